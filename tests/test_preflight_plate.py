@@ -40,7 +40,7 @@ def test_figures_are_those_of_the_plate_with_the_modulus_that_counts():
     stress, light, yields = plate_checks([peak(10.0, 1.6, (3.0, 2.0))], DESIGN, True)
     found = press(DESIGN, 10.0, (3.0, 2.0))
     assert stress.figure == pytest.approx(2 * found.stress_mpa, abs=0.01)
-    assert light.figure == pytest.approx(2 * found.over_light_mm, rel=5e-3)
+    assert light.figure == pytest.approx(2 * found.over_ring_mm, rel=5e-3)
     assert yields.figure == pytest.approx(found.deflection_mm / 1.6, rel=5e-3)
     assert f"up to {found.deflection_mm:.3f} mm as expected, which a simulated press" in yields.what
 

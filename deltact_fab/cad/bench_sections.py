@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from ..aliases import Point2
 from ..shapes import Indenter
-from .record import Record, number, standard_row
+from .record import Record, assumed, measured, number, standard_row
 from .standards import CAP_SCREWS, CLEARANCE_MM
 
 
@@ -99,19 +99,15 @@ class AdapterDimensions(Record):
     """The plate between tool holder and force sensor (ATI Nano17: measure yours)."""
 
     thickness_mm: float = number(8.0, "of the plate", 3, 40)
-    sensor_mm: float = number(17.0, "diameter of the force sensor", 8, 100, unverified=True)
-    sensor_height_mm: float = number(14.5, "height of the force sensor", 5, 100, unverified=True)
-    bolt_circle_mm: float = number(
-        12.7, "of the sensor's three screws (M2)", 4, 90, unverified=True
-    )
-    bolt_turn_deg: float = number(90.0, "first screw from +x", -360, 360, unverified=True)
+    sensor_mm: float = assumed(17.0, "diameter of the force sensor", 8, 100)
+    sensor_height_mm: float = assumed(14.5, "height of the force sensor", 5, 100)
+    bolt_circle_mm: float = assumed(12.7, "of the sensor's three screws (M2)", 4, 90)
+    bolt_turn_deg: float = assumed(90.0, "first screw from +x", -360, 360)
     bolt_hole_mm: float = number(BOLT.clearance_mm, "through hole of the sensor's screws", 1, 8)
     bolt_bore_mm: float = number(BOLT.bore_mm, "room for their heads", 2, 15)
     bolt_bore_depth_mm: float = number(3.0, "of that room, from the flange's side", 1, 30)
     pilot_mm: float = number(2.5, "holes in which the flange's screws (M3) cut a thread", 1, 6)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own sensor"}
-    )
+    measured: tuple[str, ...] = measured("keys measured on the lab's own sensor")
 
     @property
     def bolt_centres_mm(self) -> list[Point2]:
@@ -125,15 +121,13 @@ class AdapterDimensions(Record):
 class StagePlateDimensions(Record):
     """The plate between the stage's table and the testing shell; it grows with the sensor."""
 
-    grid_mm: float = number(25.0, "of the table's threads or T-slots", 5, 200, unverified=True)
-    slot_mm: float = number(6.6, "width of a slot (M6)", 2, 20, unverified=True)
+    grid_mm: float = assumed(25.0, "of the table's threads or T-slots", 5, 200)
+    slot_mm: float = assumed(6.6, "width of a slot (M6)", 2, 20)
     slot_travel_mm: float = number(10.0, "from end centre to end centre of a slot", 1, 100)
     edge_mm: float = number(7.0, "around slots and testing shell", 2, 100)
     thickness_mm: float = number(6.0, "of the plate", 3, 30)
     thread_hole_mm: float = number(3.3, "tapping drill of the tabs' screws (M4)", 1, 10)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own table"}
-    )
+    measured: tuple[str, ...] = measured("keys measured on the lab's own table")
 
     @property
     def slot_length_mm(self) -> float:

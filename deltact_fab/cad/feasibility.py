@@ -21,7 +21,11 @@ def rules(design: Design) -> list[Rule]:
     parts = of_design()
     parts.sort(key=lambda part: FIRST.index(part.name) if part.name in FIRST else len(FIRST))
     return [
-        replace(rule, rests_on=tuple(key for key in rule.rests_on if key in unverified))
+        replace(
+            rule,
+            part=rule.part or part.name,
+            rests_on=tuple(key for key in rule.rests_on if key in unverified),
+        )
         for part in parts
         for rule in part.rules(design)
     ]

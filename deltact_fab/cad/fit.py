@@ -18,21 +18,20 @@ class Length:
     rests_on: keys of the figures that this rests on.
     """
 
-    name: str
     mean_mm: float
     spread_mm: float = 0.0
     rests_on: tuple[str, ...] = ()
 
     def half(self) -> Length:
         """Half of it, with half of what it may be off."""
-        return Length(f"half {self.name}", self.mean_mm / 2, self.spread_mm / 2, self.rests_on)
+        return Length(self.mean_mm / 2, self.spread_mm / 2, self.rests_on)
 
 
 @dataclass(frozen=True)
 class PlayFit:
     """Play = what the inner lengths leave of the outer ones = sum(room) - sum(body).
 
-    name: what goes where. parts: their names, by commas. keys: what a lab changes when it fails.
+    name: what goes where. parts, keys: whose it is and what a lab changes when it fails, by commas.
     least_mm: the play that must be left when all lengths are at their worst.
     """
 
@@ -40,7 +39,7 @@ class PlayFit:
     parts: str
     room: tuple[Length, ...]
     body: tuple[Length, ...]
-    keys: tuple[str, ...]
+    keys: str
     least_mm: float = 0.0
 
     @property

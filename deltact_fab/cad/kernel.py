@@ -8,10 +8,13 @@ import signal
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeAlias
 
 from .. import extras
 from ..errors import DeltactFabError, MissingLibrary, RunFailed
+
+Shape: TypeAlias = Any  # cadquery's own; naming them by their class would import it
+Workplane: TypeAlias = Any
 
 SYSTEM_PACKAGES = "libgl1 libegl1 libx11-6"
 
@@ -60,6 +63,16 @@ def _advice(reason: str) -> str:
                 f"apt-get install --reinstall {SYSTEM_PACKAGES}"
             )
     return f"cadquery cannot be imported ({reason}): pip install --force-reinstall cadquery"
+
+
+def ordered(wire: Any) -> Iterator[Any]:
+    """The kernel's edges of a cadquery Wire one after the other, each running its own way round."""
+    from OCP.BRepTools import BRepTools_WireExplorer
+
+    explorer = BRepTools_WireExplorer(wire.wrapped)
+    while explorer.More():
+        yield explorer.Current()
+        explorer.Next()
 
 
 @contextmanager

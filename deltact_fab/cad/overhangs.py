@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .mesh import Mesh
 from .print_orientation import SELF_SUPPORTING_DEG, PrintPose
@@ -64,15 +63,10 @@ def stand(mesh: Mesh) -> Stand:
     low, high = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
     resting = (high < _TOUCH_MM) & (down > 0.999)
     hanging = (down > math.cos(math.radians(SELF_SUPPORTING_DEG))) & ~resting
-    found = [_ceiling(hanging & (mesh.face == face), twice, low) for face in np.unique(mesh.face)]
+    faces = (hanging & (mesh.face == face) for face in np.unique(mesh.face))
+    found = [Ceiling(float(twice[f].sum()) / 2, float(low[f].min(initial=np.inf))) for f in faces]
     ceilings = [c for c in found if c.area_mm2 >= MIN_CEILING_MM2]
     return Stand(
         float(twice[resting].sum()) / 2,
         tuple(sorted(ceilings, key=lambda c: (-c.area_mm2, c.height_mm))),
     )
-
-
-def _ceiling(
-    of: NDArray[np.bool_], twice_mm2: NDArray[np.float64], low_mm: NDArray[np.float64]
-) -> Ceiling:
-    return Ceiling(float(twice_mm2[of].sum()) / 2, float(low_mm[of].min(initial=np.inf)))

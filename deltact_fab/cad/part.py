@@ -40,24 +40,9 @@ GREEN = (0.13, 0.42, 0.25, 1.0)
 AMBER = (0.85, 0.60, 0.25, 1.0)
 
 
-def shell_wall_mm(design: Design) -> float:
-    """The wall of the housing; tools and bench are of its resin."""
-    return design.shell.wall_mm
-
-
-def no_rules(design: Design) -> Iterable[Rule]:
-    """Nothing to hold."""
+def nothing(design: Design) -> tuple[()]:
+    """No rules to hold, no part to go with."""
     return ()
-
-
-def no_fits(design: Design) -> Iterable[PlayFit]:
-    """Goes with nothing."""
-    return ()
-
-
-def no_note(design: Design) -> str:
-    """Nothing to add."""
-    return ""
 
 
 def in_its_place(design: Design) -> list[Shift]:
@@ -89,13 +74,13 @@ class Part:
 
     sections: sections of a design that it is made from. derived: lengths of Design that its shape
     follows from. rules: the inequalities it must keep; bound_by: parts whose rules bind it too.
-    wall_mm: the thinnest wall it may have, None for what is not printed; wall_keys: where that
-    stands in a design. in_view: it stands
-    between lens and face and could cut into the view.
+    wall_keys: where the thinnest wall it may have stands in a design, the least of them; none for
+    what is not printed. in_view: it stands between lens and face and could cut into the view.
 
     callouts: what its drawing says, None for a part without one. note: what the bill of materials
-    adds. lies: how a printed one lies on the platform. how: what else there is to know of making
-    it, and all there is of what is not printed; look_for: what to look at afterwards.
+    adds, with a design's values in braces (`{d.table.screw} screws`), or what makes it. lies: how a
+    printed one lies on the platform. how: what else there is to know of making it, and all there is
+    of what is not printed; look_for: what to look at afterwards.
 
     flat: what its DXF holds in place of a plate's outline, of a part that is no plate.
     """
@@ -113,14 +98,13 @@ class Part:
     places: Callable[[Design], list[Shift]] = in_its_place
     sections: tuple[str, ...] = ()
     derived: tuple[str, ...] = ()
-    rules: Callable[[Design], Iterable[Rule]] = no_rules
+    rules: Callable[[Design], Iterable[Rule]] = nothing
     bound_by: tuple[str, ...] = ()
-    fits: Callable[[Design], Iterable[PlayFit]] = no_fits
-    wall_mm: Callable[[Design], float] | None = None
-    wall_keys: tuple[str, ...] = ("shell.wall_mm",)
+    fits: Callable[[Design], Iterable[PlayFit]] = nothing
+    wall_keys: tuple[str, ...] = ()
     in_view: bool = False
     callouts: Callable[[Any], Callouts] | None = None
-    note: Callable[[Design], str] = no_note
+    note: str | Callable[[Design], str] = ""
     lies: PrintPose = FLAT
     how: str = ""
     look_for: str = ""
@@ -130,6 +114,10 @@ class Part:
     def source(self, design: Design) -> Any:
         """What `build`, `expect` and `callouts` take."""
         return design if self.indenter is None else self.indenter
+
+    def noted(self, design: Design) -> str:
+        """The note on a design."""
+        return self.note.format(d=design) if isinstance(self.note, str) else self.note(design)
 
     @property
     def per_sensor(self) -> bool:

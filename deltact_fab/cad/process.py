@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from .fit import Length
-from .record import Record, number
+from .record import Record, assumed, measured
 
 
 @dataclass(frozen=True)
@@ -20,23 +20,17 @@ class ResinPrinterDimensions(Record):
     compensates. The spread holds for each length on its own, of whatever size.
     """
 
-    plane_mm: float = number(
-        0.10, "spread of a length in the layers, +-", 0.005, 1, unverified=True
-    )
-    height_mm: float = number(
-        0.15, "spread of a length across the layers, +-", 0.005, 1, unverified=True
-    )
-    hole_bias_mm: float = number(0.0, "hole or slot over its nominal", -1, 1, unverified=True)
-    outside_bias_mm: float = number(0.0, "peg or block over its nominal", -1, 1, unverified=True)
-    least_wall_mm: float = number(0.6, "thinnest wall that prints", 0.05, 5, unverified=True)
-    least_gap_mm: float = number(0.2, "narrowest gap that stays open", 0.02, 2, unverified=True)
-    least_hole_mm: float = number(0.5, "smallest hole that stays open", 0.05, 5, unverified=True)
-    bed_x_mm: float = number(145.0, "platform, one side", 20, 2000, unverified=True)
-    bed_y_mm: float = number(145.0, "platform, other side", 20, 2000, unverified=True)
-    bed_z_mm: float = number(175.0, "height of the build room", 20, 2000, unverified=True)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own printer"}
-    )
+    plane_mm: float = assumed(0.10, "spread of a length in the layers, +-", 0.005, 1)
+    height_mm: float = assumed(0.15, "spread of a length across the layers, +-", 0.005, 1)
+    hole_bias_mm: float = assumed(0.0, "hole or slot over its nominal", -1, 1)
+    outside_bias_mm: float = assumed(0.0, "peg or block over its nominal", -1, 1)
+    least_wall_mm: float = assumed(0.6, "thinnest wall that prints", 0.05, 5)
+    least_gap_mm: float = assumed(0.2, "narrowest gap that stays open", 0.02, 2)
+    least_hole_mm: float = assumed(0.5, "smallest hole that stays open", 0.05, 5)
+    bed_x_mm: float = assumed(145.0, "platform, one side", 20, 2000)
+    bed_y_mm: float = assumed(145.0, "platform, other side", 20, 2000)
+    bed_z_mm: float = assumed(175.0, "height of the build room", 20, 2000)
+    measured: tuple[str, ...] = measured("keys measured on the lab's own printer")
 
     @property
     def limits_mm(self) -> tuple[float, float]:
@@ -53,20 +47,19 @@ class ResinPrinterDimensions(Record):
         """What a drawing says of every length without limits of its own."""
         return f"±{self.plane_mm:.2g} in the layers, ±{self.height_mm:.2g} across"
 
-    def inner(self, name: str, nominal_mm: float) -> Length:
+    def inner(self, nominal_mm: float) -> Length:
         """A printed hole, slot or pocket, in the layers."""
-        return Length(name, nominal_mm + self.hole_bias_mm, self.plane_mm, PLANE)
+        return Length(nominal_mm + self.hole_bias_mm, self.plane_mm, PLANE)
 
-    def outer(self, name: str, nominal_mm: float) -> Length:
+    def outer(self, nominal_mm: float) -> Length:
         """A printed peg, block or rim, in the layers."""
-        return Length(name, nominal_mm + self.outside_bias_mm, self.plane_mm, PLANE)
+        return Length(nominal_mm + self.outside_bias_mm, self.plane_mm, PLANE)
 
-    def tall(self, name: str, nominal_mm: float) -> Length:
+    def tall(self, nominal_mm: float) -> Length:
         """A printed length across the layers; what turns at printing counts as this."""
-        spread_mm = max(self.height_mm, self.plane_mm)
-        return Length(name, nominal_mm, spread_mm, HEIGHT)
+        return Length(nominal_mm, max(self.height_mm, self.plane_mm), HEIGHT)
 
-    def pitch(self, name: str, other_mm: float | None = None) -> Length:
+    def pitch(self, other_mm: float | None = None) -> Length:
         """What two patterns of holes may disagree at one hole, as a diameter.
 
         Each pattern's pitch is off by the spread in x and in y; centred on each other, either end
@@ -74,7 +67,7 @@ class ResinPrinterDimensions(Record):
         diagonal. other_mm: the spread of the other pattern where it is not printed.
         """
         apart = self.plane_mm + (self.plane_mm if other_mm is None else other_mm)
-        return Length(name, 0.0, 2**0.5 * apart, PLANE)
+        return Length(0.0, 2**0.5 * apart, PLANE)
 
 
 PLANE = ("resin_printer.plane_mm", "resin_printer.hole_bias_mm", "resin_printer.outside_bias_mm")
@@ -87,20 +80,16 @@ SHEET = ("laser.sheet_tolerance",)
 class LaserDimensions(Record):
     """The laser that cuts the acrylic plate, and the sheet that it is cut from."""
 
-    kerf_mm: float = number(0.2, "width of the cut", 0.0, 1, unverified=True)
-    tolerance_mm: float = number(
-        0.1, "spread of a cut length, kerf compensated, +-", 0.005, 1, unverified=True
-    )
+    kerf_mm: float = assumed(0.2, "width of the cut", 0.0, 1)
+    tolerance_mm: float = assumed(0.1, "spread of a cut length, kerf compensated, +-", 0.005, 1)
     compensate: bool = field(
         default=False,
         metadata={"description": "the DXF is the laser's path: half a kerf outside the part"},
     )
-    sheet_tolerance: float = number(
-        0.1, "thickness of the sheet, share, +-; measure yours", 0.001, 0.3, unverified=True
+    sheet_tolerance: float = assumed(
+        0.1, "thickness of the sheet, share, +-; measure yours", 0.001, 0.3
     )
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own laser and sheet"}
-    )
+    measured: tuple[str, ...] = measured("keys measured on the lab's own laser and sheet")
 
     @property
     def limits_mm(self) -> tuple[float, float]:
@@ -119,10 +108,10 @@ class LaserDimensions(Record):
             return f"The DXF is the laser's path, {self.kerf_mm / 2:g} outside the finished plate."
         return "The DXF is the finished plate: offset the cut by half the kerf."
 
-    def cut(self, name: str, nominal_mm: float) -> Length:
+    def cut(self, nominal_mm: float) -> Length:
         """An outside length of a plate as it is cut."""
-        return Length(name, nominal_mm, self.tolerance_mm, CUT)
+        return Length(nominal_mm, self.tolerance_mm, CUT)
 
-    def sheet(self, name: str, nominal_mm: float) -> Length:
+    def sheet(self, nominal_mm: float) -> Length:
         """The thickness of a sheet."""
-        return Length(name, nominal_mm, self.sheet_tolerance * nominal_mm, SHEET)
+        return Length(nominal_mm, self.sheet_tolerance * nominal_mm, SHEET)

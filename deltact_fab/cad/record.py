@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 from ..aliases import Point2
 from ..shapes.bounded import ShapeError, check_limits, is_unverified, number
 
-__all__ = ["Point2", "Record", "check_measured", "number", "standard_row"]
+__all__ = ["Point2", "Record", "assumed", "check_measured", "measured", "number", "standard_row"]
 
 StandardRow = TypeVar("StandardRow")
 
@@ -27,6 +27,16 @@ class Record:
         check_limits(self)
         if hasattr(self, "measured"):
             check_measured(self)
+
+
+def assumed(default: float, meaning: str, low: float, high: float) -> Any:
+    """A number that nobody has measured: it counts as unverified."""
+    return number(default, meaning, low, high, unverified=True)
+
+
+def measured(what: str) -> Any:
+    """The field for keys that a lab has measured: these no longer count as unverified."""
+    return field(default=(), metadata={"description": what})
 
 
 def standard_row(table: Mapping[str, StandardRow], key: str, name: str) -> StandardRow:

@@ -2,47 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from ..errors import InputError
 
-Side = tuple[str, float]
 SLACK = 1e-9  # sums of decimal fractions
 SHOWN = 4  # one line has room for no more
 
 
 @dataclass(frozen=True)
-class Rule:
-    """`left < right` or `left <= right`, of one part; NaN fails.
+class Quantity:
+    """One side of an inequality: what it is called, and its value."""
 
-    rests_on: keys of unverified values that it uses.
+    name: str
+    value: float
+
+    def below(self, name: str, value: float, rests_on: tuple[str, ...] = ()) -> Rule:
+        """The rule that it is less than another one."""
+        return Rule(self, "<", Quantity(name, value), rests_on)
+
+    def at_most(self, name: str, value: float, rests_on: tuple[str, ...] = ()) -> Rule:
+        """The rule that it is no more than another one."""
+        return Rule(self, "<=", Quantity(name, value), rests_on)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """`left < right` or `left <= right`; NaN fails.
+
+    rests_on: keys of unverified values that it uses. part: whose it is; where empty, that part's
+    which states it.
     """
 
-    part: str
-    left: Side
+    left: Quantity
     relation: Literal["<", "<="]
-    right: Side
+    right: Quantity
     rests_on: tuple[str, ...] = ()
+    part: str = ""
 
     @property
     def holds(self) -> bool:
         """Whether it holds, `<=` to rounding."""
-        a, b = self.left[1], self.right[1]
+        a, b = self.left.value, self.right.value
         return a < b - SLACK if self.relation == "<" else a <= b + SLACK
 
     @property
     def text(self) -> str:
         """The inequality in words and in numbers."""
         a, b = self.left, self.right
-        return f"{a[0]} {self.relation} {b[0]}: {a[1]:.4g} {self.relation} {b[1]:.4g}"
+        return f"{a.name} {self.relation} {b.name}: {a.value:.4g} {self.relation} {b.value:.4g}"
+
+
+def first_of(texts: Sequence[str], between: str) -> str:
+    """The first SHOWN texts, and how many more there are."""
+    more = len(texts) - SHOWN
+    return between.join([*texts[:SHOWN], *([f"and {more} more"] if more > 0 else [])])
 
 
 def enforce(rules: Iterable[Rule], source: str = "") -> None:
     """Raise InputError in one line with the first rules that fail, unless all hold."""
     broken = [f"{rule.part}: {rule.text} fails" for rule in rules if not rule.holds]
     if broken:
-        more = len(broken) - SHOWN
-        told = broken[:SHOWN] + ([f"and {more} more"] if more > 0 else [])
-        raise InputError((f"{source}: " if source else "") + " | ".join(told))
+        raise InputError((f"{source}: " if source else "") + first_of(broken, " | "))

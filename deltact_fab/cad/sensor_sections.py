@@ -8,7 +8,7 @@ from typing import Literal
 
 from ..aliases import Point2
 from .planes import segment_mm2
-from .record import Record, number, standard_row
+from .record import Record, assumed, measured, number, standard_row
 from .standards import (
     CAP_SCREWS,
     CHEESE_SCREWS,
@@ -31,14 +31,12 @@ class PlateDimensions(Record):
     ledge_mm: float = number(0.5, "least width that lies on a ledge", 0.1, 10)
     force_n: float = number(49.0, "press it is made for", 0.1, 5000)
     depth_mm: float = number(5.0, "depth of that press", 0.1, 60)
-    spread_mm: float = number(22.0, "disc that the gel spreads it on", 1, 100, unverified=True)
+    spread_mm: float = assumed(22.0, "disc that the gel spreads it on", 1, 100)
     deflection_share: float = number(0.05, "of the depth, by which it may yield", 1e-3, 1)
-    youngs_modulus_mpa: float = number(3000.0, "of cast PMMA", 100, 1e5, unverified=True)
+    youngs_modulus_mpa: float = assumed(3000.0, "of cast PMMA", 100, 1e5)
     poisson: float = number(0.37, "of cast PMMA", 0.0, 0.49)
-    stress_limit_mpa: float = number(35.0, "half of what breaks PMMA", 1, 1000, unverified=True)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own plate"}
-    )
+    stress_limit_mpa: float = assumed(35.0, "half of what breaks PMMA", 1, 1000)
+    measured: tuple[str, ...] = measured("keys measured on the lab's own plate")
 
 
 @dataclass(frozen=True)
@@ -49,28 +47,26 @@ class CameraDimensions(Record):
     measured: keys that a lab has measured on its own module; they no longer count as unverified.
     """
 
-    board_width_mm: float = number(25.0, "board along x", 5, 100, unverified=True)
-    board_length_mm: float = number(23.862, "board along y", 5, 100, unverified=True)
-    board_mm: float = number(1.0, "thickness of the board", 0.4, 5, unverified=True)
-    hole_mm: float = number(2.2, "holes of the board", 0.5, 10, unverified=True)
-    hole_pitch_x_mm: float = number(21.0, "between the holes in x", 3, 100, unverified=True)
-    hole_pitch_y_mm: float = number(12.5, "between the holes in y", 3, 100, unverified=True)
-    hole_edge_mm: float = number(2.0, "upper holes to the +y edge", 0.5, 50, unverified=True)
-    lens_offset_mm: float = number(2.4, "lens from the middle, to -y", 0, 50, unverified=True)
-    lens_diameter_mm: float = number(12.0, "lens barrel", 2, 60, unverified=True)
-    lens_height_mm: float = number(7.5, "lens above the board", 0.5, 60, unverified=True)
-    focal_length_mm: float = number(0.87, "equidistant lens", 0.05, 50, unverified=True)
+    board_width_mm: float = assumed(25.0, "board along x", 5, 100)
+    board_length_mm: float = assumed(23.862, "board along y", 5, 100)
+    board_mm: float = assumed(1.0, "thickness of the board", 0.4, 5)
+    hole_mm: float = assumed(2.2, "holes of the board", 0.5, 10)
+    hole_pitch_x_mm: float = assumed(21.0, "between the holes in x", 3, 100)
+    hole_pitch_y_mm: float = assumed(12.5, "between the holes in y", 3, 100)
+    hole_edge_mm: float = assumed(2.0, "upper holes to the +y edge", 0.5, 50)
+    lens_offset_mm: float = assumed(2.4, "lens from the middle, to -y", 0, 50)
+    lens_diameter_mm: float = assumed(12.0, "lens barrel", 2, 60)
+    lens_height_mm: float = assumed(7.5, "lens above the board", 0.5, 60)
+    focal_length_mm: float = assumed(0.87, "equidistant lens", 0.05, 50)
     pixel_um: float = number(1.12, "pixel of the chip (IMX219)", 0.1, 50)
     binning: int = number(2, "chip pixels a picture's pixel, per side", 1, 8)
     crop_width_px: int = number(1280, "picture along x", 8, 10_000)
     crop_height_px: int = number(720, "picture along y", 8, 10_000)
-    connector_width_mm: float = number(23.0, "connector along x", 1, 100, unverified=True)
-    connector_length_mm: float = number(6.0, "connector along y", 1, 50, unverified=True)
-    connector_height_mm: float = number(2.65, "connector along z", 0.2, 20, unverified=True)
-    tolerance_mm: float = number(0.05, "spread of board and lens, +-", 0.0, 1, unverified=True)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own module"}
-    )
+    connector_width_mm: float = assumed(23.0, "connector along x", 1, 100)
+    connector_length_mm: float = assumed(6.0, "connector along y", 1, 50)
+    connector_height_mm: float = assumed(2.65, "connector along z", 0.2, 20)
+    tolerance_mm: float = assumed(0.05, "spread of board and lens, +-", 0.0, 1)
+    measured: tuple[str, ...] = measured("keys measured on the lab's own module")
 
     @property
     def board_top_mm(self) -> float:
@@ -177,30 +173,24 @@ class LightDimensions(Record):
     slot_mm: float = number(3.0, "slot for the wires", 0.5, 20)
     resistor_ohm: float = number(750.0, "in series (paper: 750)", 20, 1e5)
     supply_v: float = number(5.0, "supply of a strip that is cut at every LED", 4.5, 5.5)
-    supply_tolerance: float = number(
-        0.05, "share by which it may be off (USB 2.0: 0.05)", 0, 0.2, unverified=True
+    supply_tolerance: float = assumed(0.05, "share by which it may be off (USB 2.0: 0.05)", 0, 0.2)
+    supply_rating_ma: float = assumed(
+        500.0, "what it may give the LEDs of a sensor (a port of USB 2.0)", 1, 1e5
     )
-    supply_rating_ma: float = number(
-        500.0, "what it may give the LEDs of a sensor (a port of USB 2.0)", 1, 1e5, unverified=True
+    resistor_rating_w: float = assumed(
+        0.25, "rating of the resistor, of which half is used", 0.01, 100
     )
-    resistor_rating_w: float = number(
-        0.25, "rating of the resistor, of which half is used", 0.01, 100, unverified=True
+    strip_resistor_ohm: float = assumed(
+        0.0, "the strip's own at each LED; 0, the worst case", 0, 1e4
     )
-    strip_resistor_ohm: float = number(
-        0.0, "the strip's own at each LED; 0, the worst case", 0, 1e4, unverified=True
-    )
-    led_v: float = number(
-        2.95, "forward voltage of a white chip at a few mA", 0.1, 10, unverified=True
-    )
-    led_spread_v: float = number(0.2, "that voltage may be so much off", 0, 2, unverified=True)
+    led_v: float = assumed(2.95, "forward voltage of a white chip at a few mA", 0.1, 10)
+    led_spread_v: float = assumed(0.2, "that voltage may be so much off", 0, 2)
     led_chips: int = number(3, "chips of a LED, in parallel on such a strip", 1, 12)
-    led_limit_ma: float = number(
-        20.0, "continuous current of a chip, by its data sheet", 0.1, 1000, unverified=True
+    led_limit_ma: float = assumed(
+        20.0, "continuous current of a chip, by its data sheet", 0.1, 1000
     )
     wire_mm: float = number(500.0, "each of the two wires, from ring to supply", 50, 10_000)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured, or read off a data sheet"}
-    )
+    measured: tuple[str, ...] = measured("keys measured, or read off a data sheet")
 
     @property
     def pitch_mm(self) -> float:
@@ -278,22 +268,16 @@ class MountDimensions(Record):
     screw: str = field(default="M3", metadata={"description": "screws through the mount"})
     hole_pitch_mm: float = number(10.0, "between the two holes", 3, 100)
     flange_mm: float = number(6.5, "franka: thickness of the flange", 1, 50)
-    flange_width_mm: float = number(30.0, "franka: flange along x", 4, 200, unverified=True)
-    flange_height_mm: float = number(23.0, "franka: flange along z", 4, 200, unverified=True)
-    flange_pitch_mm: float = number(
-        12.0, "franka: between the two holes along z", 3, 100, unverified=True
-    )
-    flange_hole_mm: float = number(4.3, "franka: those holes", 1, 20, unverified=True)
+    flange_width_mm: float = assumed(30.0, "franka: flange along x", 4, 200)
+    flange_height_mm: float = assumed(23.0, "franka: flange along z", 4, 200)
+    flange_pitch_mm: float = assumed(12.0, "franka: between the two holes along z", 3, 100)
+    flange_hole_mm: float = assumed(4.3, "franka: those holes", 1, 20)
     counterbore_mm: float = number(8.0, "franka: room of a head, diameter", 2, 40)
     counterbore_depth_mm: float = number(4.0, "franka: depth of that room", 0.5, 40)
     arm_mm: float = number(3.6, "franka: height of the arm, between the heads", 1, 60)
-    stress_limit_mpa: float = number(
-        40.0, "franka: bending stress that the arm may take", 1, 500, unverified=True
-    )
+    stress_limit_mpa: float = assumed(40.0, "franka: bending stress that the arm may take", 1, 500)
 
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own finger"}
-    )
+    measured: tuple[str, ...] = measured("keys measured on the lab's own finger")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -6,13 +6,14 @@ import inspect
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 from . import feasibility
 from .design import IndenterDimensions
 from .dimensions import Design
 from .part import Part
+from .parts import indenter
 from .rule import Rule
 
 
@@ -61,10 +62,6 @@ class Description:
     derived: tuple[Derived, ...]
     rules: tuple[RuleLine, ...]
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
-        return asdict(self)
-
     def tables(self) -> list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]]:
         """What `cad show` prints: (title, columns, rows) of each table that is not empty."""
         about = [(self.name, self.material, self.process, self.quantity)]
@@ -91,7 +88,8 @@ class Description:
 def describe(part: Part, design: Design) -> Description:
     """Everything that decides the part, also where a rule is broken: that is when one looks."""
     if part.indenter is not None:
-        dimensions, derived, rules = _of_indenter(part.name, part.indenter)
+        dimensions, derived = _of_indenter(part.indenter)
+        rules = list(indenter.rules(part.indenter))
     else:
         dimensions = list(_sections(part, design))
         derived = list(_derived(part, design))
@@ -111,7 +109,7 @@ def describe(part: Part, design: Design) -> Description:
 
 
 def _line(rule: Rule) -> RuleLine:
-    margin = rule.right[1] - rule.left[1]
+    margin = rule.right.value - rule.left.value
     return RuleLine(rule.text, rule.holds, margin if math.isfinite(margin) else None, rule.rests_on)
 
 
@@ -174,39 +172,32 @@ def equation(docstring: str) -> str:
     return re.sub(r" = -?[\d.]+(?=,|\.?$)", "", line).rstrip(".")
 
 
-def _of_indenter(
-    name: str, dims: IndenterDimensions
-) -> tuple[list[Dimension], list[Derived], list[Rule]]:
-    indenter = dims.indenter
+def _of_indenter(dims: IndenterDimensions) -> tuple[list[Dimension], list[Derived]]:
+    shape = dims.indenter
     lengths = (
         ("plate_mm", dims.body.plate_mm, "back plate"),
-        ("stem_diameter_mm", indenter.stem_diameter_mm, "stem, for the stage's tool holder"),
-        ("stem_length_mm", indenter.stem_length_mm, "stem above the plate"),
-        ("reach_mm", indenter.reach_mm, "free length of the tips below the plate"),
+        ("stem_diameter_mm", shape.stem_diameter_mm, "stem, for the stage's tool holder"),
+        ("stem_length_mm", shape.stem_length_mm, "stem above the plate"),
+        ("reach_mm", shape.reach_mm, "free length of the tips below the plate"),
     )
     given = [Dimension(*length) for length in lengths]
-    rules = [Rule(name, ("0", 0.0), "<", (key, value)) for key, value, _ in lengths]
     derived: list[Derived] = []
-    for i, tip in enumerate(indenter.tips, 1):
-        label = f"tip{i}" if len(indenter.tips) > 1 else "tip"
+    for i, tip in enumerate(shape.tips, 1):
+        label = f"tip{i}" if len(shape.tips) > 1 else "tip"
         told = f"{type(tip).__name__.removesuffix('Tip').lower()}: "
         for f in fields(tip):
-            meaning = _attribute(tip, f.name)
-            given.append(
-                Dimension(f"{label}.{f.name}", _flat(getattr(tip, f.name)), told + meaning)
-            )
+            value = _flat(getattr(tip, f.name))
+            given.append(Dimension(f"{label}.{f.name}", value, told + _TOLD[f.name]))
         for key, text in properties(type(tip)):
             if key not in {f.name for f in fields(tip)} and not is_dataclass(getattr(tip, key)):
                 derived.append(Derived(f"{label}.{key}", getattr(tip, key), text))
-        equator, reach = (f"{label}.equator_mm", tip.equator_mm), ("reach_mm", indenter.reach_mm)
-        rules.append(Rule(name, equator, "<", reach))
-    for key, text in properties(type(indenter)):
+    for key, text in properties(type(shape)):
         if key != "slug":
-            derived.append(Derived(key, getattr(indenter, key), text))
-    whole = dims.plate_z_mm + dims.body.plate_mm + indenter.stem_length_mm
+            derived.append(Derived(key, getattr(shape, key), text))
+    whole = dims.plate_z_mm + dims.body.plate_mm + shape.stem_length_mm
     derived.append(Derived("plate_z_mm", dims.plate_z_mm, "Underside of the plate = reach"))
     derived.append(Derived("height_mm", whole, "Whole height = reach + plate + stem"))
-    return given, derived, rules
+    return given, derived
 
 
 def _flat(value: Any) -> Any:
@@ -216,34 +207,22 @@ def _flat(value: Any) -> Any:
     return value
 
 
-# Numbers of a tip that its docstring tells within a sentence.
+# What each field of a tip is.
 _TOLD = {
+    "x_mm": "where it stands in the indenter's frame",
+    "y_mm": "where it stands in the indenter's frame",
     "corner_mm": "rounding of its points",
     "notch_mm": "rounding of its notches",
     "edge_mm": "rounding of its face",
+    "points": "number of points",
+    "outer_mm": "from the middle to the end of a rounded point",
+    "inner_mm": "from the middle to where two sides would meet if the notch were not rounded",
     "a_mm": "semi-axis along x",
     "b_mm": "semi-axis along y and z",
+    "radius_mm": "a ball of this radius fits inside the tip and touches it at its lowest point",
     "half_width_mm": "half the width, where the sides turn vertical",
     "length_mm": "straight part along y",
+    "flank_deg": "angle of the flanks with the vertical",
+    "start_mm": "innermost point (d, z) of the profile",
     "pieces": "the profile from there: (end, centre of an arc)",
 }
-
-
-def _attribute(record: object, name: str) -> str:
-    """What the class's docstring, or else its module's, says after `name:` or `name, other:`."""
-    texts = [inspect.getdoc(type(record)), *_module_doc(record)]
-    if name in _TOLD:
-        return _TOLD[name]
-    for text in texts:
-        found = re.search(rf"\b{name}(?:, \w+)*: (.+?)(?:[.;]\s|\.$|\Z)", text or "", re.S)
-        if found:
-            return " ".join(found[1].split())
-    return ""
-
-
-def _module_doc(record: object) -> list[str]:
-    # What every tip states stands at the head of `tips`, also for tips of other modules.
-    from ..shapes import tips
-
-    module = inspect.getmodule(type(record))
-    return [m.__doc__ or "" for m in (module, tips) if m is not None]

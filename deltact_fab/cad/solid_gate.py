@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, RunFailed
+from ..errors import RunFailed
 from .kernel import show
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -33,6 +33,16 @@ class Expected:
     box_mm: Box
     parameters: Mapping[str, float]
 
+    @classmethod
+    def exact(cls, volume_mm3: float, box_mm: Box, parameters: Mapping[str, float]) -> Expected:
+        """Of a volume in closed form."""
+        return cls((volume_mm3, volume_mm3), box_mm, parameters)
+
+
+def around(half_x_mm: float, half_y_mm: float, low_mm: float, high_mm: float) -> Box:
+    """The box about the z axis, from low to high."""
+    return (-half_x_mm, -half_y_mm, low_mm), (half_x_mm, half_y_mm, high_mm)
+
 
 @dataclass(frozen=True)
 class SolidProperties:
@@ -41,12 +51,6 @@ class SolidProperties:
     volume_mm3: float
     area_mm2: float
     box_mm: Box
-
-
-def less(part: str, left: tuple[str, float], right: tuple[str, float]) -> None:
-    """Raise InputError stating `left < right` with its numbers unless it holds (NaN fails)."""
-    if not left[1] < right[1]:
-        raise InputError(f"{part}: {left[0]} < {right[0]}: {left[1]:g} < {right[1]:g} fails")
 
 
 def gate(part: str, shape: Any, expected: Expected) -> tuple[Any, SolidProperties]:
@@ -59,14 +63,9 @@ def gate(part: str, shape: Any, expected: Expected) -> tuple[Any, SolidPropertie
     def fail(found: str) -> RunFailed:
         return RunFailed(f"{part}: {found}; parameters {show(expected.parameters)}")
 
-    solids = shape.Solids()
-    if len(solids) != 1:
-        raise fail(f"the CAD kernel returned {len(solids)} solids, expected one")
-    solid = solids[0]
-    if not solid.isValid():
-        raise fail("the CAD kernel returned an invalid solid")
-    if len(solid.Shells()) != 1:
-        raise fail(f"the solid has {len(solid.Shells())} shells, expected one")
+    if flaw := flaw_of(shape):
+        raise fail(flaw)
+    (solid,) = shape.Solids()
     found = SolidProperties(float(solid.Volume()), float(solid.Area()), bounding_box(solid))
     low, high = expected.volume_mm3
     if not low * (1 - VOLUME_TOLERANCE) <= found.volume_mm3 <= high * (1 + VOLUME_TOLERANCE):
@@ -75,6 +74,19 @@ def gate(part: str, shape: Any, expected: Expected) -> tuple[Any, SolidPropertie
     if not np.allclose(found.box_mm, expected.box_mm, rtol=0, atol=BOX_TOLERANCE_MM):
         raise fail(f"bounding box {found.box_mm}, expected {expected.box_mm}")
     return solid, found
+
+
+def flaw_of(shape: Any) -> str:
+    """What keeps a shape from being one valid solid with one closed shell; empty when it is one."""
+    solids = shape.Solids()
+    if len(solids) != 1:
+        return f"{len(solids)} solids, expected one"
+    if not solids[0].isValid():
+        return "the kernel calls it invalid"
+    shells = solids[0].Shells()
+    if len(shells) != 1:
+        return f"{len(shells)} shells, expected one"
+    return "" if shells[0].wrapped.Closed() else "its shell is open"
 
 
 def bounding_box(solid: Any) -> Box:

@@ -13,7 +13,7 @@ above its edges does away with), and shear, 2 % of the default plate's deflectio
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -35,8 +35,7 @@ TERMS = 14
 class PlateShape:
     """A rectangle of +-half_mm less a notch in each corner, on lines at +-support_mm.
 
-    support_mm: of the lines x = const (None: these edges are free) and y = const. clamped: the
-    supports hold its slope as well.
+    support_mm: of the lines x = const (None: these edges are free) and y = const.
     """
 
     half_mm: Point2
@@ -45,7 +44,6 @@ class PlateShape:
     thickness_mm: float
     youngs_modulus_mpa: float
     poisson: float
-    clamped: bool = False
 
     @property
     def rigidity_nmm(self) -> float:
@@ -55,28 +53,15 @@ class PlateShape:
 
 @dataclass(frozen=True)
 class Bending:
-    """Of 1 N, uniform on a disc.
+    """Of a force, uniform on a disc.
 
     deflection_mm: the largest. over_ring_mm: the largest over a ring about the middle. stress_mpa:
-    the largest bending stress within the disc; where a notch's sharp corner or a clamped edge
-    bears more, that is left out.
+    the largest bending stress within the disc; where a notch's sharp corner bears more, that
+    is left out.
     """
 
     deflection_mm: float
     over_ring_mm: float
-    stress_mpa: float
-
-
-@dataclass(frozen=True)
-class PlatePress:
-    """What a press does to a design's plate.
-
-    deflection_mm: the largest. over_light_mm: the largest over the light holder. stress_mpa:
-    bending under the press.
-    """
-
-    deflection_mm: float
-    over_light_mm: float
     stress_mpa: float
 
 
@@ -93,14 +78,15 @@ def plate_of(design: Design) -> PlateShape:
     )
 
 
-def press(design: Design, force_n: float, at_mm: Point2 = (0.0, 0.0)) -> PlatePress:
-    """A press of force_n at a place of the face, spread by the gel on `plate.spread_mm`."""
+def press(design: Design, force_n: float, at_mm: Point2 = (0.0, 0.0)) -> Bending:
+    """A press of force_n at a place of the face, spread by the gel on `plate.spread_mm`.
+
+    The ring is the light holder.
+    """
     x, y = map(abs, at_mm)
     ring = (design.light_bore_mm, design.light_radius_mm)
     unit = bend(plate_of(design), design.plate.spread_mm, (x, y), ring)
-    return PlatePress(
-        force_n * unit.deflection_mm, force_n * unit.over_ring_mm, force_n * unit.stress_mpa
-    )
+    return Bending(*(force_n * value for value in astuple(unit)))
 
 
 @dataclass(frozen=True)
@@ -111,11 +97,11 @@ class _Basis:
     functions: tuple[Legendre, ...]
 
     @classmethod
-    def make(cls, half_mm: float, support_mm: float | None, clamped: bool, terms: int) -> _Basis:
+    def make(cls, half_mm: float, support_mm: float | None, terms: int) -> _Basis:
         factor = Legendre([1.0])
         if support_mm is not None:
             # 1 - x^2 = 2/3 (P0 - P2), in units of the support.
-            factor = Legendre([2 / 3, 0.0, -2 / 3]) ** (2 if clamped else 1)
+            factor = Legendre([2 / 3, 0.0, -2 / 3])
         return cls(support_mm or half_mm, tuple(factor * Legendre.basis(k) for k in range(terms)))
 
     def at(self, points_mm: Field, order: int) -> Field:
@@ -181,8 +167,8 @@ def bend(
 def _system(plate: PlateShape, terms: int) -> tuple[_Basis, _Basis, Field]:
     """What all loads on a plate have in common."""
     (w, h), (sx, sy) = plate.half_mm, plate.support_mm
-    x_basis = _Basis.make(w, sx, plate.clamped, terms)
-    y_basis = _Basis.make(h, sy, plate.clamped, terms)
+    x_basis = _Basis.make(w, sx, terms)
+    y_basis = _Basis.make(h, sy, terms)
     compliance: Field = np.linalg.inv(_stiffness(plate, x_basis, y_basis)).astype(np.float64)
     return x_basis, y_basis, compliance
 
@@ -190,10 +176,7 @@ def _system(plate: PlateShape, terms: int) -> tuple[_Basis, _Basis, Field]:
 def _stiffness(plate: PlateShape, x_basis: _Basis, y_basis: _Basis) -> Field:
     """Second derivatives of the strain energy in the weights, over the notched rectangle."""
     (w, h), (nx, ny), nu = plate.half_mm, plate.notch_mm, plate.poisson
-    (sx, sy), n = plate.support_mm, len(x_basis.functions)
-    if plate.clamped:  # what lies beyond is held
-        w, h = w if sx is None else sx, sy
-        nx, ny = max(nx - plate.half_mm[0] + w, 0.0), max(ny - plate.half_mm[1] + h, 0.0)
+    n = len(x_basis.functions)
     pieces = [((-w, w), (-(h - ny), h - ny))]
     if min(nx, ny) > 0:
         pieces += [((nx - w, w - nx), side) for side in ((-h, ny - h), (h - ny, h))]

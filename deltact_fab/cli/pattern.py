@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import click
 
 from .cad import load, of_design
 from .group import CommandGroup
 from .options import JSON, NEW_FILE, PATH, PATTERN_NAME, SEED, Named, out_file, out_folder, seed
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _laws() -> list[str]:
@@ -188,6 +185,8 @@ def quality(
     as_json: bool,
 ) -> None:
     """Figures of merit of each RECIPE, as designed and as printed and photographed (simulated)."""
+    from dataclasses import asdict
+
     from ..imaging import Printer
     from ..patterns import load_recipe
     from ..patterns.quality import measure
@@ -203,7 +202,7 @@ def quality(
             rows.append((name, measure(asked, Printer(dpi=dpi), None, mm_per_px, seed)))
         tell(len(chosen), len(chosen), "done")
     if as_json:
-        echo_json([{"recipe": name, "simulated": True, **q.as_dict()} for name, q in rows])
+        echo_json([{"recipe": name, "simulated": True, **asdict(q)} for name, q in rows])
         return
     columns = ("recipe", "", "gradient", "SSSIG", "contrast level 0", "level 3", "level 4",
                "checkerboard", "anisotropy", "streaks", "peak", "peak_mm")  # fmt: skip
@@ -232,33 +231,22 @@ def quality(
     )
 
 
-def of_sheet(command: F) -> F:
-    """Options of a print job."""
-    for option in (
-        click.option(
-            "--transfer",
-            type=click.Choice(("face-down", "slide")),
-            default="face-down",
-            show_default=True,
-            help="Which side faces the gel: the ink, or the film (mirrored).",
-        ),
-        click.option(
-            "--paper",
-            default="A4",
-            show_default=True,
-            metavar="SIZE",
-            help="A2, A3, A4, A5, SRA3, Letter, Legal or Tabloid.",
-        ),
-    ):
-        command = option(command)
-    return command
+TRANSFER = click.option(
+    "--transfer", type=click.Choice(("face-down", "slide")), default="face-down", show_default=True,
+    help="Which side faces the gel: the ink, or the film (mirrored).",
+)  # fmt: skip
+PAPER = click.option(
+    "--paper", default="A4", show_default=True, metavar="SIZE",
+    help="A2, A3, A4, A5, SRA3, Letter, Legal or Tabloid.",
+)  # fmt: skip
 
 
 @pattern.command(
     epilog="Example: deltact-fab pattern sheet dense-with-dots --copies 4 -o sheet.pdf"
 )
 @RECIPES
-@of_sheet
+@PAPER
+@TRANSFER
 @of_design
 @click.option("--dpi", type=float, default=1200.0, show_default=True, metavar="DPI",
               help="Resolution of the printer.")  # fmt: skip
@@ -314,7 +302,8 @@ def sheet(
 @pattern.command()
 @out_folder("New folder to write.", required=True)
 @seed("Seed of every pattern.", 7)
-@of_sheet
+@PAPER
+@TRANSFER
 @click.option("--dpi", type=int, default=1200, show_default=True, metavar="DPI",
               help="Resolution of the printer.")  # fmt: skip
 @MARKER_DOTS

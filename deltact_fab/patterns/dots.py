@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -77,18 +75,6 @@ def centres_csv(
         fields = [str(index), str(row), str(column), x_mm, y_mm, f"{grid.diameter_mm:.6f}", *px]
         lines.append(",".join(fields))
     return ("\n".join(lines) + "\n").encode()
-
-
-def stamp(image: NDArray[Any], grid: DotGrid, mm_per_px: float) -> None:
-    """Draw the dots into a centred RGB uint8 image (h, w, 3), in place, as a printer would.
-
-    A printer dot is inked or not: it is where its centre lies in the disc. No blending.
-    """
-    colour = np.array(grid.rgb, np.uint8)
-    for centre in centres_mm(grid):
-        box, dx_mm, dy_mm = _box(image.shape, centre, grid.diameter_mm / 2, mm_per_px)
-        inked = dx_mm[None, :] ** 2 + dy_mm[:, None] ** 2 <= (grid.diameter_mm / 2) ** 2
-        image[box][inked] = colour
 
 
 def blend(image: NDArray[np.float32], grid: DotGrid, mm_per_px: float, colour: Points) -> None:

@@ -22,6 +22,7 @@ from ..files import check_place, write_together
 from ..shapes import SensorDimensions
 from ..units import MM_PER_INCH
 from . import dots, metadata
+from .cell_grid import CellGrid, edges_mm
 from .code import patches_hash
 from .laws import chessboard
 from .laws.patches import draw_patches
@@ -121,15 +122,11 @@ def raster_window(recipe: PatternRecipe, dpi: float, side_px: int) -> NDArray[np
     the patches.
     """
     mm_per_px = checked_mm_per_px(recipe, dpi, whole=False)
-    whole_px = _side_px(recipe, mm_per_px)
-    margin_px = max(0, (whole_px - side_px) // 2)
-    edges_px = np.floor(_edges_mm(recipe) / mm_per_px + whole_px / 2 + 0.5).astype(np.int64)
-    edges_px = np.clip(edges_px, margin_px, whole_px - margin_px)
-    widths_px = edges_px[1:] - edges_px[:-1]
-    image = draw_patches(recipe).repeat(widths_px, axis=1).repeat(widths_px, axis=0)
-    if recipe.dots is not None:
-        dots.stamp(image, recipe.dots, mm_per_px)
-    return image
+    side_mm, pitch_mm = (recipe.printed_mm,) * 2, (mm_per_px,) * 2
+    whole = CellGrid("", 0, 0, draw_patches(recipe), side_mm, pitch_mm, grid=recipe.dots)
+    low_px = max(0, (whole.height_px - side_px) // 2)
+    high_px = whole.height_px - low_px
+    return whole.rows(low_px, high_px)[:, low_px:high_px]
 
 
 def _side_px(recipe: PatternRecipe, mm_per_px: float) -> int:
@@ -159,9 +156,9 @@ def albedo(
         side_px = math.ceil(recipe.printed_mm / mm_per_px - 1e-9)
         size_px = (side_px, side_px)
     ink = np.pad(draw_patches(recipe), ((1, 1), (1, 1), (0, 0)), constant_values=255) / 255.0
-    inner_mm = _edges_mm(recipe)
+    inner_mm = edges_mm(recipe.n, recipe.printed_mm)
     far_mm = max(*size_px) * mm_per_px + inner_mm[-1]
-    edges_mm = np.concatenate(([-far_mm], inner_mm, [far_mm]))
+    steps_mm = np.concatenate(([-far_mm], inner_mm, [far_mm]))
     out = np.empty((*size_px, 3), np.float32)
     rows_mm, columns_mm = (
         np.linspace(-length / 2, length / 2, length + 1) * mm_per_px for length in size_px
@@ -169,8 +166,8 @@ def albedo(
     layer = np.asarray(base, np.float64)
     strip = 256  # rows at a time: float64 intermediates of a whole fine image would be gigabytes
     for first in range(0, size_px[0], strip):
-        band = cell_means(ink, edges_mm, rows_mm[first : first + strip + 1])
-        band = cell_means(band.swapaxes(0, 1), edges_mm, columns_mm).swapaxes(0, 1)
+        band = cell_means(ink, steps_mm, rows_mm[first : first + strip + 1])
+        band = cell_means(band.swapaxes(0, 1), steps_mm, columns_mm).swapaxes(0, 1)
         out[first : first + strip] = band * layer
     if recipe.dots is not None:
         dots.blend(out, recipe.dots, mm_per_px, np.array(recipe.dots.rgb) / 255.0 * layer)
@@ -249,11 +246,6 @@ def check_seen(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
         chessboard.check_covers(recipe, view_mm)
 
 
-def _edges_mm(recipe: PatternRecipe) -> NDArray[np.float64]:
-    """The n + 1 patch edges along an axis, from -printed / 2 to printed / 2."""
-    return (np.arange(recipe.n + 1) / recipe.n - 0.5) * recipe.printed_mm
-
-
 def checked_mm_per_px(
     recipe: PatternRecipe, dpi: float, whole: bool = True, most_px: int = MAX_SIDE_PX
 ) -> float:
@@ -270,7 +262,7 @@ def checked_mm_per_px(
             f"no resolution can: {least} dpi would show it, and {largest} dpi is the most at which "
             f"{recipe.printed_mm:g} mm are {most_px} pixels a side"
         )
-    for limit_mm, name in _finest_mm(recipe):
+    for limit_mm, name in finest_mm(recipe):
         if MM_PER_INCH / dpi > limit_mm * (1 + 1e-9):
             raise InputError(
                 f"dpi: a printer dot at {dpi:g} dpi is {MM_PER_INCH / dpi:.4g} mm, larger than "
@@ -285,7 +277,7 @@ def checked_mm_per_px(
     return MM_PER_INCH / dpi
 
 
-def _finest_mm(recipe: PatternRecipe) -> list[tuple[float, str]]:
+def finest_mm(recipe: PatternRecipe) -> list[tuple[float, str]]:
     """What a printer dot may not be larger than, with its name."""
     # A marker of four printer dots is hardly round any more; a patch below one is lost
     limits = (
@@ -297,8 +289,8 @@ def _finest_mm(recipe: PatternRecipe) -> list[tuple[float, str]]:
 
 def _dpi_range(recipe: PatternRecipe, most_px: int) -> tuple[int, int]:
     """Least and largest whole dpi; empty when the finest detail needs more than most_px a side."""
-    finest_mm = min([recipe.printed_mm, *(limit_mm for limit_mm, _ in _finest_mm(recipe))])
-    least = math.ceil(MM_PER_INCH / finest_mm * (1 - 1e-9))
+    least_mm = min([recipe.printed_mm, *(limit_mm for limit_mm, _ in finest_mm(recipe))])
+    least = math.ceil(MM_PER_INCH / least_mm * (1 - 1e-9))
     return least, math.floor(most_px * MM_PER_INCH / recipe.printed_mm * (1 + 1e-9))
 
 

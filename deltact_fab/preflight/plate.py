@@ -33,7 +33,7 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
         ),
         _warning(
             "plate clear of the light holder", f"{HIGH}, least play of light.axial_fit_mm (mm)",
-            [MODULUS_FACTOR * f.over_light_mm for f in found],
+            [MODULUS_FACTOR * f.over_ring_mm for f in found],
             below_plate(design).range_mm[0], peaks,
         ),
         _warning(

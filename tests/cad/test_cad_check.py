@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from deltact_fab.cad import check
-from deltact_fab.cad.check import inequalities, pegs, rays, thickness, visibility
+from deltact_fab.cad import check, rays
+from deltact_fab.cad.check import inequalities, pegs, thickness, visibility
 from deltact_fab.cad.check.built import MESH_MM, BuiltDesign
 from deltact_fab.cad.check.cylinders import along_z, near
-from deltact_fab.cad.check.row import Row, at, open_keys
+from deltact_fab.cad.check.row import Row, at, verified
 from deltact_fab.cad.check.run import CHECKS
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.kernel import require
@@ -179,10 +180,9 @@ def test_a_verdict_names_what_nobody_measured():
     assert row.verdict == "pass (unverified: focal length, lens height)"
     assert replace(row, passed=False).verdict == "FAIL"
     assert replace(row, rests_on=()).verdict == "pass"
-    assert open_keys(["a.b_mm", "mount.c_mm"], "mount.", "x.y", "a.b_mm") == (
-        "mount.c_mm",
-        "a.b_mm",
-    )
+    design = SimpleNamespace(unverified=lambda: ["a.b_mm", "mount.c_mm"])
+    (row,) = verified([replace(row, rests_on=("mount.", "x.y", "a.b_mm"))], design)
+    assert row.rests_on == ("mount.c_mm", "a.b_mm")
     assert at((-0.001, 2.0, -3.456)) == "(0.00, 2.00, -3.46)"
 
 

@@ -16,7 +16,7 @@ from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.dimensioning import Leader, Linear, shown, toleranced
-from deltact_fab.cad.drafting.drawing import drawing, has_drawing
+from deltact_fab.cad.drafting.drawing import drawing
 from deltact_fab.cad.drafting.items import Callouts
 from deltact_fab.cad.drafting.layout import SCALES
 from deltact_fab.cad.drafting.page import (
@@ -502,7 +502,7 @@ def test_a_mesh_left_on_the_solid_changes_no_byte(made):
 @pytest.mark.parametrize("name", ["skin", "camera", "screw", "camera-screw"])
 def test_what_is_cast_or_bought_has_no_drawing(name):
     part = registry.find(name)
-    assert not has_drawing(part)
+    assert part.callouts is None
     with pytest.raises(InputError, match=f"part '{name}': has no drawing"):
         drawing(part, load_design(), None)
 

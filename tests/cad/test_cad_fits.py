@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.check import fits, inequalities
+from deltact_fab.cad.check.row import verified
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.fit import Length, PlayFit
@@ -37,15 +38,15 @@ def failing(*changes: str) -> list[str]:
 
 
 def test_play_is_the_sum_of_what_is_left_and_of_what_each_may_be_off():
-    hole, shank = Length("hole", 2.0, 0.1, ("a",)), Length("shank", 1.6, 0.02, ("b",))
-    fit = PlayFit("", "", (hole, Length("gap", 0.5)), (shank, Length("pitch", 0, 0.3, ("a",))), ())
+    hole, shank = Length(2.0, 0.1, ("a",)), Length(1.6, 0.02, ("b",))
+    fit = PlayFit("", "", (hole, Length(0.5)), (shank, Length(0, 0.3, ("a",))), "")
     assert fit.range_mm == pytest.approx((0.9 - 0.42, 0.9 + 0.42))
     assert fit.rests_on == ("a", "b")
     assert fit.holds
     assert dataclasses.replace(fit, least_mm=0.48).holds
     assert not dataclasses.replace(fit, least_mm=0.481).holds
-    assert not dataclasses.replace(fit, body=(Length("", math.nan),)).holds
-    assert hole.half() == Length("half hole", 1.0, 0.05, ("a",))
+    assert not dataclasses.replace(fit, body=(Length(math.nan),)).holds
+    assert hole.half() == Length(1.0, 0.05, ("a",))
 
 
 def test_the_default_pairs_by_hand():
@@ -80,7 +81,7 @@ def test_a_flat_led_needs_its_sagitta_too():
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_pair_of_what_is_shipped_fits_at_its_limits(name):
     design = load_design(name)
-    rows = [*fits.rows(design), *fits.platform(design)]
+    rows = list(verified([*fits.rows(design), *fits.platform(design)], design))
     assert [row.found for row in rows if not row.passed] == []
     # Nobody has measured these machines, and each row that counts on them says so.
     pocket = next(row for row in rows if row.found.startswith("plate in its pocket"))

@@ -12,7 +12,7 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.parts.camera import BOARD_KEYS
 from deltact_fab.cad.parts.screw import stock_note
-from deltact_fab.cad.rule import Rule
+from deltact_fab.cad.rule import Quantity, Rule
 from deltact_fab.cad.sensor_sections import CameraDimensions, ScrewDimensions
 from deltact_fab.errors import InputError
 from deltact_fab.shapes.bounded import ShapeError
@@ -194,8 +194,8 @@ def test_nan_is_no_dimension_and_no_rule_holds_for_it():
     with pytest.raises(ShapeError, match="length_mm"):
         ScrewDimensions(length_mm=math.nan)
     for relation in ("<", "<="):
-        assert not Rule("p", ("a", math.nan), relation, ("b", 1.0)).holds
-        assert not Rule("p", ("a", 0.0), relation, ("b", math.nan)).holds
+        assert not Rule(Quantity("a", math.nan), relation, Quantity("b", 1.0)).holds
+        assert not Rule(Quantity("a", 0.0), relation, Quantity("b", math.nan)).holds
 
 
 def test_every_dimension_has_a_meaning_and_a_default_within_its_limits():

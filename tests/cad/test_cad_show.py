@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import asdict
 
 import pytest
 
@@ -30,7 +31,7 @@ def test_every_rule_is_told_with_some_part():
 @pytest.mark.parametrize("part", listed(), ids=lambda part: part.name)
 def test_every_part_is_described_in_full(part):
     told = describe(part, DEFAULT)
-    json.dumps(told.as_dict(), allow_nan=False)
+    json.dumps(asdict(told), allow_nan=False)
     assert told.dimensions
     assert all(d.meaning for d in told.dimensions), [
         d.key for d in told.dimensions if not d.meaning

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 
 import cv2
 import numpy as np
@@ -285,7 +286,7 @@ def test_equal_arguments_give_equal_numbers_and_plain_data():
     assert one == two
     assert one.photographed != other.photographed
     assert one.designed == other.designed
-    data = json.loads(json.dumps(one.as_dict()))
+    data = json.loads(json.dumps(asdict(one)))
     assert data["field_px"] == [320, 320]
     assert len(data["photographed"]["contrast"]) == 6
 

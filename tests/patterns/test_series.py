@@ -9,7 +9,7 @@ import math
 import os
 import shutil
 import tomllib
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -121,7 +121,7 @@ def test_the_figures_are_the_patterns_own_without_dots(written, entries):
         expected = measure(bare, Printer(dpi=1200), seed=3)
         assert (row["quality"]["seed"], row["quality"]["dpi"]) == (3, 1200)
         for side in ("designed", "photographed"):
-            for key, value in getattr(expected, side).as_dict().items():
+            for key, value in asdict(getattr(expected, side)).items():
                 assert row["quality"][side][key] == pytest.approx(value, rel=1e-8), key
         with_dots = measure(entry.recipe, Printer(dpi=1200), seed=3).designed.contrast
         assert row["quality"]["designed"]["contrast"] != pytest.approx(with_dots, rel=1e-2)

@@ -15,9 +15,10 @@ from png_rows import unfiltered
 
 from deltact_fab.errors import InputError
 from deltact_fab.patterns import draw_patches, load_recipe, raster, recipe_from, recipe_from_options
+from deltact_fab.patterns.cell_grid import CellGrid
 from deltact_fab.patterns.sheet import job as sheet
 from deltact_fab.patterns.sheet.layout import Sheet
-from deltact_fab.patterns.sheet.marks import CellGrid, width_mm, wrapped
+from deltact_fab.patterns.sheet.marks import width_mm, wrapped
 from deltact_fab.patterns.sheet.pixels import NONE, SUB, packed
 from deltact_fab.pdf import width_em
 
@@ -283,8 +284,6 @@ D = recipe_from_options
         (PLAIN, {"transfer": "facedown"}, "did you mean 'face-down'?"),
         (PLAIN, {"copies": 0}, "copies: 0"),
         (PLAIN, {"copies": 3000}, "at most 2000"),
-        (PLAIN, {"margin_mm": -1}, "margin_mm: -1"),
-        (PLAIN, {"margin_mm": 40, "paper": "A5"}, "no room for the rulers"),
         (PLAIN, {"out": "s.svg"}, ".pdf, .png or .tif"),
         (PLAIN, {"out": "no/s.pdf"}, "there is no folder"),
         (PLAIN, {"out": "s.png", "dpi": 2400}, "write a .pdf, or use at most 1245 dpi"),
@@ -312,7 +311,7 @@ def test_no_recipe_is_one_line(tmp_path):
 
 
 def test_the_largest_image_at_most_dpi_is_accepted():
-    page = Sheet((210.0, 297.0), 1245, (1.0, 1.0), 8.0).page_px
+    page = Sheet((210.0, 297.0), 1245, (1.0, 1.0)).page_px
     from deltact_fab.patterns.sheet import page_image as writer
 
     writer.check_size(page, 1245)

@@ -12,7 +12,7 @@ from ..parts.indenter import plate_half_mm
 from ..parts.nano17_adapter import BOLTS, KEYS, SIZE
 from .built import BuiltDesign
 from .pairs import PlacedSolid, pieces, shared
-from .row import Row, open_keys
+from .row import Row
 from .space import TOUCH_MM3
 
 NAME = "bench holes coaxial"
@@ -45,7 +45,7 @@ def stack(built: BuiltDesign) -> Iterator[Row]:
         yield Row(CLEAR, "bench", "no indenter is listed", "one indenter at least", False)
         return
     # All stems are alike: the widest back plate has the least room.
-    widest = max(tips, key=lambda part: max(_plate_half_mm(built, part)))
+    widest = max(tips, key=lambda part: max(plate_half_mm(built.source(part))))
     named = {part.name: part for part in built.parts}
     under = pieces([named[name] for name in ON_TABLE], built)
     sensor = pieces(
@@ -63,7 +63,6 @@ def stack(built: BuiltDesign) -> Iterator[Row]:
         ((mm3, f"{one} in {other}: {mm3:.3f} mm3") for one, other, mm3 in shares
          if mm3 > TOUCH_MM3 and {one, other} != pressed), reverse=True
     )  # fmt: skip
-    keys = open_keys(built.design.unverified(), *SIZE)
     low = min(piece.box(built)[0][2] for piece in standing)
     top = max(piece.box(built)[1][2] for piece in standing)
     high = max(piece.box(built)[1][2] for piece in hanging)
@@ -74,7 +73,7 @@ def stack(built: BuiltDesign) -> Iterator[Row]:
         "; ".join(text for _, text in clashes[:4]) or found,
         f"<= {TOUCH_MM3:g} mm3 a pair, {depth_mm:g} mm deep (plate.depth_mm)",
         not clashes,
-        keys,
+        SIZE,
     )
     free = {part.name: built.source(part).plate_z_mm for part in tips}
     gap, short = min((mm - depth_mm - top, name) for name, mm in free.items())
@@ -85,12 +84,8 @@ def stack(built: BuiltDesign) -> Iterator[Row]:
         f"{high - low:.1f} mm from the table to the force sensor's back",
         f">= {GAP_MM:g} mm anywhere on the face (plate.depth_mm)",
         gap >= GAP_MM,
-        keys,
+        SIZE,
     )
-
-
-def _plate_half_mm(built: BuiltDesign, indenter: Part) -> tuple[float, float]:
-    return plate_half_mm(built.source(indenter))
 
 
 def _hung(part: Part, indenter: Part, built: BuiltDesign) -> Shift:
@@ -136,5 +131,5 @@ def _bolts(built: BuiltDesign) -> Row:
     return Row(
         NAME, "nano17-adapter, force sensor", f"{len(found)} holes, {off:.1e} mm off their circle",
         f"{BOLTS} on {plate.bolt_circle_mm:g} mm", len(found) == BOLTS and off <= AXIS_MM,
-        open_keys(built.design.unverified(), *KEYS),
+        KEYS,
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,11 +12,12 @@ from ..design import IndenterList
 from ..dimensions import Design
 from ..mesh import Mesh, mesh_solid
 from ..part import Part
+from ..rays import Walls
 from ..registry import listed
 from ..solid_gate import Box, bounding_box
 from .cylinders import Cylinder, along_z
 from .memo import Known
-from .rays import Walls
+from .row import Row, from_plain, to_plain
 
 # Rays and closure need no finer mesh: what they find is measured again on exact surfaces.
 MESH_MM = 0.05
@@ -111,6 +112,10 @@ class BuiltDesign:
     def result(self, name: str, compute: Callable[[], Any]) -> Any:
         """Plain data that is kept by itself: see Known.result."""
         return self._known.result(name, compute)
+
+    def rows(self, name: str, compute: Callable[[], Iterable[Row]]) -> list[Row]:
+        """The rows that compute() yields, kept likewise."""
+        return from_plain(self.result(name, lambda: to_plain(compute())))
 
     def why_not(self, name: str) -> str:
         """Why a part cannot be built; empty when it can."""

@@ -9,9 +9,9 @@ import numpy as np
 
 from ..kernel import require
 from ..parts.mold import centres_mm
+from ..rays import ExactRays, first_hit, normals, samples
 from ..solid_gate import VOLUME_TOLERANCE, bounding_box
 from .built import BuiltDesign
-from .rays import ExactRays, first_hit, normals, samples
 from .row import Row
 from .space import TOUCH_MM3
 

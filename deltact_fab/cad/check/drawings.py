@@ -25,7 +25,11 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     }
     for name, told in found.items():
         if not told.complete:
-            yield Row(NAME, name, _faults(told), LIMIT, False)
+            kinds = (
+                ("not said", told.unsaid), ("twice", told.twice), ("closes a chain", told.chains)
+            )  # fmt: skip
+            faults = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in kinds if names)
+            yield Row(NAME, name, faults, LIMIT, False)
     if all(told.complete for told in found.values()):
         keys = sum(len(told.followed) for told in found.values())
         yield Row(NAME, f"{len(drawn)} parts", f"{keys} keys of the tables followed", LIMIT, True)
@@ -34,8 +38,3 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
 def _of_part(built: BuiltDesign, part: Part) -> dict[str, Any]:
     built.source(part)  # an indenter's own numbers, which `coverage` takes from the part
     return asdict(coverage(part, built.design))
-
-
-def _faults(told: Coverage) -> str:
-    kinds = (("not said", told.unsaid), ("twice", told.twice), ("closes a chain", told.chains))
-    return "; ".join(f"{kind}: {', '.join(names)}" for kind, names in kinds if names)

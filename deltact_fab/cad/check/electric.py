@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from .row import Row, open_keys
+from .row import Row
 
 CURRENT, HEAT, SUPPLY = "LED current", "LED resistor", "LED supply"
 HEAT_SHARE = 0.5  # half of its rating keeps a resistor cool enough to touch
@@ -20,10 +20,8 @@ def rows(design: Design) -> Iterator[Row]:
     light = design.light
 
     def row(name: str, found: str, limit: str, passed: bool, rating: str) -> Row:
-        keys = [f"light.{key}" for key in (*RESTS_ON, rating)]
-        return Row(
-            name, "light-holder", found, limit, passed, open_keys(design.unverified(), *keys)
-        )
+        keys = tuple(f"light.{key}" for key in (*RESTS_ON, rating))
+        return Row(name, "light-holder", found, limit, passed, keys)
 
     at = f"{light.resistor_ohm:g} ohm, {light.supply_v:g} V + {100 * light.supply_tolerance:g} %"
     yield row(

@@ -11,7 +11,7 @@ from ..build import expected
 from ..dimensions import Design
 from ..part import PRINT
 from ..registry import of_design
-from .row import Row, open_keys
+from .row import Row
 
 NAME = "fit at its limits"
 BED = "fits the printer"
@@ -19,16 +19,14 @@ BED = "fits the printer"
 
 def rows(design: Design) -> Iterator[Row]:
     """Each mating pair: least and most play, every length at its worst."""
-    unverified = design.unverified()
     for part in of_design():
         for fit in part.fits(design):
             low, high = fit.range_mm
             limit = f">= {fit.least_mm:g} mm"
             if not fit.holds:
-                limit += f": {', '.join(fit.keys)}"
+                limit += f": {fit.keys}"
             found = f"{fit.name}: {round(low, 3) + 0.0:.3f} to {high:.3f} mm"
-            keys = open_keys(unverified, *fit.rests_on)
-            yield Row(NAME, fit.parts, found, limit, fit.holds, keys)
+            yield Row(NAME, fit.parts, found, limit, fit.holds, fit.rests_on)
 
 
 def platform(design: Design) -> Iterator[Row]:
@@ -44,7 +42,7 @@ def platform(design: Design) -> Iterator[Row]:
     left = {
         name: min(r - s for r, s in zip(room, size, strict=True)) for name, size in sides.items()
     }
-    keys = open_keys(design.unverified(), *(f"resin_printer.bed_{axis}_mm" for axis in "xyz"))
+    keys = tuple(f"resin_printer.bed_{axis}_mm" for axis in "xyz")
     limit = f"<= {_by(room)} mm (resin_printer.bed_x_mm, bed_y_mm, bed_z_mm)"
     tight = [name for name in left if left[name] < 0] or [min(left, key=lambda name: left[name])]
     for name in tight:

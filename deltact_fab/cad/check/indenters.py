@@ -9,8 +9,8 @@ import numpy as np
 
 from ...shapes import Indenter
 from ..part import Part
+from ..rays import ExactRays
 from .built import BuiltDesign
-from .rays import ExactRays
 from .row import Row
 
 # Every protocol of the bench assumes one tool holder.

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..feasibility import rules as all_rules
-from ..rule import SHOWN, Rule
+from ..rule import Rule, first_of
 from .row import Row
 
 NAME = "inequalities"
@@ -20,10 +20,8 @@ def rows(design: Design) -> Iterator[Row]:
     for part, rules in groups.items():
         broken = [rule for rule in rules if not rule.holds]
         if broken:
-            more = len(broken) - SHOWN
-            told = [rule.text for rule in broken[:SHOWN]]
-            told += [f"and {more} more"] if more > 0 else []
-            found = f"{len(broken)} of {len(rules)} fail: " + "; ".join(told)
+            told = first_of([rule.text for rule in broken], "; ")
+            found = f"{len(broken)} of {len(rules)} fail: {told}"
         else:
             found = f"{len(rules)} of {len(rules)} hold, closest: {min(rules, key=_margin).text}"
         rests_on = tuple(dict.fromkeys(key for rule in rules for key in rule.rests_on))
@@ -32,5 +30,5 @@ def rows(design: Design) -> Iterator[Row]:
 
 def _margin(rule: Rule) -> float:
     """What is left between both sides, as a share of the larger one."""
-    left, right = rule.left[1], rule.right[1]
+    left, right = rule.left.value, rule.right.value
     return (right - left) / max(abs(left), abs(right), 1e-9)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 from ..overhangs import MIN_CONTACT_MM2, laid, stand
 from ..part import Part
 from .built import BuiltDesign
-from .row import Row, from_plain, to_plain
+from .row import Row
 
 CONTACT, CEILINGS = "bed contact", "ceilings"
 
@@ -21,12 +20,7 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     """
     for part in built.parts:
         if part.printed:
-            name = f"{CONTACT}: {part.name}"
-            yield from from_plain(built.result(name, partial(_kept, built, part)))
-
-
-def _kept(built: BuiltDesign, part: Part) -> list[dict[str, Any]]:
-    return to_plain(_of_part(built, part))
+            yield from built.rows(f"{CONTACT}: {part.name}", partial(_of_part, built, part))
 
 
 def _of_part(built: BuiltDesign, part: Part) -> Iterator[Row]:

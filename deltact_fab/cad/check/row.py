@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from ..dimensions import Design
 from ..parts.camera import BOARD_KEYS
 
 
@@ -13,7 +14,8 @@ from ..parts.camera import BOARD_KEYS
 class Row:
     """What was checked, of which part, what was found, what would be right.
 
-    rests_on: keys (`camera.focal_length_mm`) of unverified values that the finding rests on.
+    rests_on: keys (`camera.focal_length_mm`) that the finding rests on, the measured ones too until
+    `verified`.
     """
 
     check: str
@@ -47,13 +49,22 @@ def plain(key: str) -> str:
     return name.removesuffix("_mm").removesuffix("_mpa").replace("_", " ")
 
 
-def open_keys(unverified: Iterable[str], *keys: str) -> tuple[str, ...]:
-    """Those of the keys that nobody has measured; a key that ends in `.` stands for its section."""
-    known = list(unverified)
-    named: list[str] = []
-    for key in keys:
-        named += [k for k in known if k == key or (key.endswith(".") and k.startswith(key))]
-    return tuple(dict.fromkeys(named))
+def verified(rows: Iterable[Row], design: Design) -> Iterator[Row]:
+    """The rows, each resting on those of its keys alone that nobody has measured.
+
+    A key that ends in `.` stands for its section.
+    """
+    for row in rows:
+        if row.rests_on:
+            known = design.unverified()
+            held = (
+                k
+                for key in row.rests_on
+                for k in known
+                if k == key or (key.endswith(".") and k.startswith(key))
+            )
+            row = replace(row, rests_on=tuple(dict.fromkeys(held)))
+        yield row
 
 
 def at(point_mm: Iterable[float]) -> str:

@@ -13,7 +13,7 @@ from ..parts.camera import BOARD_KEYS
 from .built import BuiltDesign
 from .cylinders import Cylinder, near
 from .pairs import pieces
-from .row import Row, at, open_keys
+from .row import Row, at
 
 # The parts are drawn on one axis: what the printer misses is for the clearance (0.1) to take up.
 AXIS_MM = 0.01
@@ -48,11 +48,10 @@ def axes(built: BuiltDesign) -> Iterator[Row]:
     )
     yield _coaxial(built, "screw axes coaxial", ("cover", "shell", "skin-frame"), (), four)
     # Reliefs for the heads, where they meet the ring at all.
-    board = open_keys(design.unverified(), *BOARD_KEYS)
     camera = _coaxial(
         built, "camera screw axes coaxial", ("camera", "camera-holder"), ("light-holder",), two
     )
-    yield replace(camera, rests_on=board)
+    yield replace(camera, rests_on=BOARD_KEYS)
     yield _coaxial(built, PEGS, ("cover", "camera-holder"), (), pegs)
     yield _coaxial(
         built, "screw axes coaxial", ("testing-shell", "transparent-base"), ("cover",), four
@@ -101,7 +100,7 @@ def _coaxial(
 def engagement(built: BuiltDesign) -> Iterator[Row]:
     """The length that grips, the room beyond the tip, and that the heads bear."""
     four = grips(built, "screw", "skin-frame")
-    yield _grip_row("engagement", "screw, skin-frame", four, ENGAGEMENT_D)
+    yield _grip_row("screw, skin-frame", four, ENGAGEMENT_D)
     least = min(four, key=lambda grip: grip.tip_mm)
     yield Row(
         "tip clearance",
@@ -112,15 +111,15 @@ def engagement(built: BuiltDesign) -> Iterator[Row]:
     )
     yield _heads(built)
     two = grips(built, "camera-screw", "camera-holder")
-    row = _grip_row("engagement", "camera-screw, camera-holder", two, CAMERA_ENGAGEMENT_D)
-    yield replace(row, rests_on=open_keys(built.design.unverified(), *BOARD_KEYS))
+    row = _grip_row("camera-screw, camera-holder", two, CAMERA_ENGAGEMENT_D)
+    yield replace(row, rests_on=BOARD_KEYS)
 
 
-def _grip_row(name: str, part: str, found: list[ScrewGrip], times: float) -> Row:
+def _grip_row(part: str, found: list[ScrewGrip], times: float) -> Row:
     least = min(found, key=lambda grip: grip.engagement_mm / grip.shank_mm)
     limit_mm = times * least.shank_mm
     return Row(
-        name,
+        "engagement",
         part,
         f"{least.engagement_mm:.2f} mm ({least.engagement_mm / least.shank_mm:.1f} d)",
         f">= {times:g} d = {limit_mm:.2f} mm",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 from ...errors import RunFailed
 from ..part import GROUPS
+from ..solid_gate import flaw_of
 from .built import MESH_MM, BuiltDesign
 from .row import Row
 
@@ -35,24 +35,9 @@ def _seen(built: BuiltDesign, name: str) -> tuple[str, int]:
     """What is wrong with a part, empty when nothing is, and the triangles of its mesh."""
     if why := built.why_not(name):
         return why, 0
-    if flaw := of_shape(built.solid(name)):
+    if flaw := flaw_of(built.solid(name)):
         return f"{name}: {flaw}", 0
     try:
         return "", len(built.mesh(name).triangles)
     except RunFailed as why_open:
         return str(why_open), 0
-
-
-def of_shape(shape: Any) -> str:
-    """What keeps a shape from being one valid solid with one shell; empty when it is one."""
-    solids = shape.Solids()
-    if len(solids) != 1:
-        return f"{len(solids)} solids, expected one"
-    if not solids[0].isValid():
-        return "the kernel calls it invalid"
-    shells = solids[0].Shells()
-    if len(shells) != 1:
-        return f"{len(shells)} shells, expected one"
-    if not shells[0].wrapped.Closed():
-        return "its shell is open"
-    return ""

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..rays import first_hit
 from .built import BuiltDesign
-from .rays import first_hit
 from .row import Row
 
 NAME = "no light through the notch"

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..dimensions import Design
 from ..part import Part
+from ..rays import Thickness
 from .built import BuiltDesign
-from .rays import Thickness
-from .row import Row, at, from_plain, to_plain
+from .row import Row, at
 
 NAME = "wall thickness"
 SLACK_MM = 1e-6
@@ -22,19 +22,14 @@ SLACK_MM = 1e-6
 def rows(built: BuiltDesign) -> Iterator[Row]:
     """The thinnest wall of each part with its place."""
     for part in built.parts:
-        if part.wall_mm is not None:
-            name = f"{NAME}: {part.name}"
-            yield from from_plain(built.result(name, partial(_kept, built, part)))
-
-
-def _kept(built: BuiltDesign, part: Part) -> list[dict[str, Any]]:
-    return to_plain(_of_part(built, part))
+        if part.wall_keys:
+            yield from built.rows(f"{NAME}: {part.name}", partial(_of_part, built, part))
 
 
 def _of_part(built: BuiltDesign, part: Part) -> Iterator[Row]:
     """Of the cover two rows: its pegs must bend."""
-    assert part.wall_mm is not None
-    walls, limit_mm = built.walls(part.name), part.wall_mm(built.design)
+    walls = built.walls(part.name)
+    limit_mm = min(attrgetter(key)(built.design) for key in part.wall_keys)
     if part.name != "cover":
         yield _row(part.name, walls.thinnest(), limit_mm, part.wall_keys)
         return

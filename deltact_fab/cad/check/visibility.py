@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ...errors import RunFailed
 from ...optics import half_angle_rad, reached_mm
+from ..rays import first_hit
 from .built import BuiltDesign
 from .cylinders import Cylinder, near
-from .rays import first_hit
-from .row import Row, open_keys
+from .row import Row
 
 BORDER_RAYS = 96
 
@@ -36,7 +36,7 @@ def view(built: BuiltDesign) -> Iterator[Row]:
     diagonal = math.hypot(view_x, view_y)
     crop_x, crop_y = design.camera.crop_half_mm
     focal_mm = design.camera.focal_length_mm
-    keys = open_keys(design.unverified(), "camera.focal_length_mm", "camera.lens_height_mm")
+    keys = ("camera.focal_length_mm", "camera.lens_height_mm")
     for name, radius_mm, chip_mm in (
         ("x", view_x / 2, crop_x),
         ("y", view_y / 2, crop_y),
@@ -61,7 +61,7 @@ def light_cone(built: BuiltDesign) -> Iterator[Row]:
     angle = np.array([half_angle_rad(float(r), *path) for r in radius])
     bore = min((c.radius_mm for c in _rings(built) if c.hole), default=0.0)
     limit = f"{BORDER_RAYS} of {BORDER_RAYS} rays reach the face"
-    keys = open_keys(design.unverified(), "camera.lens_height_mm")
+    keys = ("camera.lens_height_mm",)
     if not np.isfinite(angle).all():
         lost = int((~np.isfinite(angle)).sum())
         found = f"{lost} of {BORDER_RAYS} are bent away before the face"
@@ -127,7 +127,7 @@ def strip(built: BuiltDesign) -> Iterator[Row]:
         f"{light.strip_width_mm:.2f} mm",
         f"<= {depth_mm:.2f} mm deep channel",
         light.strip_width_mm <= depth_mm + 1e-9,
-        open_keys(design.unverified(), "camera.lens_height_mm"),
+        ("camera.lens_height_mm",),
     )
 
 

@@ -78,17 +78,16 @@ def spread(wanted: Sequence[float], apart: float) -> list[float]:
     groups: list[list[float]] = []
     for value in wanted:
         groups.append([value])
-        while len(groups) > 1 and _first(groups[-1], apart) < _last(groups[-2], apart) + apart:
+        while (
+            len(groups) > 1
+            and _first(groups[-1], apart) < _first(groups[-2], apart) + len(groups[-2]) * apart
+        ):
             groups[-2:] = [groups[-2] + groups[-1]]
     return [_first(group, apart) + i * apart for group in groups for i in range(len(group))]
 
 
 def _first(group: Sequence[float], apart: float) -> float:
     return sum(v - i * apart for i, v in enumerate(group)) / len(group)
-
-
-def _last(group: Sequence[float], apart: float) -> float:
-    return _first(group, apart) + (len(group) - 1) * apart
 
 
 def _segments(lines: Iterable[Points]) -> Points:

@@ -32,11 +32,6 @@ PICTURE_MM = 22.0  # a smaller picture of the part is left out
 PICTURE_FILLS = 0.8
 
 
-def has_drawing(part: Part) -> bool:
-    """Whether a machine shop or a laser cutter may make the part, and needs a drawing."""
-    return part.callouts is not None
-
-
 def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
     """The drawing of a part, its solid as built from the design. Same dimensions, same page.
 

@@ -103,7 +103,9 @@ def _placed(
     x = column
     y = row
     x_left = x + max(front.size_mm[0] + front.margins[2], 0) + GAP_MM + left.margins[0]
-    below = max(front.margins[3], left.margins[3] if _over(left, top, x_left - x) else 0.0)
+    # Whether the left view stands over what is beside the top view.
+    over = x_left - x - left.margins[0] < top.size_mm[0] + top.margins[2] + GAP_MM
+    below = max(front.margins[3], left.margins[3] if over else 0.0)
     y_top = y + front.size_mm[1] + below + GAP_MM + top.margins[1]
     width = max(x_left + left.size_mm[0] + left.margins[2], x + top.size_mm[0] + top.margins[2])
     height = y_top + top.size_mm[1] + top.margins[3]
@@ -161,11 +163,6 @@ def _free_place(layout: Layout, room: Point2, but: str) -> Point2 | None:
         and not any(meet((x, y, x + room[0], y + room[1]), r) for r in taken)
     ]
     return min(found, key=lambda p: (round(p[1] - p[0], 3), p), default=None)
-
-
-def _over(left: ArrangedView, top: ArrangedView, apart: float) -> bool:
-    """Whether the left view, `apart` to the right, stands over what is beside the top view."""
-    return apart - left.margins[0] < top.size_mm[0] + top.margins[2] + GAP_MM
 
 
 def free_square(layout: Layout) -> Rect:

@@ -21,6 +21,7 @@ from ..build import build_part
 from ..dimensions import Design
 from ..kernel import guarded
 from ..part import Part
+from ..rays import first_hit
 from ..registry import of_group
 from ..solid_gate import bounding_box
 from .balloons import RADIUS_MM, Balloon, arranged
@@ -375,25 +376,9 @@ def _axes(
 
 def hidden(points: Points, bodies: Sequence[Body]) -> NDArray[np.bool_]:
     """Whether a triangle lies between each point (n, 3) and the viewer."""
-    at, deep = APART.flat(points), APART.depth(points)
-    hidden = np.zeros(len(points), bool)
-    for body in bodies:
-        corners, depth = APART.flat(body.triangles), APART.depth(body.triangles)
-        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        near = np.flatnonzero(((at >= low) & (at <= high)).all(axis=1) & ~hidden)
-        if not len(near):
-            continue
-        a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-        flat = np.abs(area) > 1e-12
-        a, u, v, area, depth = a[flat], u[flat], v[flat], area[flat], depth[flat]
-        d = at[near, None] - a[None]
-        s = (d[..., 0] * v[:, 1] - d[..., 1] * v[:, 0]) / area
-        t = (u[:, 0] * d[..., 1] - u[:, 1] * d[..., 0]) / area
-        inside = (s >= 0) & (t >= 0) & (s + t <= 1)
-        over = depth[:, 0] + s * (depth[:, 1] - depth[:, 0]) + t * (depth[:, 2] - depth[:, 0])
-        hidden[near] = (inside & (over > deep[near, None] + 1e-3)).any(axis=1)
-    return hidden
+    towards = np.broadcast_to(APART.axes[2], points.shape)
+    corners = np.concatenate([body.triangles for body in bodies])
+    return np.isfinite(first_hit(points, towards, corners, 1e-3)[0])
 
 
 def _document(width: float, height: float, title: str, items: Sequence[str]) -> str:

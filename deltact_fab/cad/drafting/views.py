@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...aliases import Point2, Points
-from ..kernel import require
+from ..kernel import ordered, require
 from .dimensioning import Detail
 from .items import Callouts
 from .projection import ProjectedLines, View, project, sampled
@@ -133,14 +133,10 @@ def _section(solid: Any, view: View, x_mm: float) -> DrawnView:
 
 def _outline(wire: Any) -> Points:
     """A closed wire as points (n, 3), its edges end to end."""
-    from OCP.BRepTools import BRepTools_WireExplorer
     from OCP.TopAbs import TopAbs_REVERSED
 
     points = []
-    walk = BRepTools_WireExplorer(wire.wrapped)
-    while walk.More():
-        edge = walk.Current()
+    for edge in ordered(wire):
         along = sampled(edge)
         points.append(along[::-1] if edge.Orientation() == TopAbs_REVERSED else along)
-        walk.Next()
     return np.concatenate(points)

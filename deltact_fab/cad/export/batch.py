@@ -94,7 +94,10 @@ def export_parts(
         raise InputError(f"format {', '.join(kinds)}: applies to none of {', '.join(named)}")
     for part in named.values():
         expected(part, design)
-    sensor = _sensor(named) if assembly else ()
+    # In the registry's order, where all of them are there.
+    whole_sensor = [part.name for part in of_group("sensor")]
+    complete = assembly and set(whole_sensor) <= set(named)
+    sensor = tuple(named[name] for name in whole_sensor) if complete else ()
     to_print = [part for part in named.values() if part.printed and "3mf" in kinds]
     plates = arranged(design, to_print) if len(to_print) > 1 else []
     if sensor and (own := tuple(kind for kind in kinds if kind in ("step", *DRAWN))):
@@ -127,12 +130,6 @@ def _name(part: Part | None, kind: str) -> str:
 
 def _plate(index: int) -> str:
     return f"plate-{index + 1}"
-
-
-def _sensor(named: dict[str, Part]) -> tuple[Part, ...]:
-    """The sensor's parts in the registry's order, or none when one of them was not chosen."""
-    names = [part.name for part in of_group("sensor")]
-    return tuple(named[name] for name in names) if set(names) <= set(named) else ()
 
 
 class _Batch:

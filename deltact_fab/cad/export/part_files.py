@@ -10,7 +10,7 @@ from ...aliases import Point
 from ...errors import InputError, RunFailed, did_you_mean
 from ..build import build_part
 from ..dimensions import Design
-from ..drafting.drawing import drawing, has_drawing
+from ..drafting.drawing import drawing
 from ..drafting.page import DrawingPage
 from ..drafting.wiring import wiring
 from ..kernel import guarded
@@ -70,15 +70,14 @@ def checked_formats(formats: Sequence[str]) -> tuple[str, ...]:
 
 def applicable(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
     """The formats that make sense for a part: none to print what is bought, dxf of what is flat."""
-    return tuple(f for f in formats if _applies(part, f))
-
-
-def _applies(part: Part, kind: str) -> bool:
-    if kind == "dxf":
-        return part.process == LASER_CUT or part.flat is not None
-    if kind in DRAWN:
-        return has_drawing(part)
-    return part.process != BOUGHT or kind not in ("stl", "3mf")
+    made = part.process != BOUGHT
+    apply = {
+        **dict.fromkeys(FORMATS, True),
+        **dict.fromkeys(TO_PRINT, made),
+        **dict.fromkeys(DRAWN, part.callouts is not None),
+        "dxf": part.process == LASER_CUT or part.flat is not None,
+    }
+    return tuple(f for f in formats if apply[f])
 
 
 def on_platform(part: Part, kind: str) -> bool:

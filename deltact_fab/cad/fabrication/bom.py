@@ -11,7 +11,6 @@ from dataclasses import astuple, dataclass, fields
 from .. import feasibility
 from ..design import IndenterList
 from ..dimensions import Design
-from ..part import Part
 from ..parts.camera import CABLE, COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
 from ..registry import listed
@@ -58,10 +57,9 @@ def lines(
     quantities.checked(sensors, waste)
     feasibility.check(design)
     rows: list[BomRow] = [
-        *(_part(part, design, sensors) for part in listed(indenters)),
+        *_parts(design, sensors, indenters),
         *((CONSUMABLES, *row) for row in _silicone(design, sensors, waste, process)),
-        *((CONSUMABLES, *row) for row in _light(design, sensors)),
-        *((CONSUMABLES, *row) for row in _camera(sensors)),
+        *((CONSUMABLES, *row) for row in _electronics(design, sensors)),
         *((WORKSHOP, *row) for row in _workshop(design)),
     ]
     return [BomLine(i, *row) for i, row in enumerate(rows, 1)]
@@ -73,20 +71,15 @@ def csv_text(bom: Sequence[BomLine]) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([f.name for f in fields(BomLine)])
     for line in bom:
-        writer.writerow([_plain(value) for value in astuple(line)])
+        writer.writerow([f"{v:.6g}" if isinstance(v, float) else v for v in astuple(line)])
     return out.getvalue()
 
 
-def _plain(value: object) -> object:
-    return f"{value:.6g}" if isinstance(value, float) else value
-
-
-def _part(part: Part, design: Design, sensors: int) -> BomRow:
-    """A part of the registry: what a sensor takes for each, tools, bench and indenters once."""
-    count = part.quantity * (sensors if part.per_sensor else 1)
-    return (
-        part.group, part.name, part.material, part.process, count, PIECES, part.note(design)
-    )  # fmt: skip
+def _parts(design: Design, sensors: int, indenters: IndenterList | None) -> Iterator[BomRow]:
+    """Parts of the registry: what a sensor takes for each, tools, bench and indenters once."""
+    for p in listed(indenters):
+        count = p.quantity * (sensors if p.per_sensor else 1)
+        yield p.group, p.name, p.material, p.process, count, PIECES, p.noted(design)
 
 
 Consumable = tuple[str, str, str, float, str, str]
@@ -134,7 +127,7 @@ def _silicone(d: Design, sensors: int, waste: float, process: Process) -> Iterat
         )  # fmt: skip
 
 
-def _light(d: Design, sensors: int) -> Iterator[Consumable]:
+def _electronics(d: Design, sensors: int) -> Iterator[Consumable]:
     light = d.light
     yield (
         f"resistor {light.resistor_ohm:g} ohm", f"1 %, {light.resistor_rating_w:g} W", "solder",
@@ -145,9 +138,12 @@ def _light(d: Design, sensors: int) -> Iterator[Consumable]:
         "most",
     )  # fmt: skip
     takes_ma = sensors * light.most_ma
+    # The least usual rating that is no more than half used.
+    half_a, ratings_a = 2 * takes_ma / 1000, (0.1, 0.25, 0.5, 1, 2, 3, 5, 10)
+    rating_a = next((a for a in ratings_a if a >= half_a), math.ceil(half_a))
     pin = light.supply_v == 5 and takes_ma <= JETSON_PIN_MA
     yield (
-        f"supply {light.supply_v:g} V DC", f"plug, {_rating_a(takes_ma):g} A or more", "bought", 1,
+        f"supply {light.supply_v:g} V DC", f"plug, {rating_a:g} A or more", "bought", 1,
         PIECES, f"the LEDs take {takes_ma:.0f} mA at most"
         + ("; or a 5 V pin of the Jetson" if pin else ""),
     )  # fmt: skip
@@ -161,15 +157,6 @@ def _light(d: Design, sensors: int) -> Iterator[Consumable]:
         f"{d.shell.cable_height_mm:g} mm cable notch "
         "around cable and wires; or black neutral-cure silicone, kept away from the casting",
     )  # fmt: skip
-
-
-def _rating_a(takes_ma: float) -> float:
-    """The least usual rating of a supply that is no more than half used."""
-    needed_a = 2 * takes_ma / 1000
-    return next((a for a in (0.1, 0.25, 0.5, 1, 2, 3, 5, 10) if a >= needed_a), math.ceil(needed_a))
-
-
-def _camera(sensors: int) -> Iterator[Consumable]:
     yield (
         "camera cable", CABLE, "bought", sensors, PIECES,
         "contacts on one side as your camera's; length as your arm needs",

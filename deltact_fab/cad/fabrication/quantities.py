@@ -188,7 +188,8 @@ def wirings(light: LightDimensions) -> list[Wiring]:
     def chain(name: str, leds: int) -> Wiring:
         needed_v = leds * light.led_v
         ma = max(light.supply_v - needed_v, 0.0) / (ohm + leds * own_ohm) * 1000
-        return way(name, ma, 1, 1, _series_note(needed_v, light.supply_v))
+        dark = "dark: " if needed_v >= light.supply_v else ""
+        return way(name, ma, 1, 1, f"{dark}needs {needed_v:.1f} V of {light.supply_v:g} V")
 
     return [
         way(f"one resistor, {count} LEDs in parallel", light.total_ma, 1, count,
@@ -199,12 +200,6 @@ def wirings(light: LightDimensions) -> list[Wiring]:
         chain(f"{count} LEDs in series", count),
         chain("12 V strip, three LEDs in series", 3),
     ]  # fmt: skip
-
-
-def _series_note(needed_v: float, supply_v: float) -> str:
-    if needed_v >= supply_v:
-        return f"dark: needs {needed_v:.1f} V of {supply_v:g} V"
-    return f"needs {needed_v:.1f} V of {supply_v:g} V"
 
 
 def resistor_for_ohm(total_ma: float, light: LightDimensions) -> tuple[float, float]:

@@ -135,19 +135,16 @@ def estimates(readings: Sequence[Reading], design: Design) -> list[MeasuredKey]:
     """
     printer, laser = design.resin_printer, design.laser
     found: list[MeasuredKey] = []
-    in_plane = {
-        "hole_bias_mm": _off(readings, "hole", "slot"),
-        "outside_bias_mm": _off(readings, "outside"),
-    }
     spreads = []
-    for key, off in in_plane.items():
-        if off:
-            bias, spread = _of(off, "hole and slot" if key.startswith("hole") else "outside")
+    for key, name, features in (
+        ("hole_bias_mm", "hole and slot", ("hole", "slot")),
+        ("outside_bias_mm", "outside", ("outside",)),
+    ):
+        if off := _off(readings, *features):
+            bias, spread = _of(off, name)
             spreads.append((spread, len(off)))
-            before = getattr(printer, key)
-            found.append(
-                MeasuredKey(f"resin_printer.{key}", round(bias, 3), before, len(off), bias, spread)
-            )
+            about = (getattr(printer, key), len(off), bias, spread)
+            found.append(MeasuredKey(f"resin_printer.{key}", round(bias, 3), *about))
     if spreads:
         spread, count = max(spreads)
         found.append(_spread("resin_printer.plane_mm", spread, printer.plane_mm, count, 0.0))
@@ -155,29 +152,23 @@ def estimates(readings: Sequence[Reading], design: Design) -> list[MeasuredKey]:
         bias, spread = _of(off, "height")
         # Heights go both ways in a stack: their bias counts as spread.
         found.append(_spread("resin_printer.height_mm", spread, printer.height_mm, len(off), bias))
-    strips = [r for r in readings if r.feature == "strip"]
-    if strips:
+    if strips := [r for r in readings if r.feature == "strip"]:
         pieces = sum(r.pieces for r in strips)
         short = sum(r.nominal_mm - r.measured_mm for r in strips) / pieces
         kerf = max(short + (laser.kerf_mm if laser.compensate else 0.0), 0.0)
         single = [r.off_mm for r in strips if r.pieces == 1]
-        spread = math.nan
-        if single:
-            _, spread = _of(single, "strip of one piece")
-        found.append(
-            MeasuredKey("laser.kerf_mm", round(kerf, 3), laser.kerf_mm, pieces, -short, spread)
-        )
+        spread = _of(single, "strip of one piece")[1] if single else math.nan
+        about = (laser.kerf_mm, pieces, -short, spread)
+        found.append(MeasuredKey("laser.kerf_mm", round(kerf, 3), *about))
         if single:
             found.append(
                 _spread("laser.tolerance_mm", spread, laser.tolerance_mm, len(single), 0.0)
             )
-    thick = [r for r in readings if r.feature == "thickness"]
-    if thick:
-        bias, spread = _of([r.off_mm for r in thick], "thickness")
-        share = (abs(bias) + spread) / design.optics.acrylic_mm
-        value = max(_up(share), 0.001)
-        before = laser.sheet_tolerance
-        found.append(MeasuredKey("laser.sheet_tolerance", value, before, len(thick), bias, spread))
+    if off := _off(readings, "thickness"):
+        bias, spread = _of(off, "thickness")
+        share = max(_up((abs(bias) + spread) / design.optics.acrylic_mm), 0.001)
+        about = (laser.sheet_tolerance, len(off), bias, spread)
+        found.append(MeasuredKey("laser.sheet_tolerance", share, *about))
     return found
 
 

@@ -12,21 +12,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from ...aliases import Point2
+from ..dimensions import Design
 from ..drafting.dimensioning import Item
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Length, PlayFit
-from ..kernel import require
+from ..kernel import Shape
 from ..part import CLEAR, LASER_CUT, Part
-from ..rule import Rule
-from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from ..rule import Quantity, Rule
+from ..solid_gate import Expected, around
+from .solids import prism, without_corners
 
 
 def notched(half_mm: Point2, notch_mm: Point2) -> list[Point2]:
@@ -34,9 +30,7 @@ def notched(half_mm: Point2, notch_mm: Point2) -> list[Point2]:
     w, h = half_mm
     if min(notch_mm) <= 0:
         return [(-w, -h), (w, -h), (w, h), (-w, h)]
-    x, y = w - notch_mm[0], h - notch_mm[1]
-    upper = [(w, y), (x, y), (x, h), (-x, h), (-x, y), (-w, y)]
-    return upper + [(-a, -b) for a, b in upper]
+    return without_corners(half_mm, (w - notch_mm[0], h - notch_mm[1]))
 
 
 def expect(design: Design) -> Expected:
@@ -44,9 +38,9 @@ def expect(design: Design) -> Expected:
     (w, h), (nx, ny) = design.acrylic_half_mm, design.acrylic_notch_mm
     thickness_mm = design.optics.acrylic_mm
     volume_mm3 = 4 * (w * h - nx * ny) * thickness_mm
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-w, -h, design.z_joint_mm), (w, h, design.z_ledge_mm)),
+    return Expected.exact(
+        volume_mm3,
+        around(w, h, design.z_joint_mm, design.z_ledge_mm),
         {
             "acrylic_mm": thickness_mm,
             "half_x_mm": w,
@@ -59,75 +53,71 @@ def expect(design: Design) -> Expected:
 
 def build(design: Design) -> Shape:
     """The plate as one solid in the sensor frame, z from the joint to the ledge."""
-    cq = require()
     outline = notched(design.acrylic_half_mm, design.acrylic_notch_mm)
-    plan = cq.Workplane().workplane(offset=design.z_joint_mm).polyline(outline).close()
-    return plan.extrude(design.optics.acrylic_mm).val()
+    return prism(outline, design.z_joint_mm, design.optics.acrylic_mm).val()
 
 
 def rules(d: Design) -> Iterator[Rule]:
     """The plate on the frame's ledge, and what the notches leave of it."""
-    plate = ("half acrylic in y - half ledge opening", d.acrylic_half_mm[1] - d.skin.length_mm / 2)
-    yield Rule("acrylic", ("plate.ledge_mm", d.plate.ledge_mm), "<=", plate)
+    yield Quantity("plate.ledge_mm", d.plate.ledge_mm).at_most(
+        "half acrylic in y - half ledge opening", d.acrylic_half_mm[1] - d.skin.length_mm / 2
+    )
     notch = d.acrylic_notch_mm
     for i, axis in enumerate("xy"):
-        yield Rule(
-            "acrylic",
-            (f"notch in {axis} + 2", notch[i] + 2.0),
-            "<",
-            (f"half the plate in {axis}", d.acrylic_half_mm[i]),
+        yield Quantity(f"notch in {axis} + 2", notch[i] + 2.0).below(
+            f"half the plate in {axis}", d.acrylic_half_mm[i]
         )
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
     """In the frame's pocket, round its posts, and between the ledges of frame and shell."""
-    parts, printer, laser, keys = "acrylic, skin-frame", d.resin_printer, d.laser, ("plate.fit_mm",)
+    parts, printer, laser, keys = "acrylic, skin-frame", d.resin_printer, d.laser, "plate.fit_mm"
     for i, axis in enumerate("xy"):
-        pocket = printer.inner("pocket", 2 * d.seat_half_mm[i])
-        plate = laser.cut("plate", 2 * d.acrylic_half_mm[i])
+        pocket = printer.inner(2 * d.seat_half_mm[i])
+        plate = laser.cut(2 * d.acrylic_half_mm[i])
         yield PlayFit(f"plate in its pocket, {axis}", parts, (pocket,), (plate,), keys)
     for i, axis in enumerate("xy"):
         if d.acrylic_notch_mm[i] > 0:
-            posts = printer.inner("between the posts", 2 * d.post_edge_mm[i])
-            neck = laser.cut("neck", 2 * (d.acrylic_half_mm[i] - d.acrylic_notch_mm[i]))
+            posts = printer.inner(2 * d.post_edge_mm[i])
+            neck = laser.cut(2 * (d.acrylic_half_mm[i] - d.acrylic_notch_mm[i]))
             yield PlayFit(f"plate between the posts, {axis}", parts, (posts,), (neck,), keys)
-    thick = laser.sheet("plate", d.optics.acrylic_mm)
-    pocket = printer.tall("depth of the pocket", d.optics.acrylic_mm)
-    drop = printer.tall("shell.ledge_drop_mm", d.shell.ledge_drop_mm)
+    thick = laser.sheet(d.optics.acrylic_mm)
+    pocket = printer.tall(d.optics.acrylic_mm)
+    drop = printer.tall(d.shell.ledge_drop_mm)
     # A plate that is too thick would hold the joint open; a bead of adhesive fills what is left.
     yield PlayFit(
         "plate between the ledges, z",
         "acrylic, skin-frame, shell",
         (pocket, drop),
         (thick,),
-        ("shell.ledge_drop_mm", "laser.sheet_tolerance"),
+        "shell.ledge_drop_mm, laser.sheet_tolerance",
     )
-    opening = printer.inner("opening of the frame", d.skin.length_mm)
-    pocket_y = printer.inner("pocket", 2 * d.seat_half_mm[1])
-    plate_y = laser.cut("plate", 2 * d.acrylic_half_mm[1])
+    opening = printer.inner(d.skin.length_mm)
+    pocket_y = printer.inner(2 * d.seat_half_mm[1])
+    plate_y = laser.cut(2 * d.acrylic_half_mm[1])
     # A plate that lies at one end of its pocket bears least at the other.
     yield PlayFit(
         "plate on the frame's ledge, y",
         parts,
         (plate_y,),
         (opening.half(), pocket_y.half()),
-        ("frame.seat_y_mm", "plate.ledge_mm"),
+        "frame.seat_y_mm, plate.ledge_mm",
         d.plate.ledge_mm,
     )
     # The shell stands off the frame by what its screws leave it.
-    hole = printer.inner("hole of the shell", d.screw.row.clearance_mm)
-    shank = Length("less the screw", -d.screw.row.thread_mm)
+    hole = printer.inner(d.screw.row.clearance_mm)
+    shank = Length(-d.screw.row.thread_mm)
     for i, key in enumerate(("ledge_x_mm", "ledge_mm")):
         if getattr(d.shell, key) == 0:
             continue
-        behind = printer.inner("opening of the shell", 2 * d.ledge_half_mm[i])
-        pocket = printer.inner("pocket", 2 * d.seat_half_mm[i])
+        behind = printer.inner(2 * d.ledge_half_mm[i])
+        pocket = printer.inner(2 * d.seat_half_mm[i])
         yield PlayFit(
             f"plate on the shell's ledge, {'xy'[i]}",
             "acrylic, shell",
-            (laser.cut("plate", 2 * d.acrylic_half_mm[i]),),
+            (laser.cut(2 * d.acrylic_half_mm[i]),),
             (behind.half(), pocket.half(), hole.half(), shank.half()),
-            (f"shell.{key}", "plate.ledge_mm"),
+            f"shell.{key}, plate.ledge_mm",
             d.plate.ledge_mm,
         )
 

@@ -18,22 +18,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
+from ..dimensions import Design
 from ..drafting.dimensioning import Axis, Item
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Length, PlayFit
-from ..kernel import require
+from ..kernel import Shape
 from ..part import BLACK, PRINT, RESIN, Part
 from ..print_orientation import PrintPose
-from ..rule import Rule
+from ..rule import Quantity, Rule
 from ..solid_gate import Expected
 from .camera import UPPER_HOLES, on_board
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from .solids import cylinders, prism
 
 
 def expect(design: Design) -> Expected:
@@ -46,8 +42,8 @@ def expect(design: Design) -> Expected:
     area_mm2 -= math.pi / 2 * holder.row.pilot_mm**2
     volume_mm3 = area_mm2 * holder.clearance_mm
     numbers = {key: value for key, value in asdict(holder).items() if key.endswith("_mm")}
-    return Expected(
-        (volume_mm3, volume_mm3),
+    return Expected.exact(
+        volume_mm3,
         ((-half_x, -arm, design.z_floor_mm), (half_x, max(arm, top), design.z_board_back_mm)),
         {
             **numbers,
@@ -62,7 +58,6 @@ def expect(design: Design) -> Expected:
 
 def build(design: Design) -> Shape:
     """The plate as one solid in the sensor frame, z from the cover's floor to the board's back."""
-    cq = require()
     half_x, arm = design.holder_half_x_mm, design.holder_arm_mm
     tongue, top = design.holder_tongue_mm
     window, window_top = design.holder_window_half_mm, design.holder_window_top_mm
@@ -70,95 +65,52 @@ def build(design: Design) -> Shape:
     if top > arm:
         outline += [(-tongue, arm), (-tongue, top)]
     outline += [(-x, y) for x, y in reversed(outline)]
-    plan = cq.Workplane().workplane(offset=design.z_floor_mm).polyline(outline).close()
-    body = plan.extrude(design.holder.clearance_mm)
+    low, deep = design.z_floor_mm, design.holder.clearance_mm
+    body = prism(outline, low, deep)
     for centres, diameter_mm in (
         (design.peg_centres_mm, design.cover.hole_mm),
         (design.camera_screw_centres_mm, design.holder.row.pilot_mm),
     ):
-        holes = (
-            cq.Workplane()
-            .workplane(offset=design.z_floor_mm - 1)
-            .pushPoints(centres)
-            .circle(diameter_mm / 2)
-            .extrude(design.holder.clearance_mm + 2)
-        )
-        body = body.cut(holes)
+        body = body.cut(cylinders(centres, diameter_mm, low - 1, deep + 2))
     return body.val()
 
 
+@on_board
 def rules(d: Design) -> Iterator[Rule]:
-    """Window, tongue, arms and screws; they rest on the board."""
-    for rule in _plate(d):
-        yield on_board(rule)
-
-
-def _plate(d: Design) -> Iterator[Rule]:
-    """Camera holder: window, tongue, arms and screws."""
-    part, holder, cam = "camera-holder", d.holder, d.camera
-    yield Rule(
-        part,
-        ("half the window + window_rest_mm", d.holder_window_half_mm + holder.window_rest_mm),
-        "<=",
-        ("half the board", cam.board_width_mm / 2),
-    )
-    yield Rule(
-        part,
-        ("half the window + wall_mm", d.holder_window_half_mm + holder.wall_mm),
-        "<=",
-        ("peg axis - hole / 2", d.peg_at_mm[0] - d.cover.hole_mm / 2),
+    """Window, tongue, arms and screws."""
+    holder, cam = d.holder, d.camera
+    yield Quantity(
+        "half the window + window_rest_mm", d.holder_window_half_mm + holder.window_rest_mm
+    ).at_most("half the board", cam.board_width_mm / 2)
+    yield Quantity("half the window + wall_mm", d.holder_window_half_mm + holder.wall_mm).at_most(
+        "peg axis - hole / 2", d.peg_at_mm[0] - d.cover.hole_mm / 2
     )
     tongue, top = d.holder_tongue_mm
-    yield Rule(
-        part,
-        ("half the tongue (camera.hole_pitch_x_mm)", tongue),
-        "<=",
-        ("corner posts", d.post_edge_mm[0]),
+    yield Quantity("half the tongue (camera.hole_pitch_x_mm)", tongue).at_most(
+        "corner posts", d.post_edge_mm[0]
     )
-    yield Rule(
-        part,
-        ("the tongue's edge + fit_mm", top + holder.fit_mm),
-        "<=",
-        ("half the shell's cavity in y", d.cavity_half_mm[1]),
+    yield Quantity("the tongue's edge + fit_mm", top + holder.fit_mm).at_most(
+        "half the shell's cavity in y", d.cavity_half_mm[1]
     )
     arm, window_top = d.holder_arm_mm, d.holder_window_top_mm
-    yield Rule(
-        part,
-        ("peg_y_mm + hole / 2 + wall", arm),
-        "<=",
-        ("corner posts", d.post_edge_mm[1]),
-    )
-    yield Rule(
-        part,
-        ("the connector's upper edge", cam.board_bottom_mm + cam.connector_length_mm),
-        "<=",
-        ("the window's upper edge", window_top),
-    )
-    yield Rule(part, ("the window's upper edge", window_top), "<", ("the arms' edge", arm))
+    yield Quantity("peg_y_mm + hole / 2 + wall", arm).at_most("corner posts", d.post_edge_mm[1])
+    yield Quantity(
+        "the connector's upper edge", cam.board_bottom_mm + cam.connector_length_mm
+    ).at_most("the window's upper edge", window_top)
+    yield Quantity("the window's upper edge", window_top).below("the arms' edge", arm)
     grip = holder.screw_length_mm - cam.board_mm
-    yield Rule(
-        part,
-        (f"thread {holder.screw}", holder.row.thread_mm),
-        "<=",
-        ("screw_length_mm - board", grip),
+    yield Quantity(f"thread {holder.screw}", holder.row.thread_mm).at_most(
+        "screw_length_mm - board", grip
     )
-    yield Rule(part, ("screw_length_mm - board", grip), "<=", ("clearance_mm", holder.clearance_mm))
+    yield Quantity("screw_length_mm - board", grip).at_most("clearance_mm", holder.clearance_mm)
     (px, py), (sx, sy) = d.peg_at_mm, d.camera_screw_centres_mm[1]
     apart = min(math.hypot(px - sx, py - sy), math.hypot(px - sx, py + sy))
-    yield Rule(
-        part,
-        (
-            "half a peg's hole + half a pilot + wall_mm",
-            (d.cover.hole_mm + holder.row.pilot_mm) / 2 + holder.wall_mm,
-        ),
-        "<=",
-        ("peg axis to screw axis", apart),
-    )
-    yield Rule(
-        part,
-        ("hole of a peg + wall_mm", d.cover.hole_mm + holder.wall_mm),
-        "<=",
-        ("2 cover.peg_y_mm", 2 * d.cover.peg_y_mm),
+    yield Quantity(
+        "half a peg's hole + half a pilot + wall_mm",
+        (d.cover.hole_mm + holder.row.pilot_mm) / 2 + holder.wall_mm,
+    ).at_most("peg axis to screw axis", apart)
+    yield Quantity("hole of a peg + wall_mm", d.cover.hole_mm + holder.wall_mm).at_most(
+        "2 cover.peg_y_mm", 2 * d.cover.peg_y_mm
     )
 
 
@@ -167,54 +119,54 @@ def fits(d: Design) -> Iterator[PlayFit]:
     part, printer, cam = "camera-holder", d.resin_printer, d.camera
     cavity_x, cavity_y = d.cavity_half_mm
     tongue, top = d.holder_tongue_mm
-    keys = ("holder.fit_mm",)
+    keys = "holder.fit_mm"
     inner, outer = printer.inner, printer.outer
-    room = inner("cavity of the shell", 2 * cavity_x)
-    plate = outer("plate", 2 * d.holder_half_x_mm)
+    room = inner(2 * cavity_x)
+    plate = outer(2 * d.holder_half_x_mm)
     yield PlayFit("camera holder in the shell, x", f"{part}, shell", (room,), (plate,), keys)
-    beyond = inner("cavity behind the middle", cavity_y)
-    reach = outer("tongue from the middle", max(top, d.holder_arm_mm))
+    beyond = inner(cavity_y)
+    reach = outer(max(top, d.holder_arm_mm))
     yield PlayFit("camera holder in the shell, y", f"{part}, shell", (beyond,), (reach,), keys)
     for i, (axis, half, key) in enumerate(
         (("x", tongue, "holder.wall_mm"), ("y", d.holder_arm_mm, "cover.peg_y_mm"))
     ):
-        bosses = inner("between the bosses", 2 * d.post_edge_mm[i])
+        bosses = inner(2 * d.post_edge_mm[i])
         yield PlayFit(
             f"camera holder between the bosses, {axis}",
             f"{part}, cover",
             (bosses,),
-            (outer("tongue" if axis == "x" else "arms", 2 * half),),
-            (key,),
+            (outer(2 * half),),
+            key,
         )
     off = cam.tolerance_mm
-    connector = Length("connector", cam.connector_width_mm, off, ("camera.connector_width_mm",))
-    window = inner("window", 2 * d.holder_window_half_mm)
+    connector = Length(cam.connector_width_mm, off, ("camera.connector_width_mm",))
+    window = inner(2 * d.holder_window_half_mm)
     yield PlayFit(
         "connector in the window",
         f"{part}, camera",
         (window,),
         (connector,),
-        ("holder.window_fit_mm",),
+        "holder.window_fit_mm",
     )
-    hole = Length("board's hole", cam.hole_mm, off, ("camera.hole_mm",))
+    hole = Length(cam.hole_mm, off, ("camera.hole_mm",))
     # Two screws in a row along x: only that pitch can disagree, and either end takes half of it.
-    pitch = Length("both pitches", 0.0, printer.plane_mm + off, ("resin_printer.plane_mm",))
-    screw = Length(d.holder.screw, d.holder.row.thread_mm)
+    pitch = Length(0.0, printer.plane_mm + off, ("resin_printer.plane_mm",))
+    screw = Length(d.holder.row.thread_mm)
     yield PlayFit(
         f"{d.holder.screw} through the board",
         f"camera, camera-screw, {part}",
         (hole,),
         (screw, pitch),
-        ("camera.hole_mm", "holder.screw"),
+        "camera.hole_mm, holder.screw",
     )
-    deep = printer.tall("holder", d.holder.clearance_mm)
-    high = Length("connector", cam.connector_height_mm, off, ("camera.connector_height_mm",))
+    deep = printer.tall(d.holder.clearance_mm)
+    high = Length(cam.connector_height_mm, off, ("camera.connector_height_mm",))
     yield PlayFit(
         "connector above the cover, z",
         "camera, camera-holder, cover",
         (deep,),
         (high,),
-        ("holder.clearance_mm",),
+        "holder.clearance_mm",
     )
 
 
@@ -260,11 +212,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(tuple(items), notes, rests_on=rests_on, silent=silent)
 
 
-def wall_mm(d: Design) -> float:
-    """The least wall beside a hole."""
-    return d.holder.wall_mm
-
-
 PARTS = (
     Part(
         "camera-holder",
@@ -283,7 +230,6 @@ PARTS = (
         ),
         rules=rules,
         fits=fits,
-        wall_mm=wall_mm,
         wall_keys=("holder.wall_mm",),
         in_view=True,
         callouts=callouts,

@@ -15,19 +15,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
-from ..kernel import require
+from ..dimensions import Design
+from ..kernel import Shape, require
 from ..part import BOUGHT, STEEL, Part, Shift
 from ..planes import band_mm2
-from ..rule import Rule
-from ..solid_gate import Expected
+from ..rule import Quantity, Rule
+from ..solid_gate import Expected, around
 from .camera import on_board
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from .solids import cylinders
 
 
 def expect(design: Design) -> Expected:
@@ -38,9 +34,9 @@ def expect(design: Design) -> Expected:
     volume_mm3 -= band_mm2(row.slot_mm / 2, head) * row.slot_depth_mm
     volume_mm3 += math.pi / 4 * row.thread_mm**2 * length_mm
     under_mm = design.z_board_front_mm
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-head, -head, under_mm - length_mm), (head, head, under_mm + row.head_height_mm)),
+    return Expected.exact(
+        volume_mm3,
+        around(head, head, under_mm - length_mm, under_mm + row.head_height_mm),
         {"screw_length_mm": length_mm, "thread_mm": row.thread_mm, "head_mm": row.head_mm},
     )
 
@@ -50,9 +46,8 @@ def build(design: Design) -> Shape:
     cq = require()
     row = design.holder.row
     under_mm, top_mm = design.z_board_front_mm, design.z_board_front_mm + row.head_height_mm
-    on_board = cq.Workplane().workplane(offset=under_mm)
-    head = on_board.circle(row.head_mm / 2).extrude(row.head_height_mm)
-    shank = on_board.circle(row.thread_mm / 2).extrude(-design.holder.screw_length_mm)
+    head = cylinders([(0, 0)], row.head_mm, under_mm, row.head_height_mm)
+    shank = cylinders([(0, 0)], row.thread_mm, under_mm, -design.holder.screw_length_mm)
     slot = (
         cq.Workplane()
         .workplane(offset=top_mm - row.slot_depth_mm)
@@ -67,42 +62,24 @@ def places(d: Design) -> list[Shift]:
     return [(x, y, 0.0) for x, y in d.camera_screw_centres_mm]
 
 
+@on_board
 def rules(d: Design) -> Iterator[Rule]:
     """The heads stand on the board's front, beside the posts and the cover's bosses."""
-    for rule in _heads(d):
-        yield on_board(rule)
-
-
-def _heads(d: Design) -> Iterator[Rule]:
-    part, fit, upper = "camera-screw", d.holder.fit_mm, d.camera.hole_rows_mm[0]
+    fit, upper = d.holder.fit_mm, d.camera.hole_rows_mm[0]
     head = d.holder.row.head_mm / 2
     beside = max(
         d.post_edge_mm[0] - d.camera.hole_pitch_x_mm / 2 - head,
         d.post_edge_mm[1] - abs(upper) - head,
     )
-    yield Rule(
-        part,
-        ("holder.fit_mm", fit),
-        "<=",
-        ("room between the heads and the corner posts", beside),
+    yield Quantity("holder.fit_mm", fit).at_most(
+        "room between the heads and the corner posts", beside
     )
-    yield Rule(
-        part,
-        ("upper holes + head / 2 + fit", abs(upper) + head + fit),
-        "<=",
-        ("half the shell's cavity in y", d.cavity_half_mm[1]),
+    yield Quantity("upper holes + head / 2 + fit", abs(upper) + head + fit).at_most(
+        "half the shell's cavity in y", d.cavity_half_mm[1]
     )
-    yield Rule(
-        part,
-        ("head + 2 holder.head_clearance_mm", 2 * d.head_relief_mm),
-        "<=",
-        ("camera.hole_pitch_x_mm", d.camera.hole_pitch_x_mm),
+    yield Quantity("head + 2 holder.head_clearance_mm", 2 * d.head_relief_mm).at_most(
+        "camera.hole_pitch_x_mm", d.camera.hole_pitch_x_mm
     )
-
-
-def note(d: Design) -> str:
-    """The size to buy."""
-    return f"{d.holder.screw} x {d.holder.screw_length_mm:g}, slotted"
 
 
 PARTS = (
@@ -120,7 +97,7 @@ PARTS = (
         derived=("camera_screw_centres_mm", "z_board_front_mm"),
         rules=rules,
         bound_by=("camera-holder",),
-        note=note,
+        note="{d.holder.screw} x {d.holder.screw_length_mm:g}, slotted",
         how="bought",
         look_for="the head is no higher than the light holder's floor",
     ),

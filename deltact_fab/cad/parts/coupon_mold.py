@@ -16,19 +16,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
+from ..dimensions import Design
 from ..drafting.dimensioning import Cut, Item, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
-from ..kernel import require
-from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
-from ..rule import Rule
-from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from ..kernel import Shape, require
+from ..part import AMBER, PRINT, RESIN, Part
+from ..rule import Quantity, Rule
+from ..solid_gate import Expected, around
+from .solids import cylinders
 
 
 def well_volume_mm3(design: Design) -> float:
@@ -40,11 +36,7 @@ def expect(design: Design) -> Expected:
     """Closed forms of the coupon mold."""
     x, y, z = design.coupon_outer_mm
     volume_mm3 = x * y * z - design.coupon.wells * well_volume_mm3(design)
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-x / 2, -y / 2, 0.0), (x / 2, y / 2, z)),
-        asdict(design.coupon),
-    )
+    return Expected.exact(volume_mm3, around(x / 2, y / 2, 0.0, z), asdict(design.coupon))
 
 
 def build(design: Design) -> Shape:
@@ -53,19 +45,14 @@ def build(design: Design) -> Shape:
     coupon, (x, y, z) = design.coupon, design.coupon_outer_mm
     pitch_mm = coupon.diameter_mm + coupon.wall_mm
     first_mm = -pitch_mm * (coupon.wells - 1) / 2
-    wells = (
-        cq.Workplane()
-        .workplane(offset=coupon.base_mm)
-        .pushPoints([(first_mm + i * pitch_mm, 0.0) for i in range(coupon.wells)])
-        .circle(coupon.diameter_mm / 2)
-        .extrude(coupon.depth_mm + 1)
-    )
+    at = [(first_mm + i * pitch_mm, 0.0) for i in range(coupon.wells)]
+    wells = cylinders(at, coupon.diameter_mm, coupon.base_mm, coupon.depth_mm + 1)
     return cq.Workplane().rect(x, y).extrude(z).cut(wells).val()
 
 
 def rules(d: Design) -> Iterator[Rule]:
     """Wells that can be peeled."""
-    yield Rule("coupon-mold", ("2", 2.0), "<=", ("diameter_mm", d.coupon.diameter_mm))
+    yield Quantity("2", 2.0).at_most("diameter_mm", d.coupon.diameter_mm)
 
 
 def callouts(d: Design) -> Callouts:
@@ -90,11 +77,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(tuple(items), notes, Cut(first))
 
 
-def note(d: Design) -> str:
-    """What it is for."""
-    return "to test whether the resin inhibits the cure"
-
-
 PARTS = (
     Part(
         "coupon-mold",
@@ -107,9 +89,9 @@ PARTS = (
         sections=("coupon",),
         derived=("coupon_outer_mm",),
         rules=rules,
-        wall_mm=shell_wall_mm,
+        wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        note=note,
+        note="to test whether the resin inhibits the cure",
         how="same job and same wash as the mold",
         look_for="as the mold",
     ),

@@ -20,23 +20,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...aliases import Point2
+from ..dimensions import Design
 from ..drafting.dimensioning import Axis, Cut, Detail, Item, Linear, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..fit import Length, PlayFit
-from ..kernel import require
-from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..kernel import Shape, require
+from ..part import BLACK, PRINT, RESIN, Part
 from ..planes import cone_segment_mm3, segment_mm2
 from ..print_orientation import PrintPose
-from ..rule import Rule
-from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from ..rule import Quantity, Rule
+from ..solid_gate import Expected, around
+from .solids import cylinders, prism, without_corners
 
 
 def expect(design: Design) -> Expected:
@@ -49,9 +46,9 @@ def expect(design: Design) -> Expected:
     volume_mm3 += 8 * _leg_mm3(design)
     top = max(design.z_boss_mm, design.z_floor_mm + design.peg_length_mm)
     half = (outer_x / 2, outer_y / 2)
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-half[0], -half[1], design.z_back_mm), (half[0], half[1], top)),
+    return Expected.exact(
+        volume_mm3,
+        around(half[0], half[1], design.z_back_mm, top),
         {
             **asdict(design.cover),
             "post_mm": design.post_mm,
@@ -71,18 +68,13 @@ def build(design: Design) -> Shape:
     body = cq.Workplane().workplane(offset=back_mm).rect(outer_x, outer_y)
     body = body.extrude(boss_mm - back_mm)
     if boss_mm > design.z_floor_mm:
-        x, y = design.post_edge_mm
-        far_x, far_y = outer_x / 2 + 1, outer_y / 2 + 1
-        upper = [(far_x, y), (x, y), (x, far_y), (-x, far_y), (-x, y), (-far_x, y)]
-        between = upper + [(-px, -py) for px, py in upper]
-        plan = cq.Workplane().workplane(offset=design.z_floor_mm).polyline(between).close()
-        body = body.cut(plan.extrude(boss_mm - design.z_floor_mm + 1))
+        between = without_corners((outer_x / 2 + 1, outer_y / 2 + 1), design.post_edge_mm)
+        body = body.cut(prism(between, design.z_floor_mm, boss_mm - design.z_floor_mm + 1))
     for diameter_mm, low_mm, high_mm in (
         (row.bore_mm, back_mm - 1, design.z_head_mm),
         (row.clearance_mm, back_mm, boss_mm + 1),
     ):
-        holes = cq.Workplane().workplane(offset=low_mm).pushPoints(design.screw_centres_mm)
-        body = body.cut(holes.circle(diameter_mm / 2).extrude(high_mm - low_mm))
+        body = body.cut(cylinders(design.screw_centres_mm, diameter_mm, low_mm, high_mm - low_mm))
     leg = _leg(cq, design)
     for x, y in design.peg_centres_mm:
         for side in (leg, leg.mirror("YZ")):
@@ -143,84 +135,70 @@ def _leg(cq: Any, design: Design) -> Any:
 
 def rules(d: Design) -> Iterator[Rule]:
     """Pegs: strain, legs and lips."""
-    part, cover = "cover", d.cover
-    yield Rule(part, ("strain of a peg", d.snap_strain), "<=", ("strain_limit", cover.strain_limit))
-    yield Rule(
-        part,
-        ("resin_printer.least_wall_mm", d.resin_printer.least_wall_mm),
-        "<=",
-        ("leg_mm", cover.leg_mm),
+    cover = d.cover
+    yield Quantity("strain of a peg", d.snap_strain).at_most("strain_limit", cover.strain_limit)
+    yield Quantity("resin_printer.least_wall_mm", d.resin_printer.least_wall_mm).at_most(
+        "leg_mm", cover.leg_mm
     )
-    yield Rule(
-        part,
-        ("slot_mm / 2 + leg_mm", cover.slot_mm / 2 + cover.leg_mm),
-        "<",
-        ("peg_mm / 2", cover.peg_mm / 2),
+    yield Quantity("slot_mm / 2 + leg_mm", cover.slot_mm / 2 + cover.leg_mm).below(
+        "peg_mm / 2", cover.peg_mm / 2
     )
-    gap = ("resin_printer.least_gap_mm", d.resin_printer.least_gap_mm)
-    yield Rule(part, gap, "<=", ("cover.slot_mm", cover.slot_mm))
+    yield Quantity("resin_printer.least_gap_mm", d.resin_printer.least_gap_mm).at_most(
+        "cover.slot_mm", cover.slot_mm
+    )
     # Both legs bend inwards by the lip before they touch.
-    yield Rule(part, ("2 lip_mm", 2 * cover.lip_mm), "<", ("slot_mm", cover.slot_mm))
+    yield Quantity("2 lip_mm", 2 * cover.lip_mm).below("slot_mm", cover.slot_mm)
     # The lips stand in reliefs of the light holder's floor.
-    yield Rule(
-        part,
-        ("peg_play_mm + lip_height_mm", cover.peg_play_mm + cover.lip_height_mm),
-        "<=",
-        ("camera.board_mm + light.floor_mm", d.camera.board_mm + d.light.floor_mm),
+    yield Quantity("peg_play_mm + lip_height_mm", cover.peg_play_mm + cover.lip_height_mm).at_most(
+        "camera.board_mm + light.floor_mm", d.camera.board_mm + d.light.floor_mm
     )
     lip = cover.hole_mm / 2 + cover.lip_mm
-    yield Rule(
-        part,
-        ("board / 2 + lip radius", d.camera.board_width_mm / 2 + lip),
-        "<=",
-        ("peg axis in x", d.peg_at_mm[0]),
+    yield Quantity("board / 2 + lip radius", d.camera.board_width_mm / 2 + lip).at_most(
+        "peg axis in x", d.peg_at_mm[0]
     )
-    yield Rule(
-        part,
-        ("lip radius", lip),
-        "<=",
-        ("peg axis to the shell", d.cavity_half_mm[0] - d.peg_at_mm[0]),
+    yield Quantity("lip radius", lip).at_most(
+        "peg axis to the shell", d.cavity_half_mm[0] - d.peg_at_mm[0]
     )
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
     """The pegs in the holder, their lips over its holes, the heads in their bores."""
     printer, cover, row = d.resin_printer, d.cover, d.screw.row
-    parts, pitch = "cover, camera-holder", printer.pitch("both patterns")
-    hole = printer.inner("hole", cover.hole_mm)
-    peg = printer.outer("peg", cover.peg_mm)
-    yield PlayFit("peg in its hole", parts, (hole,), (peg, pitch), ("cover.peg_clearance_mm",))
+    parts, pitch = "cover, camera-holder", printer.pitch()
+    hole = printer.inner(cover.hole_mm)
+    peg = printer.outer(cover.peg_mm)
+    yield PlayFit("peg in its hole", parts, (hole,), (peg, pitch), "cover.peg_clearance_mm")
     # Over both lips of a peg that stands in the middle of its hole.
-    lips = printer.outer("over both lips", cover.hole_mm + 2 * cover.lip_mm)
-    yield PlayFit("lips over their hole", parts, (lips,), (hole,), ("cover.lip_mm",))
-    most_mm = PlayFit("", "", (lips,), (hole,), ()).range_mm[1] / 2
+    lips = printer.outer(cover.hole_mm + 2 * cover.lip_mm)
+    yield PlayFit("lips over their hole", parts, (lips,), (hole,), "cover.lip_mm")
+    most_mm = PlayFit("", "", (lips,), (hole,), "").range_mm[1] / 2
     bends_mm = cover.strain_limit * d.peg_leg_mm**2 / (3 * cover.fibre_mm)
     yield PlayFit(
         "largest lip within the strain",
         parts,
-        (Length("what a leg bends", bends_mm),),
-        (Length("largest lip", most_mm, 0.0, lips.rests_on),),
-        ("cover.lip_mm", "cover.leg_mm", "cover.strain_limit"),
+        (Length(bends_mm),),
+        (Length(most_mm, 0.0, lips.rests_on),),
+        "cover.lip_mm, cover.leg_mm, cover.strain_limit",
     )
-    legs = printer.tall("legs", d.peg_leg_mm)
-    holder = printer.tall("holder", d.holder.clearance_mm)
-    yield PlayFit("legs through the holder, z", parts, (legs,), (holder,), ("cover.peg_play_mm",))
-    slot = printer.inner("slot", cover.slot_mm)
+    legs = printer.tall(d.peg_leg_mm)
+    holder = printer.tall(d.holder.clearance_mm)
+    yield PlayFit("legs through the holder, z", parts, (legs,), (holder,), "cover.peg_play_mm")
+    slot = printer.inner(cover.slot_mm)
     yield PlayFit(
         "slot when both legs bend",
         "cover",
         (slot,),
-        (Length("twice the largest lip", 2 * most_mm, 0.0, lips.rests_on),),
-        ("cover.slot_mm",),
+        (Length(2 * most_mm, 0.0, lips.rests_on),),
+        "cover.slot_mm",
     )
-    head = Length("head", row.head_mm)
-    bore = printer.inner("bore", row.bore_mm)
+    head = Length(row.head_mm)
+    bore = printer.inner(row.bore_mm)
     yield PlayFit(
         "screw head in its bore",
         "cover, screw, skin-frame",
         (bore,),
         (head, pitch),
-        ("screw.thread", "resin_printer.plane_mm"),
+        "screw.thread, resin_printer.plane_mm",
     )
 
 
@@ -294,7 +272,7 @@ PARTS = (
         ),
         rules=rules,
         fits=fits,
-        wall_mm=shell_wall_mm,
+        wall_keys=("shell.wall_mm",),
         callouts=callouts,
         lies=PrintPose(face="outer face"),
         look_for="every peg has its slot open: a folded paper passes",

@@ -18,19 +18,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
+from ..dimensions import Design
 from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
-from ..kernel import require
-from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
-from ..rule import Rule
-from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from ..kernel import Shape, require
+from ..part import AMBER, PRINT, RESIN, Part
+from ..rule import Quantity, Rule
+from ..solid_gate import Expected, around
 
 
 def expect(design: Design) -> Expected:
@@ -40,9 +35,7 @@ def expect(design: Design) -> Expected:
     volume_mm3 = plan_mm2 * coupon.base_mm + coupon.block_mm**2 * coupon.block_height_mm
     volume_mm3 += math.pi / 4 * coupon.peg_mm**2 * coupon.peg_height_mm
     top = coupon.base_mm + coupon.block_height_mm + coupon.peg_height_mm
-    return Expected(
-        (volume_mm3, volume_mm3), ((-x / 2, -y / 2, 0.0), (x / 2, y / 2, top)), asdict(coupon)
-    )
+    return Expected.exact(volume_mm3, around(x / 2, y / 2, 0.0, top), asdict(coupon))
 
 
 def build(design: Design) -> Shape:
@@ -69,17 +62,14 @@ def build(design: Design) -> Shape:
 
 def rules(d: Design) -> Iterator[Rule]:
     """Walls between holes and slots, and a peg that is on its block."""
-    part, coupon, wall = "fit-coupon", d.fit_coupon, d.shell.wall_mm
+    coupon, wall = d.fit_coupon, d.shell.wall_mm
     largest = coupon.sizes_mm[-1]
-    yield Rule(
-        part,
-        ("largest hole + shell.wall_mm", largest + wall),
-        "<=",
-        ("pitch_mm", coupon.pitch_mm),
+    yield Quantity("largest hole + shell.wall_mm", largest + wall).at_most(
+        "pitch_mm", coupon.pitch_mm
     )
     between = coupon.row_y_mm - largest / 2 + coupon.outer_mm[1] / 2 - coupon.slot_mm
-    yield Rule(part, ("shell.wall_mm", wall), "<=", ("between holes and slots", between))
-    yield Rule(part, ("peg_mm + 2", coupon.peg_mm + 2.0), "<=", ("block_mm", coupon.block_mm))
+    yield Quantity("shell.wall_mm", wall).at_most("between holes and slots", between)
+    yield Quantity("peg_mm + 2", coupon.peg_mm + 2.0).at_most("block_mm", coupon.block_mm)
 
 
 def callouts(d: Design) -> Callouts:
@@ -113,11 +103,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(tuple(items), notes, Cut(middle))
 
 
-def note(d: Design) -> str:
-    """What it is for."""
-    return "to measure the printer: cad fit"
-
-
 PARTS = (
     Part(
         "fit-coupon",
@@ -129,9 +114,9 @@ PARTS = (
         colour=AMBER,
         sections=("fit_coupon", "resin_printer"),
         rules=rules,
-        wall_mm=shell_wall_mm,
+        wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        note=note,
+        note="to measure the printer: cad fit",
         how="twice, far from each other",
         look_for="measure holes with pin gauges or drill shanks, the rest with a caliper",
     ),

@@ -18,16 +18,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
 
 from ...shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 from ..design import IndenterDimensions
-from ..kernel import require
+from ..kernel import Shape, require
 from ..planes import segment_mm2
-from ..solid_gate import Expected, less
-
-if TYPE_CHECKING:
-    from cadquery import Shape
+from ..rule import Quantity, Rule, enforce
+from ..solid_gate import Expected
 
 _APART_MM = 1e-6
 
@@ -60,11 +60,24 @@ def plate_half_mm(dims: IndenterDimensions) -> tuple[float, float]:
     return max(x_mm, stem_mm), max(y_mm, stem_mm)
 
 
-def _round_plate_mm(dims: IndenterDimensions) -> float:
+def round_plate_mm(dims: IndenterDimensions) -> float:
     """Radius of the plate of a single round tip on the axis, else 0: the plate is rectangular."""
     first, *others = dims.indenter.tips
     round_ = isinstance(first, SphereTip | TurnedTip) and first.x_mm == first.y_mm == 0
     return plate_half_mm(dims)[0] if round_ and not others else 0.0
+
+
+def rules(dims: IndenterDimensions) -> Iterator[Rule]:
+    """Lengths above zero, tips that end below the plate, a flat within the stem."""
+    indenter, zero = dims.indenter, Quantity("0", 0.0)
+    yield zero.below("plate_mm", dims.body.plate_mm)
+    for key in ("stem_diameter_mm", "stem_length_mm", "stem_flat_at_mm", "reach_mm"):
+        yield zero.below(key, getattr(indenter, key))
+    flat = Quantity("stem_flat_at_mm", indenter.stem_flat_at_mm)
+    yield flat.below("half the stem", indenter.stem_diameter_mm / 2)
+    for tip in indenter.tips:
+        yield zero.below("radius_mm", tip.radius_mm)
+        yield Quantity("equator_mm", tip.equator_mm).below("reach_mm", indenter.reach_mm)
 
 
 def expect(dims: IndenterDimensions) -> Expected:
@@ -74,22 +87,10 @@ def expect(dims: IndenterDimensions) -> Expected:
     by the sum of all.
     """
     indenter, body = dims.indenter, dims.body
-    name = f"indenter-{indenter.slug}"
-    for tip in indenter.tips:
-        less(name, ("0", 0.0), ("radius_mm", tip.radius_mm))
-        less(name, ("equator_mm", tip.equator_mm), ("reach_mm", indenter.reach_mm))
-    less(name, ("0", 0.0), ("stem_flat_at_mm", indenter.stem_flat_at_mm))
-    less(name, ("stem_flat_at_mm", indenter.stem_flat_at_mm),
-         ("half the stem", indenter.stem_diameter_mm / 2))  # fmt: skip
-    for label, value in (
-        ("plate_mm", body.plate_mm),
-        ("stem_diameter_mm", indenter.stem_diameter_mm),
-        ("stem_length_mm", indenter.stem_length_mm),
-    ):
-        less(name, ("0", 0.0), (label, value))
+    enforce(replace(rule, part=f"indenter-{indenter.slug}") for rule in rules(dims))
     plate_z = dims.plate_z_mm
     x, y = plate_half_mm(dims)
-    if radius := _round_plate_mm(dims):
+    if radius := round_plate_mm(dims):
         plate_mm2 = math.pi * radius**2
     else:
         corner = corner_mm(dims)
@@ -136,7 +137,7 @@ def build(dims: IndenterDimensions) -> Shape:
     plate_z, plate_mm = dims.plate_z_mm, dims.body.plate_mm
     x, y = plate_half_mm(dims)
     base = cq.Workplane().workplane(offset=plate_z)
-    if radius := _round_plate_mm(dims):
+    if radius := round_plate_mm(dims):
         plate = base.circle(radius).extrude(plate_mm)
     else:
         plate = base.rect(2 * x, 2 * y).extrude(plate_mm).edges("|Z").fillet(corner_mm(dims))

@@ -13,7 +13,7 @@ from ..drafting.dimensioning import Axis, Centres, Circle, Detail, Item, Leader,
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..part import PRINT, RESIN, WHITE, Part
 from ..print_orientation import PrintPose
-from .indenter import build, corner_mm, expect, plate_half_mm
+from .indenter import build, corner_mm, expect, plate_half_mm, round_plate_mm
 
 SMALL_MM = 1.0  # what is smaller is drawn again in a detail
 
@@ -44,7 +44,7 @@ def callouts(dims: IndenterDimensions) -> Callouts:
     reach, total = dims.plate_z_mm, box[1][2]
     stem = indenter.stem_diameter_mm / 2
     tip_x = max(tip.lowest_mm[0] for tip in indenter.tips)
-    round_plate = _is_round(dims)
+    round_plate = round_plate_mm(dims) > 0
     items: list[Item | Detail] = [
         Linear("front", (-tip_x, 0, 0), (-stem, 0, total), "left", auxiliary=True),
         Linear("front", (tip_x, 0, 0), (half_x, 0, reach), "right"),
@@ -76,7 +76,8 @@ def callouts(dims: IndenterDimensions) -> Callouts:
     notes = (f"{level}. Contact faces smooth, without support marks.",)
     details = sorted((i for i in items if isinstance(i, Detail)), key=lambda d: d.letter)
     seen = tuple(item for item in items if not isinstance(item, Detail))
-    silent = {"tip.notch_mm": "a convex prism has no notches"} if _is_convex(dims) else {}
+    convex = any(isinstance(t, PrismTip) and not _is_notched(t) for t in indenter.tips)
+    silent = {"tip.notch_mm": "a convex prism has no notches"} if convex else {}
     return Callouts(seen, notes, flipped=True, details=tuple(details), silent=silent)
 
 
@@ -87,11 +88,6 @@ def _corners(dims: IndenterDimensions) -> str:
     if any(isinstance(t, alike) and math.isclose(r, t.corner_mm) for t in dims.indenter.tips):
         return "4× round as the tips, plate"
     return f"4× R{shown(r)}, plate"
-
-
-def _is_round(dims: IndenterDimensions) -> bool:
-    tips = dims.indenter.tips
-    return len(tips) == 1 and not isinstance(tips[0], EllipsoidTip | PrismTip | RidgeTip)
 
 
 def _tips(dims: IndenterDimensions) -> Iterator[Item | Detail]:
@@ -140,10 +136,6 @@ def _tips(dims: IndenterDimensions) -> Iterator[Item | Detail]:
         yield from _prism(tip, plate_half_mm(dims))
     else:
         yield from _turned(tip, plate_half_mm(dims)[0])
-
-
-def _is_convex(dims: IndenterDimensions) -> bool:
-    return any(isinstance(t, PrismTip) and not _is_notched(t) for t in dims.indenter.tips)
 
 
 def _is_notched(tip: PrismTip) -> bool:

@@ -11,18 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
+from ..dimensions import Design
 from ..drafting.items import Callouts, x_of, y_of, z_of
-from ..kernel import require
+from ..kernel import Shape, require
 from ..part import CLEAR, LASER_CUT, Part
-from ..rule import Rule
-from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from ..rule import Quantity, Rule
+from ..solid_gate import Expected, around
 
 PIECES = 10
 
@@ -33,7 +28,7 @@ def expect(design: Design) -> Expected:
     x, y = coupon.length_mm / 2, coupon.width_mm / 2
     volume_mm3 = coupon.length_mm * coupon.width_mm * thick
     about = {**asdict(coupon), "acrylic_mm": thick}
-    return Expected((volume_mm3, volume_mm3), ((-x, -y, 0.0), (x, y, thick)), about)
+    return Expected.exact(volume_mm3, around(x, y, 0.0, thick), about)
 
 
 def build(design: Design) -> Shape:
@@ -47,7 +42,7 @@ def build(design: Design) -> Shape:
 def rules(d: Design) -> Iterator[Rule]:
     """A strip that can be told from its side."""
     coupon = d.kerf_coupon
-    yield Rule("kerf-coupon", ("width_mm", coupon.width_mm), "<", ("length_mm", coupon.length_mm))
+    yield Quantity("width_mm", coupon.width_mm).below("length_mm", coupon.length_mm)
 
 
 def callouts(d: Design) -> Callouts:
@@ -65,11 +60,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(items, notes)
 
 
-def note(d: Design) -> str:
-    """What it is for."""
-    return "to measure the laser: cad fit"
-
-
 PARTS = (
     Part(
         "kerf-coupon",
@@ -83,7 +73,7 @@ PARTS = (
         sections=("kerf_coupon", "optics", "laser"),
         rules=rules,
         callouts=callouts,
-        note=note,
+        note="to measure the laser: cad fit",
         how="cut by the DXF, all from one corner of the sheet",
         look_for="no burr that a caliper would count",
     ),

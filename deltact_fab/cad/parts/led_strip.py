@@ -13,18 +13,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from ...aliases import Point2
-from ..kernel import require
+from ..dimensions import Design
+from ..kernel import Shape, require
 from ..part import AMBER, BOUGHT, Flat, Part
-from ..rule import Rule
+from ..rule import Quantity, Rule
 from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
 
 CUT, LED, MARK, RING = "CUT", "LED", "MARK", "RING"
 PAD_MM = 1.5  # length of a pad; its width and place are shares of the strip's width
@@ -44,7 +39,7 @@ def expect(design: Design) -> Expected:
         "led_width_mm": light.led_width_mm,
     }
     box = ((-x, -y, 0.0), (x, y, thick + light.led_height_mm))
-    return Expected((volume_mm3, volume_mm3), box, about)
+    return Expected.exact(volume_mm3, box, about)
 
 
 def led_at_mm(design: Design) -> list[float]:
@@ -67,10 +62,10 @@ def build(design: Design) -> Shape:
 
 def rules(d: Design) -> Iterator[Rule]:
     """LEDs beside one another, on their strip."""
-    part, light = "led-strip", d.light
-    width = ("led_width_mm", light.led_width_mm)
-    yield Rule(part, width, "<", ("pitch = 1000 / leds_per_m", light.pitch_mm))
-    yield Rule(part, width, "<=", ("strip_width_mm", light.strip_width_mm))
+    light = d.light
+    width = Quantity("led_width_mm", light.led_width_mm)
+    yield width.below("pitch = 1000 / leds_per_m", light.pitch_mm)
+    yield width.at_most("strip_width_mm", light.strip_width_mm)
 
 
 def flat(d: Design) -> tuple[Flat, ...]:
@@ -132,15 +127,6 @@ def _line(a: Point2, b: Point2) -> Flat:
     return Flat(MARK, ((*a, 0.0), (*b, 0.0)), closed=False)
 
 
-def note(d: Design) -> str:
-    """How it is cut."""
-    light = d.light
-    return (
-        f"{light.led_count} single-LED cuts of {light.pitch_mm:.1f} x {light.strip_width_mm:g} mm, "
-        f"{light.strip_mm:.1f} mm in all; a {light.supply_v:g} V strip that is cut at every LED"
-    )
-
-
 PARTS = (
     Part(
         "led-strip",
@@ -153,7 +139,9 @@ PARTS = (
         sections=("light",),
         derived=("strip_radius_mm", "channel_inner_mm"),
         rules=rules,
-        note=note,
+        note="{d.light.led_count} single-LED cuts of {d.light.pitch_mm:.1f} x "
+        "{d.light.strip_width_mm:g} mm, {d.light.strip_mm:.1f} mm in all; a {d.light.supply_v:g} V "
+        "strip that is cut at every LED",
         how="cut at every mark and soldered, by its DXF and the wiring drawing",
         look_for="plus to plus; no solder above the LEDs",
         flat=flat,

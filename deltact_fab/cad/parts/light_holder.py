@@ -22,23 +22,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
+from ..dimensions import Design
 from ..drafting.dimensioning import Axis, Centres, Cut, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..fit import Length, PlayFit
-from ..kernel import require
+from ..kernel import Shape, require
 from ..part import PRINT, RESIN, WHITE, Part
 from ..planes import band_mm2, common_circles_mm2
 from ..print_orientation import PrintPose
-from ..rule import Rule
-from ..solid_gate import Expected
+from ..rule import Quantity, Rule
+from ..solid_gate import Expected, around
 from .camera import UPPER_HOLES
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from .solids import cylinders
 
 WIRE = "0.08 mm²"
 WIRE_COLOURS = ("red", "black")  # plus, minus
@@ -66,12 +62,9 @@ def expect(design: Design) -> Expected:
         away = math.hypot(x, y)
         met_mm2 = common_circles_mm2(relief, radius, away) - common_circles_mm2(relief, bore, away)
         volume_mm3 -= met_mm2 * light.floor_mm
-    return Expected(
-        (volume_mm3, volume_mm3),
-        (
-            (-radius, -radius, design.z_board_front_mm),
-            (radius, radius, design.z_light_mm),
-        ),
+    return Expected.exact(
+        volume_mm3,
+        around(radius, radius, design.z_board_front_mm, design.z_light_mm),
         {
             **{key: asdict(light)[key] for key in SHOWN},
             "light_radius_mm": radius,
@@ -108,8 +101,7 @@ def build(design: Design) -> Shape:
         (design.camera_screw_centres_mm, design.head_relief_mm),
         (design.peg_centres_mm, design.peg_relief_mm),
     ):
-        below = cq.Workplane().workplane(offset=low_mm - 1).pushPoints(centres)
-        body = body.cut(below.circle(relief_mm).extrude(light.floor_mm + 1))
+        body = body.cut(cylinders(centres, 2 * relief_mm, low_mm - 1, light.floor_mm + 1))
     return body.val()
 
 
@@ -118,33 +110,23 @@ SHOWN = ("strip_width_mm", "channel_mm", "diffuser_mm", "wall_mm", "floor_mm", "
 
 def rules(d: Design) -> Iterator[Rule]:
     """Light holder: strip, bore, floor and reliefs."""
-    part, light = "light-holder", d.light
-    yield Rule(
-        part,
-        ("led_count x pitch", light.strip_mm),
-        "<=",
-        ("2 pi strip radius", 2 * math.pi * max(d.strip_radius_mm, 0.0)),
+    light = d.light
+    yield Quantity("led_count x pitch", light.strip_mm).at_most(
+        "2 pi strip radius", 2 * math.pi * max(d.strip_radius_mm, 0.0)
     )
     lens = d.camera.lens_diameter_mm / 2
-    yield Rule(
-        part,
-        ("lens radius + lens_clearance_mm", lens + light.lens_clearance_mm),
-        "<=",
-        ("bore radius", d.light_bore_mm),
-        ("camera.lens_diameter_mm",),
+    yield Quantity("lens radius + lens_clearance_mm", lens + light.lens_clearance_mm).at_most(
+        "bore radius", d.light_bore_mm, ("camera.lens_diameter_mm",)
     )
     depth = d.z_light_mm - d.z_board_front_mm - light.floor_mm
-    yield Rule(
-        part,
-        ("strip_width_mm", light.strip_width_mm),
-        "<=",
-        ("depth of the channel", depth),
-        ("camera.lens_height_mm",),
+    yield Quantity("strip_width_mm", light.strip_width_mm).at_most(
+        "depth of the channel", depth, ("camera.lens_height_mm",)
     )
     head = d.holder.row.head_height_mm + light.head_room_mm
-    yield Rule(
-        part, (f"{d.holder.screw} head + head_room_mm", head), "<=", ("floor_mm", light.floor_mm)
+    yield Quantity(f"{d.holder.screw} head + head_room_mm", head).at_most(
+        "floor_mm", light.floor_mm
     )
+    wall = Quantity("wall_mm", light.wall_mm)
     # A relief that does not reach the ring's edge leaves a strip of floor, and that is a wall.
     away = math.hypot(*d.camera_screw_centres_mm[0])
     for name, key, rest in (
@@ -152,35 +134,23 @@ def rules(d: Design) -> Iterator[Rule]:
         ("inside", "light.diffuser_mm", away - d.head_relief_mm - d.light_bore_mm),
     ):
         if rest > 0:
-            left = ("wall_mm", light.wall_mm)
-            text = f"floor {name} the reliefs (holder.head_clearance_mm, {key})"
-            yield Rule(part, left, "<=", (text, rest))
+            yield wall.at_most(f"floor {name} the reliefs (holder.head_clearance_mm, {key})", rest)
     (sx, sy), (px, py) = d.camera_screw_centres_mm[-1], d.peg_at_mm
     apart = min(math.hypot(px - sx, py - sy), math.hypot(px - sx, py + sy), 2 * px, 2 * py)
-    yield Rule(
-        part,
-        (
-            "two reliefs + wall_mm",
-            max(d.head_relief_mm, d.peg_relief_mm) + d.peg_relief_mm + light.wall_mm,
-        ),
-        "<=",
-        ("peg axis to the next peg or camera screw", apart),
-    )
+    yield Quantity(
+        "two reliefs + wall_mm",
+        max(d.head_relief_mm, d.peg_relief_mm) + d.peg_relief_mm + light.wall_mm,
+    ).at_most("peg axis to the next peg or camera screw", apart)
     inside = math.hypot(px, py) - d.peg_relief_mm - d.light_bore_mm
-    within = ("floor inside the lips' reliefs (cover.peg_y_mm)", inside)
-    yield Rule(part, ("wall_mm", light.wall_mm), "<=", within)
+    yield wall.at_most("floor inside the lips' reliefs (cover.peg_y_mm)", inside)
     outside = d.light_radius_mm - math.hypot(px, py) - d.peg_relief_mm
     if outside > 0:
-        left = ("wall_mm", light.wall_mm)
-        yield Rule(part, left, "<=", ("floor outside the lips' reliefs", outside))
+        yield wall.at_most("floor outside the lips' reliefs", outside)
     corner = math.hypot(*d.post_edge_mm)
-    yield Rule(
-        part,
-        ("outer radius + fit_mm", d.light_radius_mm + light.fit_mm),
-        "<=",
-        ("inner corner of the posts", corner),
+    yield Quantity("outer radius + fit_mm", d.light_radius_mm + light.fit_mm).at_most(
+        "inner corner of the posts", corner
     )
-    yield Rule(part, ("slot_mm", light.slot_mm), "<", ("bore radius", d.light_bore_mm))
+    yield Quantity("slot_mm", light.slot_mm).below("bore radius", d.light_bore_mm)
 
 
 def led_room_mm(d: Design) -> float:
@@ -198,35 +168,35 @@ def led_room_mm(d: Design) -> float:
 def fits(d: Design) -> Iterator[PlayFit]:
     """In the shell, below the acrylic, round the lens, and with its LEDs."""
     part, printer, light, cam = "light-holder", d.resin_printer, d.light, d.camera
-    ring = printer.outer("ring", 2 * d.light_radius_mm)
-    opening = printer.inner("opening of the shell", 2 * min(d.ledge_half_mm))
-    yield PlayFit("ring in the shell", f"{part}, shell", (opening,), (ring,), ("light.fit_mm",))
-    relief = printer.inner("relief", 2 * d.peg_relief_mm)
-    lips = printer.outer("over both lips", d.cover.hole_mm + 2 * d.cover.lip_mm)
+    ring = printer.outer(2 * d.light_radius_mm)
+    opening = printer.inner(2 * min(d.ledge_half_mm))
+    yield PlayFit("ring in the shell", f"{part}, shell", (opening,), (ring,), "light.fit_mm")
+    relief = printer.inner(2 * d.peg_relief_mm)
+    lips = printer.outer(d.cover.hole_mm + 2 * d.cover.lip_mm)
     yield PlayFit(
         "lips in the ring's reliefs",
         f"{part}, cover",
         (relief,),
-        (lips, printer.pitch("both patterns")),
-        ("light.lip_clearance_mm",),
+        (lips, printer.pitch()),
+        "light.lip_clearance_mm",
     )
-    led = Length("strip and LED on a chord", led_room_mm(d), light.led_tolerance_mm)
-    channel = printer.inner("channel", light.channel_mm)
+    led = Length(led_room_mm(d), light.led_tolerance_mm)
+    channel = printer.inner(light.channel_mm)
     yield PlayFit(
         "LED in its channel",
         f"{part}, LED strip",
         (channel,),
         (led,),
-        ("light.channel_mm", "light.led_height_mm"),
+        "light.channel_mm, light.led_height_mm",
     )
     off = cam.tolerance_mm
-    lens = Length("lens", cam.lens_diameter_mm, off, ("camera.lens_diameter_mm",))
+    lens = Length(cam.lens_diameter_mm, off, ("camera.lens_diameter_mm",))
     yield PlayFit(
         "lens in the bore",
         f"{part}, camera",
-        (printer.inner("bore", 2 * d.light_bore_mm),),
+        (printer.inner(2 * d.light_bore_mm),),
         (lens,),
-        ("light.lens_clearance_mm",),
+        "light.lens_clearance_mm",
     )
     yield below_plate(d)
 
@@ -236,21 +206,21 @@ def below_plate(d: Design) -> PlayFit:
     printer, cam = d.resin_printer, d.camera
     # The ring stands on the board, the board on its holder, the holder on the cover's floor.
     stack = (
-        printer.tall("holder", d.holder.clearance_mm),
-        Length("board", cam.board_mm, cam.tolerance_mm, ("camera.board_mm",)),
-        printer.tall("ring", d.z_light_mm - d.z_board_front_mm),
-        d.laser.sheet("plate", d.optics.acrylic_mm),
+        printer.tall(d.holder.clearance_mm),
+        Length(cam.board_mm, cam.tolerance_mm, ("camera.board_mm",)),
+        printer.tall(d.z_light_mm - d.z_board_front_mm),
+        d.laser.sheet(d.optics.acrylic_mm),
     )
     room = (
-        printer.tall("depth of the shell", d.shell_depth_mm),
-        printer.tall("depth of the pocket", d.optics.acrylic_mm),
+        printer.tall(d.shell_depth_mm),
+        printer.tall(d.optics.acrylic_mm),
     )
     return PlayFit(
         "ring below the acrylic, z",
         "light-holder, acrylic",
         room,
         stack,
-        ("light.axial_fit_mm", "laser.sheet_tolerance"),
+        "light.axial_fit_mm, laser.sheet_tolerance",
     )
 
 
@@ -258,17 +228,16 @@ def callouts(d: Design) -> Callouts:
     """The ring; section through channel, floor and wire slot."""
     light = d.light
     back, front = d.z_board_front_mm, d.z_light_mm
-    radii = {
-        "outer": d.light_radius_mm,
-        "channel": d.strip_radius_mm,
-        "diffuser": d.channel_inner_mm,
-        "bore": d.light_bore_mm,
-    }
+    r, channel, diffuser, bore = (
+        d.light_radius_mm,
+        d.strip_radius_mm,
+        d.channel_inner_mm,
+        d.light_bore_mm,
+    )
     slot = light.slot_mm / 2
     floor = back + light.floor_mm
     upper, screws = d.camera.hole_rows_mm[0], d.camera_screw_centres_mm
     relief, lips, (px, py) = d.head_relief_mm, d.peg_relief_mm, d.peg_at_mm
-    r = radii["outer"]
     fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
     # The ring ends inside the relief: the arrow goes to the side of the relief that it keeps.
     (x, y), inward = screws[1], 1 - relief / math.hypot(*screws[1])
@@ -278,22 +247,11 @@ def callouts(d: Design) -> Callouts:
     items: list[Item] = [
         Centres("top", ((0, 0, front),), r),
         y_of("left", -r, r, "bottom", 0, back, before="Ø", limits=fitted),
-        y_of(
-            "left", -radii["channel"], radii["channel"], "top", 0, front, before="Ø", limits=fitted
-        ),
-        y_of(
-            "left",
-            -radii["diffuser"],
-            radii["diffuser"],
-            "top",
-            0,
-            front,
-            before="Ø",
-            limits=fitted,
-        ),
-        y_of("left", -radii["bore"], radii["bore"], "bottom", 0, back, before="Ø"),
+        y_of("left", -channel, channel, "top", 0, front, before="Ø", limits=fitted),
+        y_of("left", -diffuser, diffuser, "top", 0, front, before="Ø", limits=fitted),
+        y_of("left", -bore, bore, "bottom", 0, back, before="Ø"),
         z_of("left", back, front, "left", 0, r, limits=tall),
-        z_of("left", back, floor, "left", 0, radii["channel"]),
+        z_of("left", back, floor, "left", 0, channel),
         x_of("top", -slot, slot, "bottom", -r, front),
         x_of("top", screws[0][0], screws[1][0], "top", upper, back),
         y_of("top", 0, upper, "left", screws[0][0], back),
@@ -316,11 +274,6 @@ def callouts(d: Design) -> Callouts:
     )  # fmt: skip
 
 
-def wall_mm(d: Design) -> float:
-    """The thinnest of outer wall, diffuser and floor."""
-    return min(d.light.wall_mm, d.light.diffuser_mm, d.light.floor_mm)
-
-
 PARTS = (
     Part(
         "light-holder",
@@ -340,7 +293,6 @@ PARTS = (
         ),
         rules=rules,
         fits=fits,
-        wall_mm=wall_mm,
         wall_keys=("light.wall_mm", "light.diffuser_mm", "light.floor_mm"),
         in_view=True,
         callouts=callouts,

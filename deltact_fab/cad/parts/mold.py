@@ -22,22 +22,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...aliases import Point2
+from ..dimensions import Design
 from ..drafting.dimensioning import Axis, Cut, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import PlayFit
-from ..kernel import require
-from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
-from ..rule import Rule
-from ..solid_gate import Expected
+from ..kernel import Shape, require
+from ..part import AMBER, PRINT, RESIN, Part
+from ..rule import Quantity, Rule
+from ..solid_gate import Expected, around
 from .skin_frame import window_area_mm2
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
 
 # The mold's drawing and the guide say the same.
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
@@ -76,10 +72,8 @@ def expect(design: Design) -> Expected:
     cut_mm2 = seat[0] * seat[1] + 2 * mold.pry_width_mm * mold.pry_mm
     cut_mm3 = cavity_volume_mm3(design) + cut_mm2 * mold.seat_mm
     volume_mm3 = x * y * z - mold.columns * mold.rows * cut_mm3
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-x / 2, -y / 2, 0.0), (x / 2, y / 2, z)),
-        {**asdict(design.skin), **asdict(mold)},
+    return Expected.exact(
+        volume_mm3, around(x / 2, y / 2, 0.0, z), {**asdict(design.skin), **asdict(mold)}
     )
 
 
@@ -115,26 +109,23 @@ def _cutter(cq: Any, design: Design) -> Any:
 def rules(d: Design) -> Iterator[Rule]:
     """Webs, seats and notches."""
     mold = d.mold
-    yield Rule("mold", ("pry_mm", mold.pry_mm), "<", ("web_mm / 2", mold.web_mm / 2))
-    yield Rule("mold", ("seat_mm", mold.seat_mm), "<", ("frame height", d.frame_height_mm))
-    yield Rule("mold", ("pry_width_mm", mold.pry_width_mm), "<", ("outer x", d.frame_outer_mm[0]))
+    yield Quantity("pry_mm", mold.pry_mm).below("web_mm / 2", mold.web_mm / 2)
+    yield Quantity("seat_mm", mold.seat_mm).below("frame height", d.frame_height_mm)
+    yield Quantity("pry_width_mm", mold.pry_width_mm).below("outer x", d.frame_outer_mm[0])
     # Two notches face each other across a web; half a wall stays on either side.
-    yield Rule(
-        "mold",
-        ("fit_mm + pry_mm + shell.wall_mm / 2", mold.fit_mm + mold.pry_mm + d.shell.wall_mm / 2),
-        "<=",
-        ("web_mm / 2", mold.web_mm / 2),
-    )
+    yield Quantity(
+        "fit_mm + pry_mm + shell.wall_mm / 2", mold.fit_mm + mold.pry_mm + d.shell.wall_mm / 2
+    ).at_most("web_mm / 2", mold.web_mm / 2)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
     """The frame in its seat."""
     printer = d.resin_printer
     for i, axis in enumerate("xy"):
-        seat = printer.inner("seat", seat_mm(d)[i])
-        frame = printer.outer("frame", d.frame_outer_mm[i])
+        seat = printer.inner(seat_mm(d)[i])
+        frame = printer.outer(d.frame_outer_mm[i])
         yield PlayFit(
-            f"frame in its seat, {axis}", "mold, skin-frame", (seat,), (frame,), ("mold.fit_mm",)
+            f"frame in its seat, {axis}", "mold, skin-frame", (seat,), (frame,), "mold.fit_mm"
         )
 
 
@@ -221,7 +212,7 @@ PARTS = (
         derived=("mold_outer_mm", "frame_outer_mm", "skin_volume_mm3"),
         rules=rules,
         fits=fits,
-        wall_mm=shell_wall_mm,
+        wall_keys=("shell.wall_mm",),
         callouts=callouts,
         note=note,
         look_for="cavity floors glossy: what is there is on every skin",

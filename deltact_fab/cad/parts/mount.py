@@ -23,20 +23,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
 
 from ...aliases import Point, Vector
+from ..dimensions import Design
 from ..drafting.dimensioning import Axis, Item, Leader, Linear, shown
 from ..drafting.items import holes, x_of, y_of, z_of
 from ..fit import Length, PlayFit
-from ..kernel import require
-from ..rule import Rule
+from ..kernel import Workplane, require
+from ..rule import Quantity, Rule
 from ..solid_gate import Box, Expected
-
-if TYPE_CHECKING:
-    from cadquery import Workplane
-
-    from ..dimensions import Design
+from .solids import cuboid
 
 
 def bars(design: Design) -> list[Box]:
@@ -108,23 +104,10 @@ def expect(design: Design) -> Expected:
     for low, high in cuboids[1:]:
         x0, y0, z0 = min(x0, low[0]), min(y0, low[1]), min(z0, low[2])
         x1, y1, z1 = max(x1, high[0]), max(y1, high[1]), max(z1, high[2])
-    return Expected(
-        (volume_mm3, volume_mm3),
+    return Expected.exact(
+        volume_mm3,
         ((x0, y0, z0), (x1, y1, z1)),
-        {
-            "length_mm": mount.length_mm,
-            "width_mm": mount.width_mm,
-            "height_mm": mount.height_mm,
-            "hole_pitch_mm": mount.hole_pitch_mm,
-            "flange_mm": mount.flange_mm,
-            "flange_width_mm": mount.flange_width_mm,
-            "flange_height_mm": mount.flange_height_mm,
-            "flange_pitch_mm": mount.flange_pitch_mm,
-            "flange_hole_mm": mount.flange_hole_mm,
-            "counterbore_mm": mount.counterbore_mm,
-            "counterbore_depth_mm": mount.counterbore_depth_mm,
-            "arm_mm": mount.arm_mm,
-        },
+        {key: getattr(mount, key) for key in SHAPED},
     )
 
 
@@ -132,11 +115,11 @@ def build(design: Design) -> Workplane:
     """The mount alone in the sensor frame; it touches the shell's +y face and overlaps nothing."""
     cq = require()
     first, *others = bars(design)
-    body = cuboid(cq, first)
+    body = cuboid(first)
     for box in others:
-        body = body.union(cuboid(cq, box))
+        body = body.union(cuboid(box))
     if design.z_boss_mm > design.z_floor_mm:
-        body = body.cut(boss_room(cq, design))
+        body = body.cut(boss_room(design))
     for start, end in hole_axes(design):
         axis = cq.Vector(*end) - cq.Vector(*start)
         along = axis.normalized()
@@ -151,19 +134,12 @@ def build(design: Design) -> Workplane:
     return body
 
 
-def cuboid(cq: Any, box: Box) -> Workplane:
-    """A box from corner to corner."""
-    low, high = box
-    size = [b - a for a, b in zip(low, high, strict=True)]
-    return cq.Workplane(cq.Solid.makeBox(*size, cq.Vector(*low)))
-
-
-def boss_room(cq: Any, design: Design) -> Workplane:
+def boss_room(design: Design) -> Workplane:
     """Cutter of the four corners below z_boss: boss + fit, inwards and outwards alike."""
     x, y = (side / 2 for side in design.frame_outer_mm)
     fit, room, low = design.cover.fit_mm, design.boss_room_mm, design.z_floor_mm - 1
     square = room + fit
-    plan = cq.Workplane().workplane(offset=low).pushPoints(
+    plan = require().Workplane().workplane(offset=low).pushPoints(
         [(sx * (x + fit - square / 2), sy * (y + fit - square / 2))
          for sx in (-1, 1) for sy in (-1, 1)]
     )  # fmt: skip
@@ -172,25 +148,19 @@ def boss_room(cq: Any, design: Design) -> Workplane:
 
 def rules(d: Design) -> Iterator[Rule]:
     """The mount on the shell, its holes, and the room of heads and washers."""
-    part, mount = "shell", d.mount
-    yield Rule(
-        part,
-        ("mount.height_mm", mount.height_mm),
-        "<=",
-        ("depth of the shell", d.z_joint_mm - d.z_floor_mm),
+    mount = d.mount
+    yield Quantity("mount.height_mm", mount.height_mm).at_most(
+        "depth of the shell", d.z_joint_mm - d.z_floor_mm
     )
-    yield Rule(part, ("mount.width_mm", mount.width_mm), "<=", ("outer x", d.frame_outer_mm[0]))
+    yield Quantity("mount.width_mm", mount.width_mm).at_most("outer x", d.frame_outer_mm[0])
     # Where the mount stands over the cover's bosses it keeps their fit.
     solid = {
         "block": (mount.length_mm - mount.hole_pitch_mm - mount.hole_mm) / 2,
         "franka": mount.length_mm - mount.flange_mm,
         "plate": mount.length_mm,
     }
-    yield Rule(
-        part,
-        ("cover.fit_mm", d.cover.fit_mm),
-        "<",
-        ("solid length of the mount", solid[mount.kind]),
+    yield Quantity("cover.fit_mm", d.cover.fit_mm).below(
+        "solid length of the mount", solid[mount.kind]
     )
     wall = 1.5
     if mount.kind == "plate":
@@ -203,113 +173,54 @@ def rules(d: Design) -> Iterator[Rule]:
     hole, hole_mm = "hole", mount.hole_mm
     if mount.kind == "franka":
         hole, hole_mm = "counterbore", mount.counterbore_mm
-    yield Rule(
-        part,
-        (f"mount.{key} + {hole} + 2 x 1.5", pitch + hole_mm + 2 * wall),
-        "<=",
-        (f"mount.{side}", along),
-        rests_on,
+    yield Quantity(f"mount.{key} + {hole} + 2 x 1.5", pitch + hole_mm + 2 * wall).at_most(
+        f"mount.{side}", along, rests_on
     )
-    yield Rule(
-        part,
-        (f"mount: {hole} + 1.5", hole_mm + wall),
-        "<=",
-        (f"mount.{key}", pitch),
-        rests_on,
-    )
+    yield Quantity(f"mount: {hole} + 1.5", hole_mm + wall).at_most(f"mount.{key}", pitch, rests_on)
     width = mount.width_mm if mount.kind == "block" else mount.flange_width_mm
-    yield Rule(
-        part, (f"mount: {hole} + 2 x 1.5", hole_mm + 2 * wall), "<=", ("mount's width", width)
-    )
+    yield Quantity(f"mount: {hole} + 2 x 1.5", hole_mm + 2 * wall).at_most("mount's width", width)
     if mount.kind == "franka":
-        yield Rule(
-            part,
-            ("mount.flange_mm + 2", mount.flange_mm + 2.0),
-            "<",
-            ("mount.length_mm", mount.length_mm),
+        yield Quantity("mount.flange_mm + 2", mount.flange_mm + 2.0).below(
+            "mount.length_mm", mount.length_mm
         )
-        yield Rule(
-            part,
-            ("mount.flange_height_mm", mount.flange_height_mm),
-            "<=",
-            ("height of the sensor", -d.z_back_mm),
-            ("mount.flange_height_mm",),
+        yield Quantity("mount.flange_height_mm", mount.flange_height_mm).at_most(
+            "height of the sensor", -d.z_back_mm, ("mount.flange_height_mm",)
         )
-        yield Rule(
-            part,
-            ("mount.flange_width_mm", mount.flange_width_mm),
-            "<=",
-            ("outer x", d.frame_outer_mm[0]),
-            ("mount.flange_width_mm",),
+        yield Quantity("mount.flange_width_mm", mount.flange_width_mm).at_most(
+            "outer x", d.frame_outer_mm[0], ("mount.flange_width_mm",)
         )
         # The heads have their place above and below the arm, and 2 mm of flange under them.
-        yield Rule(
-            part,
-            (
-                "mount.arm_mm + mount.counterbore_mm + 0.4",
-                mount.arm_mm + mount.counterbore_mm + 0.4,
-            ),
-            "<=",
-            ("mount.flange_pitch_mm", mount.flange_pitch_mm),
-            rests_on,
+        yield Quantity(
+            "mount.arm_mm + mount.counterbore_mm + 0.4", mount.arm_mm + mount.counterbore_mm + 0.4
+        ).at_most("mount.flange_pitch_mm", mount.flange_pitch_mm, rests_on)
+        yield Quantity(f"mount: head {mount.screw} + 0.5", mount.head_mm + 0.5).at_most(
+            "mount.counterbore_mm", mount.counterbore_mm
         )
-        yield Rule(
-            part,
-            (f"mount: head {mount.screw} + 0.5", mount.head_mm + 0.5),
-            "<=",
-            ("mount.counterbore_mm", mount.counterbore_mm),
+        yield Quantity("mount.flange_hole_mm", mount.flange_hole_mm).below(
+            f"mount: head {mount.screw}", mount.head_mm, ("mount.flange_hole_mm",)
         )
-        yield Rule(
-            part,
-            ("mount.flange_hole_mm", mount.flange_hole_mm),
-            "<",
-            (f"mount: head {mount.screw}", mount.head_mm),
-            ("mount.flange_hole_mm",),
+        yield Quantity("mount.counterbore_depth_mm + 2", mount.counterbore_depth_mm + 2.0).at_most(
+            "mount.flange_mm", mount.flange_mm
         )
-        yield Rule(
-            part,
-            ("mount.counterbore_depth_mm + 2", mount.counterbore_depth_mm + 2.0),
-            "<=",
-            ("mount.flange_mm", mount.flange_mm),
-        )
-        yield Rule(
-            part,
-            (f"stress in mount.arm_mm under {d.plate.force_n:g} N, MPa", arm_stress_mpa(d)),
-            "<=",
-            ("mount.stress_limit_mpa", mount.stress_limit_mpa),
-            ("mount.stress_limit_mpa",),
-        )
+        yield Quantity(
+            f"stress in mount.arm_mm under {d.plate.force_n:g} N, MPa", arm_stress_mpa(d)
+        ).at_most("mount.stress_limit_mpa", mount.stress_limit_mpa, ("mount.stress_limit_mpa",))
         # A screw that grips by 1.5 d goes in head last: the gap takes all of it.
         under_mm = mount.flange_mm - mount.counterbore_depth_mm
-        yield Rule(
-            part,
-            (
-                f"flange under the head + 2.5 x {mount.screw}",
-                under_mm + 2.5 * float(mount.screw.removeprefix("M")),
-            ),
-            "<=",
-            ("gap between shell and flange", mount.length_mm - mount.flange_mm),
-        )
-        yield Rule(
-            part,
-            ("front of the mount's arm", d.flange_arm_z_mm[1]),
-            "<=",
-            ("joint", d.z_joint_mm),
-            ("mount.flange_height_mm",),
+        yield Quantity(
+            f"flange under the head + 2.5 x {mount.screw}",
+            under_mm + 2.5 * float(mount.screw.removeprefix("M")),
+        ).at_most("gap between shell and flange", mount.length_mm - mount.flange_mm)
+        yield Quantity("front of the mount's arm", d.flange_arm_z_mm[1]).at_most(
+            "joint", d.z_joint_mm, ("mount.flange_height_mm",)
         )
         return
     # A head or a washer beside the shell, and two of them side by side.
-    yield Rule(
-        part,
-        (f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + mount.washer_mm),
-        "<=",
-        ("mount.length_mm", mount.length_mm),
-    )
-    yield Rule(
-        part,
-        (f"mount: washer {mount.screw}", mount.washer_mm),
-        "<=",
-        ("mount.hole_pitch_mm", mount.hole_pitch_mm),
+    yield Quantity(
+        f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + mount.washer_mm
+    ).at_most("mount.length_mm", mount.length_mm)
+    yield Quantity(f"mount: washer {mount.screw}", mount.washer_mm).at_most(
+        "mount.hole_pitch_mm", mount.hole_pitch_mm
     )
 
 
@@ -318,10 +229,10 @@ def fits(d: Design) -> Iterator[PlayFit]:
     mount, printer = d.mount, d.resin_printer
     if mount.kind != "franka":
         return
-    pitch = Length("pitch", 0.0, printer.height_mm, ("mount.flange_pitch_mm",))
-    screw = Length(mount.screw, float(mount.screw.removeprefix("M")))
-    hole = printer.tall("hole", mount.hole_mm)
-    parts, keys = "shell, finger", ("mount.screw", "mount.flange_pitch_mm")
+    pitch = Length(0.0, printer.height_mm, ("mount.flange_pitch_mm",))
+    screw = Length(float(mount.screw.removeprefix("M")))
+    hole = printer.tall(mount.hole_mm)
+    parts, keys = "shell, finger", "mount.screw, mount.flange_pitch_mm"
     yield PlayFit(f"{mount.screw} through the flange", parts, (hole,), (screw, pitch), keys)
 
 
@@ -373,6 +284,7 @@ FLANGE = (
     "flange_mm", "flange_width_mm", "flange_height_mm", "flange_pitch_mm", "flange_hole_mm",
     "counterbore_mm", "counterbore_depth_mm",
 )  # fmt: skip
+SHAPED = ("length_mm", "width_mm", "height_mm", "hole_pitch_mm", *FLANGE, "arm_mm")
 
 
 def rests_on(d: Design) -> tuple[str, ...]:

@@ -10,16 +10,12 @@ Frame: as the adapter's, z = 0 on it. Its numbers stand in `[adapter]`, with wha
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-from ..kernel import require
+from ..dimensions import Design
+from ..kernel import Shape
 from ..part import BOUGHT, STEEL, Part, Shift
-from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from ..solid_gate import Expected, around
+from .solids import cylinders
 
 
 def expect(design: Design) -> Expected:
@@ -27,24 +23,17 @@ def expect(design: Design) -> Expected:
     r, high = design.adapter.sensor_mm / 2, design.adapter.sensor_height_mm
     volume_mm3 = math.pi * r**2 * high
     about = {"diameter_mm": 2 * r, "height_mm": high}
-    return Expected((volume_mm3, volume_mm3), ((-r, -r, 0.0), (r, r, high)), about)
+    return Expected.exact(volume_mm3, around(r, r, 0.0, high), about)
 
 
 def build(design: Design) -> Shape:
     """The cylinder as one solid."""
-    sensor = design.adapter
-    disc = require().Workplane().circle(sensor.sensor_mm / 2)
-    return disc.extrude(sensor.sensor_height_mm).val()
+    return cylinders([(0, 0)], design.adapter.sensor_mm, 0, design.adapter.sensor_height_mm).val()
 
 
 def places(design: Design) -> list[Shift]:
     """On the adapter, which lies on the tool holder's flange."""
     return [(0.0, 0.0, design.tool.height_mm + design.adapter.thickness_mm)]
-
-
-def note(d: Design) -> str:
-    """Its size, which nobody has measured here."""
-    return f"{d.adapter.sensor_mm:g} mm wide, {d.adapter.sensor_height_mm:g} mm high as published"
 
 
 PARTS = (
@@ -59,7 +48,7 @@ PARTS = (
         colour=STEEL,
         places=places,
         sections=("adapter",),
-        note=note,
+        note="{d.adapter.sensor_mm:g} mm wide, {d.adapter.sensor_height_mm:g} mm high as published",
         how="bought",
         look_for="measure its diameter, height and bolt circle before the adapter is printed",
     ),

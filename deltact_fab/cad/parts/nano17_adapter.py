@@ -13,23 +13,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 from ..bench_sections import BOLT, BOLTS
+from ..dimensions import Design
 from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Length, PlayFit
-from ..kernel import require
-from ..part import BLACK, PRINT, RESIN, Part, Shift, shell_wall_mm
+from ..kernel import Shape
+from ..part import BLACK, PRINT, RESIN, Part, Shift
 from ..print_orientation import PrintPose
-from ..rule import Rule
-from ..solid_gate import Expected
+from ..rule import Quantity, Rule
+from ..solid_gate import Expected, around
+from .solids import cylinders
 from .tool_holder import SCREWS
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
 
 SIZE = ("adapter.sensor_mm", "adapter.sensor_height_mm")
 KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_turn_deg")
@@ -45,61 +41,53 @@ def expect(design: Design) -> Expected:
     bolt = plate.bolt_hole_mm**2 * (high - sunk) + plate.bolt_bore_mm**2 * sunk
     volume_mm3 -= BOLTS * math.pi / 4 * bolt
     about = {k: v for k, v in asdict(plate).items() if k != "measured"}
-    return Expected((volume_mm3, volume_mm3), ((-r, -r, 0.0), (r, r, high)), about)
+    return Expected.exact(volume_mm3, around(r, r, 0.0, high), about)
 
 
 def build(design: Design) -> Shape:
     """The plate as one solid."""
-    cq = require()
     plate, tool = design.adapter, design.tool
     high = plate.thickness_mm
-    body = cq.Workplane().circle(tool.flange_diameter_mm / 2).extrude(high)
-    low = cq.Workplane(origin=(0, 0, -1))
+    body = cylinders([(0, 0)], tool.flange_diameter_mm, 0, high)
     for centres, diameter, depth in (
         (tool.screw_centres_mm, plate.pilot_mm, high + 2),
         ([tool.pin_at_mm], tool.pin_mm, high + 2),
         (plate.bolt_centres_mm, plate.bolt_hole_mm, high + 2),
         (plate.bolt_centres_mm, plate.bolt_bore_mm, plate.bolt_bore_depth_mm + 1),
     ):
-        body = body.cut(low.pushPoints(centres).circle(diameter / 2).extrude(depth))
+        body = body.cut(cylinders(centres, diameter, -1, depth))
     return body.val()
 
 
 def rules(d: Design) -> Iterator[Rule]:
     """Walls between the holes, and thread enough."""
-    part, plate, tool = "nano17-adapter", d.adapter, d.tool
-    yield Rule(
-        part,
-        ("bolt_bore_depth_mm + 2", plate.bolt_bore_depth_mm + 2.0),
-        "<=",
-        ("adapter.thickness_mm", plate.thickness_mm),
+    plate, tool = d.adapter, d.tool
+    yield Quantity("bolt_bore_depth_mm + 2", plate.bolt_bore_depth_mm + 2.0).at_most(
+        "adapter.thickness_mm", plate.thickness_mm
     )
-    yield Rule(
-        part,
-        ("adapter.bolt_circle_mm + hole", plate.bolt_circle_mm + plate.bolt_hole_mm),
-        "<=",
-        ("adapter.sensor_mm", plate.sensor_mm),
-        KEYS,
-    )
-    wall = ("shell.wall_mm", d.shell.wall_mm)
+    yield Quantity(
+        "adapter.bolt_circle_mm + hole", plate.bolt_circle_mm + plate.bolt_hole_mm
+    ).at_most("adapter.sensor_mm", plate.sensor_mm, KEYS)
+    wall = Quantity("shell.wall_mm", d.shell.wall_mm)
     outer = [(at, plate.pilot_mm) for at in tool.screw_centres_mm] + [(tool.pin_at_mm, tool.pin_mm)]
     near = min(
         math.dist(a, b) - hole / 2 - plate.bolt_bore_mm / 2
         for a in plate.bolt_centres_mm
         for b, hole in outer
     )
-    yield Rule(part, wall, "<=", ("wall between the holes", near), KEYS)
+    yield wall.at_most("wall between the holes", near, KEYS)
     apart = plate.bolt_circle_mm * math.sin(math.pi / BOLTS) - plate.bolt_bore_mm
-    yield Rule(part, wall, "<=", ("wall between two heads", apart), KEYS)
+    yield wall.at_most("wall between two heads", apart, KEYS)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
     """Three screws into a sensor, whose own pattern is taken to be exact."""
     plate, printer = d.adapter, d.resin_printer
-    hole = printer.inner("hole", plate.bolt_hole_mm)
-    body = (Length("M2", BOLT.thread_mm, 0.0, KEYS), printer.pitch("pitch", 0.0))
-    yield PlayFit("M2 into the force sensor", "nano17-adapter", (hole,), body,
-              ("adapter.bolt_hole_mm",))  # fmt: skip
+    hole = printer.inner(plate.bolt_hole_mm)
+    body = (Length(BOLT.thread_mm, 0.0, KEYS), printer.pitch(0.0))
+    yield PlayFit(
+        "M2 into the force sensor", "nano17-adapter", (hole,), body, "adapter.bolt_hole_mm"
+    )
 
 
 def callouts(d: Design) -> Callouts:
@@ -130,11 +118,6 @@ def places(design: Design) -> list[Shift]:
     return [(0.0, 0.0, design.tool.height_mm)]
 
 
-def note(d: Design) -> str:
-    """What goes with it."""
-    return "three M2 (ISO 4762) into the force sensor; its bolt circle is assumed: measure yours"
-
-
 PARTS = (
     Part(
         "nano17-adapter",
@@ -150,9 +133,9 @@ PARTS = (
         rules=rules,
         fits=fits,
         bound_by=("tool-holder",),
-        wall_mm=shell_wall_mm,
+        wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        note=note,
+        note="three M2 (ISO 4762) into the force sensor; its bolt circle is assumed: measure yours",
         lies=PrintPose("+z", "force sensor's side"),
         look_for="flat on both sides; the force sensor's screws go in by hand",
     ),

@@ -16,17 +16,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
-from ..kernel import require
+from ..dimensions import Design
+from ..kernel import Shape, require
 from ..part import BOUGHT, STEEL, Part, Shift
-from ..rule import Rule
-from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from ..rule import Quantity, Rule
+from ..solid_gate import Expected, around
+from .solids import cylinders
 
 
 def expect(design: Design) -> Expected:
@@ -36,12 +32,9 @@ def expect(design: Design) -> Expected:
     volume_mm3 -= math.sqrt(3) / 2 * row.socket_mm**2 * row.head_height_mm / 2
     volume_mm3 += math.pi / 4 * row.thread_mm**2 * length_mm
     head = row.head_mm / 2
-    return Expected(
-        (volume_mm3, volume_mm3),
-        (
-            (-head, -head, design.z_head_mm - row.head_height_mm),
-            (head, head, design.z_head_mm + length_mm),
-        ),
+    return Expected.exact(
+        volume_mm3,
+        around(head, head, design.z_head_mm - row.head_height_mm, design.z_head_mm + length_mm),
         {"length_mm": length_mm, "thread_mm": row.thread_mm, "head_mm": row.head_mm},
     )
 
@@ -51,16 +44,15 @@ def build(design: Design) -> Shape:
     cq = require()
     row = design.screw.row
     under_mm, back_mm = design.z_head_mm, design.z_head_mm - row.head_height_mm
-    head = cq.Workplane().workplane(offset=back_mm).circle(row.head_mm / 2)
-    shank = cq.Workplane().workplane(offset=under_mm).circle(row.thread_mm / 2)
+    head = cylinders([(0, 0)], row.head_mm, back_mm, row.head_height_mm)
+    shank = cylinders([(0, 0)], row.thread_mm, under_mm, design.screw.length_mm)
     socket = (
         cq.Workplane()
         .workplane(offset=back_mm - 1)
         .polygon(6, row.socket_mm, circumscribed=True)
         .extrude(row.head_height_mm / 2 + 1)
     )
-    body = head.extrude(row.head_height_mm).union(shank.extrude(design.screw.length_mm))
-    return body.cut(socket).val()
+    return head.union(shank).cut(socket).val()
 
 
 def places(d: Design) -> list[Shift]:
@@ -71,20 +63,12 @@ def places(d: Design) -> list[Shift]:
 def rules(d: Design) -> Iterator[Rule]:
     """The length that grips, and the heads behind nothing."""
     screw, row = d.screw, d.screw.row
-    yield Rule(
-        "screw",
-        (f"2 x thread {screw.thread}", 2 * row.thread_mm),
-        "<=",
-        ("screw.engagement_mm", screw.engagement_mm),
+    yield Quantity(f"2 x thread {screw.thread}", 2 * row.thread_mm).at_most(
+        "screw.engagement_mm", screw.engagement_mm
     )
-    yield Rule(
-        "screw", ("screw.engagement_mm", screw.engagement_mm), "<", ("length_mm", screw.length_mm)
-    )
-    yield Rule(
-        "screw",
-        ("back of the sensor", d.z_back_mm),
-        "<=",
-        ("back of the screw heads (screw.length_mm)", d.z_head_mm - row.head_height_mm),
+    yield Quantity("screw.engagement_mm", screw.engagement_mm).below("length_mm", screw.length_mm)
+    yield Quantity("back of the sensor", d.z_back_mm).at_most(
+        "back of the screw heads (screw.length_mm)", d.z_head_mm - row.head_height_mm
     )
 
 

@@ -23,24 +23,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
 
+from ..dimensions import Design
 from ..drafting.dimensioning import Axis, Cut, Detail, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Length, PlayFit
-from ..kernel import require
-from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..kernel import Shape, Workplane
+from ..part import BLACK, PRINT, RESIN, Part
 from ..print_orientation import PrintPose
-from ..rule import Rule
-from ..solid_gate import Box, Expected
+from ..rule import Quantity, Rule
+from ..solid_gate import Box, Expected, around
 from . import mount
 from .acrylic import notched
-from .mount import boss_room, cuboid
-
-if TYPE_CHECKING:
-    from cadquery import Shape, Workplane
-
-    from ..dimensions import Design
+from .mount import boss_room
+from .solids import cuboid, cylinders, prism
 
 
 def expect(design: Design) -> Expected:
@@ -48,8 +44,8 @@ def expect(design: Design) -> Expected:
     alone, added = bare(design), mount.expect(design)
     volume_mm3 = alone.volume_mm3[0] + added.volume_mm3[0]
     (low, high), (low_m, high_m) = alone.box_mm, added.box_mm
-    return Expected(
-        (volume_mm3, volume_mm3),
+    return Expected.exact(
+        volume_mm3,
         (
             (min(low[0], low_m[0]), low[1], min(low[2], low_m[2])),
             (max(high[0], high_m[0]), high_m[1], max(high[2], high_m[2])),
@@ -77,9 +73,9 @@ def bare(design: Design) -> Expected:
     volume_mm3 += 4 * (px * ledge_y + py * ledge_x) * carried_mm
     volume_mm3 -= shell.cable_width_mm * shell.cable_height_mm * wall
     half = (outer_x / 2, outer_y / 2)
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-half[0], -half[1], design.z_floor_mm), (half[0], half[1], design.z_joint_mm)),
+    return Expected.exact(
+        volume_mm3,
+        around(half[0], half[1], design.z_floor_mm, design.z_joint_mm),
         {
             "outer_x_mm": outer_x,
             "outer_y_mm": outer_y,
@@ -100,110 +96,76 @@ def bare(design: Design) -> Expected:
 
 def build(design: Design) -> Shape:
     """The shell with its mount as one solid in the sensor frame."""
-    cq = require()
-    return body(cq, design).union(mount.build(design)).val()
+    return body(design).union(mount.build(design)).val()
 
 
-def body(cq: Any, design: Design) -> Workplane:
+def body(design: Design) -> Workplane:
     """The shell without mount and tabs; the posts are what the cavity leaves."""
     shell, (x, y) = design.shell, design.cavity_half_mm
     outer_x, outer_y = design.frame_outer_mm
     floor, joint = design.z_floor_mm, design.z_joint_mm
     ledge = joint - shell.ledge_height_mm
     corner = (design.post_mm - shell.wall_mm, design.post_mm - shell.wall_mm)
-    body = cuboid(cq, ((-outer_x / 2, -outer_y / 2, floor), (outer_x / 2, outer_y / 2, joint)))
+    body = cuboid(((-outer_x / 2, -outer_y / 2, floor), (outer_x / 2, outer_y / 2, joint)))
     # One cutter inside the other: between the ledges the cavity is only narrower.
     inward = design.ledge_reach_mm
     for (dx, dy), high in (((0.0, 0.0), ledge), (inward, joint + 1)):
         low = floor - 1
         outline = notched((x - dx, y - dy), (corner[0] - dx, corner[1] - dy))
-        plan = cq.Workplane().workplane(offset=low).polyline(outline).close()
-        body = body.cut(plan.extrude(high - low))
+        body = body.cut(prism(outline, low, high - low))
     if shell.ledge_drop_mm > 0:
-        above = cq.Workplane().workplane(offset=joint - shell.ledge_drop_mm)
-        plan = above.polyline(notched((x, y), corner)).close()
-        body = body.cut(plan.extrude(shell.ledge_drop_mm + 1))
+        drop = shell.ledge_drop_mm
+        body = body.cut(prism(notched((x, y), corner), joint - drop, drop + 1))
     if design.z_boss_mm > floor:
-        body = body.cut(boss_room(cq, design))
-    holes = (
-        cq.Workplane()
-        .workplane(offset=floor - 1)
-        .pushPoints(design.screw_centres_mm)
-        .circle(design.screw.row.clearance_mm / 2)
-        .extrude(design.shell_depth_mm + 2)
-    )
+        body = body.cut(boss_room(design))
+    clearance, deep = design.screw.row.clearance_mm, design.shell_depth_mm
+    holes = cylinders(design.screw_centres_mm, clearance, floor - 1, deep + 2)
     half = shell.cable_width_mm / 2
     notch: Box = (
         (-half, -outer_y / 2 - 1, floor - 1),
         (half, 1 - y, floor + shell.cable_height_mm),
     )
-    return body.cut(holes).cut(cuboid(cq, notch))
+    return body.cut(holes).cut(cuboid(notch))
 
 
 def rules(d: Design) -> Iterator[Rule]:
     """Posts, cable notch and ledge, and the mount's own."""
-    part, shell = "shell", d.shell
+    shell = d.shell
     room_x = 2 * d.post_edge_mm[0]
-    yield Rule(
-        part, ("cable_width_mm", shell.cable_width_mm), "<", ("room between the posts", room_x)
-    )
+    yield Quantity("cable_width_mm", shell.cable_width_mm).below("room between the posts", room_x)
     # The board stands between the cable's notch and the room of the light holder.
     room_z = d.holder.clearance_mm
-    yield Rule(
-        part, ("cable_height_mm", shell.cable_height_mm), "<=", ("holder.clearance_mm", room_z)
+    yield Quantity("cable_height_mm", shell.cable_height_mm).at_most("holder.clearance_mm", room_z)
+    yield Quantity("ledge_height_mm + 2", shell.ledge_height_mm + 2.0).below(
+        "depth of the shell", d.z_joint_mm - d.z_floor_mm
     )
-    yield Rule(
-        part,
-        ("ledge_height_mm + 2", shell.ledge_height_mm + 2.0),
-        "<",
-        ("depth of the shell", d.z_joint_mm - d.z_floor_mm),
-    )
-    edge = ("plate.ledge_mm", d.plate.ledge_mm)
+    edge = Quantity("plate.ledge_mm", d.plate.ledge_mm)
     held = d.acrylic_half_mm[1] - d.ledge_half_mm[1]
-    yield Rule(part, edge, "<=", ("acrylic's edge on the ledge", held))
+    yield edge.at_most("acrylic's edge on the ledge", held)
     if shell.ledge_x_mm > 0:
         held = d.acrylic_half_mm[0] - d.ledge_half_mm[0]
-        what = ("acrylic's edge on the ledge in x (shell.ledge_x_mm, frame.seat_x_mm)", held)
-        yield Rule(part, edge, "<=", what)
-    yield Rule(
-        part,
-        ("ledge_drop_mm + least wall", shell.ledge_drop_mm + d.resin_printer.least_wall_mm),
-        "<=",
-        ("ledge_height_mm", shell.ledge_height_mm),
-    )
-    yield Rule(
-        part,
-        (
-            "cable_width_mm + 2 (cover.fit_mm + wall_mm)",
-            shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm),
-        ),
-        "<=",
-        ("room between the posts", room_x),
-    )
-    yield Rule(
-        part,
-        (
-            "cable_height_mm + ledge_height_mm + wall_mm",
-            shell.cable_height_mm + shell.ledge_height_mm + shell.wall_mm,
-        ),
-        "<=",
-        ("depth of the shell", d.shell_depth_mm),
-    )
+        what = "acrylic's edge on the ledge in x (shell.ledge_x_mm, frame.seat_x_mm)"
+        yield edge.at_most(what, held)
+    yield Quantity(
+        "ledge_drop_mm + least wall", shell.ledge_drop_mm + d.resin_printer.least_wall_mm
+    ).at_most("ledge_height_mm", shell.ledge_height_mm)
+    yield Quantity(
+        "cable_width_mm + 2 (cover.fit_mm + wall_mm)",
+        shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm),
+    ).at_most("room between the posts", room_x)
+    yield Quantity(
+        "cable_height_mm + ledge_height_mm + wall_mm",
+        shell.cable_height_mm + shell.ledge_height_mm + shell.wall_mm,
+    ).at_most("depth of the shell", d.shell_depth_mm)
     # The ledge ends on the posts, in both directions.
-    yield Rule(
-        part,
-        ("ledge_height_mm", shell.ledge_height_mm),
-        "<=",
-        ("height of the posts", d.z_joint_mm - d.z_boss_mm),
+    yield Quantity("ledge_height_mm", shell.ledge_height_mm).at_most(
+        "height of the posts", d.z_joint_mm - d.z_boss_mm
     )
-    yield Rule(
-        part,
-        ("ledge_mm and what the wall leaves before it", max(d.ledge_reach_mm)),
-        "<=",
-        ("posts beyond the wall", d.post_mm - shell.wall_mm),
+    yield Quantity("ledge_mm and what the wall leaves before it", max(d.ledge_reach_mm)).at_most(
+        "posts beyond the wall", d.post_mm - shell.wall_mm
     )
-    yield Rule("shell", ("floor", d.z_floor_mm), "<=", ("back of the posts", d.z_boss_mm))
-    yield Rule("shell", ("back of the posts + 2", d.z_boss_mm + 2.0), "<", ("joint", d.z_joint_mm))
+    yield Quantity("floor", d.z_floor_mm).at_most("back of the posts", d.z_boss_mm)
+    yield Quantity("back of the posts + 2", d.z_boss_mm + 2.0).below("joint", d.z_joint_mm)
     yield from mount.rules(d)
 
 
@@ -211,19 +173,19 @@ def fits(d: Design) -> Iterator[PlayFit]:
     """Round the cover's bosses, and for the screws on their way into the frame."""
     printer, row = d.resin_printer, d.screw.row
     if d.z_boss_mm > d.z_floor_mm:
-        corner = printer.inner("corner", d.boss_room_mm)
-        boss = printer.outer("boss", d.post_mm)
-        yield PlayFit("boss in its corner", "shell, cover", (corner,), (boss,), ("cover.fit_mm",))
-    shank = Length(d.screw.thread, row.thread_mm)
-    pitch = printer.pitch("both patterns")
+        corner = printer.inner(d.boss_room_mm)
+        boss = printer.outer(d.post_mm)
+        yield PlayFit("boss in its corner", "shell, cover", (corner,), (boss,), "cover.fit_mm")
+    shank = Length(row.thread_mm)
+    pitch = printer.pitch()
     for name in ("shell", "cover"):
-        hole = printer.inner("hole", row.clearance_mm)
+        hole = printer.inner(row.clearance_mm)
         yield PlayFit(
             f"{d.screw.thread} through the {name}",
             f"{name}, screw, skin-frame",
             (hole,),
             (shank, pitch),
-            ("screw.thread", "resin_printer.plane_mm"),
+            "screw.thread, resin_printer.plane_mm",
         )
     yield from mount.fits(d)
 
@@ -237,7 +199,9 @@ def body_items(d: Design) -> list[Item]:
     floor, joint, boss = d.z_floor_mm, d.z_joint_mm, d.z_boss_mm
     cable = shell.cable_width_mm / 2
     oy_ledge = d.ledge_half_mm[1]
-    fitted = d.resin_printer.limits_mm
+    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
+    behind = joint - shell.ledge_drop_mm
+    drop = [z_of("B", behind, joint, "left", 0, oy_ledge, limits=tall)] if behind < joint else []
     items: list[Item] = [
         x_of("top", -sx, sx, "bottom", -sy, limits=fitted),
         y_of("top", -sy, sy, "left", -sx, limits=fitted),
@@ -249,7 +213,7 @@ def body_items(d: Design) -> list[Item]:
         z_of("front", floor, floor + shell.cable_height_mm, "right", cable, -oy),
         *(Axis("front", (s * sx, -sy, floor), (s * sx, -sy, joint)) for s in (-1, 1)),
         z_of("left", joint - shell.ledge_height_mm, joint, "right", 0, -oy_ledge),
-        *_drop(d),
+        *drop,
         y_of("left", -cy, cy, "bottom", 0, floor),
         y_of("left", -oy_ledge, oy_ledge, "top", 0, joint, limits=fitted),
         x_of("top", -cx, cx, "top", 0, limits=fitted),
@@ -272,17 +236,6 @@ def body_items(d: Design) -> list[Item]:
             ),
         ]
     return items
-
-
-def _drop(d: Design) -> list[Item]:
-    """How far the ledge lies behind the joint."""
-    drop, joint = d.shell.ledge_drop_mm, d.z_joint_mm
-    y = d.ledge_half_mm[1]
-    return (
-        [z_of("B", joint - drop, joint, "left", 0, y, limits=d.resin_printer.tall_limits_mm)]
-        if drop > 0
-        else []
-    )
 
 
 def details(d: Design) -> tuple[Detail, ...]:
@@ -335,7 +288,7 @@ PARTS = (
         ),
         rules=rules,
         fits=fits,
-        wall_mm=shell_wall_mm,
+        wall_keys=("shell.wall_mm",),
         in_view=True,
         callouts=callouts,
         lies=PrintPose(face="back", tilt_deg=20, supports="outside only"),

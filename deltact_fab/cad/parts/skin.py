@@ -13,16 +13,11 @@ The vertical edges stay sharp: the mold's cavity is the plain block above the fr
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
-from ..kernel import require
+from ..dimensions import Design
+from ..kernel import Shape, require
 from ..part import CLEAR, Part
-from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from ..solid_gate import Expected, around
 
 
 def expect(design: Design) -> Expected:
@@ -30,9 +25,9 @@ def expect(design: Design) -> Expected:
     skin = design.skin
     half = (skin.width_mm / 2, skin.length_mm / 2)
     volume_mm3 = design.skin_volume_mm3
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-half[0], -half[1], -skin.thickness_mm), (half[0], half[1], 0.0)),
+    return Expected.exact(
+        volume_mm3,
+        around(half[0], half[1], -skin.thickness_mm, 0.0),
         {**asdict(skin), "post_mm": design.post_mm},
     )
 

@@ -23,23 +23,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any
 
 from ...aliases import Point2
+from ..dimensions import Design
 from ..drafting.dimensioning import Axis, Cut, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Length, PlayFit
-from ..kernel import require
-from ..part import BLACK, PRINT, RESIN, Part, no_fits, no_rules, shell_wall_mm
+from ..kernel import Shape, Workplane, require
+from ..part import BLACK, PRINT, RESIN, Part, nothing
 from ..print_orientation import PrintPose
-from ..rule import Rule
-from ..solid_gate import Expected
+from ..rule import Quantity, Rule
+from ..solid_gate import Expected, around
 from ..standards import screw_tolerance_mm
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from .solids import cylinders, prism, without_corners
 
 
 def window_area_mm2(design: Design) -> float:
@@ -66,9 +62,9 @@ def expect(design: Design) -> Expected:
     volume_mm3 = outer_x * outer_y * design.frame_height_mm - 4 * hole_mm3
     volume_mm3 -= window_area_mm2(design) * behind_mm + pocket_area_mm2(design) * acrylic_mm
     half = (outer_x / 2, outer_y / 2)
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-half[0], -half[1], design.z_joint_mm), (half[0], half[1], design.z_front_mm)),
+    return Expected.exact(
+        volume_mm3,
+        around(half[0], half[1], design.z_joint_mm, design.z_front_mm),
         {
             "width_mm": skin.width_mm,
             "length_mm": skin.length_mm,
@@ -90,72 +86,59 @@ def build(design: Design) -> Shape:
     # Cutters stand out at the ends: faces that coincide are where booleans go wrong.
     window = (design.skin.width_mm / 2, design.skin.length_mm / 2)
     if design.skin.thickness_mm > design.skin.protrusion_mm:
-        body = body.cut(_prism(cq, design, window, bottom_mm - 1, design.z_front_mm + 1))
-    body = body.cut(_prism(cq, design, design.seat_half_mm, bottom_mm - 1, design.z_ledge_mm))
-    pilots = (
-        cq.Workplane()
-        .workplane(offset=bottom_mm - 1)
-        .pushPoints(design.screw_centres_mm)
-        .circle(screw.row.pilot_mm / 2)
-        .extrude(screw.pilot_depth_mm + 1)
-    )
-    return body.cut(pilots).val()
+        body = body.cut(_prism(design, window, bottom_mm - 1, design.z_front_mm + 1))
+    body = body.cut(_prism(design, design.seat_half_mm, bottom_mm - 1, design.z_ledge_mm))
+    pilot = (screw.row.pilot_mm, bottom_mm - 1, screw.pilot_depth_mm + 1)
+    return body.cut(cylinders(design.screw_centres_mm, *pilot)).val()
 
 
-def _prism(cq: Any, design: Design, half: Point2, low_mm: float, high_mm: float) -> Any:
+def _prism(design: Design, half: Point2, low_mm: float, high_mm: float) -> Workplane:
     """A prism of the rectangle +-half without the corners in which the posts stand."""
     w, h = half
     px, py = design.post_edge_mm
     if px >= w or py >= h:
         outline = [(-w, -h), (w, -h), (w, h), (-w, h)]
     else:
-        upper = [(w, py), (px, py), (px, h), (-px, h), (-px, py), (-w, py)]
-        outline = upper + [(-x, -y) for x, y in upper]
-    plan = cq.Workplane().workplane(offset=low_mm).polyline(outline).close()
-    return plan.extrude(high_mm - low_mm)
+        outline = without_corners(half, (px, py))
+    return prism(outline, low_mm, high_mm - low_mm)
 
 
 def rules(d: Design) -> Iterator[Rule]:
     """The frame around the skin, its ledge and the acrylic's pocket."""
-    part = "skin-frame"
     edge, seat = d.post_edge_mm, d.seat_half_mm
     for i, axis in enumerate("xy"):
-        yield Rule(part, ("0", 0.0), "<", (f"room between the posts in {axis}", 2 * edge[i]))
-    left = ("frame.seat_y_mm + shell.wall_mm", d.frame.seat_y_mm + d.shell.wall_mm)
-    yield Rule(part, left, "<=", ("frame.wall_y_mm", d.frame.wall_y_mm))
-    left = ("frame.seat_x_mm + shell.wall_mm", d.frame.seat_x_mm + d.shell.wall_mm)
-    yield Rule(part, left, "<=", ("frame.wall_x_mm", d.frame.wall_x_mm))
+        yield Quantity("0", 0.0).below(f"room between the posts in {axis}", 2 * edge[i])
+    left = Quantity("frame.seat_y_mm + shell.wall_mm", d.frame.seat_y_mm + d.shell.wall_mm)
+    yield left.at_most("frame.wall_y_mm", d.frame.wall_y_mm)
+    left = Quantity("frame.seat_x_mm + shell.wall_mm", d.frame.seat_x_mm + d.shell.wall_mm)
+    yield left.at_most("frame.wall_x_mm", d.frame.wall_x_mm)
     for i, axis in enumerate("xy"):
-        yield Rule(
-            part,
-            (f"half the acrylic's pocket in {axis}", seat[i]),
-            "<",
-            (f"half the frame in {axis}", d.frame_outer_mm[i] / 2),
+        yield Quantity(f"half the acrylic's pocket in {axis}", seat[i]).below(
+            f"half the frame in {axis}", d.frame_outer_mm[i] / 2
         )
-    depth = ("screw.engagement_mm + screw.tip_clearance_mm", d.screw.pilot_depth_mm)
-    least = ("resin_printer.least_hole_mm", d.resin_printer.least_hole_mm)
-    yield Rule(part, least, "<=", (f"pilot of screw.thread {d.screw.thread}", d.screw.row.pilot_mm))
-    cap = ("frame height - shell.wall_mm", d.frame_height_mm - d.shell.wall_mm)
-    yield Rule(part, depth, "<=", cap)
+    depth = Quantity("screw.engagement_mm + screw.tip_clearance_mm", d.screw.pilot_depth_mm)
+    least = Quantity("resin_printer.least_hole_mm", d.resin_printer.least_hole_mm)
+    yield least.at_most(f"pilot of screw.thread {d.screw.thread}", d.screw.row.pilot_mm)
+    yield depth.at_most("frame height - shell.wall_mm", d.frame_height_mm - d.shell.wall_mm)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
     """Its pilots: the screws bite, can be driven, and end before the bottom."""
     printer, screw, row = d.resin_printer, d.screw, d.screw.row
-    parts, keys = "skin-frame, screw", ("screw.thread", "resin_printer.plane_mm")
-    pilot = printer.inner("pilot", row.pilot_mm)
-    major = Length(screw.thread, row.thread_mm, 0.0)
+    parts, keys = "skin-frame, screw", "screw.thread, resin_printer.plane_mm"
+    pilot = printer.inner(row.pilot_mm)
+    major = Length(row.thread_mm, 0.0)
     yield PlayFit(f"{screw.thread} bites in its pilot", parts, (major,), (pilot,), keys)
-    bottom = printer.tall("pilot", screw.pilot_depth_mm)
-    stack = printer.tall("shell", d.z_joint_mm - d.z_boss_mm)
-    boss = printer.tall("head to boss", d.z_boss_mm - d.z_head_mm)
-    length = Length("screw", screw.length_mm, screw_tolerance_mm(screw.length_mm))
+    bottom = printer.tall(screw.pilot_depth_mm)
+    stack = printer.tall(d.z_joint_mm - d.z_boss_mm)
+    boss = printer.tall(d.z_boss_mm - d.z_head_mm)
+    length = Length(screw.length_mm, screw_tolerance_mm(screw.length_mm))
     yield PlayFit(
         "screw ends before the pilot, z",
         "skin-frame, screw, shell, cover",
         (boss, stack, bottom),
         (length,),
-        ("screw.tip_clearance_mm", "screw.length_mm"),
+        "screw.tip_clearance_mm, screw.length_mm",
     )
 
 
@@ -198,11 +181,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(tuple(items), notes, Cut(0.0), flipped=True)
 
 
-def base_note(d: Design) -> str:
-    """What the transparent base is for."""
-    return "for the chessboard; cast with a clear skin, no film, no coats"
-
-
 FRAME = Part(
     "skin-frame",
     f"{RESIN}, black",
@@ -220,7 +198,7 @@ FRAME = Part(
     ),
     rules=rules,
     fits=fits,
-    wall_mm=shell_wall_mm,
+    wall_keys=("shell.wall_mm",),
     in_view=True,
     callouts=callouts,
     lies=PrintPose(
@@ -240,11 +218,11 @@ PARTS = (
         group="bench",
         number=0,
         explode_mm=0.0,
-        rules=no_rules,
-        fits=no_fits,
+        rules=nothing,
+        fits=nothing,
         bound_by=("skin-frame",),
         in_view=False,
-        note=base_note,
+        note="for the chessboard; cast with a clear skin, no film, no coats",
         look_for="as the skin frame",
     ),
 )

@@ -17,19 +17,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 from ...aliases import Point2
+from ..dimensions import Design
 from ..drafting.dimensioning import Centres, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
-from ..kernel import require
+from ..kernel import Shape, require
 from ..part import STEEL, Part
-from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from ..solid_gate import Expected, around
+from .solids import cylinders
 
 KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
 
@@ -72,7 +68,7 @@ def expect(design: Design) -> Expected:
     open_mm2 = 4 * slot_mm2 + math.pi * plate.thread_hole_mm**2
     volume_mm3 = (4 * x * y - open_mm2) * plate.thickness_mm
     about = {k: v for k, v in asdict(plate).items() if k != "measured"}
-    return Expected((volume_mm3, volume_mm3), ((-x, -y, z - plate.thickness_mm), (x, y, z)), about)
+    return Expected.exact(volume_mm3, around(x, y, z - plate.thickness_mm, z), about)
 
 
 def build(design: Design) -> Shape:
@@ -81,11 +77,10 @@ def build(design: Design) -> Shape:
     plate = design.stage_plate
     low, high = design.z_back_mm - plate.thickness_mm, plate.thickness_mm
     body = cq.Workplane(origin=(0, 0, low)).rect(*sides_mm(design)).extrude(high)
-    drills = cq.Workplane(origin=(0, 0, low - 1)).pushPoints(tab_centres_mm(design))
-    drills = drills.circle(plate.thread_hole_mm / 2)
+    drills = cylinders(tab_centres_mm(design), plate.thread_hole_mm, low - 1, high + 2)
     slots = cq.Workplane(origin=(0, 0, low - 1)).pushPoints(slot_centres_mm(design))
     slots = slots.slot2D(plate.slot_length_mm, plate.slot_mm)
-    return body.cut(drills.extrude(high + 2)).cut(slots.extrude(high + 2)).val()
+    return body.cut(drills).cut(slots.extrude(high + 2)).val()
 
 
 def callouts(d: Design) -> Callouts:

@@ -13,23 +13,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
 
+from ..dimensions import Design
 from ..drafting.dimensioning import Cut, Linear, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import PlayFit
-from ..kernel import require
-from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..kernel import Shape, Workplane
+from ..part import BLACK, PRINT, RESIN, Part
 from ..print_orientation import PrintPose
-from ..rule import Rule
-from ..solid_gate import Expected
+from ..rule import Quantity, Rule
+from ..solid_gate import Expected, around
 from . import shell
-from .mount import boss_room, cuboid
-
-if TYPE_CHECKING:
-    from cadquery import Shape, Workplane
-
-    from ..dimensions import Design
+from .mount import boss_room
+from .solids import cuboid, cylinders
 
 
 def expect(design: Design) -> Expected:
@@ -44,9 +40,9 @@ def expect(design: Design) -> Expected:
     tab_mm3 -= fit * (table.width_mm * design.cover.floor_mm + 2 * beside_mm * boss_mm)
     volume_mm3 = bare.volume_mm3[0] + 2 * tab_mm3
     reach = outer_x / 2 + table.tab_mm
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-reach, -outer_y / 2, design.z_back_mm), (reach, outer_y / 2, design.z_joint_mm)),
+    return Expected.exact(
+        volume_mm3,
+        around(reach, outer_y / 2, design.z_back_mm, design.z_joint_mm),
         {
             **bare.parameters,
             "table.tab_mm": table.tab_mm,
@@ -59,11 +55,10 @@ def expect(design: Design) -> Expected:
 
 def build(design: Design) -> Shape:
     """The shell with two table tabs in place of the mount, one solid in the sensor frame."""
-    cq = require()
-    return shell.body(cq, design).union(_tab(cq, design, -1)).union(_tab(cq, design, 1)).val()
+    return shell.body(design).union(_tab(design, -1)).union(_tab(design, 1)).val()
 
 
-def _tab(cq: Any, design: Design, side: int) -> Workplane:
+def _tab(design: Design, side: int) -> Workplane:
     """One tab at +x (side 1) or -x (-1); it touches the wall and clears floor and bosses."""
     table, fit = design.table, design.cover.fit_mm
     face = design.frame_outer_mm[0] / 2
@@ -71,83 +66,49 @@ def _tab(cq: Any, design: Design, side: int) -> Workplane:
 
     def bar(near: float, far: float, y: float, low: float, high: float) -> Workplane:
         x = sorted((side * near, side * far))
-        return cuboid(cq, ((x[0], -y, low), (x[1], y, high)))
+        return cuboid(((x[0], -y, low), (x[1], y, high)))
 
     tab = bar(face, face + table.tab_mm, half, back, back + table.height_mm)
     tab = tab.cut(bar(face - 1, face + fit, half + 1, back - 1, design.z_floor_mm))
     if design.z_boss_mm > design.z_floor_mm:
-        tab = tab.cut(boss_room(cq, design))
+        tab = tab.cut(boss_room(design))
     middle = side * (face + table.tab_mm / 2)
-    holes = (
-        cq.Workplane()
-        .workplane(offset=back - 1)
-        .pushPoints([(middle, sy * table.hole_pitch_mm / 2) for sy in (-1, 1)])
-        .circle(table.hole_mm / 2)
-        .extrude(table.height_mm + 2)
-    )
-    return tab.cut(holes)
+    at = [(middle, sy * table.hole_pitch_mm / 2) for sy in (-1, 1)]
+    return tab.cut(cylinders(at, table.hole_mm, back - 1, table.height_mm + 2))
 
 
 def rules(d: Design) -> Iterator[Rule]:
     """Tabs and their holes, over the cover's bosses too."""
     table = d.table
-    yield Rule(
-        "testing-shell",
-        ("table: hole + 2 edge_mm", table.hole_mm + 2 * table.edge_mm),
-        "<=",
-        ("tab_mm", table.tab_mm),
+    yield Quantity("table: hole + 2 edge_mm", table.hole_mm + 2 * table.edge_mm).at_most(
+        "tab_mm", table.tab_mm
     )
-    yield Rule(
-        "testing-shell",
-        (
-            "table: pitch + hole + 2 edge_mm",
-            table.hole_pitch_mm + table.hole_mm + 2 * table.edge_mm,
-        ),
-        "<=",
-        ("width_mm", table.width_mm),
+    yield Quantity(
+        "table: pitch + hole + 2 edge_mm", table.hole_pitch_mm + table.hole_mm + 2 * table.edge_mm
+    ).at_most("width_mm", table.width_mm)
+    yield Quantity("table: hole + edge_mm", table.hole_mm + table.edge_mm).at_most(
+        "hole_pitch_mm", table.hole_pitch_mm
     )
-    yield Rule(
-        "testing-shell",
-        ("table: hole + edge_mm", table.hole_mm + table.edge_mm),
-        "<=",
-        ("hole_pitch_mm", table.hole_pitch_mm),
-    )
-    yield Rule(
-        "testing-shell", ("table: width_mm", table.width_mm), "<=", ("outer y", d.frame_outer_mm[1])
-    )
-    yield Rule(
-        "testing-shell",
-        ("cover + 2", d.cover.floor_mm + 2.0),
-        "<=",
-        ("table.height_mm", table.height_mm),
-    )
-    yield Rule(
-        "testing-shell",
-        ("table.height_mm", table.height_mm),
-        "<=",
-        ("cover and shell", d.z_joint_mm - d.z_back_mm),
+    yield Quantity("table: width_mm", table.width_mm).at_most("outer y", d.frame_outer_mm[1])
+    yield Quantity("cover + 2", d.cover.floor_mm + 2.0).at_most("table.height_mm", table.height_mm)
+    yield Quantity("table.height_mm", table.height_mm).at_most(
+        "cover and shell", d.z_joint_mm - d.z_back_mm
     )
     # Where a tab stands over a boss of the cover it is relieved from below, or cut through.
     over = d.z_back_mm + table.height_mm - d.z_boss_mm
     beside = d.frame_outer_mm[1] / 2 - d.boss_room_mm
     if over > 0 and table.width_mm / 2 > beside:
-        wall = ("shell.wall_mm", d.shell.wall_mm)
-        yield Rule(
-            "testing-shell", wall, "<=", ("tab over the cover's bosses (table.height_mm)", over)
+        yield Quantity("shell.wall_mm", d.shell.wall_mm).at_most(
+            "tab over the cover's bosses (table.height_mm)", over
         )
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
     """The cover between the tabs."""
-    between = d.resin_printer.inner("between the tabs", d.frame_outer_mm[0] + 2 * d.cover.fit_mm)
-    cover = d.resin_printer.outer("cover", d.frame_outer_mm[0])
-    parts, keys = "testing-shell, cover", ("cover.fit_mm",)
+    between = d.resin_printer.inner(d.frame_outer_mm[0] + 2 * d.cover.fit_mm)
+    cover = d.resin_printer.outer(d.frame_outer_mm[0])
+    parts, keys = "testing-shell, cover", "cover.fit_mm"
     yield PlayFit("cover between the tabs", parts, (between,), (cover,), keys)
-
-
-def note(d: Design) -> str:
-    """What it is for."""
-    return f"in place of the shell; {d.table.screw} screws into the table"
 
 
 def callouts(d: Design) -> Callouts:
@@ -195,9 +156,9 @@ PARTS = (
         rules=rules,
         fits=fits,
         bound_by=("shell",),
-        wall_mm=shell_wall_mm,
+        wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        note=note,
+        note="in place of the shell; {d.table.screw} screws into the table",
         lies=PrintPose(face="back", tilt_deg=20, supports="outside only"),
         look_for="as the shell; tabs flat on the table",
     ),

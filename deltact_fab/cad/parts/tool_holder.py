@@ -19,26 +19,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...shapes import Indenter
 from ..bench_sections import SCREW, ToolDimensions
+from ..dimensions import Design
 from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Length, PlayFit
-from ..kernel import require
-from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..kernel import Shape, require
+from ..part import BLACK, PRINT, RESIN, Part
 from ..planes import segment_mm2
 from ..print_orientation import PrintPose
-from ..rule import Rule
+from ..rule import Quantity, Rule
 from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from .solids import cylinders
 
 SCREWS = 4
 
@@ -78,74 +74,62 @@ def build(design: Design) -> Shape:
     cq = require()
     tool = design.tool
     high, low = tool.height_mm, tool.height_mm - tool.flange_mm
-    body = cq.Workplane().circle(tool.body_mm / 2).extrude(high)
-    flange = cq.Workplane(origin=(0, 0, low)).circle(tool.flange_diameter_mm / 2)
-    body = body.union(flange.extrude(tool.flange_mm))
+    axis = [(0.0, 0.0)]
+    body = cylinders(axis, tool.body_mm, 0, high)
+    body = body.union(cylinders(axis, tool.flange_diameter_mm, low, tool.flange_mm))
     across = 2 * tool.bore_mm + 2
     room = cq.Workplane(origin=(tool.flat_mm - across / 2, 0, 0)).rect(across, across)
-    bore = cq.Workplane(origin=(0, 0, -1)).circle(tool.bore_mm).extrude(tool.depth_mm + 1)
+    bore = cylinders(axis, 2 * tool.bore_mm, -1, tool.depth_mm + 1)
     body = body.cut(bore.intersect(room.extrude(2 * high, both=True)))
-    drill = cq.Workplane(origin=(0, 0, low - 1)).pushPoints(tool.screw_centres_mm)
-    body = body.cut(drill.circle(tool.screw_hole_mm / 2).extrude(tool.flange_mm + 2))
-    pin_hole = (tool.pin_mm + tool.pin_fit_mm) / 2
-    pin = cq.Workplane(origin=(*tool.pin_at_mm, low - 1)).circle(pin_hole)
-    body = body.cut(pin.extrude(tool.flange_mm + 2))
+    for at, diameter_mm in (
+        (tool.screw_centres_mm, tool.screw_hole_mm),
+        ([tool.pin_at_mm], tool.pin_mm + tool.pin_fit_mm),
+    ):
+        body = body.cut(cylinders(at, diameter_mm, low - 1, tool.flange_mm + 2))
     clamp = cq.Workplane("YZ", origin=(0, 0, tool.clamp_z_mm)).circle(tool.clamp_mm / 2)
     return body.cut(clamp.extrude(-tool.body_mm)).val()
 
 
 def rules(d: Design) -> Iterator[Rule]:
     """Stem, screws and their heads have room."""
-    part, tool = "tool-holder", d.tool
-    stem = ("indenter's stem", Indenter.stem_length_mm)
-    yield Rule(part, stem, "<", ("tool.depth_mm", tool.depth_mm))
-    yield Rule(
-        part,
-        ("tool.body_mm + head M3", tool.body_mm + SCREW.head_mm),
-        "<=",
-        ("tool.bolt_circle_mm", tool.bolt_circle_mm),
+    tool = d.tool
+    stem = Quantity("indenter's stem", Indenter.stem_length_mm)
+    yield stem.below("tool.depth_mm", tool.depth_mm)
+    yield Quantity("tool.body_mm + head M3", tool.body_mm + SCREW.head_mm).at_most(
+        "tool.bolt_circle_mm", tool.bolt_circle_mm
     )
-    yield Rule(
-        part,
-        ("tool.bolt_circle_mm + hole + 3", tool.bolt_circle_mm + tool.screw_hole_mm + 3.0),
-        "<=",
-        ("tool.flange_diameter_mm", tool.flange_diameter_mm),
-    )
-    yield Rule(
-        part,
-        ("bore + 2 x 3 for the set screw's thread", 2 * tool.bore_mm + 6.0),
-        "<=",
-        ("tool.body_mm", tool.body_mm),
+    yield Quantity(
+        "tool.bolt_circle_mm + hole + 3", tool.bolt_circle_mm + tool.screw_hole_mm + 3.0
+    ).at_most("tool.flange_diameter_mm", tool.flange_diameter_mm)
+    yield Quantity("bore + 2 x 3 for the set screw's thread", 2 * tool.bore_mm + 6.0).at_most(
+        "tool.body_mm", tool.body_mm
     )
     half = tool.clamp_mm / 2
-    yield Rule(part, ("hole / 2 + 1.5", half + 1.5), "<=", ("tool.clamp_z_mm", tool.clamp_z_mm))
-    yield Rule(
-        part,
-        ("tool.clamp_z_mm + hole / 2 + 1.5", tool.clamp_z_mm + half + 1.5),
-        "<=",
-        ("underside of the flange", tool.height_mm - tool.flange_mm),
+    yield Quantity("hole / 2 + 1.5", half + 1.5).at_most("tool.clamp_z_mm", tool.clamp_z_mm)
+    yield Quantity("tool.clamp_z_mm + hole / 2 + 1.5", tool.clamp_z_mm + half + 1.5).at_most(
+        "underside of the flange", tool.height_mm - tool.flange_mm
     )
-    yield Rule(part, ("tool.roof_mm", tool.roof_mm), "<=", ("tool.flange_mm", tool.flange_mm))
+    yield Quantity("tool.roof_mm", tool.roof_mm).at_most("tool.flange_mm", tool.flange_mm)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
     """Stem and flat in the D bore, and that a turned stem does not go in."""
     tool, printer = d.tool, d.resin_printer
-    parts, keys = "tool-holder, indenters", ("tool.fit_mm",)
+    parts, keys = "tool-holder, indenters", "tool.fit_mm"
     stem = Indenter.stem_diameter_mm
-    bore = printer.inner("bore", 2 * tool.bore_mm)
-    yield PlayFit("stem in the bore", parts, (bore,), (printer.outer("stem", stem),), keys)
-    flat = printer.inner("bore across its flat", tool.bore_mm + tool.flat_mm)
-    across = printer.outer("stem across its flat", stem / 2 + Indenter.stem_flat_at_mm)
+    bore = printer.inner(2 * tool.bore_mm)
+    yield PlayFit("stem in the bore", parts, (bore,), (printer.outer(stem),), keys)
+    flat = printer.inner(tool.bore_mm + tool.flat_mm)
+    across = printer.outer(stem / 2 + Indenter.stem_flat_at_mm)
     yield PlayFit("stem's flat in the bore", parts, (flat,), (across,), keys)
-    yield PlayFit("turned stem stays out", parts, (printer.outer("stem", stem),), (flat,), keys)
+    yield PlayFit("turned stem stays out", parts, (printer.outer(stem),), (flat,), keys)
     screws = "tool-holder, nano17-adapter"
-    hole, screw = printer.inner("hole", tool.screw_hole_mm), Length("M3", SCREW.thread_mm)
-    yield PlayFit("M3 through the flange", screws, (hole,), (screw, printer.pitch("pitch")),
-              ("tool.screw_hole_mm",))  # fmt: skip
-    hole, pin = printer.inner("hole", tool.pin_mm + tool.pin_fit_mm), Length("pin", tool.pin_mm)
-    yield PlayFit("pin in the flange", screws, (hole,), (pin, printer.pitch("pitch")),
-              ("tool.pin_fit_mm",))  # fmt: skip
+    hole, screw = printer.inner(tool.screw_hole_mm), Length(SCREW.thread_mm)
+    yield PlayFit(
+        "M3 through the flange", screws, (hole,), (screw, printer.pitch()), "tool.screw_hole_mm"
+    )
+    hole, pin = printer.inner(tool.pin_mm + tool.pin_fit_mm), Length(tool.pin_mm)
+    yield PlayFit("pin in the flange", screws, (hole,), (pin, printer.pitch()), "tool.pin_fit_mm")
 
 
 def callouts(d: Design) -> Callouts:
@@ -177,11 +161,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(tuple(items), notes, Cut(0.0))
 
 
-def note(d: Design) -> str:
-    """What goes with it."""
-    return f"set screw M3 x 6 (ISO 4026), four M3 x 10 (ISO 4762), pin {d.tool.pin_mm:g} x 8"
-
-
 PARTS = (
     Part(
         "tool-holder",
@@ -195,9 +174,9 @@ PARTS = (
         sections=("tool",),
         rules=rules,
         fits=fits,
-        wall_mm=shell_wall_mm,
+        wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        note=note,
+        note="set screw M3 x 6 (ISO 4026), four M3 x 10 (ISO 4762), pin {d.tool.pin_mm:g} x 8",
         lies=PrintPose("+z", "flange"),
         look_for="a stem slides in with its flat at +x and in no other way",
     ),

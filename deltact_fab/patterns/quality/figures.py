@@ -10,7 +10,7 @@ motion; contrast on coarse levels of the pyramid tells whether a large motion is
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -63,10 +63,6 @@ class Figures:
     exact copy; 0: there is none."""
     peak_mm: float | None
     """How far away: a motion near it can be mistaken for none. None: there is no peak."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
 
 
 def figures(

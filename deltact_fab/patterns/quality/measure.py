@@ -9,8 +9,8 @@ allow of it (`field_mm` says how much).
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,10 +67,6 @@ class Quality:
     """The camera's image keeps a tenth of the contrast."""
     designed: Figures
     photographed: Figures
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data, as `pattern quality --json` prints it."""
-        return asdict(self)
 
 
 def measure(

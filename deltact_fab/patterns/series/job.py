@@ -197,7 +197,7 @@ def _judge(entry: SeriesEntry, dpi: int, seed: int) -> tuple[dict[str, Any], NDA
     printer, sensor = Printer(dpi=dpi), ImageSensor()
     # Dots are the same on every pattern, and on coarse levels their contrast would hide its own.
     bare = entry.recipe.model_copy(update={"dots": None})
-    figures = measure(bare, printer, sensor, MM_PER_PX, seed).as_dict()
+    figures = asdict(measure(bare, printer, sensor, MM_PER_PX, seed))
     return _rounded(figures), contact.view(entry.recipe, printer, sensor, seed)
 
 

@@ -34,22 +34,21 @@ from ...aliases import Progress
 from ...errors import InputError, did_you_mean
 from ...files import check_place, write_together
 from ...shapes import SensorDimensions
+from ..cell_grid import CellGrid
 from ..code import encode
 from ..raster import check_seen
 from ..recipe import PatternRecipe
 from . import layout, page_image, page_marks, stickers
 from .layout import Sheet, StickerCell
-from .marks import CellGrid, Mark
+from .marks import Mark
 from .pdf import INSET_MM, MIN_DOTS, Pdf
 
 Transfer = Literal["face-down", "slide"]
-Embedding = Literal["auto", "patches", "dots"]
 
 TRANSFERS = ("face-down", "slide")
 KINDS = {".pdf": "pdf", ".png": "png", ".tif": "tiff", ".tiff": "tiff"}
 DPI_RANGE = (100.0, 9600.0)
 SCALE_RANGE = (0.9, 1.1)
-MARGIN_RANGE_MM = (0.0, 50.0)
 MAX_STICKERS = 2000
 MAX_PATCHES_IN_ALL = 100_000_000
 """Of different recipes; three bytes each are in memory while a job is written."""
@@ -100,10 +99,7 @@ class SheetReport:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, as `pattern sheet --json` prints it."""
-        data = asdict(self)
-        data["out"] = str(self.out)
-        data["stickers"] = [asdict(s) for s in self.stickers]
-        return data
+        return {**asdict(self), "out": str(self.out)}
 
     def lines(self) -> list[str]:
         """The same for a person."""
@@ -153,8 +149,6 @@ def write(
     copies: int = 1,
     whole_dots: bool = False,
     scale: tuple[float, float] = (1.0, 1.0),
-    margin_mm: float = 8.0,
-    embed: Embedding = "auto",
     sensor: SensorDimensions | None = None,
     progress: Progress | None = None,
 ) -> SheetReport:
@@ -162,7 +156,7 @@ def write(
 
     whole_dots: d becomes the nearest whole number of printer dots, and the sheet says so; n follows
     from the asked side. scale: 100 / what the ruler in (x, y) measures, times the scale of the
-    sheet it is on. embed: `auto` takes one pixel a patch from 5 printer dots a patch on.
+    sheet it is on. A PDF takes one pixel a patch from MIN_DOTS printer dots a patch on.
     Memory is bounded by the compressed file; equal arguments and versions give equal bytes.
 
     Raises InputError for anything that cannot be printed as asked, or that the sensor's camera
@@ -170,9 +164,7 @@ def write(
     """
     kind = _checked_out(out)
     paper = _paper(paper)
-    sheet = _checked_sheet(paper, dpi, transfer, scale, margin_mm)
-    if embed not in ("auto", "patches", "dots"):
-        raise InputError(f"embed: {embed!r}; {did_you_mean(embed, ('auto', 'patches', 'dots'))}")
+    sheet = _checked_sheet(paper, dpi, transfer, scale)
     if not recipes:
         raise InputError("a sheet needs at least one recipe")
     if not 1 <= copies <= MAX_STICKERS or len(recipes) * copies > MAX_STICKERS:
@@ -186,10 +178,9 @@ def write(
             f"{len(recipes)} recipes have {patches / 1e6:.0f} million patches; at most "
             f"{MAX_PATCHES_IN_ALL // 10**6} million on one job: split it"
         )
+    least = MIN_DOTS
     if kind != "pdf":
         page_image.check_size(sheet.page_px, dpi)
-    least = {"auto": MIN_DOTS, "patches": 0.0, "dots": math.inf}[embed]
-    if kind != "pdf":
         least = math.inf  # a page's image is in printer dots
     tell = progress or (lambda done, total, what: None)
     sensor = sensor or SensorDimensions()
@@ -201,7 +192,10 @@ def write(
     for k, asked in enumerate(recipes):
         tell(k, total, f"sticker {k + 1}")
         recipe = stickers.whole_dots(asked, sheet) if whole_dots else asked
-        _check_seen(recipe, view_mm)
+        try:
+            check_seen(recipe, view_mm)
+        except InputError as why:
+            raise InputError(f"{stickers.name(recipe)}: {why}") from why
         codes.append(encode(recipe))
         printed.append(recipe)
         same = recipes.index(asked)
@@ -274,14 +268,6 @@ def _checked_out(out: Path) -> str:
     return kind
 
 
-def _check_seen(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
-    """`raster.check_seen`, and which of the stickers it is."""
-    try:
-        check_seen(recipe, view_mm)
-    except InputError as why:
-        raise InputError(f"{stickers.name(recipe)}: {why}") from why
-
-
 def _paper(name: str) -> str:
     """The paper as the table writes it; upper and lower case are the same."""
     for paper in layout.PAPERS:
@@ -290,9 +276,7 @@ def _paper(name: str) -> str:
     raise InputError(f"paper: {name!r}; {did_you_mean(name, layout.PAPERS)}")
 
 
-def _checked_sheet(
-    paper: str, dpi: float, transfer: str, scale: tuple[float, float], margin_mm: float
-) -> Sheet:
+def _checked_sheet(paper: str, dpi: float, transfer: str, scale: tuple[float, float]) -> Sheet:
     if transfer not in TRANSFERS:
         raise InputError(f"transfer: {transfer!r}; {did_you_mean(transfer, TRANSFERS)}")
     low, high = DPI_RANGE
@@ -305,10 +289,7 @@ def _checked_sheet(
                 f"scale {axis}: {value:g} must be {low:g} to {high:g}: 100 / what the ruler in "
                 f"{axis} measures in mm"
             )
-    low, high = MARGIN_RANGE_MM
-    if not low <= margin_mm <= high:
-        raise InputError(f"margin_mm: {margin_mm:g} must be {low:g} to {high:g}")
-    return Sheet(layout.PAPERS[paper], dpi, scale, margin_mm)
+    return Sheet(layout.PAPERS[paper], dpi, scale)
 
 
 def _sticker(

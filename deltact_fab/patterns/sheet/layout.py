@@ -25,7 +25,8 @@ from dataclasses import dataclass
 
 from ...errors import InputError
 from ...units import MM_PER_INCH
-from .marks import CellGrid, FilledRectangle, TextLine, width_mm
+from ..cell_grid import CellGrid
+from .marks import FilledRectangle, TextLine, width_mm
 
 PAPERS = {
     "A5": (148.0, 210.0),
@@ -44,6 +45,8 @@ HEAD_PT = 7.0
 LEADING = 1.2
 REGISTER_MM = 6.0
 LEFT_BAND_MM = 10.0
+MARGIN_MM = 8.0
+"""Left blank around a page."""
 PAD_MM = 4.5
 """Least margin around a sticker, for its ticks and its F."""
 LABEL_GAP_MM = 1.6
@@ -58,13 +61,12 @@ LABEL_MM = 28.5
 class Sheet:
     """The paper, the printer's dots and the correction: turns millimetres into dots.
 
-    paper_mm: (width, height); scale: (x, y) by which the file is stretched; margin_mm: left blank.
+    paper_mm: (width, height); scale: (x, y) by which the file is stretched.
     """
 
     paper_mm: tuple[float, float]
     dpi: float
     scale: tuple[float, float]
-    margin_mm: float
 
     @property
     def pitch_mm(self) -> tuple[float, float]:
@@ -171,8 +173,8 @@ def placed(
     Raises InputError for a cell that no page can hold.
     """
     width, height = sheet.size_mm
-    left = sheet.margin_mm + LEFT_BAND_MM
-    right, bottom = width - sheet.margin_mm, height - sheet.margin_mm - REGISTER_MM
+    left = MARGIN_MM + LEFT_BAND_MM
+    right, bottom = width - MARGIN_MM, height - MARGIN_MM - REGISTER_MM
     places: list[Place] = []
     page, x_mm, y_mm, row_mm = 0, left, top_mm, 0.0
     for i, cell in enumerate(cells):

@@ -1,4 +1,4 @@
-"""What stands on a sheet, in printer dots: boxes, words, pictures; and the picture's own pixels.
+"""What stands on a sheet, in printer dots: boxes, words, and pictures of cells.
 
 Page coordinates are whole printer dots, x to the right and y down from the page's top left corner,
 so that every edge is sharp on the printer and no rounding adds up.
@@ -6,9 +6,7 @@ so that every edge is sharp on the printer and no rounding adds up.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,11 +14,7 @@ from numpy.typing import NDArray
 
 from ...pdf import width_em
 from ...units import POINTS_PER_MM
-from .. import dots
-from ..recipe import DotGrid
-
-BAND_ROWS = 128
-"""Rows of an image that are in memory at a time."""
+from ..cell_grid import CellGrid
 
 
 @dataclass(frozen=True)
@@ -44,133 +38,7 @@ class TextLine:
     text: str
 
 
-@dataclass(frozen=True, eq=False)
-class CellGrid:
-    """Coloured cells on a grid, with its top left corner on a printer dot.
-
-    cells: (rows, columns, 3) RGB or (rows, columns) grey, uint8, as the camera or a person sees
-    them; mirrored: printed left to right reversed, dots included. size_mm, pitch_mm: (x, y) true
-    size, and the printer dot's size on the real print. grid: marker dots on top.
-    """
-
-    key: str
-    """Equal for equal pixels: a file holds them once."""
-    x_px: int
-    y_px: int
-    cells: NDArray[np.uint8]
-    size_mm: tuple[float, float]
-    pitch_mm: tuple[float, float]
-    mirrored: bool = False
-    grid: DotGrid | None = None
-    columns_px: NDArray[np.int64] = field(init=False)
-    """The columns + 1 edges, from 0, before mirroring."""
-    rows_px: NDArray[np.int64] = field(init=False)
-
-    def __post_init__(self) -> None:
-        for name, count, axis in (
-            ("columns_px", self.cells.shape[1], 0),
-            ("rows_px", self.cells.shape[0], 1),
-        ):
-            edges_px = snapped(count, self.size_mm[axis], self.pitch_mm[axis])
-            object.__setattr__(self, name, edges_px)
-
-    @property
-    def width_px(self) -> int:
-        """Printer dots across."""
-        return int(self.columns_px[-1])
-
-    @property
-    def height_px(self) -> int:
-        """Printer dots down."""
-        return int(self.rows_px[-1])
-
-    @property
-    def dots_per_cell(self) -> float:
-        """Printer dots along the shorter side of a cell."""
-        return min(
-            size_mm / count / pitch_mm
-            for size_mm, count, pitch_mm in zip(
-                self.size_mm, self.cells.shape[1::-1], self.pitch_mm, strict=True
-            )
-        )
-
-    def by_cells(self, least_dots: float) -> bool:
-        """Whether to embed one pixel a cell: from so many printer dots a cell, and no markers."""
-        # A patch rounded to a picometre can be a hair below the whole dots that were meant
-        return self.grid is None and self.dots_per_cell >= least_dots * (1 - 1e-6)
-
-    @property
-    def rounding_mm(self) -> float:
-        """Bound of what a printer adds that rounds each exact edge to one of the dots beside it."""
-        worst_mm = 0.0
-        for axis, pitch_mm in enumerate(self.pitch_mm):
-            count = self.cells.shape[1 - axis]
-            edges_px = np.arange(count + 1) / count * (self.size_mm[axis] / pitch_mm)
-            off_px = float(np.abs(edges_px - np.rint(edges_px)).max())
-            # The inset decides edges that lie on a dot's edge; any other may go either way
-            worst_mm = max(worst_mm, (off_px if off_px < 1e-3 else 1.0) * pitch_mm)
-        return worst_mm
-
-    @property
-    def snap_error_mm(self) -> float:
-        """Largest distance of a snapped edge from its true place about the centre, in mm."""
-        worst_mm = 0.0
-        for axis, edges_px in enumerate((self.columns_px, self.rows_px)):
-            true_mm = _edges_mm(len(edges_px) - 1, self.size_mm[axis])
-            found_mm = (edges_px - edges_px[-1] / 2) * self.pitch_mm[axis]
-            worst_mm = max(worst_mm, float(np.abs(found_mm - true_mm).max()))
-        return worst_mm
-
-    def rows(self, first: int, stop: int) -> NDArray[np.uint8]:
-        """Printer dots of rows first to stop as printed, (stop - first, width, 3) or without 3."""
-        of_row = np.searchsorted(self.rows_px, np.arange(first, stop), "right") - 1
-        used = self.cells[of_row[0] : of_row[-1] + 1]
-        band = used.repeat(np.diff(self.columns_px), axis=1)[of_row - of_row[0]]
-        if self.grid is not None:
-            self._stamp(band, first, stop)
-        return band[:, ::-1] if self.mirrored else band
-
-    def bands(self) -> Iterator[NDArray[np.uint8]]:
-        """All rows as printed, some at a time."""
-        for first in range(0, self.height_px, BAND_ROWS):
-            yield self.rows(first, min(first + BAND_ROWS, self.height_px))
-
-    def small(self) -> NDArray[np.uint8]:
-        """The cells as printed, one pixel each."""
-        return np.ascontiguousarray(self.cells[:, ::-1] if self.mirrored else self.cells)
-
-    def _stamp(self, band: NDArray[np.uint8], first: int, stop: int) -> None:
-        """Ink every printer dot whose centre lies in a marker; the rule of `dots.stamp`."""
-        assert self.grid is not None
-        radius_mm = self.grid.diameter_mm / 2
-        pitch_x_mm, pitch_y_mm = self.pitch_mm
-        centres_mm = dots.centres_mm(self.grid)
-        at_px = centres_mm / np.array(self.pitch_mm)
-        at_px += (np.array([self.width_px, self.height_px]) - 1) / 2
-        reach_x_px, reach_y_px = radius_mm / pitch_x_mm + 1, radius_mm / pitch_y_mm + 1
-        near = (at_px[:, 1] > first - reach_y_px) & (at_px[:, 1] < stop + reach_y_px)
-        y_px = np.arange(first, stop)
-        for x, y in at_px[near]:
-            left = max(0, math.floor(x - reach_x_px))
-            right = max(left, min(self.width_px, math.ceil(x + reach_x_px) + 1))
-            dx_mm = (np.arange(left, right) - x) * pitch_x_mm
-            dy_mm = (y_px - y) * pitch_y_mm
-            inked = dx_mm[None, :] ** 2 + dy_mm[:, None] ** 2 <= radius_mm**2
-            band[:, left:right][inked] = self.grid.rgb
-
-
 Mark = FilledRectangle | TextLine | CellGrid
-
-
-def snapped(count: int, size_mm: float, pitch_mm: float) -> NDArray[np.int64]:
-    """The count + 1 edges of equal cells at their nearest printer dots, from 0; as in `raster`."""
-    side_px = max(1, round(size_mm / pitch_mm))
-    edges_px = np.floor(_edges_mm(count, size_mm) / pitch_mm + side_px / 2 + 0.5)
-    return np.asarray(edges_px, np.int64)
-
-
-def _edges_mm(count: int, size_mm: float) -> NDArray[np.float64]:
-    return np.asarray((np.arange(count + 1) / count - 0.5) * size_mm, np.float64)
 
 
 def width_mm(text: str, size_pt: float) -> float:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...units import MM_PER_INCH
-from .marks import BAND_ROWS, CellGrid, FilledRectangle, Mark, TextLine, grey_bytes, width_mm
+from ..cell_grid import BAND_ROWS, CellGrid
+from .marks import FilledRectangle, Mark, TextLine, grey_bytes, width_mm
 from .pixels import LEVEL, packed
 
 MAX_PAGE_PX = 150_000_000

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ... import __version__
-from ...errors import InputError
-from .layout import HEAD_PT, LEFT_BAND_MM, REGISTER_MM, Sheet, line_mm
+from .layout import HEAD_PT, LEFT_BAND_MM, MARGIN_MM, REGISTER_MM, Sheet, line_mm
 from .marks import FilledRectangle, Mark, width_mm, wrapped
 
 RULER_MM = 100.0
@@ -18,8 +17,6 @@ TICK_MM = 3.0
 TICK_GAP_MM = 1.0
 FILM_CORNER_MM = 4.0
 SMALL_PT = 6.0
-STICKERS_MM = 60.0
-"""Least height left below the header."""
 
 
 def instructions(sheet: Sheet, paper: str, transfer: str) -> list[str]:
@@ -58,24 +55,15 @@ def signature(page: int, pages: int) -> str:
 
 
 def header(sheet: Sheet, lines: Sequence[str]) -> tuple[list[Mark], float]:
-    """Registration marks, header, rulers, colour patches; and where the stickers begin (y, mm).
-
-    Raises InputError when the paper is too small for them.
-    """
+    """Registration marks, header, rulers, colour patches; and where the stickers begin (y, mm)."""
     width, height = sheet.size_mm
-    margin = sheet.margin_mm
-    left = margin + LEFT_BAND_MM
-    room_mm = width - margin - REGISTER_MM - 2 - left
-    if room_mm < RULER_MM or height - 2 * margin < RULER_MM + STICKERS_MM:
-        raise InputError(
-            f"paper: {width:.4g} x {height:.4g} mm less margins of {margin:g} mm has no room for "
-            f"the rulers of {RULER_MM:g} mm; use smaller margins or a larger paper"
-        )
+    left = MARGIN_MM + LEFT_BAND_MM
+    room_mm = width - MARGIN_MM - REGISTER_MM - 2 - left
     marks: list[Mark] = []
-    for x_mm in (margin, width - margin - REGISTER_MM):
-        for y_mm in (margin, height - margin - REGISTER_MM):
+    for x_mm in (MARGIN_MM, width - MARGIN_MM - REGISTER_MM):
+        for y_mm in (MARGIN_MM, height - MARGIN_MM - REGISTER_MM):
             marks += _register(sheet, x_mm, y_mm)
-    y_mm = margin
+    y_mm = MARGIN_MM
     for line in lines:
         for part in wrapped(line.split(" "), room_mm, HEAD_PT, " "):
             y_mm += line_mm(HEAD_PT)
@@ -85,14 +73,14 @@ def header(sheet: Sheet, lines: Sequence[str]) -> tuple[list[Mark], float]:
     y_mm += 8.5
     marks += _colours(sheet, left, y_mm)
     y_mm += 9.0
-    marks += _ruler_y(sheet, margin, y_mm + 2.0)
+    marks += _ruler_y(sheet, MARGIN_MM, y_mm + 2.0)
     return marks, y_mm
 
 
 def footer(sheet: Sheet, text: str) -> list[Mark]:
     """A line between the lower registration marks."""
-    y_mm = sheet.size_mm[1] - sheet.margin_mm - 1.0
-    return [sheet.words(sheet.margin_mm + LEFT_BAND_MM, y_mm, text)]
+    y_mm = sheet.size_mm[1] - MARGIN_MM - 1.0
+    return [sheet.words(MARGIN_MM + LEFT_BAND_MM, y_mm, text)]
 
 
 def corner_mark(sheet: Sheet, x_px: int, y_px: int, mirrored: bool) -> list[Mark]:

@@ -11,7 +11,8 @@ from collections.abc import Iterable, Sequence
 
 from ...pdf import Document, figure, glyphs
 from ...units import POINTS_PER_MM
-from .marks import CellGrid, FilledRectangle, Mark, TextLine
+from ..cell_grid import CellGrid
+from .marks import FilledRectangle, Mark, TextLine
 from .pixels import NONE, SUB, packed
 
 INSET_MM = 1e-4

@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import InputError
+from ..cell_grid import CellGrid
 from ..laws.patches import draw_patches
+from ..raster import finest_mm
 from ..recipe import PatternRecipe, recipe_from
 from . import layout, page_marks
 from .layout import Sheet, StickerCell
-from .marks import CellGrid, Mark, printable, wrapped
+from .marks import Mark, printable, wrapped
 
 MAX_STICKER_PX = 120_000_000
 """Largest raster of a sticker: some seconds; bands keep its memory small at any size."""
@@ -50,11 +52,8 @@ def whole_dots(recipe: PatternRecipe, sheet: Sheet) -> PatternRecipe:
 def check_dots(recipe: PatternRecipe, sheet: Sheet) -> None:
     """Raise InputError where the printer's dots are too coarse for the recipe, or too many."""
     pitch_mm = max(sheet.pitch_mm)
-    limits = [(recipe.patch_mm, "a patch")]
-    if recipe.dots is not None:
-        limits.append((recipe.dots.diameter_mm / 4, "a quarter of a marker dot"))
-    for limit_mm, what in limits:
-        if limit_mm is not None and pitch_mm > limit_mm * (1 + 1e-9):
+    for limit_mm, what in finest_mm(recipe):
+        if pitch_mm > limit_mm * (1 + 1e-9):
             least = math.ceil(sheet.dpi * pitch_mm / limit_mm - 1e-9)
             raise InputError(
                 f"{name(recipe)}: a printer dot at {sheet.dpi:g} dpi is {pitch_mm:.4g} mm, larger "

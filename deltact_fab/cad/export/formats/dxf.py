@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ....errors import RunFailed
+from ...kernel import ordered
 from ...part import Flat
 
 LAYER = "CUT"
@@ -66,11 +67,13 @@ def _document(draw: Callable[[Any], None]) -> bytes:
 
 
 def _draw(document: Any, solid: Any, name: str, outwards_mm: float) -> None:
+    from cadquery import Edge
+
     face, thickness_mm = _plate(solid, name)
     document.layers.add(LAYER, color=1)
     space = document.modelspace()
     for wire in _moved(face, outwards_mm):
-        edges = _ordered(wire)
+        edges = [Edge(edge) for edge in ordered(wire)]
         _check_closed(edges, name)
         corners = [corner for edge in edges for corner in _corners(edge, name)]
         space.add_lwpolyline(corners, "xyb", close=True, dxfattribs={"layer": LAYER})
@@ -104,19 +107,6 @@ def _plate(solid: Any, name: str) -> tuple[Any, float]:
             raise RunFailed(f"{name}: {len(faces)} flat faces look {side}; a plate has one")
         found[sign] = faces[0]
     return found[1], found[1].Center().z - found[-1].Center().z
-
-
-def _ordered(wire: Any) -> list[Any]:
-    """Edges of a wire one after the other, each running its own way round."""
-    from cadquery import Edge
-    from OCP.BRepTools import BRepTools_WireExplorer
-
-    explorer = BRepTools_WireExplorer(wire.wrapped)
-    edges = []
-    while explorer.More():
-        edges.append(Edge(explorer.Current()))
-        explorer.Next()
-    return edges
 
 
 def _ends(edge: Any) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -51,7 +51,7 @@ def threemf_bytes(
         f"<mesh>\n<vertices>\n{vertices}\n</vertices>\n"
         f"<triangles>\n{triangles}\n</triangles>\n</mesh>"
     )
-    return _archive(name, material, colour, [ArchiveObject(name, body, ((x, y, z),))])
+    return plate_bytes([ArchiveObject(name, body, ((x, y, z),))], name, material, colour)
 
 
 @dataclass(frozen=True)
@@ -77,15 +77,6 @@ def plate_bytes(
     colour: tuple[float, float, float, float],
 ) -> bytes:
     """Several parts of one material as they stand on one platform, each under its own name."""
-    return _archive(name, material, colour, pieces)
-
-
-def _archive(
-    title: str,
-    material: str,
-    colour: tuple[float, float, float, float],
-    pieces: Sequence[ArchiveObject],
-) -> bytes:
     shade = "#" + "".join(f"{round(255 * c):02X}" for c in colour)
     objects = "\n".join(
         f'<object id="{i}" type="model" name={quoteattr(piece.name)} pid="1" pindex="0">\n'
@@ -99,7 +90,7 @@ def _archive(
     )
     model = f"""<?xml version="1.0" encoding="UTF-8"?>
 <model unit="millimeter" xml:lang="en" xmlns="{_CORE}">
-<metadata name="Title">{escape(title)}</metadata>
+<metadata name="Title">{escape(name)}</metadata>
 <metadata name="Application">deltact-fab {__version__}</metadata>
 <resources>
 <basematerials id="1"><base name={quoteattr(material)} displaycolor="{shade}"/></basematerials>

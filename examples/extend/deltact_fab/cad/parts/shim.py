@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
 
+from ..dimensions import Design
 from ..drafting.items import Callouts, x_of, y_of, z_of
-from ..kernel import require
+from ..kernel import Shape, require
 from ..part import PRINT, RESIN, Part
-from ..rule import Rule
+from ..rule import Quantity, Rule
 from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from ..dimensions import Design
 
 
 def size(d: Design) -> tuple[float, float, float]:
@@ -26,14 +23,14 @@ def expect(d: Design) -> Expected:
     return Expected((x * y * z,) * 2, ((0.0, 0.0, 0.0), (x, y, z)), {"wall_mm": z})
 
 
-def build(d: Design) -> Any:
+def build(d: Design) -> Shape:
     """The solid."""
     return require().Solid.makeBox(*size(d))
 
 
 def rules(d: Design) -> Iterable[Rule]:
     """Thick enough to print."""
-    yield Rule("shim", ("1", 1.0), "<=", ("shell.wall_mm", d.shell.wall_mm))
+    yield Quantity("1", 1.0).at_most("shell.wall_mm", d.shell.wall_mm)
 
 
 def callouts(d: Design) -> Callouts:
@@ -41,11 +38,6 @@ def callouts(d: Design) -> Callouts:
     x, y, z = size(d)
     items = (x_of("top", 0, x, "bottom"), y_of("top", 0, y, "left"), z_of("front", 0, z, "left"))
     return Callouts(items, ("Flat.",))
-
-
-def wall_mm(d: Design) -> float:
-    """Its thinnest wall."""
-    return d.shell.wall_mm
 
 
 def note(d: Design) -> str:
@@ -64,7 +56,7 @@ PARTS = (
         sections=("shell",),
         derived=("z_joint_mm",),
         rules=rules,
-        wall_mm=wall_mm,
+        wall_keys=("shell.wall_mm",),
         callouts=callouts,
         note=note,
         how="flat on the platform",

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...aliases import Field
-from ..mesh import Mesh
+from ..aliases import Field
+from .mesh import Mesh
 
 # Faces that meet in an edge look past each other, and the distance between them ends in zero there:
 # a wall is where they look apart to within this.
