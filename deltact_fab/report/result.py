@@ -132,3 +132,9 @@ class StudyResult:
     left_out: tuple[LeftOut, ...] = ()
     missing: tuple[str, ...] = ()
     files: dict[str, str] = field(default_factory=dict)
+
+
+def records(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows of a table as plain data, None where there is no number."""
+    plain = frame.astype(object).where(frame.notna(), None)
+    return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .. import catalog
 from ..errors import InputError
-from ..report.result import Headline, ReportFigure, ReportTable, StudyResult
+from ..report.result import Headline, ReportFigure, ReportTable, StudyResult, records
 from .request import StudyRequest
 from .sensors import (
     CLAIMED_REDUCTION,
@@ -53,7 +53,12 @@ def run(asked: StudyRequest) -> StudyResult:
         study=NAME,
         title="Sensors compared",
         verdict=_verdict(said),
-        data=_data(table, reductions, said),
+        data={
+            "claims": [vars(one) for one in said.values()],
+            "contradiction": contradiction(),
+            "sensors": records(table),
+            "reductions": records(reductions),
+        },
         simulated=False,
         seed=asked.seed,
         scale=None,
@@ -251,22 +256,3 @@ def _figures(table: pd.DataFrame) -> tuple[ReportFigure, ...]:
             lambda: paper_charts.area_against_volume(table),
         ),
     )
-
-
-def _data(
-    table: pd.DataFrame, reductions: pd.DataFrame, said: Mapping[str, PaperClaim]
-) -> dict[str, Any]:
-    """Plain data of `--json`."""
-    return {
-        "claims": [vars(one) for one in said.values()],
-        "contradiction": contradiction(),
-        "sensors": _records(table),
-        "reductions": _records(reductions),
-    }
-
-
-def _records(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    return [
-        {str(k): None if isinstance(v, float) and math.isnan(v) else v for k, v in row.items()}
-        for row in frame.to_dict("records")
-    ]

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..report.result import Headline
 
 Statistic = Callable[[NDArray[np.float64]], float]
 Scale = Literal["plain", "positive", "correlation"]
@@ -42,6 +43,20 @@ class Interval(NamedTuple):
     low: float | None
     high: float | None
     over: str
+
+
+def headline(what: str, unit: str, found: Interval, factor: float = 1.0, **more: Any) -> Headline:
+    """A figure that counts, with its interval; factor: to the unit, from the figure's own."""
+    low, high = (None if end is None else factor * end for end in (found.low, found.high))
+    return Headline(what, factor * found.value, unit, low, high, found.over, **more)
+
+
+def told(found: Interval | Headline, unit: str = "", digits: str = ".3g", factor: float = 1) -> str:
+    """As `1.27 µm [1.18 to 1.36]`; without an interval the value alone."""
+    text = f"{factor * found.value:{digits}} {unit}".rstrip()
+    if found.low is None or found.high is None:
+        return text
+    return f"{text} [{factor * found.low:{digits}} to {factor * found.high:{digits}}]"
 
 
 def over_groups(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +28,6 @@ from .field import field_error
 from .judge import (
     TEST_SHARE,
     EvaluatedModel,
-    LearningPoint,
     figures,
     fit,
     judge,
@@ -61,14 +61,33 @@ def calibrate(
     for name in must:  # before anything is tracked
         _require_enough(make_features(name, view), sum(map(_settled, tables)), source)
     data = gather(runs, asked, executor, progress)
-    judged, left_out = compare(data, seed, must, source)
-    best = judged[0].name
-    errors = errors_kept(figures(judged[0], data))
-    kept = _calibration(runs, fit(data, best), error=errors)
-    return ForceResult(
-        data, judged, kept, seed, [*data.left_out, *_doubts(runs, tables), *left_out],
-        curves_of(data, best, seed), field_error(runs, data, best),
-    )  # fmt: skip
+    found = fit_best(
+        data, seed, lambda model, error: _calibration(runs, model, error=error), must, source
+    )
+    return replace(
+        found,
+        left_out=[*found.left_out, *_doubts(runs, tables)],
+        field=field_error(runs, data, found.best.name),
+    )
+
+
+def fit_best(
+    data: ForceData,
+    seed: int,
+    calibration: Callable[[ForceModel, dict[str, dict[str, Any]]], ForceCalibration],
+    must: Sequence[str] = (PAPER,),
+    source: str = "points",
+) -> ForceResult:
+    """The points' feature sets compared, and the best one's model on all of them.
+
+    calibration: makes one of the model and its errors. must, source: as of `compare`. Raises
+    InputError.
+    """
+    models, left_out = compare(data, seed, must, source)
+    best = models[0].name
+    curves = {name: learning_curve(data, name, seed) for name in dict.fromkeys((best, PAPER))}
+    kept = calibration(fit(data, best), errors_kept(figures(models[0], data)))
+    return ForceResult(data, models, kept, seed, [*data.left_out, *left_out], curves)
 
 
 def compare(
@@ -91,16 +110,8 @@ def compare(
     return sorted(judged, key=lambda one: score(one, data)), left_out
 
 
-def curves_of(data: ForceData, best: str, seed: int) -> dict[str, list[LearningPoint]]:
-    """How the best feature set and the paper's learn."""
-    return {name: learning_curve(data, name, seed) for name in dict.fromkeys((best, PAPER))}
-
-
 def carry_over(
-    folders: Sequence[Path],
-    other: Path,
-    executor: Executor | None = None,
-    progress: Progress | None = None,
+    folders: Sequence[Path], other: Path, progress: Progress | None = None
 ) -> tuple[TransferredCalibration, ForceCalibration, list[str]]:
     """Another sensor's calibration on this one, from the few presses of runs; what was left out.
 
@@ -111,7 +122,7 @@ def carry_over(
     runs, tables = opened(folders)
     # Refused before anything is tracked.
     features_of(calibration.model, calibration.view(runs[0].camera), f"{other}: model")
-    data = gather(runs, (name,), executor, progress)
+    data = gather(runs, (name,), None, progress)
     moved = transfer(calibration.model, data)
     told = {"of": list(calibration.head.made.runs), **moved.as_dict()}
     kept = _calibration(runs, moved.model, transfer=told)

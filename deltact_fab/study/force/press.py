@@ -7,43 +7,21 @@ run has it, and its record analysed as any other; then the images go, and the po
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ...analysis.force.dataset import PressPoints, points_of
 from .. import press_jobs
 
-if TYPE_CHECKING:
-    from ...patterns.recipe import PatternRecipe
-    from ...protocols.plan import Protocol
-    from ...rig.config import VirtualConfig
-    from ...shapes import SensorDimensions
-
 _ROW = ("frame_id", "indenter", "run", "press", "position", "x_mm", "y_mm", "cover")
-
-
-def given(
-    protocol: Protocol,
-    sensor: SensorDimensions,
-    recipe: PatternRecipe,
-    rig: VirtualConfig,
-    source: Path,
-    presses: Sequence[str],
-    seed: int,
-    features: Sequence[str],
-) -> dict[str, Any]:
-    """Arguments of `points` as plain data; see `press_jobs.given`."""
-    return press_jobs.given(protocol, sensor, recipe, rig, source, presses, seed) | {
-        "features": list(features)
-    }
 
 
 def points(told: dict[str, Any]) -> dict[str, Any]:
     """The points of presses: rows (lists by column), wrench (n, 6), features/NAME (n, k).
 
-    And what the gel reports, see `press_jobs.gel_of`. Raises RunFailed.
+    And what `press_jobs.gel_of` reports. told: as `press_jobs.given`, and names of `features`.
+    Raises RunFailed.
     """
     with press_jobs.carried_out(told) as (run, bench):
         name = str(told["protocol"]["name"])

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 ALL, STRAIGHT = "all points", "stops without shear"
-BIASED = 0.5
-"""Of the square of an error, from which on its mean over a group is most of it."""
 
 
 def error(judged: EvaluatedModel, data: ForceData, left_out: str, name: str) -> Array:
@@ -26,7 +24,10 @@ def error(judged: EvaluatedModel, data: ForceData, left_out: str, name: str) -> 
 
 
 def by_group(result: ForceResult, models: dict[str, EvaluatedModel]) -> pd.DataFrame:
-    """Error on each position and indenter when it was left out, a row a model, group and force."""
+    """Error on each position and indenter when it was left out, a row a model, group and force.
+
+    gain: slope of predicted on measured through 0.
+    """
     import pandas as pd
 
     rows = []
@@ -39,21 +40,16 @@ def by_group(result: ForceResult, models: dict[str, EvaluatedModel]) -> pd.DataF
                 for name in FORCES:
                     off = error(judged, result.data, group, name)[of == value]
                     measured = component(result.data.wrench, name)[of == value]
+                    size = float(measured @ measured)
                     rows.append(
                         {
                             "model": label, "left_out": group, "which": value, "force": name,
                             "points": len(off), "rmse_n": float(np.sqrt(np.mean(off**2))),
                             "mean_error_n": float(off.mean()),
-                            "gain": _gain(off, measured),
+                            "gain": 1 + float(off @ measured) / size if size else np.nan,
                         }
                     )  # fmt: skip
     return pd.DataFrame(rows)
-
-
-def _gain(off: Array, measured: Array) -> float | None:
-    """Slope of predicted on measured through 0."""
-    size = float(measured @ measured)
-    return None if size == 0 else 1 + float(off @ measured) / size
 
 
 def parts(result: ForceResult, name: str) -> pd.DataFrame:
@@ -153,10 +149,8 @@ def why_missed(table: pd.DataFrame, model: str, left_out: str, name: str) -> str
     rows = table[
         (table["model"] == model) & (table["left_out"] == left_out) & (table["force"] == name)
     ]
-    worst = max(rows.to_dict(orient="records"), key=lambda row: float(row["rmse_n"]))
-    rmse_n, mean_n, gain = worst["rmse_n"], worst["mean_error_n"], worst["gain"]
-    text = f"worst at {worst['which']}: {rmse_n:.2f} N"
-    if gain is not None and mean_n**2 > BIASED * rmse_n**2:
-        text += f", {mean_n:+.2f} N of it the same for all (gain {gain:.2f})"
-    others = len(rows) - 1
-    return f"{text}; fitted to {others} other{'s' if others > 1 else ''}"
+    worst = rows.loc[rows["rmse_n"].idxmax()]
+    return (
+        f"worst at {worst['which']}: {worst['rmse_n']:.2f} N, {worst['mean_error_n']:+.2f} N of it "
+        f"the same for all (gain {worst['gain']:.2f}); fitted to the {len(rows) - 1} others"
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,14 +18,15 @@ from ...analysis.force import (
 )
 from ...analysis.force.judge import EvaluatedModel, as_rows
 from ...report.force_figures import drawn
-from ...report.result import Headline, ReportTable, StudyResult
+from ...report.result import Headline, ReportTable, StudyResult, records
 from ..gel_remarks import MODULUS_FACTOR, remark
-from ..intervals import Interval, rmse
+from ..intervals import Interval, headline, rmse
 from .reasons import by_group, error, parts, why_missed, why_not_the_papers
 
 if TYPE_CHECKING:
     import pandas as pd
 
+STUDY = "force-calibration"
 GOAL_N, GOAL_SHEAR = 0.2, 0.02
 """Of the normal force, and of the range in shear, on a left-out position or indenter."""
 WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_y": "shear along y"}
@@ -38,55 +39,53 @@ def models(result: ForceResult) -> dict[str, EvaluatedModel]:
     return {"paper": result.paper, "best": result.best}
 
 
-def told(result: ForceResult, study: str, scale: float | None) -> StudyResult:
-    """Everything but the scene: settings, notes and what was left out are its maker's."""
+def told(result: ForceResult, scale: float | None, modulus: ReportTable | None) -> StudyResult:
+    """Everything but the scene: settings and what was left out are its maker's.
+
+    modulus: the table of what its factor changes, of a simulated gel.
+    """
     where = by_group(result, models(result))
     refits = parts(result, PAPER)
     heads = [*_best(result, where), *_paper(result, refits)]
-    made = result.calibration.head.made
+    verdict = _verdict(result, heads)
+    tables = [
+        _compared(result),
+        _left_out(where),
+        ReportTable(
+            "force-paper-refits",
+            "The paper's model fitted to parts. What it gains on a part of the points alone "
+            "is what one linear model of its sums cannot say of all. The last row is of "
+            "points that its fit has not seen.",
+            refits,
+        ),
+        _learning(result),
+    ]
+    data = _data(result, heads, verdict)
+    notes: tuple[str, ...] = ()
+    if modulus is not None:
+        tables.append(modulus)
+        rows = records(modulus.frame)
+        data["modulus"] = {"factor": MODULUS_FACTOR, "at": rows}
+        notes = (remark(STUDY, rows[1]["modulus_mpa"]),)
     return StudyResult(
-        study=study,
+        study=STUDY,
         title="Force calibration",
-        verdict=_verdict(result, heads),
-        data=_data(result, heads),
-        simulated=made.simulated,
+        verdict=verdict,
+        data=data,
+        simulated=result.calibration.head.made.simulated,
         seed=result.seed,
         scale=scale,
         headlines=tuple(heads),
-        tables=(
-            _compared(result),
-            _left_out(where),
-            ReportTable(
-                "force-paper-refits",
-                "The paper's model fitted to parts. What it gains on a part of the points alone "
-                "is what one linear model of its sums cannot say of all. The last row is of "
-                "points that its fit has not seen.",
-                refits,
-            ),
-            _learning(result),
-        ),
+        tables=tuple(tables),
         figures=tuple(drawn(result)),
-        left_out=(),
+        notes=notes,
         files={"points.csv": result.points().to_csv(index=False)},
     )
 
 
-def with_modulus(told: StudyResult, modulus_mpa: float, table: ReportTable) -> StudyResult:
-    """With what the modulus's factor changes."""
-    rows = table.frame.to_dict(orient="records")
-    note = remark(told.study, modulus_mpa)
-    return replace(
-        told,
-        tables=(*told.tables, table),
-        notes=(*told.notes, note),
-        data={**told.data, "modulus": {"factor": MODULUS_FACTOR, "at": rows}},
-    )
-
-
 def modulus(
-    result: ForceResult, modulus_mpa: float, range_n: tuple[float, ...],
-    range_nmm: tuple[float, ...],
-) -> ReportTable:  # fmt: skip
+    result: ForceResult, modulus_mpa: float, range_n: Sequence[float], range_nmm: Sequence[float]
+) -> ReportTable:
     """Ranges, errors and the load on the force sensor, at the modulus and its two ends."""
     import pandas as pd
 
@@ -135,12 +134,8 @@ def _best(result: ForceResult, where: pd.DataFrame) -> list[Headline]:
             remark = f"of {span:.2f} N"
             if found.value > goal:
                 remark += "; " + why_missed(where, "best", left_out, name)
-            heads.append(
-                Headline(
-                    f"{result.best.name}, {WORDS[name]}, {words}: RMSE", found.value, "N",
-                    found.low, found.high, found.over, goal=goal, remark=remark,
-                )
-            )  # fmt: skip
+            what = f"{result.best.name}, {WORDS[name]}, {words}: RMSE"
+            heads.append(headline(what, "N", found, goal=goal, remark=remark))
     return heads
 
 
@@ -153,30 +148,26 @@ def _paper(result: ForceResult, refits: pd.DataFrame) -> list[Headline]:
         remark = ""
         if found.low is not None and found.low > printed_n:
             remark = why_not_the_papers(result, refits, name)
-        heads.append(
-            Headline(
-                f"paper's model, {WORDS[name]}, test points: RMSE", found.value, "N",
-                found.low, found.high, found.over, paper=printed_n, remark=remark,
-            )
-        )  # fmt: skip
+        what = f"paper's model, {WORDS[name]}, test points: RMSE"
+        heads.append(headline(what, "N", found, paper=printed_n, remark=remark))
     return heads
 
 
 def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
-    best = [head for head in heads if head.goal is not None]
     lines = [f"The model {result.line}."]
-    missed = [head for head in best if head.met is False]
-    if best and not missed:
-        lines.append(
+    held = [head for head in heads if head.goal is not None]
+    if held:
+        goal = (
             f"The goal, {GOAL_N:g} N in normal force and {GOAL_SHEAR:.0%} of the range in shear on "
-            "what was left out, is met."
+            "what was left out, is "
         )
-    elif missed:
-        named = "; ".join(
+        missed = "; ".join(
             f"{head.what.partition(', ')[2]} {head.value:.3f} N for {head.goal:.3f}"
-            for head in missed
+            for head in held
+            if not head.met
         )
-        lines.append(f"The goal is missed, for the reasons beside the figures: {named}.")
+        lines.append(f"{goal}missed, for the reasons beside the figures: {missed}." if missed
+                     else f"{goal}met.")  # fmt: skip
     paper = [head for head in heads if head.paper is not None]
     said = ", ".join(f"{head.value:.2f} N for {head.paper:.2f}" for head in paper)
     lines.append(
@@ -188,13 +179,13 @@ def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _data(result: ForceResult, heads: list[Headline]) -> dict[str, Any]:
+def _data(result: ForceResult, heads: list[Headline], verdict: tuple[str, ...]) -> dict[str, Any]:
     keys = ("adjusted_r2", "rmse_n", "rmse_left_out_position_n", "rmse_left_out_indenter_n",
             "range_n")  # fmt: skip
     every = result.figures()
     made = result.calibration.head.made
     return {
-        "verdict": list(_verdict(result, heads)),
+        "verdict": list(verdict),
         "models": {
             label: {name: {key: every[judged.name][name][key] for key in keys} for name in FORCES}
             for label, judged in models(result).items()
@@ -254,7 +245,7 @@ def _left_out(where: pd.DataFrame) -> ReportTable:
     """A row a model and what was left out; columns as in normal_rmse_n."""
     keys = ["model", "left_out", "which", "points"]
     wide = where.pivot(index=keys, columns="force", values=["rmse_n", "mean_error_n", "gain"])
-    wide.columns = _joined_names(wide.columns)
+    wide.columns = [f"{force}_{value}" for value, force in wide.columns]
     order = [f"{name}_{value}" for name in FORCES for value in ("rmse_n", "mean_error_n", "gain")]
     frame = wide[order].reset_index().sort_values(["model", "left_out"], ascending=[True, False])
     shown = (*keys, *(column for column in order if not column.endswith("gain")), "normal_gain")
@@ -265,11 +256,6 @@ def _left_out(where: pd.DataFrame) -> ReportTable:
         frame.reset_index(drop=True),
         shown,
     )
-
-
-def _joined_names(columns: pd.Index) -> list[str]:
-    """Names as normal_rmse_n of pairs (rmse_n, normal)."""
-    return [f"{force}_{value}" for value, force in columns]
 
 
 def _learning(result: ForceResult) -> ReportTable:
@@ -283,4 +269,27 @@ def _learning(result: ForceResult) -> ReportTable:
         "How many presses. Error on all other presses when a model is fitted to few, drawn at "
         "random; low and high are the 10th and 90th percentile of the draws.",
         pd.DataFrame(rows),
+    )
+
+
+def meshes(gel: Sequence[Mapping[str, Any]]) -> ReportTable:
+    """A row a job: its points' presses, mesh, flags, and what interpolation costs."""
+    import pandas as pd
+
+    rows = [
+        {
+            "presses": ", ".join(dict.fromkeys(one["rows"]["press"])),
+            "mesh": "; ".join(one["why"]),
+            "flags": "; ".join(one["flags"].values()),
+            "between_poses_n": one["between_n"] if one["between_samples"] else None,
+            "between_poses_mm": one["between_mm"] if one["between_samples"] else None,
+        }
+        for one in gel
+    ]
+    return ReportTable(
+        "force-gel",
+        "The gel. The presses of each job, what the solver flags of their mesh, and the largest "
+        "error of linear interpolation between solved poses, where it was tried.",
+        pd.DataFrame(rows),
+        ("presses", "flags", "between_poses_n", "between_poses_mm"),
     )

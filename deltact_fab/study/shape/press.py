@@ -14,7 +14,6 @@ from ...analysis.shape import UNCALIBRATED, PressShape, ShapeMaps, calibrate_dep
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.sensor_id import Kind
 from ...measure.shape import DepthModel
-from ...record import Run
 from .. import press_jobs
 
 SHOWN = ("deepest", "twisted")
@@ -69,8 +68,3 @@ def unpacked(value: Mapping[str, Any]) -> PressShape:
         for name in SHOWN
     ]
     return PressShape(list(rows), pictures[0], pictures[1], value["contact_by"])
-
-
-def seen_of(run: Run, press: str, files: Mapping[Kind, Path]) -> PressShape:
-    """The same of a press that was recorded."""
-    return press_shape(run, press, *models(files))
