@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,65 +13,6 @@ from .options import RIG_NAME, SEED, Finite
 if TYPE_CHECKING:
     from ..study.registry import Option, Study
 
-# option: (what `Study.takes` calls it, how it is declared)
-COMMON: dict[str, tuple[str, Callable[[Study], dict[str, Any]]]] = {
-    "--scale": (
-        "scale",
-        lambda one: {
-            "type": Finite(0, 1, min_open=True),
-            "default": one.scale,
-            "show_default": one.scale is not None,
-            "metavar": "SHARE",
-            "help": "Share of the paper's points or frames, up to 1.",
-        },
-    ),
-    "--seed": (
-        "seed",
-        lambda one: {
-            "type": SEED,
-            "default": 0,
-            "show_default": True,
-            "metavar": "N",
-            "help": "Seed of everything random.",
-        },
-    ),
-    "--rig": (
-        "rig",
-        lambda one: {
-            "type": RIG_NAME,
-            "metavar": "RIG",
-            "show_default": "the study's own",
-            "help": "Virtual rig: a name of `rig list` or a path.",
-        },
-    ),
-    "--from": (
-        "from",
-        lambda one: {
-            "multiple": True,
-            "type": click.Path(path_type=Path),
-            "metavar": "RUN",
-            "help": "Use this recorded run instead of simulating; repeatable.",
-        },
-    ),
-    "--jobs": (
-        "grid",
-        lambda one: {
-            "type": click.IntRange(1, 256),
-            "metavar": "N",
-            "show_default": "one per processor",
-            "help": "Processes at a time.",
-        },
-    ),
-    "--on": (
-        "grid",
-        lambda one: {
-            "default": "local",
-            "show_default": True,
-            "metavar": "WHERE",
-            "help": "Where jobs run: local, or a Dask scheduler as dask:tcp://HOST:PORT.",
-        },
-    ),
-}
 OUT = "study-out"
 
 
@@ -83,19 +23,59 @@ class _Command(click.Command):
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as why:
-            if why.option_name not in COMMON:
+            common = [flag for own in _common(None).values() for one in own for flag in one.opts]
+            if why.option_name not in common:
                 raise
             raise InputError(
                 f"{why.option_name}: the study {self.name} has no such option"
             ) from why
 
 
+def _common(scale: float | None) -> dict[str, list[click.Option]]:
+    """The options that studies share, by what `Study.takes` calls them."""
+    return {
+        "scale": [
+            click.Option(
+                ["--scale"], type=Finite(0, 1, min_open=True), default=scale,
+                show_default=scale is not None, metavar="SHARE",
+                help="Share of the paper's points or frames, up to 1.",
+            )
+        ],
+        "seed": [
+            click.Option(
+                ["--seed"], type=SEED, default=0, show_default=True, metavar="N",
+                help="Seed of everything random.",
+            )
+        ],
+        "rig": [
+            click.Option(
+                ["--rig"], type=RIG_NAME, metavar="RIG", show_default="the study's own",
+                help="Virtual rig: a name of `rig list` or a path.",
+            )
+        ],
+        "from": [
+            click.Option(
+                ["--from"], multiple=True, type=click.Path(path_type=Path), metavar="RUN",
+                help="Use this recorded run instead of simulating; repeatable.",
+            )
+        ],
+        "grid": [
+            click.Option(
+                ["--jobs"], type=click.IntRange(1, 256), metavar="N",
+                show_default="one per processor", help="Processes at a time.",
+            ),
+            click.Option(
+                ["--on"], default="local", show_default=True, metavar="WHERE",
+                help="Where jobs run: local, or a Dask scheduler as dask:tcp://HOST:PORT.",
+            ),
+        ],
+    }  # fmt: skip
+
+
 def command(name: str, one: Study) -> click.Command:
     """`study run NAME`, with the options that this study takes."""
     options: list[click.Parameter] = [
-        click.Option([flag], **declared(one))
-        for flag, (what, declared) in COMMON.items()
-        if what in one.takes
+        option for what, own in _common(one.scale).items() if what in one.takes for option in own
     ]
     options += [_option(more) for more in one.options]
     options += [
@@ -126,26 +106,12 @@ def command(name: str, one: Study) -> click.Command:
 
 
 def _option(one: Option) -> click.Option:
-    given: dict[str, Any] = {"help": one.help}
     kind = one.kind if one.default is None else type(one.default)
-    flag = f"--{one.name}"
-    if kind is bool:
-        return click.Option(
-            [f"{flag}/--no-{one.name}"], default=one.default, show_default=True, **given
-        )
-    if one.default not in (None, ()):
-        given |= {"default": one.default, "show_default": True}
+    given: dict[str, Any] = {"help": one.help}
     if kind is tuple:
         given["multiple"] = True
-    elif kind is bool:
-        pass  # the flag's form says it
-    elif one.choices:
-        given["type"] = click.Choice(one.choices)
-    elif one.low is None and one.high is None and kind is not float:
-        given["type"] = kind
-    elif kind is int:
-        low, high = (None if limit is None else int(limit) for limit in (one.low, one.high))
-        given["type"] = click.IntRange(low, high)
     else:
-        given["type"] = Finite(one.low, one.high)
-    return click.Option([flag], **given)
+        given["type"] = Finite() if kind is float else kind
+    if one.default not in (None, ()):
+        given |= {"default": one.default, "show_default": True}
+    return click.Option([f"--{one.name}"], **given)
