@@ -5,9 +5,8 @@ local.py is processes here, cluster.py is an existing Dask cluster, messages.py 
 while it runs.
 """
 
-from ..aliases import Progress
 from .batch import CannotGoOn, JobOutcome, arrivals, each, run
-from .executors import executor, width
+from .executors import executor
 from .local import THREAD_VARIABLES, processors
 from .messages import tell
 
@@ -15,12 +14,10 @@ __all__ = [
     "THREAD_VARIABLES",
     "CannotGoOn",
     "JobOutcome",
-    "Progress",
     "arrivals",
     "each",
     "executor",
     "processors",
     "run",
     "tell",
-    "width",
 ]

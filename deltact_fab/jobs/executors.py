@@ -34,9 +34,3 @@ def executor(on: str = LOCAL, workers: int | None = None) -> Iterator[Executor]:
 
     with cluster(on.removeprefix(DASK)) as there:
         yield there
-
-
-def width(executor: Executor) -> int:
-    """How many jobs at a time; 1 where it is not known."""
-    found = getattr(executor, "workers", 1)
-    return found if isinstance(found, int) else 1

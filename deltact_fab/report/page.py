@@ -69,10 +69,10 @@ def write(
         "by_indenter": run_figures.error_by_indenter(tracking.by_indenter, verdict, PAPER_BEST_MM),
         **_by_step(tracking),
     }
-    if frames["fz_n"].notna().any():
-        drawn["force"] = run_figures.force_by_frame(frames)
     if measured is not None and measured.force is not None:
-        drawn["force"] = run_figures.force_traces(measured.force)
+        drawn["force"] = run_figures.force_by_frame(measured.force.frames)
+    elif frames["fz_n"].notna().any():
+        drawn["force"] = run_figures.force_by_frame(frames)
     if measured is not None and measured.deepest:
         drawn["shape"] = run_figures.deepest_presses(measured.deepest)
     page = render(

@@ -25,8 +25,9 @@ from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
 from ..virtual.paths import paths
 from ..virtual.presses import Presses
+from . import press_jobs
 from .grid import GridJob
-from .pattern_press import KNOT_S, cost_s, follow, given, solve_gel
+from .pattern_press import KNOT_S, cost_s, follow, solve_gel
 from .request import StudyRequest, virtual_rig
 
 
@@ -194,13 +195,13 @@ class Selection:
         return found
 
     def _given(self, press: str, entries: Sequence[SeriesEntry]) -> dict[str, Any]:
-        patterns = {entry.name: entry.recipe for entry in entries}
+        patterns = {entry.name: entry.recipe.model_dump(mode="json") for entry in entries}
         indenter = next(p.indenter for p in paths(self.protocol) if p.press == press)
         # A press does not depend on the other indenters: with more of them it is found again.
         alone = self.protocol.model_copy(update={"indenters": (indenter,)})
-        return given(
-            alone, press, self.sensor, self.config, self.source, patterns, METHODS,
-            self.seed,
+        return press_jobs.given(
+            alone, self.sensor, self.config, self.source, press=press, patterns=patterns,
+            methods=list(METHODS), seed=self.seed,
         )  # fmt: skip
 
 

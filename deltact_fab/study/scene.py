@@ -89,9 +89,11 @@ class PressScene:
         """Presses of a protocol that share their gel as one job; more: besides what they are."""
         protocol = self.protocols[name]
         given = press_jobs.given(
-            protocol, self.sensor, self.recipe, self.rig, self.source, presses, self.seed
-        )
-        return GridJob(job, work, given | more, self._seconds(name, presses))
+            protocol, self.sensor, self.rig, self.source,
+            recipe=self.recipe.model_dump(mode="json"), presses=list(presses), seed=self.seed,
+            **more,
+        )  # fmt: skip
+        return GridJob(job, work, given, self._seconds(name, presses))
 
     def _seconds(self, name: str, presses: Sequence[str]) -> float:
         """What they take on one core; an indenter's first gel is solved half-way between too."""

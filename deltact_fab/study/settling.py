@@ -21,15 +21,14 @@ from ..cad.design import load_design
 from ..errors import InputError
 from ..protocols import plan
 from ..protocols.plan import Protocol, expand
-from ..report.result import Headline, StudyResult
-from ..rig import config as rig_config
-from ..rig.config import VirtualConfig
+from ..report.result import StudyResult
 from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
 from ..virtual.paths import poses
 from ..virtual.presses import Presses
-from . import intervals
 from .grid import GridJob
+from .intervals import estimate, headline
+from .request import share_of, virtual_rig
 from .settling_page import ASSUMED, result, words
 from .settling_stops import WAITS_S, Stop, judged, simulated
 
@@ -109,7 +108,7 @@ def run(asked: StudyRequest) -> StudyResult:
 def _simulated(asked: StudyRequest) -> StudyResult:
     protocol, _ = plan.load(PROTOCOL)
     series = series_of(asked.more.get("prony") or (), protocol)
-    depths = _thinned(protocol.depths_mm, asked.scale or 1.0)
+    depths = _thinned(protocol.depths_mm, share_of(asked.scale))
     given = _gel(asked.rig or RIG, protocol.specimen.design)
     jobs, pairs = [], []
     for depth in depths:
@@ -192,11 +191,8 @@ def _one_depth(protocol: Protocol, depth_mm: float, series: Series | None) -> Pr
 
 def _gel(rig_name: str, design: str) -> dict[str, Any]:
     """Resolution of the simulated gel, and the skin, as a job takes them."""
-    rig, source = rig_config.load(rig_name)
-    if not isinstance(rig, VirtualConfig):
-        raise InputError(f"{source}: a virtual rig is needed; a real one's runs come by --from")
-    skin = asdict(load_design(design).skin)
-    return {"gel": rig.virtual.gel.model_dump(mode="json"), "skin": skin}
+    gel = virtual_rig(rig_name)[0].virtual.gel
+    return {"gel": gel.model_dump(mode="json"), "skin": asdict(load_design(design).skin)}
 
 
 def _thinned(depths: Sequence[float], scale: float) -> list[float]:
@@ -240,15 +236,11 @@ def _recorded(asked: StudyRequest) -> StudyResult:
         )  # fmt: skip
     shares = np.arange(len(found))
     groups = [stop.group for stop in stops]
-    total = intervals.estimate(
+    total = estimate(
         shares, groups, lambda rows: sum(fit([found[int(n)] for n in rows]).series.shares),
         "press", "positive",
     )  # fmt: skip
-    head = Headline(
-        "Share of the steady force that fades", 100 * total.value, "%",
-        None if total.low is None else 100 * total.low,
-        None if total.high is None else 100 * total.high, total.over,
-    )  # fmt: skip
+    head = headline("Share of the steady force that fades", "%", total, 100)
     settings = {
         "runs": ", ".join(str(folder) for folder in asked.runs),
         "gel": f"fitted: {words(fitted.series)}",

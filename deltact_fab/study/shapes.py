@@ -7,7 +7,7 @@ gallery, the depth's error against truth where there is one, force fields of a p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,21 +74,13 @@ def _ball(pictures: Sequence[ShapeMaps]) -> ShapeMaps | None:
     return next((p for p in pictures if p.indenter.startswith("sphere:")), None)
 
 
-@dataclass(frozen=True)
-class _Recorded:
-    """A press of a recorded run, and the calibrations of its sensor by kind."""
-
-    folder: str
-    press: str
-    files: Mapping[Kind, Path]
-
-
-def _seen(job: _Recorded) -> PressShape:
-    from .. import record
+def _seen(of: tuple[str, str, Mapping[Kind, Path]]) -> PressShape:
+    """A press of a recorded run; of: folder, press and the calibrations of its sensor by kind."""
     from ..analysis.shape import press_shape
     from .shape.press import models
 
-    return press_shape(record.open(job.folder), job.press, *models(job.files))
+    folder, press, files = of
+    return press_shape(folder, press, *models(files))
 
 
 def _recorded(asked: StudyRequest) -> StudyResult:
@@ -105,14 +97,14 @@ def _recorded(asked: StudyRequest) -> StudyResult:
     for open_run in runs:
         files = _calibrations(open_run, asked.more)
         presses = dict.fromkeys(recorded(open_run, "shape")["press"])
-        jobs += [_Recorded(str(open_run.folder), str(press), files) for press in presses]
-    names = [f"{Path(job.folder).name}/{job.press}" for job in jobs]
+        jobs += [(str(open_run.folder), str(press), files) for press in presses]
+    names = [f"{Path(folder).name}/{press}" for folder, press, _ in jobs]
     seen = dict(zip(names, each(_seen, jobs, names, asked.executor, asked.progress), strict=True))
     if not any(row["tip_depth_mm"] > 0 for one in seen.values() for row in one.rows):
         raise InputError(f"{runs[0].folder}: nothing is pressed in what was recorded")
     pictures = _deepest([one.deepest for one in seen.values()])
     simulated = any(one.simulated for one in runs)
-    kinds = {kind: file for job in jobs for kind, file in job.files.items()}
+    kinds = {kind: file for _, _, files in jobs for kind, file in files.items()}
     found = summary.result(
         seen,
         pictures,

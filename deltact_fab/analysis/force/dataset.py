@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -94,14 +95,6 @@ class ForceData:
 
 
 @dataclass(frozen=True)
-class _PointsJob:
-    folder: str
-    label: str
-    press: str
-    names: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class PressPoints:
     """The points of one press, as in `ForceData`, and why each of its other frames is not one."""
 
@@ -152,11 +145,12 @@ def gather(
 ) -> ForceData:
     """The points of `opened` runs under feature sets. Raises InputError where none can be used."""
     jobs = [
-        _PointsJob(str(run.folder), label, press, tuple(names))
+        (str(run.folder), label, press)
         for run, label in zip(runs, labels(runs), strict=True)
         for press in presses(run)
     ]
-    parts = each(_press, jobs, [job.press for job in jobs], executor, progress)
+    shown = [press for _, _, press in jobs]
+    parts = each(partial(_press, names=tuple(names)), jobs, shown, executor, progress)
     return joined(parts, names, view_of(runs[0]), str(runs[0].folder))
 
 
@@ -182,8 +176,10 @@ def joined(
     return ForceData(points, wrench, features, sets, left_out)
 
 
-def _press(job: _PointsJob) -> PressPoints:
-    return points_of(record.open(job.folder), job.label, job.press, job.names)
+def _press(of: tuple[str, str, str], names: Sequence[str]) -> PressPoints:
+    """The points of a press; of: the run's folder, its label, and the press."""
+    folder, label, press = of
+    return points_of(record.open(folder), label, press, names)
 
 
 def points_of(run: Run, label: str, press: str, names: Sequence[str]) -> PressPoints:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -206,8 +206,3 @@ def enough(curve: list[LearningPoint]) -> int | None:
         if point.force_error_n <= ENOUGH * known[-1].force_error_n:  # type: ignore[operator]
             return point.presses
     return None
-
-
-def as_rows(curve: list[LearningPoint]) -> list[dict[str, Any]]:
-    """Plain data."""
-    return [asdict(point) for point in curve]

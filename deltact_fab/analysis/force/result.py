@@ -19,7 +19,6 @@ from .judge import (
     SHOWN,
     EvaluatedModel,
     LearningPoint,
-    as_rows,
     component,
     enough,
     figures,
@@ -103,7 +102,9 @@ class ForceResult:
             "simulated": made.simulated,
             "run_seed": made.seed,
             "split_seed": self.seed,
-            "learning": {name: as_rows(curve) for name, curve in self.curves.items()},
+            "learning": {
+                name: [asdict(point) for point in curve] for name, curve in self.curves.items()
+            },
             "enough_presses": {name: enough(curve) for name, curve in self.curves.items()},
             "paper_table": {
                 name: {"adjusted_r2": r2, "rmse_n": rmse_n}

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ... import record
 from ...aliases import Array
 from ...errors import InputError
 from ...measure.face import FaceFlow
@@ -24,7 +26,7 @@ from ...measure.shape import (
     relative_depth,
 )
 from ...optics import LatticeSampler
-from ...record import Run, RunTruth
+from ...record import RunTruth
 from ...shapes import Indenter
 from ...shapes.indenter import parse
 from ..flows import flows_of
@@ -108,13 +110,14 @@ class _Found:
 
 
 def press_shape(
-    run: Run, press: str, model: DepthModel, force: ForceCalibration | None = None
+    folder: str | Path, press: str, model: DepthModel, force: ForceCalibration | None = None
 ) -> PressShape:
-    """Of a run with images.
+    """Of a run with images, by its folder.
 
     Raises InputError for a calibration that this version cannot use, and for a frame of which
     nobody knows where the stage was.
     """
+    run = record.open(folder)
     rows, truth, view = settled(run.frames(press)), run.truth(), view_of(run)
     if (lost := rows.loc[rows["z_mm"].isna(), "frame_id"]).size:
         raise InputError(
@@ -150,7 +153,12 @@ def press_shape(
         if k in (at_deepest, at_twisted):
             image = run.image(str(row.file))
             pictures[k] = _picture(row, tip_mm, image, view.camera, flow, found, true, force_n)
-            pictures[k] = _with_truth(pictures[k], truth)
+            if truth is not None and truth.tractions:
+                x_mm, y_mm = truth.face_mm(str(row.frame_id))
+                traction_mpa = truth.traction_mpa(str(row.frame_id))
+                pictures[k] = replace(
+                    pictures[k], true_traction_mpa=traction_mpa, face_x_mm=x_mm, face_y_mm=y_mm
+                )
     twisted = None if at_twisted is None else pictures[at_twisted]
     return PressShape(told, pictures.get(at_deepest), twisted, way)
 
@@ -276,6 +284,8 @@ def _picture(
 ) -> ShapeMaps:
     h, w = image.shape[:2]
     corners = camera.rest_mm(np.array([[-0.5, -0.5], [w - 0.5, h - 0.5]]))
+    import pandas as pd
+
     field = found.field
     return ShapeMaps(
         indenter=str(row.indenter),
@@ -292,7 +302,7 @@ def _picture(
         depth_mm=found.depth.depth_mm,
         outlines_mm=[contact.outline_mm for contact in found.contacts],
         force_n=force_n,
-        torque_z_nmm=_number(row.tz_nmm),
+        torque_z_nmm=None if pd.isna(row.tz_nmm) else float(row.tz_nmm),
         total_n=None if found.wrench is None else found.wrench.force_n,
         turning_nmm=None if found.wrench is None else float(found.wrench.torque_nmm[2]),
         traction_mpa=None if field is None else field.traction_mpa,
@@ -301,20 +311,3 @@ def _picture(
         true_depth_mm=None if true is None else true.depth_mm,
         true_contact=None if true is None else true.contact,
     )
-
-
-def _number(value: Any) -> float | None:
-    return None if value is None or np.isnan(value) else float(value)
-
-
-def _with_truth(picture: ShapeMaps, truth: RunTruth | None) -> ShapeMaps:
-    """The same with the tractions that the run kept, if it did."""
-    from dataclasses import replace
-
-    if truth is None or not truth.tractions:
-        return picture
-    x_mm, y_mm = truth.face_mm(picture.frame_id)
-    return replace(
-        picture, true_traction_mpa=truth.traction_mpa(picture.frame_id), face_x_mm=x_mm,
-        face_y_mm=y_mm,
-    )  # fmt: skip

@@ -110,6 +110,6 @@ def _tell(result: ForceResult) -> None:
 
 
 def _figures(result: ForceResult) -> dict[str, Any]:
-    from ...report.force_figures import all_figures
+    from ...report.force_figures import drawn
 
-    return dict(all_figures(result))
+    return {one.name: one.draw() for one in drawn(result)}

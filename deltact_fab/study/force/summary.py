@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from ...analysis.force import (
     component,
     enough,
 )
-from ...analysis.force.judge import EvaluatedModel, as_rows
+from ...analysis.force.judge import EvaluatedModel
 from ...report.force_figures import drawn
 from ...report.result import Headline, ReportTable, StudyResult, records
 from ..gel_remarks import MODULUS_FACTOR, remark
@@ -184,6 +185,7 @@ def _data(result: ForceResult, heads: list[Headline], verdict: tuple[str, ...]) 
             "range_n")  # fmt: skip
     every = result.figures()
     made = result.calibration.head.made
+    learning = {name: [asdict(point) for point in curve] for name, curve in result.curves.items()}
     return {
         "verdict": list(verdict),
         "models": {
@@ -200,7 +202,7 @@ def _data(result: ForceResult, heads: list[Headline], verdict: tuple[str, ...]) 
         "n_test": len(result.best.test),
         "n_presses": int(result.data.points["press"].nunique()),
         "headlines": [head.as_dict() for head in heads],
-        "learning": {name: as_rows(curve) for name, curve in result.curves.items()},
+        "learning": learning,
         "enough_presses": {name: enough(curve) for name, curve in result.curves.items()},
         "runs": list(made.runs),
         "simulated": made.simulated,
@@ -262,7 +264,7 @@ def _learning(result: ForceResult) -> ReportTable:
     import pandas as pd
 
     rows = [
-        {"model": name, **row} for name, curve in result.curves.items() for row in as_rows(curve)
+        {"model": name, **asdict(point)} for name, curve in result.curves.items() for point in curve
     ]
     return ReportTable(
         "force-learning",

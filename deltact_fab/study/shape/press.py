@@ -40,7 +40,7 @@ def look(told: dict[str, Any]) -> dict[str, Any]:
             if told[kind] is not None:
                 files[kind] = Path(folder) / f"{kind}.toml"
                 files[kind].write_text(told[kind], encoding="utf-8")
-        seen = press_shape(run, press, *models(files))
+        seen = press_shape(run.folder, press, *models(files))
         return {**packed(seen), **press_jobs.gel_of(bench)}
 
 
