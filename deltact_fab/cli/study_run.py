@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import Executor
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,12 +87,7 @@ def _none_left(*new: Path) -> Iterator[None]:
         raise
 
 
-@contextmanager
-def _executor(given: dict[str, Any]) -> Iterator[Executor | None]:
-    if "on" not in given:
-        yield None
-        return
+def _executor(given: dict[str, Any]) -> AbstractContextManager[Executor | None]:
     from ..jobs import executor
 
-    with executor(given["on"], given["jobs"]) as found:
-        yield found
+    return executor(given["on"], given["jobs"]) if "on" in given else nullcontext()

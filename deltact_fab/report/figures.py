@@ -7,6 +7,7 @@ import io
 import math
 import re
 import textwrap
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -108,7 +109,7 @@ def to_svg(figure: Figure, words: str = "") -> str:
     label = html.escape(words or _words(figure), quote=True)
     svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
     # Several figures share one page: an id must not meet its namesake in another figure.
-    salt = f"f{abs(hash_text(svg)):x}"
+    salt = f"f{zlib.crc32(svg.encode()):x}"
     svg = re.sub(r'\bid="', f'id="{salt}-', svg)
     svg = re.sub(r"url\(#", f"url(#{salt}-", svg)
     return re.sub(r'href="#', f'href="#{salt}-', svg)
@@ -130,13 +131,6 @@ def _words(figure: Figure) -> str:
         for text in (figure.axes[0].get_ylabel(), figure.axes[0].get_xlabel())
     ]
     return " against ".join(filter(None, labels)) or "figure"
-
-
-def hash_text(text: str) -> int:
-    """A hash that does not change between processes."""
-    import zlib
-
-    return zlib.crc32(text.encode())
 
 
 def legend_below(figure: Figure, axis: Axes) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,18 +38,14 @@ def drawn(result: ForceResult) -> list[ReportFigure]:
              "Error on the presses left out against the number of presses fitted to; the bands "
              "are the 10th to the 90th percentile of draws.")
         )  # fmt: skip
-    return [ReportFigure(name, text, _signed(make, result)) for name, make, text in shown]
 
-
-def _signed(make: Callable[[ForceResult], Figure], result: ForceResult) -> Callable[[], Figure]:
-    """With where its data is from in the corner."""
-
-    def draw() -> Figure:
+    def signed(make: Callable[[ForceResult], Figure]) -> Figure:
         figure = make(result)
+        # Where its data is from, in the corner.
         figure.text(0.995, 0.005, result.calibration.head.origin, ha="right", fontsize=7)
         return figure
 
-    return draw
+    return [ReportFigure(name, text, partial(signed, make)) for name, make, text in shown]
 
 
 def predicted_against_measured(result: ForceResult) -> Figure:
@@ -136,8 +133,7 @@ def learning(result: ForceResult) -> Figure:
 
 def _shown(result: ForceResult) -> list[tuple[EvaluatedModel, str]]:
     """The paper's model and the best, and what was left out for the predictions shown."""
-    models = [one for one in (result.paper, result.best) if one is not None]
-    unlike = list({one.name: one for one in models}.values())
+    unlike = list({one.name: one for one in (result.paper, result.best)}.values())
     return [(one, "position" if "position" in one.predicted else "test") for one in unlike]
 
 

@@ -184,6 +184,8 @@ def _strips(
     run: record.Run, frames: pd.DataFrame, tracking: TrackingResult
 ) -> list[dict[str, Any]]:
     """A strip an indenter: the end of the press and the extremes of shear, with flow arrows."""
+    import cv2
+
     strips = []
     for indenter in dict.fromkeys(frames["indenter"]):
         part = frames[frames["indenter"] == indenter]
@@ -197,23 +199,17 @@ def _strips(
             arrows = tracking.arrows.get(str(row.frame_id))
             if arrows is not None:
                 image = run_figures.flow_picture(image, arrows, ARROW_STEP_PX, ARROW_GAIN)
+            # Six tenths of the size: a strip shows four pictures side by side.
+            small = cv2.resize(image, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
             pictures.append(
                 {
-                    "src": _png(_smaller(image)),
+                    "src": _png(np.asarray(small, np.uint8)),
                     "caption": str(row.step_id).rsplit("/", 1)[-1],
                     "pose": f"x {row.x_mm:+.2f}, y {row.y_mm:+.2f}, z {row.z_mm:+.2f} mm",
                 }
             )
         strips.append({"indenter": indenter, "pictures": pictures})
     return strips
-
-
-def _smaller(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Six tenths of the size: a strip shows four pictures side by side."""
-    import cv2
-
-    small = cv2.resize(image, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.uint8)
 
 
 def _png(image: NDArray[np.uint8]) -> str:

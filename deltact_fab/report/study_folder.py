@@ -12,7 +12,7 @@ from typing import Any
 
 from .. import reading
 from ..errors import InputError, RunFailed
-from ..files import write_together
+from ..files import making, write_together
 from .result import Headline, StudyResult
 
 PAGE, RESULT = "report.html", "result.json"
@@ -135,10 +135,8 @@ def contents(result: StudyResult) -> dict[str, bytes]:
 
 def make(folder: Path) -> None:
     """A folder to write into. Raises InputError where there can be none."""
-    try:
+    with making(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as why:
-        raise InputError(f"{folder}: cannot be made: {why.strerror}") from why
 
 
 def refuse_strange(out: Path, study: str) -> None:

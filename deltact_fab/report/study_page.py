@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import figures, study_folder
-from .result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
+from .result import LeftOut, ReportTable, StudyResult
 from .templating import environment, named, render, require_pages
 
 if TYPE_CHECKING:
@@ -44,13 +44,6 @@ def prepared(table: ReportTable) -> dict[str, Any]:
         "hidden": len(frame) - len(shown),
         "tsv": tsv(frame),
     }
-
-
-def headline_frame(headlines: tuple[Headline, ...]) -> pd.DataFrame:
-    """The figures that count as a table, for its file."""
-    import pandas as pd
-
-    return pd.DataFrame([one.as_dict() for one in headlines])
 
 
 def tsv(frame: pd.DataFrame) -> str:
@@ -139,7 +132,10 @@ def write(result: StudyResult, out: Path, layer_costs: Sequence[dict[str, Any]] 
     study_folder.make(out)
     study_folder.refuse_strange(out, result.study)
     if result.headlines:
-        own = ReportTable(HEADLINES, "What counts", headline_frame(result.headlines))
+        import pandas as pd
+
+        frame = pd.DataFrame([one.as_dict() for one in result.headlines])
+        own = ReportTable(HEADLINES, "What counts", frame)
         result = replace(result, tables=(own, *result.tables))
     files = study_folder.contents(result)
     page = html(result, study_folder.made_of(files), layer_costs)
@@ -151,7 +147,8 @@ def html(
     result: StudyResult, kept: study_folder.KeptResult, layer_costs: Sequence[dict[str, Any]] = ()
 ) -> str:
     """The page. kept: what its result.json says, of versions and time."""
-    pages = environment(num=number, unit=_unit)
+    # A unit stands behind its number, on the same line.
+    pages = environment(num=number, unit=lambda unit: f"\u00a0{unit}" if unit else "")
     tables = {table.name: prepared(table) for table in result.tables}
     left_out = [_with_cost(one, layer_costs) for one in result.left_out]
     headlines = result.headlines
@@ -163,7 +160,10 @@ def html(
         doubt=bool(result.missing) or any(one.met is False for one in headlines),
         headlines=headlines,
         headline_table=tables.pop(HEADLINES, None),
-        figures=[_drawn(one) for one in result.figures],
+        figures=[
+            {"svg": figures.to_svg(one.draw(), one.caption), "caption": one.caption}
+            for one in result.figures
+        ],
         tables=list(tables.values()),
         left_out=left_out,
         measured_here=any(a.cost != b.cost for a, b in zip(left_out, result.left_out, strict=True)),
@@ -172,18 +172,9 @@ def html(
     )
 
 
-def _drawn(one: ReportFigure) -> dict[str, Any]:
-    return {"svg": figures.to_svg(one.draw(), one.caption), "caption": one.caption}
-
-
 def _with_cost(one: LeftOut, layer_costs: Sequence[dict[str, Any]]) -> LeftOut:
     """With what its layer costs on this machine, where that was measured."""
     found = next((cost for cost in layer_costs if cost["layer"] == one.layer), None)
     if one.cost or found is None or found["seconds"] is None:
         return one
     return replace(one, cost=f"{found['seconds']:.2f} CPU s, {found['megabytes']:.0f} MB")
-
-
-def _unit(unit: str) -> str:
-    """A unit behind its number, on the same line."""
-    return f"\u00a0{unit}" if unit else ""

@@ -58,8 +58,10 @@ def calibrate(
     runs, tables = opened(folders)
     must = asked if names else (PAPER,)
     source, view = str(runs[0].folder), view_of(runs[0])
-    for name in must:  # before anything is tracked
-        _require_enough(make_features(name, view), sum(map(_settled, tables)), source)
+    # How many points there may be at most: refused before anything is tracked.
+    most = sum(len(settled(part)) for frames in tables for _, part in frames.groupby("press"))
+    for name in must:
+        _require_enough(make_features(name, view), most, source)
     data = gather(runs, asked, executor, progress)
     found = fit_best(
         data, seed, lambda model, error: _calibration(runs, model, error=error), must, source
@@ -146,11 +148,6 @@ def _calibration(runs: Sequence[Run], model: ForceModel, **more: Any) -> ForceCa
     view = view_of(run)
     rest = encode_png(run.image(str(run.frames(presses(run)[0])["file"].iloc[0])))
     return ForceCalibration(head, model, view.skin, view.poisson, rest=rest, **more)
-
-
-def _settled(frames: pd.DataFrame) -> int:
-    """How many points a run may give at most."""
-    return sum(len(settled(part)) for _, part in frames.groupby("press", sort=False))
 
 
 def _doubts(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]:

@@ -207,7 +207,9 @@ def points_of(run: Run, label: str, press: str, names: Sequence[str]) -> PressPo
         for k in failed:
             refused[k] = refused[k] or f"{one.name} found no solution"
     taken = np.array([not why for why in refused])
-    x_mm, y_mm = _position(run, press)
+    steps = run.steps()
+    first = steps[steps["press"] == press].iloc[0]  # its aim: where the press goes down
+    x_mm, y_mm = (round(float(first[name]), 3) + 0.0 for name in ("x_mm", "y_mm"))
     table = rows[["frame_id", "indenter"]].assign(
         run=label,
         press=f"{label}/{press}",
@@ -246,10 +248,3 @@ def _features(one: Features, view: SensorView, of: PressFlows) -> tuple[Array, l
         cache.put("force-features", key, held)
     values = np.array([row or [np.nan] * len(one.names) for row in held], float)
     return values, [k for k, row in enumerate(held) if row is None]
-
-
-def _position(run: Run, press: str) -> tuple[float, float]:
-    """Where a press goes down, mm: the aim of its first step."""
-    steps = run.steps()
-    first = steps[steps["press"] == press].iloc[0]
-    return round(float(first["x_mm"]), 3) + 0.0, round(float(first["y_mm"]), 3) + 0.0

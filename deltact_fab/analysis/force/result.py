@@ -55,9 +55,9 @@ class ForceResult:
         return self.judged[0]
 
     @property
-    def paper(self) -> EvaluatedModel | None:
-        """The paper's model; None where it was not asked for."""
-        return next((one for one in self.judged if one.name == PAPER), None)
+    def paper(self) -> EvaluatedModel:
+        """The paper's model, which is always fitted too."""
+        return next(one for one in self.judged if one.name == PAPER)
 
     def figures(self) -> dict[str, dict[str, Any]]:
         """Of every feature set, see `judge.figures`."""
@@ -70,9 +70,8 @@ class ForceResult:
         told = [g for g in ("position", "indenter") if g in self.best.predicted]
         where = f"left-out {' and '.join(f'{g}s' for g in told)}" if told else "test points only"
         text = f"{self.best.name} is taken: {_errors(of)} on {where}"
-        paper = self.paper
-        if paper is not None and paper is not self.best:
-            text += f"; the paper's model {_errors(figures(paper, self.data))}"
+        if self.paper is not self.best:
+            text += f"; the paper's model {_errors(figures(self.paper, self.data))}"
         if not told:
             text += "; no place or indenter could be left out: calibrate on more"
         if (few := enough(self.curves.get(self.best.name, []))) is not None:
@@ -83,13 +82,10 @@ class ForceResult:
         """Plain data, without the points."""
         every = self.figures()
         made = self.calibration.head.made
-        named = {"best": every[self.best.name]}
-        if PAPER in every:
-            named[PAPER] = every[PAPER]
         return {
             "verdict": self.line,
             "best": self.best.name,
-            "models": named,
+            "models": {"best": every[self.best.name], PAPER: every[PAPER]},
             "compared": {
                 one.name: {"left_out_force_error_n": score(one, self.data), **every[one.name]}
                 for one in self.judged
@@ -126,7 +122,7 @@ class ForceResult:
             unit = "n" if of.startswith("f") else "nmm"
             table[f"{name}_{unit}"] = component(self.data.wrench, name)
             for label, one in (("best", self.best), ("paper", self.paper)):
-                for group, predicted in one.predicted.items() if one else ():
+                for group, predicted in one.predicted.items():
                     how = "" if group == "test" else f"left_out_{group}_"
                     table[f"{label}_{how}{name}_{unit}"] = component(predicted, name)
         return table

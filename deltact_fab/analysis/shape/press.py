@@ -195,6 +195,9 @@ def _found(
 
 
 def _figures(indenter: Indenter, tip_mm: Array, flow: FaceFlow, found: _Found) -> dict[str, Any]:
+    place_error_mm = None  # known of an indenter with one round tip that presses
+    if found.contacts and indenter.name.startswith("sphere:") and tip_mm[2] < 0:
+        place_error_mm = float(np.linalg.norm(found.contacts[0].place_mm - tip_mm[:2]))
     return {
         "tip_depth_mm": max(0.0, -float(tip_mm[2])),
         "trusted": flow.trusted,
@@ -205,15 +208,8 @@ def _figures(indenter: Indenter, tip_mm: Array, flow: FaceFlow, found: _Found) -
         "peak_depth_mm": float(found.depth.depth_mm.max()),
         "n_contacts": len(found.contacts),
         "area_mm2": float(sum(contact.area_mm2 for contact in found.contacts)),
-        "place_error_mm": _place_error_mm(indenter, tip_mm, found.contacts),
+        "place_error_mm": place_error_mm,
     }
-
-
-def _place_error_mm(indenter: Indenter, tip_mm: Array, found: list[ContactRegion]) -> float | None:
-    """From the contact to the axis of an indenter with one round tip that presses."""
-    if not found or not indenter.name.startswith("sphere:") or tip_mm[2] >= 0:
-        return None
-    return float(np.linalg.norm(found[0].place_mm - tip_mm[:2]))
 
 
 def _against(true: TrueShape, depth: Depth, relative: Array, flow: FaceFlow) -> dict[str, Any]:

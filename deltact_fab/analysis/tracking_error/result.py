@@ -97,10 +97,6 @@ class TrackingVerdict:
         """What the error is a mean over."""
         return ERRORS[self.error] if self.error is not None else ""
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {**asdict(self), "front": list(self.front)}
-
 
 def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict:
     """The verdict on one or more methods over a whole run (`Tally.figures`, with `name`)."""
@@ -235,7 +231,7 @@ class TrackingResult:
     def as_dict(self) -> dict[str, Any]:
         """Plain data, without the table of frames."""
         return {
-            "verdict": self.verdict.as_dict(),
+            "verdict": asdict(self.verdict),
             "simulated": self.simulated,
             "seed": self.seed,
             "mm_per_px": self.mm_per_px,

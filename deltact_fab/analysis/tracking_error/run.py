@@ -95,36 +95,25 @@ def analyse(
     run cannot tell (errors at dots that it has not, against a truth that nobody knows) is left out
     and named. Raises InputError for an unknown method, a run without images or one not finished.
     """
+    import pandas as pd
+
     run = record.open(folder)
     frames = recorded(run, "tracking")
     scene = scene_of(run, methods)
-    presses = list(dict.fromkeys(frames["press"]))
     indenter_of = dict(zip(frames["press"], frames["indenter"], strict=True))
+    presses = list(indenter_of)
     results = each(
         partial(analyse_press, str(folder), scene=scene), presses, presses, executor, progress
     )
-    return _assemble(run, scene, results, list(indenter_of.values()))
-
-
-def _assemble(
-    run: record.Run, scene: TrackingPlan, results: list[PressResult], indenters: list[str]
-) -> TrackingResult:
-    import pandas as pd
-
     total = {name: ErrorTally() for name in scene.methods}
     parts: dict[tuple[str, str], ErrorTally] = {}
     dots = DotTally()
-    rows: list[dict[str, Any]] = []
-    left_out = list(scene.left_out)
-    arrows = {}
-    for part, indenter in zip(results, indenters, strict=True):
+    for part, indenter in zip(results, indenter_of.values(), strict=True):
         for name, tally in part.tallies.items():
             total[name].join(tally)
             parts.setdefault((name, indenter), ErrorTally()).join(tally)
         dots.join(part.dots)
-        rows += part.rows
-        left_out += part.left_out
-        arrows.update(part.arrows)
+    rows = [row for part in results for row in part.rows]
     return TrackingResult(
         methods=[{"name": name, **tally.figures()} for name, tally in total.items()],
         by_indenter=[
@@ -132,9 +121,9 @@ def _assemble(
             for (name, indenter), tally in parts.items()
         ],
         dots=dots.figures() if dots.seen + dots.lost else None,
-        left_out=left_out,
+        left_out=[*scene.left_out, *(line for part in results for line in part.left_out)],
         frames=pd.DataFrame(rows, columns=COLUMNS),
-        arrows=arrows,
+        arrows={frame: flow for part in results for frame, flow in part.arrows.items()},
         mm_per_px=run.camera.mm_per_px,
         simulated=run.simulated,
         seed=int(run.meta["seed"]),

@@ -129,7 +129,6 @@ def under_shear(judged: EvaluatedModel, data: ForceData) -> tuple[float, float] 
 
 def why_not_the_papers(result: ForceResult, refits: pd.DataFrame, name: str) -> str:
     """Of the paper's model off by more than the paper has: what it cannot tell apart."""
-    assert result.paper is not None, "it was asked for"
     wanted = ("one place", "one indenter", "one press")
     own = [row for row in refits.to_dict(orient="records") if row["fitted_to"] in wanted]
     said = [f"{row[f'{name}_n']:.2f} N fitted to {row['fitted_to']} alone" for row in own]

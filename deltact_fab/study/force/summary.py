@@ -15,7 +15,6 @@ from ...analysis.force import (
     SHOWN,
     ForceResult,
     component,
-    enough,
 )
 from ...analysis.force.judge import EvaluatedModel
 from ...report.force_figures import drawn
@@ -36,7 +35,6 @@ LEFT_OUT = {"position": "a position left out", "indenter": "an indenter left out
 
 def models(result: ForceResult) -> dict[str, EvaluatedModel]:
     """The two that the study shows."""
-    assert result.paper is not None, "it was asked for"
     return {"paper": result.paper, "best": result.best}
 
 
@@ -183,31 +181,18 @@ def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
 def _data(result: ForceResult, heads: list[Headline], verdict: tuple[str, ...]) -> dict[str, Any]:
     keys = ("adjusted_r2", "rmse_n", "rmse_left_out_position_n", "rmse_left_out_indenter_n",
             "range_n")  # fmt: skip
-    every = result.figures()
-    made = result.calibration.head.made
-    learning = {name: [asdict(point) for point in curve] for name, curve in result.curves.items()}
+    whole = result.as_dict()
+    kept = ("paper_table", "best", "n_points", "n_train", "n_test", "n_presses", "learning",
+            "enough_presses", "runs", "simulated", "left_out")  # fmt: skip
     return {
+        **{key: whole[key] for key in kept},
         "verdict": list(verdict),
         "models": {
-            label: {name: {key: every[judged.name][name][key] for key in keys} for name in FORCES}
-            for label, judged in models(result).items()
+            label: {name: {key: of[name][key] for key in keys} for name in FORCES}
+            for label, of in whole["models"].items()
         },
-        "paper_table": {
-            name: {"adjusted_r2": r2, "rmse_n": rmse_n}
-            for name, (r2, rmse_n) in PAPER_TABLE.items()
-        },
-        "best": result.best.name,
-        "n_points": len(result.data),
-        "n_train": len(result.best.train),
-        "n_test": len(result.best.test),
-        "n_presses": int(result.data.points["press"].nunique()),
         "headlines": [head.as_dict() for head in heads],
-        "learning": learning,
-        "enough_presses": {name: enough(curve) for name, curve in result.curves.items()},
-        "runs": list(made.runs),
-        "simulated": made.simulated,
         "seed": result.seed,
-        "left_out": result.left_out,
     }
 
 

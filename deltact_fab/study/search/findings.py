@@ -16,7 +16,7 @@ from ..intervals import Interval, estimate, mean
 from ..request import StudyRequest
 from .candidates import Candidate, Size
 from .imager import PatternImager
-from .search import ERROR, Pair, combined, order
+from .search import ERROR, order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -199,11 +199,6 @@ class Findings:
         if len(errors) >= MIN_ORDERED:
             columns["gel"] = "gel"
         return {name: order(frame, column) for name, column in columns.items()}
-
-    @cached_property
-    def pair(self) -> Pair | None:
-        """The two predictors that order best together."""
-        return combined(self.frame)
 
     def of(self, found: list[ConfirmedPattern], name: str | None) -> ConfirmedPattern | None:
         """A confirmed pattern by its name."""

@@ -143,7 +143,7 @@ def tables(found: Findings) -> tuple[ReportTable, ...]:
         if suffix:
             orders = orders.merge(part, on="predictor", how="left", suffixes=("", suffix))
         words |= {f"rho{suffix}": ORDERS[name], f"low{suffix}": "from", f"high{suffix}": "to"}
-    out = [
+    return (
         ReportTable(
             "confirmed",
             "Confirmed on the finite-strain gel. Means over "
@@ -168,22 +168,7 @@ def tables(found: Findings) -> tuple[ReportTable, ...]:
             tuple(str(c) for c in orders if c not in ("column", "over", "patterns")),
             words,
         ),
-    ]
-    if found.pair is not None:
-        left_out = [
-            {"family": name, "picked": " and ".join(names), "rho_within": rho}
-            for name, (names, rho) in found.pair.left_out.items()
-        ]
-        out.append(
-            ReportTable(
-                "families-left-out",
-                "Two predictors together. By their mean rank, picked without the family that they "
-                "then order.",
-                pd.DataFrame(left_out),
-                words={"rho_within": "rank correlation in it"},
-            )
-        )
-    return tuple(out)
+    )
 
 
 def drawn(found: Findings) -> tuple[ReportFigure, ...]:

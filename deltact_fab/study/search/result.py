@@ -131,16 +131,6 @@ def _headlines(found: Findings) -> tuple[Headline, ...]:
                 remark="Farneback, summed, reference renewed by a photometric threshold",
             )
         )
-    if found.pair is not None:
-        out.append(
-            headline(
-                "rank correlation of the best two predictors, families left out",
-                "",
-                found.pair.held_out,
-                better="high",
-                remark=f"chosen on all: {' and '.join(found.pair.names)}, {found.pair.rho:.2f}",
-            )
-        )
     return tuple(out)
 
 
@@ -180,7 +170,7 @@ def _data(found: Findings) -> dict[str, Any]:
     def plain(value: Interval | None) -> dict[str, Any] | None:
         return None if value is None else value._asdict()
 
-    best, shipped, pair = found.best, found.of(found.ours, found.shipped), found.pair
+    best, shipped = found.best, found.of(found.ours, found.shipped)
     bench = asdict(found.bench)
     return {
         "printer": bench["printer"],
@@ -196,11 +186,6 @@ def _data(found: Findings) -> dict[str, Any]:
         "predictors": records(found.orders[""]),
         "predictors_of_the_sure": records(found.orders["sure"]),
         "predictors_of_the_lost": records(found.orders["lost"]),
-        "combined": pair and {
-            "picked": list(pair.names),
-            "rho": pair.rho,
-            "rho_families_left_out": plain(pair.held_out),
-        },
         "candidates": records(found.frame),
         "search_seeds": found.size.seeds,
         "held_out_seeds": found.size.held_out,
