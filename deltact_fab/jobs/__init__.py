@@ -1,12 +1,12 @@
 """The one executor of the package: jobs side by side, on this machine or on a Dask cluster.
 
 Everything is written against concurrent.futures.Executor. batch.py hands jobs to one and collects,
-local.py is processes here, cluster.py is an existing Dask cluster, messages.py is what a job says
-while it runs.
+local.py is processes here, cluster.py these or an existing Dask cluster, messages.py is what a job
+says while it runs.
 """
 
 from .batch import CannotGoOn, JobOutcome, arrivals, each, run
-from .executors import executor
+from .cluster import executor
 from .local import THREAD_VARIABLES, processors
 from .messages import tell
 

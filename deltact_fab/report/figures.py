@@ -187,7 +187,10 @@ def name_marks(
         for dx, dy in _around(wide, high):
             box = (at_x + dx, at_y + dy, at_x + dx + wide, at_y + dy + high)
             within = inside.x0 * scale <= box[0] and box[2] <= inside.x1 * scale
-            if within and not any(_overlap(box, other) for other in taken):
+            if within and not any(
+                box[0] < x1 and x0 < box[2] and box[1] < y1 and y0 < box[3]
+                for x0, y0, x1, y1 in taken
+            ):
                 break
         taken.append(box)
         aside = min(max(-dx / wide, 0.0), 1.0)  # where along the name its mark is
@@ -215,10 +218,6 @@ def _around(wide: float, high: float) -> Iterator[tuple[float, float]]:
             yield 4.0, up
             yield -4.0 - wide, up
             yield -wide / 2, up
-
-
-def _overlap(one: Box, other: Box) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 COLUMN_IN, BOTH_COLUMNS_IN = 3.5, 7.16  # of IEEE's two-column page

@@ -60,7 +60,7 @@ def write(
     run = record.open(run_folder)
     if not run.finished:
         raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
-    frames = run.frames()
+    frames, notes = run.frames(), run.notes()
     verdict = tracking.verdict
     drawn = {
         "by_time": run_figures.error_by_time(
@@ -101,7 +101,11 @@ def write(
         parts=parts,
         layer_costs=measured_costs,
         counts=_counts(frames),
-        notes=_notes(run),
+        # What operators said.
+        notes=[
+            {"at": f"{datetime.fromtimestamp(wall_s, UTC):%Y-%m-%d %H:%M} UTC", "text": text}
+            for wall_s, text in zip(notes["wall_s"], notes["text"], strict=True)
+        ],
     )
     return save(page, out)
 
@@ -161,15 +165,6 @@ def _fig(value: Any, digits: int = 4) -> str:
     if isinstance(value, int):
         return f"{value:,}".replace(",", "\u202f")  # a thin space that does not break
     return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
-
-
-def _notes(run: record.Run) -> list[dict[str, str]]:
-    """What operators said, with the day and time (UTC)."""
-    table = run.notes()
-    return [
-        {"at": f"{datetime.fromtimestamp(wall_s, UTC):%Y-%m-%d %H:%M} UTC", "text": text}
-        for wall_s, text in zip(table["wall_s"], table["text"], strict=True)
-    ]
 
 
 def _counts(frames: pd.DataFrame) -> dict[str, Any]:

@@ -103,9 +103,7 @@ def _reach_mm(indenter: Indenter) -> float:
 
 
 def _image(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> None:
-    most = maps.longest(picture.shift_mm, picture.known)
-    maps.photograph(axis, picture)
-    maps.arrows(axis, picture, picture.x_mm, picture.y_mm, picture.shift_mm, picture.known, most)
+    most = maps.flow(axis, picture)
     maps.frame(axis, picture, first, last=True)
     axis.set_xlabel(f"x, mm; arrows at most {most:.2f} mm", fontsize=maps.LABELS)
 
@@ -267,10 +265,7 @@ def _full(values: Array) -> float:
 
 
 def _flow(axis: Axes, picture: ShapeMaps) -> None:
-    most = maps.longest(picture.shift_mm, picture.known)
-    maps.photograph(axis, picture)
-    maps.arrows(axis, picture, picture.x_mm, picture.y_mm, picture.shift_mm, picture.known, most)
-    axis.set_title(f"flow, at most {most:.2f} mm", fontsize=maps.HEADS)
+    axis.set_title(f"flow, at most {maps.flow(axis, picture):.2f} mm", fontsize=maps.HEADS)
 
 
 def _depth(axis: Axes, picture: ShapeMaps) -> None:

@@ -27,7 +27,11 @@ def prepared(table: ReportTable) -> dict[str, Any]:
     many rows are not shown. tsv: the same head and all rows, numbers to their last digit.
     Raises ValueError for a shown column that the frame has not.
     """
-    frame = table.frame if table.shown is None else table.frame[list(_known(table))]
+    frame = table.frame
+    if table.shown is not None:
+        if strange := [name for name in table.shown if name not in frame]:
+            raise ValueError(f"table {table.name}: no column {strange[0]!r}")
+        frame = frame[list(table.shown)]
     frame = frame[[name for name in frame if frame[name].notna().any() or frame.empty]]
     title, _, more = table.caption.partition(". ")
     shown = frame if len(frame) <= MAX_ROWS else frame.iloc[:FIRST_ROWS]
@@ -49,7 +53,11 @@ def prepared(table: ReportTable) -> dict[str, Any]:
 def tsv(frame: pd.DataFrame) -> str:
     """Head and rows with tabs between; no quotes, for a spreadsheet takes the cells as they are."""
     lines = [list(map(str, frame.columns)), *frame.itertuples(index=False)]
-    return "\n".join("\t".join(_plain(value) for value in line) for line in lines) + "\n"
+    cells = (
+        "\t".join("" if _is_none(value) else " ".join(str(value).split()) for value in line)
+        for line in lines
+    )
+    return "\n".join(cells) + "\n"
 
 
 def number(value: Any) -> str:
@@ -79,13 +87,6 @@ def cell(value: Any) -> str:
     return str(value)
 
 
-def _known(table: ReportTable) -> tuple[str, ...]:
-    assert table.shown is not None
-    if strange := [name for name in table.shown if name not in table.frame]:
-        raise ValueError(f"table {table.name}: no column {strange[0]!r}")
-    return table.shown
-
-
 def _is_none(value: Any) -> bool:
     return value is None or (isinstance(value, float) and not math.isfinite(value))
 
@@ -96,11 +97,6 @@ def _kind(column: pd.Series[Any]) -> str:
     if all(isinstance(value, int | float) or hasattr(value, "dtype") for value in known):
         return "number"
     return "short" if max(len(str(value)) for value in known) <= SHORT else "long"
-
-
-def _plain(value: Any) -> str:
-    """As pandas writes it into the CSV, on one line."""
-    return "" if _is_none(value) else " ".join(str(value).split())
 
 
 MAX_MISSING = 20

@@ -8,7 +8,7 @@ import sys
 import time
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -300,13 +300,10 @@ class _Books:
         if self._errors and not self.found:
             raise self._errors[0]
         self._pace.keep()
-        _trim(self._keys.values())
+        # The longest unused make room, and never what has been used now, which is the youngest.
+        used = sum(cache.file_bytes(KIND, key) for key in self._keys.values())
+        cache.trim(KIND, max(KEPT_BYTES, used))
         return Grid([job.name for job in self._jobs], self.found, self._missing, self._kept)
-
-
-def _trim(used: Iterable[dict[str, Any]]) -> None:
-    """The longest unused make room, and never what has been used now, which is the youngest."""
-    cache.trim(KIND, max(KEPT_BYTES, sum(cache.file_bytes(KIND, key) for key in used)))
 
 
 def _do(job: GridJob) -> tuple[bytes, Value]:

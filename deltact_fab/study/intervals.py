@@ -98,7 +98,9 @@ def over_groups(
 
 def rmse(errors: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str) -> Interval:
     """Root of the mean square of errors (n,) or (n, k), with its interval; each: "position"..."""
-    return estimate(errors, groups, _rms, each, "positive")
+    return estimate(
+        errors, groups, lambda rows: math.sqrt(float(np.mean(rows**2))), each, "positive"
+    )
 
 
 def mean(
@@ -108,7 +110,7 @@ def mean(
     scale: Scale = "plain",
 ) -> Interval:
     """Mean of values (n,), with its interval; each: what a group is, "seed", "position"..."""
-    return estimate(values, groups, _mean, each, scale)
+    return estimate(values, groups, lambda rows: float(np.mean(rows)), each, scale)
 
 
 def estimate(
@@ -128,14 +130,6 @@ def estimate(
     several = f"{each}es" if each.endswith("s") else f"{each}s"
     over = f"{count} {several}" if count > 1 else f"one {each}: no interval"
     return Interval(float(statistic(rows)), low, high, over)
-
-
-def _rms(errors: NDArray[np.float64]) -> float:
-    return math.sqrt(float(np.mean(errors**2)))
-
-
-def _mean(values: NDArray[np.float64]) -> float:
-    return float(np.mean(values))
 
 
 def _checked(

@@ -211,8 +211,8 @@ def verdict(errors: PatternErrors, covers: str, bench: str = "") -> tuple[str, .
         counts = [errors.tally(p.name, "paper").switches for p in errors.printed]
         lines.append(
             f"The paper's tracker renewed its reference {min(counts)} to {max(counts)} times a "
-            f"pattern in {len({cell.press for cell in errors.cells})} presses; from then on it "
-            "carries that frame's error, whatever the pattern."
+            f"pattern in {len({cell.press for cell in errors.cells})} presses, and each time "
+            "keeps that frame's error for good, whatever the pattern."
         )
     return (*filter(None, [*lines, bench]), f"{'Simulated: ' if bench else ''}{covers}.")
 
@@ -251,8 +251,8 @@ def _of(errors: PatternErrors, method: str) -> str:
             continue
         others, cover = len(errors.beside(best, method, measure)), _covered(errors, best, method)
         parts.append(
-            f"{words}, best with {best.words}: {told(known, 'mm')}, not told from {others} "
-            f"others{cover and f', {cover}'}"
+            f"{words}, best with {best.words}: {told(known, 'mm')}{cover and f', {cover}'}; "
+            f"{others} others are not told from it"
         )
     return f"By {TRACKERS.get(method, method)}: {'; '.join(parts)}." if parts else ""
 

@@ -74,12 +74,15 @@ def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, VirtualRig]]:
     """
     import cv2
 
+    def share(done: int, of: int, what: str) -> None:
+        tell(done / max(of, 1))
+
     protocol, sensor, rig, source = read(told)
     with TemporaryDirectory(prefix="deltact-fab-") as scratch:
         recipe = catalog.validate(PatternRecipe, told["recipe"], "recipe")
         job = RigJob(protocol, sensor, recipe, told["seed"], Path(scratch) / protocol.name)
         cv2.setNumThreads(1)  # a processor has a job of its own
-        bench = run_presses(job, rig, source, told["presses"], _tell)
+        bench = run_presses(job, rig, source, told["presses"], share)
         yield record.open(job.folder), bench
 
 
@@ -109,7 +112,3 @@ def gel_of(bench: VirtualRig) -> dict[str, Any]:
         "between_n": presses.modulus_mpa * between.force_n,
         "left_out": bench.left_out(),
     }
-
-
-def _tell(done: int, of: int, what: str) -> None:
-    tell(done / max(of, 1))

@@ -16,10 +16,6 @@ if TYPE_CHECKING:
     from .grid import Grid, GridJob
 
 
-def _silent(text: str) -> None:
-    return None
-
-
 @dataclass(frozen=True)
 class StudyRequest:
     """Common to all studies.
@@ -36,7 +32,7 @@ class StudyRequest:
     runs: tuple[Path, ...] = ()
     executor: Executor | None = None
     progress: Progress | None = None
-    say: Callable[[str], None] = _silent
+    say: Callable[[str], None] = lambda text: None
     more: dict[str, Any] = field(default_factory=dict)
     grids: list[Grid] = field(default_factory=list, compare=False, repr=False)
 

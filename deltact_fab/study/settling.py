@@ -54,9 +54,11 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     planned = poses(path, presses.increments, presses.relaxing_s)
     forces = np.array([(0.0, 0.0, 0.0), *(knot.force_n for knot in knots)]) * presses.modulus_mpa
     moved = np.zeros(len(forces))
+    # The steps that end in contact: those that its path has a line for.
+    steps = [s for s in expand(protocol) if s.press == path.press and s.target_mm[2] < 0]
     stops = [
         {"id": step.id, "kind": step.kind, "depth_mm": -step.target_mm[2], "rests_s": line.dwell_s}
-        for step, line in zip(_in_contact(protocol, path.press), path.lines, strict=True)
+        for step, line in zip(steps, path.lines, strict=True)
     ]
     line = 0
     for n, pose in enumerate(planned, start=1):
@@ -75,11 +77,6 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
         "dofs": solver.dofs,
         "seconds": solver.seconds,
     }
-
-
-def _in_contact(protocol: Protocol, press: str) -> list[Any]:
-    """The steps of a press that end in contact: those that its path has a line for."""
-    return [s for s in expand(protocol) if s.press == press and s.target_mm[2] < 0]
 
 
 def _moved(start: Any, now: Any) -> float:

@@ -103,13 +103,15 @@ def _recorded(asked: StudyRequest) -> StudyResult:
     if not any(row["tip_depth_mm"] > 0 for one in seen.values() for row in one.rows):
         raise InputError(f"{runs[0].folder}: nothing is pressed in what was recorded")
     pictures = _deepest([one.deepest for one in seen.values()])
+    twisted = [one.twisted for one in seen.values() if one.twisted is not None]
     simulated = any(one.simulated for one in runs)
     kinds = {kind: file for _, _, files in jobs for kind, file in files.items()}
     found = summary.result(
         seen,
         pictures,
         _ball(pictures) or next(iter(pictures), None),
-        _most_twisted(seen),
+        # Where the torque that was measured is largest, if something was sheared.
+        max(twisted, key=lambda p: abs(p.torque_z_nmm or 0.0), default=None),
         ", ".join(one.folder.name for one in runs) + (", simulated" if simulated else ""),
     )
     return replace(
@@ -152,12 +154,6 @@ def _deepest(pictures: Sequence[ShapeMaps | None]) -> list[ShapeMaps]:
         if held is None or picture.tip_depth_mm > held.tip_depth_mm + 0.01:
             found[picture.indenter] = picture
     return list(found.values())
-
-
-def _most_twisted(seen: dict[str, PressShape]) -> ShapeMaps | None:
-    """Where the torque that was measured is largest; None without shear, or without torque."""
-    twisted = [one.twisted for one in seen.values() if one.twisted is not None]
-    return max(twisted, key=lambda p: abs(p.torque_z_nmm or 0.0), default=None)
 
 
 def _without(kinds: Mapping[Kind, Path], frames: Sequence[dict[str, Any]]) -> list[LeftOut]:

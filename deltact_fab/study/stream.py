@@ -107,7 +107,12 @@ class PressStream:
         Raises SolverError where a pixel would see no point of the surface.
         """
         for number, look in enumerate(self.looks if looks is None else looks):
-            u_mm = self._displacement_mm(look)
+            u_mm = None
+            if look.a or look.b:  # as the rig's scene has it: linear between knots, of 32 bits each
+                first = self._field(look.a).astype(float)
+                u_mm = np.asarray(
+                    first + look.fraction * (self._field(look.b).astype(float) - first)
+                )
             yield FaceFrame(number, look, self.geometry.material_px(u_mm), u_mm)
 
     def picture(self, recipe: PatternRecipe, seed: int) -> FrameRenderer:
@@ -132,13 +137,6 @@ class PressStream:
     @cached_property
     def _light(self) -> FlatField | None:
         return None if self._flat is None else self._flat.seen_by(self.view)
-
-    def _displacement_mm(self, look: Look) -> Field | None:
-        """As the rig's scene has it: linear between knots, each as a float of 32 bits."""
-        if look.a == look.b == 0:
-            return None
-        first = self._field(look.a).astype(float)
-        return np.asarray(first + look.fraction * (self._field(look.b).astype(float) - first))
 
     def _field(self, knot: int) -> NDArray[Any]:
         """Displacement (ny, nx, 3) of a knot on the cut lattice; the last two are kept."""

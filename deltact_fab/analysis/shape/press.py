@@ -282,7 +282,7 @@ def _picture(
     corners = camera.rest_mm(np.array([[-0.5, -0.5], [w - 0.5, h - 0.5]]))
     import pandas as pd
 
-    field = found.field
+    field, wrench = found.field, found.wrench
     return ShapeMaps(
         indenter=str(row.indenter),
         frame_id=str(row.frame_id),
@@ -299,11 +299,11 @@ def _picture(
         outlines_mm=[contact.outline_mm for contact in found.contacts],
         force_n=force_n,
         torque_z_nmm=None if pd.isna(row.tz_nmm) else float(row.tz_nmm),
-        total_n=None if found.wrench is None else found.wrench.force_n,
-        turning_nmm=None if found.wrench is None else float(found.wrench.torque_nmm[2]),
-        traction_mpa=None if field is None else field.traction_mpa,
-        cells_x_mm=None if field is None else field.x_mm,
-        cells_y_mm=None if field is None else field.y_mm,
-        true_depth_mm=None if true is None else true.depth_mm,
-        true_contact=None if true is None else true.contact,
+        total_n=wrench and wrench.force_n,
+        turning_nmm=wrench and float(wrench.torque_nmm[2]),
+        traction_mpa=field and field.traction_mpa,
+        cells_x_mm=field and field.x_mm,
+        cells_y_mm=field and field.y_mm,
+        true_depth_mm=true and true.depth_mm,
+        true_contact=true and true.contact,
     )

@@ -48,6 +48,7 @@ def force(
     """
     from ...analysis.force import calibrate, carry_over, write_calibration
     from ...errors import InputError
+    from ...report.force_figures import drawn
     from ..output import echo_json, progress, save_figures
 
     folder = out or runs[0] / "analysis"
@@ -73,7 +74,7 @@ def force(
             return
         _tell(result)
         left_out = result.left_out
-        files += save_figures(folder, lambda: _figures(result))
+        files += save_figures(folder, lambda: {one.name: one.draw() for one in drawn(result)})
     for line in left_out:
         click.echo(f"left out: {line}")
     click.echo("written: " + ", ".join(str(f) for f in files))
@@ -107,9 +108,3 @@ def _tell(result: ForceResult) -> None:
     )
     if result.field is not None:
         click.echo(result.field.line)
-
-
-def _figures(result: ForceResult) -> dict[str, Any]:
-    from ...report.force_figures import drawn
-
-    return {one.name: one.draw() for one in drawn(result)}

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from ..options import JSON, PATH, out_folder
 
 if TYPE_CHECKING:
-    from ...analysis.shape import ShapeResult
+    pass
 
 
 @click.command(epilog="Example: deltact-fab analyze shape smoke-run --depth depth.toml")
@@ -27,6 +27,7 @@ def shape(run: Path, depth: Path | None, out: Path | None, as_json: bool) -> Non
     over the whole face; most of the face is not pressed, so the second figure flatters.
     """
     from ...analysis.shape import analyse
+    from ...report.shape_figures import gallery
     from ..output import echo_json, echo_table, progress, save_figures
 
     folder = out or run / "analysis"
@@ -42,11 +43,6 @@ def shape(run: Path, depth: Path | None, out: Path | None, as_json: bool) -> Non
     rows = [("all", result.means()), *((name, result.means(name)) for name in result.indenters)]
     echo_table(("indenter", *keys), [(name, *(means[k] for k in keys)) for name, means in rows])
     click.echo(f"\n{result.note}")
-    files += save_figures(folder, lambda: _figures(result))
+    pictures, note = result.pictures, result.note
+    files += save_figures(folder, lambda: {"shape": gallery(pictures, note) if pictures else None})
     click.echo("written: " + ", ".join(str(f) for f in files))
-
-
-def _figures(result: ShapeResult) -> dict[str, Any]:
-    from ...report.shape_figures import gallery
-
-    return {"shape": gallery(result.pictures, result.note)} if result.pictures else {}

@@ -318,7 +318,14 @@ def data(
     frames: pd.DataFrame, heads: Sequence[Headline], presses: Mapping[str, PressShape]
 ) -> dict[str, Any]:
     """Plain data, for `--json`."""
-    by = {str(name): _means(part) for name, part in frames.groupby("indenter", sort=False)}
+    by = {
+        str(object_): {
+            name: float(part[name].mean())
+            for name in _MEANS
+            if name in part and part[name].notna().any()
+        }
+        for object_, part in frames.groupby("indenter", sort=False)
+    }
     ways = sorted({str(seen.contact_by) for seen in presses.values()} - {"None"})
     return {
         "headlines": [head.as_dict() for head in heads],
@@ -329,14 +336,6 @@ def data(
         "goals": {**GOALS, "normal_n": GOAL_N, "pressure_error": GOAL_FIELD},
         "nine_d_tact_depth_error_mm": NINE_D_TACT_MM,
         "paper": None,
-    }
-
-
-def _means(part: pd.DataFrame) -> dict[str, float]:
-    return {
-        name: float(part[name].mean())
-        for name in _MEANS
-        if name in part and part[name].notna().any()
     }
 
 
