@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -118,8 +118,10 @@ def measured(
                 forces.append((*result.force.force_n, result.extrapolated, result.trusted))
             done += 1
             if row.frame_id in ends:
-                depth_mm = -float(row.z_mm)
-                deepest.append(DeepestPress(str(row.indenter), str(row.frame_id), depth_mm, result))
+                z_mm: Any = row.z_mm
+                deepest.append(
+                    DeepestPress(str(row.indenter), str(row.frame_id), -float(z_mm), result)
+                )
             if progress is not None:
                 progress(done, len(followed), str(press))
     force = None

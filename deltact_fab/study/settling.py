@@ -56,7 +56,7 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     moved = np.zeros(len(forces))
     # The steps that end in contact: those that its path has a line for.
     steps = [s for s in expand(protocol) if s.press == path.press and s.target_mm[2] < 0]
-    stops = [
+    stops: list[dict[str, Any]] = [
         {"id": step.id, "kind": step.kind, "depth_mm": -step.target_mm[2], "rests_s": line.dwell_s}
         for step, line in zip(steps, path.lines, strict=True)
     ]

@@ -148,7 +148,7 @@ def why_missed(table: pd.DataFrame, model: str, left_out: str, name: str) -> str
     rows = table[
         (table["model"] == model) & (table["left_out"] == left_out) & (table["force"] == name)
     ]
-    worst = rows.loc[rows["rmse_n"].idxmax()]
+    worst = rows.iloc[int(np.argmax(rows["rmse_n"]))]
     return (
         f"worst at {worst['which']}: {worst['rmse_n']:.2f} N, {worst['mean_error_n']:+.2f} N of it "
         f"the same for all (gain {worst['gain']:.2f}); fitted to the {len(rows) - 1} others"

@@ -232,7 +232,7 @@ def _left_out(where: pd.DataFrame) -> ReportTable:
     """A row a model and what was left out; columns as in normal_rmse_n."""
     keys = ["model", "left_out", "which", "points"]
     wide = where.pivot(index=keys, columns="force", values=["rmse_n", "mean_error_n", "gain"])
-    wide.columns = [f"{force}_{value}" for value, force in wide.columns]
+    wide.columns = wide.columns.map(lambda pair: f"{pair[1]}_{pair[0]}")
     order = [f"{name}_{value}" for name in FORCES for value in ("rmse_n", "mean_error_n", "gain")]
     frame = wide[order].reset_index().sort_values(["model", "left_out"], ascending=[True, False])
     shown = (*keys, *(column for column in order if not column.endswith("gain")), "normal_gain")
