@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ..aliases import Array, Progress
 from ..errors import InputError
@@ -20,10 +21,6 @@ from ..measure.pipeline.full import everything
 from ..measure.sensor_id import Kind, read_calibration, require_same
 from ..record import Run
 from .view import sensor_of, view_of
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 MAX_FRAMES = 1000
 """Of a run with a force calibration all frames are measured up to so many; of a longer one those

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from .. import catalog
 from ..errors import InputError
@@ -30,9 +31,6 @@ from .sensors import (
     nearest_measure,
     reduction,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 NAME = "comparison"
 OWN = "cad"
@@ -110,8 +108,6 @@ def _designs(named: Sequence[str]) -> list[str]:
 
 def sensor_table(rows: Sequence[SensorRow]) -> pd.DataFrame:
     """One row a sensor: as printed, and what follows from it."""
-    import pandas as pd
-
     return pd.DataFrame(
         {
             "sensor": one.name,
@@ -138,8 +134,6 @@ def _pixels(pixels: tuple[int, int]) -> str:
 
 def reduction_table() -> pd.DataFrame:
     """One row a way to measure size, one column a size that the paper prints; per cent smaller."""
-    import pandas as pd
-
     return pd.DataFrame(
         {
             "measured_by": measure,
@@ -198,8 +192,6 @@ def _headlines() -> tuple[Headline, ...]:
 def _tables(
     table: pd.DataFrame, reductions: pd.DataFrame, said: Mapping[str, PaperClaim]
 ) -> tuple[ReportTable, ...]:
-    import pandas as pd
-
     from ..report import paper_charts
 
     return (

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
 from ..patterns.series.job import GRIDS
 from ..report.result import Headline, ReportFigure, ReportTable
 from .intervals import headline, told
@@ -85,8 +87,6 @@ def tables(
     errors: PatternErrors, part: dict[str, Any] | None, covers: str
 ) -> tuple[ReportTable, ...]:
     """Patterns; and the same by indenter and by depth. part: of the path, a column each."""
-    import pandas as pd
-
     rows, by_indenter, by_depth = [], [], []
     path = {} if part is None else {
         key: part[key] for key in ("positions", "shear_mm", "frames_share", "longest_step_mm")

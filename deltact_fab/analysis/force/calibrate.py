@@ -7,7 +7,9 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from ...aliases import Progress
 from ...errors import InputError
@@ -36,9 +38,6 @@ from .judge import (
 )
 from .result import PAPER, ForceResult, errors_kept
 from .transfer import TransferredCalibration, transfer
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def calibrate(

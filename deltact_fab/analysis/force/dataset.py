@@ -8,9 +8,9 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from ... import cache, digest, record
 from ...aliases import Array, Progress
@@ -22,10 +22,6 @@ from ...record import Run
 from ..flows import PressFlows, flows_of
 from ..frames import PRESSING, recorded, settled, settles
 from ..view import head_of, view_of
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
 WINDOW_S = 0.1
@@ -161,8 +157,6 @@ def joined(
 
     Raises InputError where no frame can be used.
     """
-    import pandas as pd
-
     sets = {name: make_features(name, view) for name in names}
     points = pd.concat([part.rows for part in parts], ignore_index=True)
     refused = Counter(why for part in parts for why in part.refused)

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from dataclasses import field as made_by
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from ...files import write_whole
 from ...measure.force.calibration import ForceCalibration
@@ -24,9 +26,6 @@ from .judge import (
     figures,
     score,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 PAPER = "paper"
 PAPER_TABLE = {"normal": (0.99, 0.30), "shear_x": (0.98, 0.14), "shear_y": (0.98, 0.17)}

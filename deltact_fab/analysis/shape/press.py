@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ... import record
 from ...aliases import Array
@@ -35,10 +36,6 @@ from ..frames import settled
 from ..view import view_of
 from .ball import EVERY_PX
 from .picture import ShapeMaps
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 TOUCHING_MM = 0.06
 """A point this near to the indenter's surface touches it, where no traction was recorded. The
@@ -280,8 +277,6 @@ def _picture(
 ) -> ShapeMaps:
     h, w = image.shape[:2]
     corners = camera.rest_mm(np.array([[-0.5, -0.5], [w - 0.5, h - 0.5]]))
-    import pandas as pd
-
     field, wrench = found.field, found.wrench
     return ShapeMaps(
         indenter=str(row.indenter),

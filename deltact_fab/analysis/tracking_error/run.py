@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from ... import record
@@ -95,8 +96,6 @@ def analyse(
     run cannot tell (errors at dots that it has not, against a truth that nobody knows) is left out
     and named. Raises InputError for an unknown method, a run without images or one not finished.
     """
-    import pandas as pd
-
     run = record.open(folder)
     frames = recorded(run, "tracking")
     scene = scene_of(run, methods)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ...analysis.force.dataset import PressPoints, points_of
 from .. import press_jobs
@@ -31,8 +32,6 @@ def points(told: dict[str, Any]) -> dict[str, Any]:
 
 def unpacked(value: dict[str, Any]) -> PressPoints:
     """The points of a job's value."""
-    import pandas as pd
-
     features = {
         key.partition("/")[2]: array for key, array in value.items() if key.startswith("features/")
     }
@@ -40,8 +39,6 @@ def unpacked(value: dict[str, Any]) -> PressPoints:
 
 
 def _packed(parts: Sequence[PressPoints]) -> dict[str, Any]:
-    import pandas as pd
-
     rows = pd.concat([part.rows for part in parts], ignore_index=True)
     return {
         "rows": {name: rows[name].tolist() for name in _ROW},

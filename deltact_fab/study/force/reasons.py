@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ...aliases import Array
 from ...analysis.force import FORCES, ForceData, ForceResult, component, fit
 from ...analysis.force.judge import EvaluatedModel
 from ...errors import InputError
 from ...measure.force import ForceModel
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 ALL, STRAIGHT = "all points", "stops without shear"
 
@@ -28,8 +26,6 @@ def by_group(result: ForceResult, models: dict[str, EvaluatedModel]) -> pd.DataF
 
     gain: slope of predicted on measured through 0.
     """
-    import pandas as pd
-
     rows = []
     for label, judged in models.items():
         for group in ("position", "indenter"):
@@ -58,8 +54,6 @@ def parts(result: ForceResult, name: str) -> pd.DataFrame:
     What a part alone is fitted to better than the whole is what the model cannot say of all. Rows
     are of the points fitted to, but for the last: stops with shear, by the fit to those without.
     """
-    import pandas as pd
-
     data = result.data
     x, y = data.points["x_mm"], data.points["y_mm"]
     sheared = data.points["frame_id"].str.split("/").str[-1].str.startswith("shear")
@@ -112,8 +106,6 @@ def under_shear(judged: EvaluatedModel, data: ForceData) -> tuple[float, float] 
     Measured, and as the model says it: standard deviations about the mean of the stops there. None
     where no depth has several stops.
     """
-    import pandas as pd
-
     depth = data.points["run"] + data.points["frame_id"].str.rsplit("/", n=1).str[0]
     said = component(judged.predicted["test"], "normal")
     table = pd.DataFrame(

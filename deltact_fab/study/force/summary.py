@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ...analysis.force import (
     FORCES,
@@ -22,9 +23,6 @@ from ...report.result import Headline, ReportTable, StudyResult, records
 from ..gel_remarks import MODULUS_FACTOR, remark
 from ..intervals import Interval, headline, rmse
 from .reasons import by_group, error, parts, why_missed, why_not_the_papers
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 STUDY = "force-calibration"
 GOAL_N, GOAL_SHEAR = 0.2, 0.02
@@ -86,8 +84,6 @@ def modulus(
     result: ForceResult, modulus_mpa: float, range_n: Sequence[float], range_nmm: Sequence[float]
 ) -> ReportTable:
     """Ranges, errors and the load on the force sensor, at the modulus and its two ends."""
-    import pandas as pd
-
     wrench = np.abs(result.data.wrench).max(axis=0)
     sensor = np.array([*range_n, *range_nmm])
     of = result.figures()[result.best.name]
@@ -198,8 +194,6 @@ def _data(result: ForceResult, heads: list[Headline], verdict: tuple[str, ...]) 
 
 def _compared(result: ForceResult) -> ReportTable:
     """Every feature set and the paper's table."""
-    import pandas as pd
-
     rows: list[dict[str, Any]] = []
     for model, every in result.figures().items():
         for name, unit in ((n, "n" if of.startswith("f") else "nmm") for n, of in SHOWN.items()):
@@ -246,8 +240,6 @@ def _left_out(where: pd.DataFrame) -> ReportTable:
 
 
 def _learning(result: ForceResult) -> ReportTable:
-    import pandas as pd
-
     rows = [
         {"model": name, **asdict(point)} for name, curve in result.curves.items() for point in curve
     ]
@@ -261,8 +253,6 @@ def _learning(result: ForceResult) -> ReportTable:
 
 def meshes(gel: Sequence[Mapping[str, Any]]) -> ReportTable:
     """A row a job: its points' presses, mesh, flags, and what interpolation costs."""
-    import pandas as pd
-
     rows = [
         {
             "presses": ", ".join(dict.fromkeys(one["rows"]["press"])),

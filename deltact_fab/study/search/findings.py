@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import RunFailed
@@ -17,10 +18,6 @@ from ..request import StudyRequest
 from .candidates import Candidate, Size
 from .imager import PatternImager
 from .search import ERROR, order
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 DEFAULT, FARNEBACK = "fused", "paper"
 """Trackers: ours, and the paper's own, as `measure.flow.named_tracker` calls them."""

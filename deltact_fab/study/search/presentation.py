@@ -8,6 +8,7 @@ from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from ...report.figures import COLOURS, INK, PAPER_COLOUR, SOFT, blank, legend_below, log_ticks
@@ -17,7 +18,6 @@ from .findings import DEFAULT, ConfirmedPattern, Findings
 from .search import ERROR, PREDICTORS
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
 
@@ -120,8 +120,6 @@ ORDERS = {"": "mean error", "sure": "of the sure", "lost": "not sure of", "gel":
 
 def tables(found: Findings) -> tuple[ReportTable, ...]:
     """What was confirmed, the candidates, what orders them, and two predictors together."""
-    import pandas as pd
-
     both = (*found.ours, *found.farneback)
     confirmed = pd.DataFrame([c.as_row() for c in both])
     if len(found.presses) > 1:

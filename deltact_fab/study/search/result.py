@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from ...catalog import as_toml
 from ...protocols.plan import expand
@@ -13,9 +15,6 @@ from .candidates import MAX_PX, MIN_DOTS, MIN_PX
 from .findings import GOAL, ConfirmedPattern, Findings, ratio
 from .presentation import UM, drawn, tables
 from .search import MIN_BRIDGED_MM, MIN_COVERAGE
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 RECIPE_FILE = "best-pattern.toml"
 LEFT_OUT = (

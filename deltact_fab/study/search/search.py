@@ -9,17 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ...aliases import Field
 from ...errors import RunFailed
 from ..intervals import Interval, estimate
 from .candidates import Candidate
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def ranks(values: Field) -> Field:
@@ -86,8 +84,6 @@ def table(
     found: what `probe` returned by candidate's name, a value a seed. Raises RunFailed where nothing
     is left to compare with the paper's pattern.
     """
-    import pandas as pd
-
     rows = []
     for c in among:
         values = found.get(c.name, ())
@@ -121,8 +117,6 @@ def order(frame: pd.DataFrame, error: str = ERROR) -> pd.DataFrame:
 
     Signed so that 1 says: what it calls better is better.
     """
-    import pandas as pd
-
     known = frame[frame[error].notna()]
     rows = []
     for p in PREDICTORS:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from ...analysis.shape import GOALS, PressShape, ShapeMaps
 from ...report import shape_figures
 from ...report.result import Headline, ReportFigure, ReportTable, StudyResult, records
 from ..intervals import Interval, Scale, estimate, headline, rmse, told
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 NINE_D_TACT_MM = 0.0462
 """Mean depth error that 9DTact gives of one press of a ball (arXiv 2308.14277)."""
@@ -183,8 +181,6 @@ def result(
 
 def frame_of(presses: Mapping[str, PressShape]) -> pd.DataFrame:
     """A row a settled frame that presses; columns as the rows of `PressShape`, and `job`."""
-    import pandas as pd
-
     rows = [
         {"job": job, **row}
         for job, seen in presses.items()
