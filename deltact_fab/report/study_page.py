@@ -6,15 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+import pandas as pd
 
 from . import figures, study_folder
 from .result import LeftOut, ReportTable, StudyResult
 from .templating import environment, named, render, require_pages
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 MAX_ROWS, FIRST_ROWS = 120, 20  # a longer table is shown by its first rows
 SHORT = 32  # letters that stay on one line
@@ -76,8 +75,6 @@ def number(value: Any) -> str:
 
 def cell(value: Any) -> str:
     """A value as a page shows it."""
-    import numpy as np
-
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, np.integer):
@@ -128,8 +125,6 @@ def write(result: StudyResult, out: Path, layer_costs: Sequence[dict[str, Any]] 
     study_folder.make(out)
     study_folder.refuse_strange(out, result.study)
     if result.headlines:
-        import pandas as pd
-
         frame = pd.DataFrame([one.as_dict() for one in result.headlines])
         own = ReportTable(HEADLINES, "What counts", frame)
         result = replace(result, tables=(own, *result.tables))

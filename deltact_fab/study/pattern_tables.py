@@ -276,28 +276,20 @@ def _mean_of(errors: PatternErrors, d_mm: float, method: str) -> float | None:
 
 def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
     """The paper's figures beside those found, by its tracker; then ours."""
-    found: list[Headline] = []
+    wanted: list[tuple[PrintedPattern, str, Measure, float | None, str]] = []
     for method in errors.methods:
-        for p in errors.printed:
-            if p.paper_mm is not None and not p.paper_about:
-                found += _headline(errors, p, method, "at_dots", p.paper_mm)
-        for measure in MEASURES:
-            best = errors.best(method, measure)
-            if best is not None:
-                found += _headline(errors, best, method, measure, None, "best: ")
+        wanted += [
+            (p, method, "at_dots", p.paper_mm, "")
+            for p in errors.printed
+            if p.paper_mm is not None and not p.paper_about
+        ]
+        bests = ((errors.best(method, measure), measure) for measure in MEASURES)
+        wanted += [(p, method, measure, None, "best: ") for p, measure in bests if p is not None]
+    found = []
+    for p, method, measure, paper_mm, head in wanted:
+        known = errors.over_indenters(p.name, method, measure)
+        if known is not None:
+            what = f"{head}{p.words}, {TRACKERS.get(method, method)}, {MEASURES[measure]}"
+            remark = _covered(errors, p, method)
+            found.append(headline(what, "mm", known, paper=paper_mm, remark=remark))
     return tuple(dict.fromkeys(found))
-
-
-def _headline(
-    errors: PatternErrors,
-    printed: PrintedPattern,
-    method: str,
-    measure: Measure,
-    paper_mm: float | None,
-    head: str = "",
-) -> list[Headline]:
-    known = errors.over_indenters(printed.name, method, measure)
-    if known is None:
-        return []
-    what = f"{head}{printed.words}, {TRACKERS.get(method, method)}, {MEASURES[measure]}"
-    return [headline(what, "mm", known, paper=paper_mm, remark=_covered(errors, printed, method))]

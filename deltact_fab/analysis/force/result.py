@@ -18,6 +18,7 @@ from .dataset import ForceData
 from .field import FieldError
 from .judge import (
     FORCES,
+    LEFT_OUT,
     SHOWN,
     EvaluatedModel,
     LearningPoint,
@@ -61,6 +62,36 @@ class ForceResult:
     def figures(self) -> dict[str, dict[str, Any]]:
         """Of every feature set, see `judge.figures`."""
         return {one.name: figures(one, self.data) for one in self.judged}
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row a feature set and component, at last the paper's table, printed of a real sensor.
+
+        Errors in N or N mm: of training, of test points, and of what was left out.
+        """
+        rows = []
+        for model, every in self.figures().items():
+            for name, of in every.items():
+                unit = "n" if "range_n" in of else "nmm"
+                errors = ("rmse_train", "rmse", *(f"rmse_left_out_{g}" for g in LEFT_OUT), "range")
+                rows.append(
+                    {
+                        "model": model, "component": name, "unit": "N" if unit == "n" else "N mm",
+                        "adjusted_r2": of["adjusted_r2"],
+                        "adjusted_r2_about_mean": of["regression"]["adjusted_centred_r2"],
+                        **{key: of[f"{key}_{unit}"] for key in errors},
+                        "percent_of_range": of["percent_of_range"],
+                        "condition_raw": of["condition_raw"],
+                        "condition_scaled": of["condition_scaled"],
+                    }
+                )  # fmt: skip
+        printed = {"model": "as printed", "unit": "N"}
+        return [
+            *rows,
+            *(
+                {**printed, "component": name, "adjusted_r2": r2, "rmse": rmse_n}
+                for name, (r2, rmse_n) in PAPER_TABLE.items()
+            ),
+        ]
 
     @property
     def line(self) -> str:

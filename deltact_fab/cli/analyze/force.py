@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -81,24 +81,18 @@ def force(
 
 
 def _tell(result: ForceResult) -> None:
-    from ...analysis.force import LEFT_OUT, PAPER_TABLE
+    from ...analysis.force import LEFT_OUT
     from ..output import echo_table
 
     click.echo(result.line + "\n")
-    errors = ("rmse_train", "rmse", *(f"rmse_left_out_{group}" for group in LEFT_OUT), "range")
-    rows: list[tuple[Any, ...]] = [
-        (model, f"{name}, {'N' if unit == 'n' else 'N mm'}", of["adjusted_r2"],
-         *(of[f"{key}_{unit}"] for key in errors), of["percent_of_range"],
-         of["condition_raw"], of["condition_scaled"])
-        for model, every in result.figures().items()
-        for name, of in every.items()
-        for unit in ("n" if "range_n" in of else "nmm",)
-    ]  # fmt: skip
-    nothing = [None] * (len(errors) - 2)
-    for name, (r2, rmse_n) in PAPER_TABLE.items():
-        rows.append(("as printed", f"{name}, N", r2, None, rmse_n, *nothing, None, None, None))
     head = ("model", "component", "adj. R2", "train", "test", *LEFT_OUT, "range", "% of range",
             "cond. raw", "scaled")  # fmt: skip
+    keys = ("adjusted_r2", "rmse_train", "rmse", *(f"rmse_left_out_{group}" for group in LEFT_OUT),
+            "range", "percent_of_range", "condition_raw", "condition_scaled")  # fmt: skip
+    rows = [
+        (row["model"], f"{row['component']}, {row['unit']}", *(row.get(key) for key in keys))
+        for row in result.rows()
+    ]
     echo_table(head, rows, names=2)
     data, origin = result.data, result.calibration.head.origin
     click.echo(

@@ -13,7 +13,6 @@ from ...analysis.force import (
     FORCES,
     PAPER,
     PAPER_TABLE,
-    SHOWN,
     ForceResult,
     component,
 )
@@ -194,31 +193,12 @@ def _data(result: ForceResult, heads: list[Headline], verdict: tuple[str, ...]) 
 
 def _compared(result: ForceResult) -> ReportTable:
     """Every feature set and the paper's table."""
-    rows: list[dict[str, Any]] = []
-    for model, every in result.figures().items():
-        for name, unit in ((n, "n" if of.startswith("f") else "nmm") for n, of in SHOWN.items()):
-            of = every[name]
-            rows.append(
-                {
-                    "model": model, "component": name, "unit": "N" if unit == "n" else "N mm",
-                    "adjusted_r2": of["adjusted_r2"],
-                    "adjusted_r2_about_mean": of["regression"]["adjusted_centred_r2"],
-                    **{
-                        key: of[f"{key}_{unit}"]
-                        for key in ("rmse_train", "rmse", "rmse_left_out_position",
-                                    "rmse_left_out_indenter", "range")
-                    },
-                    "percent_of_range": of["percent_of_range"],
-                }
-            )  # fmt: skip
-    for name, (r2, rmse_n) in PAPER_TABLE.items():
-        rows.append({"model": "as printed", "component": name, "unit": "N", "adjusted_r2": r2,
-                     "rmse": rmse_n})  # fmt: skip
+    hidden = ["rmse_left_out_run", "condition_raw", "condition_scaled"]
     return ReportTable(
         "force-models",
         "Every model. Ranked by what it makes of a left-out position and indenter; RMSE without "
         "more is of the test points. The last rows are the paper's table, of a real sensor.",
-        pd.DataFrame(rows),
+        pd.DataFrame(result.rows()).drop(columns=hidden),
     )
 
 
