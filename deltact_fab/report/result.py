@@ -59,8 +59,8 @@ class Headline:
     over: str
     paper: float | None = None
     goal: float | None = None
-    remark: str = ""
     better: Literal["low", "high"] = "low"
+    remark: str = ""
 
     @property
     def met(self) -> bool | None:
