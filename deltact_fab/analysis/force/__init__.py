@@ -10,7 +10,6 @@ from .dataset import ForceData, joined
 from .judge import (
     FORCES,
     LEFT_OUT,
-    SHOWN,
     component,
     enough,
     figures,
@@ -27,7 +26,6 @@ __all__ = [
     "LEFT_OUT",
     "PAPER",
     "PAPER_TABLE",
-    "SHOWN",
     "ForceData",
     "ForceResult",
     "calibrate",

@@ -86,12 +86,14 @@ def _verdict(found: Findings) -> tuple[str, ...]:
         _first(order)
         for order in (found.orders[""], sure, found.orders["lost"], sure[~sure["needs_tracker"]])
     )
+    low = found.orders[""].iloc[0]["low"]
+    doubt = "" if low is not None and low > 0 else ", but not for certain"
     row = found.row(best.pattern)
     known = found.frame[found.frame["leap_error_mm"].notna()]
     bold = known.sort_values(["bridged_mm", "leap_error_mm"], ascending=[False, True]).iloc[0]
     return (
         *lines,
-        f"What orders patterns by their mean error best is {whole}. Two things make it: how "
+        f"What orders patterns by their mean error best is {whole}{doubt}. Two things make it: how "
         f"exactly pixels are followed, best ordered by {of_sure}, of one image alone by "
         f"{of_image}; and how many are not followed, by {of_lost}.",
         f"It is followed in steps of up to {row['bridged_mm']:.1f} mm a frame; the longest that "
