@@ -24,8 +24,9 @@ from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig import config as rig_config
 from deltact_fab.rig.config import VirtualConfig
-from deltact_fab.study.pattern_press import follow, given, solve_gel
+from deltact_fab.study.pattern_press import follow, solve_gel
 from deltact_fab.study.pattern_scene import METHODS
+from deltact_fab.study.press_jobs import given
 
 PATTERNS, FRAMES = (1, 2, 4, 8), (10, 20, 40, 80)
 JOBS, JOB_PATTERNS, JOB_FRAMES = 4, 4, 24
@@ -49,9 +50,12 @@ def told(frames: int, patterns: int) -> dict[str, Any]:
     config, source = rig_config.load("virtual-coarse")
     assert isinstance(config, VirtualConfig)
     protocol = protocol_of(frames)
-    chosen = {entry.name: entry.recipe for entry in recipes()[:patterns]}
+    chosen = {entry.name: entry.recipe.model_dump(mode="json") for entry in recipes()[:patterns]}
     sensor = load_design(protocol.specimen.design)
-    return given(protocol, "sphere-10/p1", sensor, config, source, chosen, METHODS, 0)
+    return given(
+        protocol, sensor, config, source, press="sphere-10/p1", patterns=chosen,
+        methods=list(METHODS), seed=0,
+    )  # fmt: skip
 
 
 def measured(job: dict[str, Any]) -> dict[str, float]:

@@ -48,7 +48,7 @@ def test_any_executor_will_do() -> None:
     with ThreadPoolExecutor(2) as threads:
         assert jobs.each(math.sqrt, [4, 9], ["a", "b"], threads) == [2, 3]
     with jobs.executor(workers=2) as own:
-        assert jobs.width(own) == 2
+        assert own.workers == 2
         assert jobs.each(math.sqrt, [4, 9], ["a", "b"], own) == [2, 3]
         assert jobs.each(math.sqrt, [16], ["c"], own) == [4]
         assert list(own.map(math.sqrt, [25, 36])) == [5, 6]

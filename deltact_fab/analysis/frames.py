@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from ..errors import InputError, RunFailed
 from ..record import Run
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 PRESSING = ("press", "shear")
 """Kinds of the steps in which the face is pressed."""

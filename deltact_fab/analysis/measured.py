@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ..aliases import Array, Progress
 from ..errors import InputError
@@ -19,10 +20,6 @@ from ..measure.pipeline import Result, everything
 from ..measure.sensor_id import Kind, read_calibration, require_same
 from ..record import Run
 from .view import sensor_of, view_of
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 MAX_FRAMES = 1000
 """Of a run with a force calibration all frames are measured up to so many; of a longer one those
@@ -108,18 +105,21 @@ def measured(
     ends = _deepest_ends(frames)
     whole = "force" in heads and len(frames) <= MAX_FRAMES
     followed = frames if whole else _up_to(frames, ends)
-    deepest, forces = [], []
+    deepest, forces, done = [], [], 0
     for press, part in followed.groupby("press", sort=False):
         measurement.reset()
         for row in part.itertuples():
             result = measurement.update(run.image(str(row.file)))
-            forces.append(_numbers(result))
+            if result.force is not None:
+                forces.append((*result.force.force_n, result.extrapolated, result.trusted))
+            done += 1
             if row.frame_id in ends:
+                z_mm: Any = row.z_mm
                 deepest.append(
-                    DeepestPress(str(row.indenter), str(row.frame_id), -_one(row.z_mm), result)
+                    DeepestPress(str(row.indenter), str(row.frame_id), -float(z_mm), result)
                 )
             if progress is not None:
-                progress(len(forces), len(followed), str(press))
+                progress(done, len(followed), str(press))
     force = None
     if "force" in heads:
         force = _held(run, load_force(heads["force"]), followed, np.array(forces, float))
@@ -138,17 +138,6 @@ def _up_to(frames: pd.DataFrame, ends: list[str]) -> pd.DataFrame:
     """The frames of the presses that these frames belong to, up to them."""
     until = frames[frames["frame_id"].isin(ends)].set_index("press")["seq"]
     return frames[frames["seq"] <= frames["press"].map(until).fillna(-1)]
-
-
-def _one(value: Any) -> float:
-    return float(value)
-
-
-def _numbers(result: Result) -> tuple[float, ...]:
-    """Force, then whether it is beyond its calibration and whether the flow is trusted."""
-    if result.force is None:
-        return ()
-    return (*map(float, result.force.force_n), float(result.extrapolated), float(result.trusted))
 
 
 def _held(run: Run, force: ForceCalibration, followed: pd.DataFrame, found: Array) -> Force:

@@ -1,8 +1,10 @@
-"""The command of a study, made from what the registry declares."""
+"""The command of a study, made from what the registry declares: asked, run, written, told."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,67 +14,9 @@ from ..errors import InputError
 from .options import RIG_NAME, SEED, Finite
 
 if TYPE_CHECKING:
+    from ..report.result import StudyResult
     from ..study.registry import Option, Study
 
-# option: (what `Study.takes` calls it, how it is declared)
-COMMON: dict[str, tuple[str, Callable[[Study], dict[str, Any]]]] = {
-    "--scale": (
-        "scale",
-        lambda one: {
-            "type": Finite(0, 1, min_open=True),
-            "default": one.scale,
-            "show_default": one.scale is not None,
-            "metavar": "SHARE",
-            "help": "Share of the paper's points or frames, up to 1.",
-        },
-    ),
-    "--seed": (
-        "seed",
-        lambda one: {
-            "type": SEED,
-            "default": 0,
-            "show_default": True,
-            "metavar": "N",
-            "help": "Seed of everything random.",
-        },
-    ),
-    "--rig": (
-        "rig",
-        lambda one: {
-            "type": RIG_NAME,
-            "metavar": "RIG",
-            "show_default": "the study's own",
-            "help": "Virtual rig: a name of `rig list` or a path.",
-        },
-    ),
-    "--from": (
-        "from",
-        lambda one: {
-            "multiple": True,
-            "type": click.Path(path_type=Path),
-            "metavar": "RUN",
-            "help": "Use this recorded run instead of simulating; repeatable.",
-        },
-    ),
-    "--jobs": (
-        "grid",
-        lambda one: {
-            "type": click.IntRange(1, 256),
-            "metavar": "N",
-            "show_default": "one per processor",
-            "help": "Processes at a time.",
-        },
-    ),
-    "--on": (
-        "grid",
-        lambda one: {
-            "default": "local",
-            "show_default": True,
-            "metavar": "WHERE",
-            "help": "Where jobs run: local, or a Dask scheduler as dask:tcp://HOST:PORT.",
-        },
-    ),
-}
 OUT = "study-out"
 
 
@@ -83,19 +27,59 @@ class _Command(click.Command):
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as why:
-            if why.option_name not in COMMON:
+            common = [flag for own in _common(None).values() for one in own for flag in one.opts]
+            if why.option_name not in common:
                 raise
             raise InputError(
                 f"{why.option_name}: the study {self.name} has no such option"
             ) from why
 
 
+def _common(scale: float | None) -> dict[str, list[click.Option]]:
+    """The options that studies share, by what `Study.takes` calls them."""
+    return {
+        "scale": [
+            click.Option(
+                ["--scale"], type=Finite(0, 1, min_open=True), default=scale,
+                show_default=scale is not None, metavar="SHARE",
+                help="Share of the paper's points or frames, up to 1.",
+            )
+        ],
+        "seed": [
+            click.Option(
+                ["--seed"], type=SEED, default=0, show_default=True, metavar="N",
+                help="Seed of everything random.",
+            )
+        ],
+        "rig": [
+            click.Option(
+                ["--rig"], type=RIG_NAME, metavar="RIG", show_default="the study's own",
+                help="Virtual rig: a name of `rig list` or a path.",
+            )
+        ],
+        "from": [
+            click.Option(
+                ["--from"], multiple=True, type=click.Path(path_type=Path), metavar="RUN",
+                help="Use this recorded run instead of simulating; repeatable.",
+            )
+        ],
+        "grid": [
+            click.Option(
+                ["--jobs"], type=click.IntRange(1, 256), metavar="N",
+                show_default="one per processor", help="Processes at a time.",
+            ),
+            click.Option(
+                ["--on"], default="local", show_default=True, metavar="WHERE",
+                help="Where jobs run: local, or a Dask scheduler as dask:tcp://HOST:PORT.",
+            ),
+        ],
+    }  # fmt: skip
+
+
 def command(name: str, one: Study) -> click.Command:
     """`study run NAME`, with the options that this study takes."""
     options: list[click.Parameter] = [
-        click.Option([flag], **declared(one))
-        for flag, (what, declared) in COMMON.items()
-        if what in one.takes
+        option for what, own in _common(one.scale).items() if what in one.takes for option in own
     ]
     options += [_option(more) for more in one.options]
     options += [
@@ -117,35 +101,98 @@ def command(name: str, one: Study) -> click.Command:
     ]
     about = f"{one.line}\n\n{one.about}".strip()
 
-    def run(**given: Any) -> None:
-        from .study_run import run
-
-        run(name, one, given)
-
-    return _Command(name, params=options, callback=run, help=about, short_help=one.line)
+    return _Command(
+        name,
+        params=options,
+        callback=lambda **given: run(name, one, given),
+        help=about,
+        short_help=one.line,
+    )
 
 
 def _option(one: Option) -> click.Option:
-    given: dict[str, Any] = {"help": one.help}
     kind = one.kind if one.default is None else type(one.default)
-    flag = f"--{one.name}"
-    if kind is bool:
-        return click.Option(
-            [f"{flag}/--no-{one.name}"], default=one.default, show_default=True, **given
-        )
-    if one.default not in (None, ()):
-        given |= {"default": one.default, "show_default": True}
+    given: dict[str, Any] = {"help": one.help}
     if kind is tuple:
         given["multiple"] = True
-    elif kind is bool:
-        pass  # the flag's form says it
-    elif one.choices:
-        given["type"] = click.Choice(one.choices)
-    elif one.low is None and one.high is None and kind is not float:
-        given["type"] = kind
-    elif kind is int:
-        low, high = (None if limit is None else int(limit) for limit in (one.low, one.high))
-        given["type"] = click.IntRange(low, high)
     else:
-        given["type"] = Finite(one.low, one.high)
-    return click.Option([flag], **given)
+        given["type"] = Finite() if kind is float else kind
+    if one.default not in (None, ()):
+        given |= {"default": one.default, "show_default": True}
+    return click.Option([f"--{one.name}"], **given)
+
+
+def run(name: str, one: Study, given: dict[str, Any]) -> None:
+    """Run a study with the options of its command, by their names.
+
+    What would keep its page from being written is said before anything is computed.
+    """
+    from ..report import study_page
+    from ..report.figures import save
+    from ..study.registry import run as run_study
+    from ..study.request import StudyRequest
+    from .output import echo_json, progress
+
+    out, figures = given["out"], given["figures"]
+    named = [out] if figures is None else [out, figures]
+    before = [path for one in named for path in (one, *one.parents) if not path.exists()]
+    with _none_left(*before):
+        study_page.ready(name, out, figures)
+    more = (option.name.replace("-", "_") for option in one.options)
+    with _none_left(*before), _executor(given) as executor, progress(name) as tick:
+        found = run_study(
+            name,
+            StudyRequest(
+                scale=given.get("scale"),
+                seed=given.get("seed", 0),
+                rig=given.get("rig"),
+                runs=given.get("from", ()),
+                executor=executor,
+                progress=tick,
+                say=lambda text: click.echo(text, err=True),
+                more={key: given[key] for key in more},
+            ),
+        )
+    click.echo(f"report: {study_page.write(found, out, _layer_costs(found))}", err=True)
+    if figures is not None:
+        files = save(found, figures)
+        click.echo(f"figures: {len(files)} files in {figures}", err=True)
+    if given["as_json"]:
+        echo_json(found.data)
+    else:
+        for line in found.verdict:
+            click.echo(line)
+    if found.missing:
+        click.echo(
+            f"warning: {len(found.missing)} jobs have no result and are left out: "
+            f"{', '.join(found.missing[:5])}{', ...' if len(found.missing) > 5 else ''}; "
+            "the same command tries them again",
+            err=True,
+        )
+
+
+def _layer_costs(found: StudyResult) -> list[dict[str, Any]]:
+    """What this machine has measured of layers that were left out, perhaps nothing."""
+    if not any(one.layer for one in found.left_out):
+        return []
+    from ..numerics.scenes import costs
+
+    return [cost.as_dict() for cost in costs()]
+
+
+@contextmanager
+def _none_left(*new: Path) -> Iterator[None]:
+    """Folders that were made for a study go again when its input is refused."""
+    try:
+        yield
+    except InputError:
+        for folder in new:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+def _executor(given: dict[str, Any]) -> AbstractContextManager[Executor | None]:
+    from ..jobs import executor
+
+    return executor(given["on"], given["jobs"]) if "on" in given else nullcontext()

@@ -1,13 +1,12 @@
 """The one executor of the package: jobs side by side, on this machine or on a Dask cluster.
 
 Everything is written against concurrent.futures.Executor. batch.py hands jobs to one and collects,
-local.py is processes here, cluster.py is an existing Dask cluster, messages.py is what a job says
-while it runs.
+local.py is processes here, cluster.py these or an existing Dask cluster, messages.py is what a job
+says while it runs.
 """
 
-from ..aliases import Progress
 from .batch import CannotGoOn, JobOutcome, arrivals, each, run
-from .executors import executor, width
+from .cluster import executor
 from .local import THREAD_VARIABLES, processors
 from .messages import tell
 
@@ -15,12 +14,10 @@ __all__ = [
     "THREAD_VARIABLES",
     "CannotGoOn",
     "JobOutcome",
-    "Progress",
     "arrivals",
     "each",
     "executor",
     "processors",
     "run",
     "tell",
-    "width",
 ]

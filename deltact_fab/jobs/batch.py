@@ -118,17 +118,13 @@ def run(
         return
     with messages.listening(told) as name:
         for index, job in enumerate(jobs):
-            ended = _run_here(name, index, work, job)
+            try:
+                ended = JobOutcome(index, _job(name, index, work, job))
+            except Exception as why:
+                ended = JobOutcome(index, error=why)
             heard(ended)
             if until_failure and ended.error is not None:
                 return
-
-
-def _run_here(name: str, index: int, work: Callable[[J], R], job: J) -> JobOutcome[R]:
-    try:
-        return JobOutcome(index, _job(name, index, work, job))
-    except Exception as why:
-        return JobOutcome(index, error=why)
 
 
 def _job(name: str, index: int, work: Callable[[J], R], job: J) -> R:

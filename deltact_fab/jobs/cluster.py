@@ -1,4 +1,4 @@
-"""An existing Dask cluster as an executor, whose workers have the same code as this process."""
+"""Where jobs run: processes here, or a Dask cluster whose workers have this process's code."""
 
 from __future__ import annotations
 
@@ -16,18 +16,37 @@ from ..errors import InputError, RunFailed
 from ..extras import require
 from . import messages
 from .batch import CannotGoOn
-from .local import take_share
+from .local import local, processors, take_share
 
 R = TypeVar("R")
 
+LOCAL = "local"
+DASK = "dask:"
 CONNECT_S = 10.0
 WORKERS_S = 10.0
 GONE_S = 60.0  # a worker that died is often started again
 PACKAGE = Path(__file__).parents[1]
 
 
-class OtherCode(CannotGoOn):
-    """A worker has another version of deltact_fab than the caller."""
+@contextlib.contextmanager
+def executor(on: str = LOCAL, workers: int | None = None) -> Iterator[Executor]:
+    """An executor until the end of the block; then whatever still runs on it is ended.
+
+    on: "local", or "dask:tcp://HOST:PORT" of an existing scheduler. workers: local processes, by
+    default one for each processor that this process may use. Raises InputError for another `on`,
+    and workers with a cluster; MissingLibrary without the extra `cluster`; RunFailed where no
+    scheduler answers, it has no workers, or theirs is other code than this.
+    """
+    if on == LOCAL:
+        with local(workers or processors()) as here:
+            yield here
+        return
+    if not on.startswith(DASK):
+        raise InputError(f"--on {on!r}: expected 'local' or 'dask:tcp://HOST:PORT'")
+    if workers is not None:
+        raise InputError(f"--jobs {workers}: with --on {on} the cluster says how many at a time")
+    with cluster(on.removeprefix(DASK)) as there:
+        yield there
 
 
 @cache
@@ -93,7 +112,7 @@ def _require_same_code(client: Any, address: str) -> None:
         if isinstance(answer, BaseException):
             raise RunFailed(f"Dask worker {worker}: {answer}")
         if answer != code():
-            raise OtherCode(f"Dask worker {worker}: {_unlike(answer, code())}")
+            raise CannotGoOn(f"Dask worker {worker}: {_unlike(answer, code())}")
 
 
 def _unlike(there: str, here: str) -> str:
@@ -129,6 +148,6 @@ class Cluster(Executor):
 
 def _checked(asked: str, fn: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> R:
     if code() != asked:
-        raise OtherCode(f"a Dask worker that came later: {_unlike(code(), asked)}")
+        raise CannotGoOn(f"a Dask worker that came later: {_unlike(code(), asked)}")
     take_share(1)
     return fn(*args, **kwargs)

@@ -7,6 +7,7 @@ import io
 import math
 import re
 import textwrap
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -108,7 +109,7 @@ def to_svg(figure: Figure, words: str = "") -> str:
     label = html.escape(words or _words(figure), quote=True)
     svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
     # Several figures share one page: an id must not meet its namesake in another figure.
-    salt = f"f{abs(hash_text(svg)):x}"
+    salt = f"f{zlib.crc32(svg.encode()):x}"
     svg = re.sub(r'\bid="', f'id="{salt}-', svg)
     svg = re.sub(r"url\(#", f"url(#{salt}-", svg)
     return re.sub(r'href="#', f'href="#{salt}-', svg)
@@ -130,13 +131,6 @@ def _words(figure: Figure) -> str:
         for text in (figure.axes[0].get_ylabel(), figure.axes[0].get_xlabel())
     ]
     return " against ".join(filter(None, labels)) or "figure"
-
-
-def hash_text(text: str) -> int:
-    """A hash that does not change between processes."""
-    import zlib
-
-    return zlib.crc32(text.encode())
 
 
 def legend_below(figure: Figure, axis: Axes) -> None:
@@ -193,7 +187,10 @@ def name_marks(
         for dx, dy in _around(wide, high):
             box = (at_x + dx, at_y + dy, at_x + dx + wide, at_y + dy + high)
             within = inside.x0 * scale <= box[0] and box[2] <= inside.x1 * scale
-            if within and not any(_overlap(box, other) for other in taken):
+            if within and not any(
+                box[0] < x1 and x0 < box[2] and box[1] < y1 and y0 < box[3]
+                for x0, y0, x1, y1 in taken
+            ):
                 break
         taken.append(box)
         aside = min(max(-dx / wide, 0.0), 1.0)  # where along the name its mark is
@@ -221,10 +218,6 @@ def _around(wide: float, high: float) -> Iterator[tuple[float, float]]:
             yield 4.0, up
             yield -4.0 - wide, up
             yield -wide / 2, up
-
-
-def _overlap(one: Box, other: Box) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 COLUMN_IN, BOTH_COLUMNS_IN = 3.5, 7.16  # of IEEE's two-column page

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..analysis.force import FORCES, ForceResult, component, enough
 from . import figures
@@ -38,62 +38,51 @@ def drawn(result: ForceResult) -> list[ReportFigure]:
              "Error on the presses left out against the number of presses fitted to; the bands "
              "are the 10th to the 90th percentile of draws.")
         )  # fmt: skip
-    return [ReportFigure(name, text, _signed(make, result)) for name, make, text in shown]
 
-
-def all_figures(result: ForceResult) -> dict[str, Figure]:
-    """By the name of the file."""
-    return {one.name: one.draw() for one in drawn(result)}
-
-
-def _signed(make: Callable[[ForceResult], Figure], result: ForceResult) -> Callable[[], Figure]:
-    """With where its data is from in the corner."""
-
-    def draw() -> Figure:
+    def signed(make: Callable[[ForceResult], Figure]) -> Figure:
         figure = make(result)
+        # Where its data is from, in the corner.
         figure.text(0.995, 0.005, result.calibration.head.origin, ha="right", fontsize=7)
         return figure
 
-    return draw
+    return [ReportFigure(name, text, partial(signed, make)) for name, make, text in shown]
 
 
 def predicted_against_measured(result: ForceResult) -> Figure:
     """Three components, the paper's model above and the best below, each point left out once."""
-    models = _shown(result)
-    figure, axes = figures.blank(9.6, 3.3 * len(models), 3, share_y=False, rows=len(models))
-    for (one, group), row in zip(models, np.reshape(axes, (-1, 3)), strict=True):
-        for name, axis in zip(FORCES, row, strict=True):
-            measured = component(result.data.wrench, name)
-            said = component(one.predicted[group], name)
-            low, high = float(measured.min()), float(measured.max())
-            room = 0.05 * max(high - low, 0.1)
-            axis.plot([low, high], [low, high], color=figures.PAPER_COLOUR, lw=1)
-            for colour, ball in zip(figures.COLOURS, _balls(result), strict=False):
-                mine = (result.data.points["indenter"] == ball).to_numpy()
-                axis.plot(measured[mine], said[mine], ".", ms=3, color=colour, label=ball)
-            axis.set_xlim(low - room, high + room)
-            axis.set_xlabel(f"{_WORDS[name]} measured, N")
-            axis.set_title(f"{one.name}, {_WORDS[name]}", loc="left", fontweight="bold")
-        row[0].set_ylabel(f"predicted, N ({_left_out(group)})")
-    figures.legend_below(figure, axes[0])
-    return figure
+    return _by_component(result, residual=False)
 
 
 def residual_by_prediction(result: ForceResult) -> Figure:
     """Three components, the paper's model above and the best below."""
+    return _by_component(result, residual=True)
+
+
+def _by_component(result: ForceResult, residual: bool) -> Figure:
+    """A row a model, a panel a component, a colour an indenter."""
     models = _shown(result)
-    figure, axes = figures.blank(9.6, 2.8 * len(models), 3, share_y=False, rows=len(models))
+    height = (2.8 if residual else 3.3) * len(models)
+    figure, axes = figures.blank(9.6, height, 3, share_y=False, rows=len(models))
+    balls = list(dict.fromkeys(result.data.points["indenter"]))
+    across, up = ("predicted", "residual") if residual else ("measured", "predicted")
     for (one, group), row in zip(models, np.reshape(axes, (-1, 3)), strict=True):
         for name, axis in zip(FORCES, row, strict=True):
+            measured = component(result.data.wrench, name)
             said = component(one.predicted[group], name)
-            off = said - component(result.data.wrench, name)
-            axis.axhline(0, color=figures.PAPER_COLOUR, lw=1)
-            for colour, ball in zip(figures.COLOURS, _balls(result), strict=False):
+            x, y = (said, said - measured) if residual else (measured, said)
+            if residual:
+                axis.axhline(0, color=figures.PAPER_COLOUR, lw=1)
+            else:
+                low, high = float(x.min()), float(x.max())
+                room = 0.05 * max(high - low, 0.1)
+                axis.plot([low, high], [low, high], color=figures.PAPER_COLOUR, lw=1)
+                axis.set_xlim(low - room, high + room)
+            for colour, ball in zip(figures.COLOURS, balls, strict=False):
                 mine = (result.data.points["indenter"] == ball).to_numpy()
-                axis.plot(said[mine], off[mine], ".", ms=3, color=colour, label=ball)
-            axis.set_xlabel(f"{_WORDS[name]} predicted, N")
+                axis.plot(x[mine], y[mine], ".", ms=3, color=colour, label=ball)
+            axis.set_xlabel(f"{_WORDS[name]} {across}, N")
             axis.set_title(f"{one.name}, {_WORDS[name]}", loc="left", fontweight="bold")
-        row[0].set_ylabel(f"residual, N ({_left_out(group)})")
+        row[0].set_ylabel(f"{up}, N ({_left_out(group)})")
     figures.legend_below(figure, axes[0])
     return figure
 
@@ -103,7 +92,10 @@ def residual_by_position(result: ForceResult) -> Figure:
     models = _shown(result)
     figure, axes = figures.blank(4.8 * len(models), 3.9, len(models))
     for (one, group), axis in zip(models, axes, strict=True):
-        x_mm, y_mm, error_n = _by_place(result, one, group).T
+        error = component(one.predicted[group] - result.data.wrench, "normal")
+        table = result.data.points[["x_mm", "y_mm"]].assign(error=error)
+        places = table.groupby(["x_mm", "y_mm"], as_index=False)["error"].mean()
+        x_mm, y_mm, error_n = places.to_numpy().T
         most = float(np.abs(error_n).max()) or 1.0  # each its own scale, or the better one is white
         marks = axis.scatter(
             x_mm, y_mm, c=error_n, s=70, cmap="RdBu_r", vmin=-most, vmax=most,
@@ -141,21 +133,9 @@ def learning(result: ForceResult) -> Figure:
 
 def _shown(result: ForceResult) -> list[tuple[EvaluatedModel, str]]:
     """The paper's model and the best, and what was left out for the predictions shown."""
-    models = [one for one in (result.paper, result.best) if one is not None]
-    unlike = list({one.name: one for one in models}.values())
+    unlike = list({one.name: one for one in (result.paper, result.best)}.values())
     return [(one, "position" if "position" in one.predicted else "test") for one in unlike]
 
 
 def _left_out(group: str) -> str:
     return "position left out" if group == "position" else "test points and training"
-
-
-def _balls(result: ForceResult) -> list[str]:
-    return list(dict.fromkeys(result.data.points["indenter"]))
-
-
-def _by_place(result: ForceResult, one: EvaluatedModel, group: str) -> NDArray[Any]:
-    """x, y and the mean error of the normal force of the presses there, (n, 3)."""
-    error = component(one.predicted[group] - result.data.wrench, "normal")
-    table = result.data.points[["x_mm", "y_mm"]].assign(error=error)
-    return np.asarray(table.groupby(["x_mm", "y_mm"], as_index=False)["error"].mean())

@@ -8,6 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -126,8 +127,13 @@ def write(
         p=DEFAULT,
         facts=DEFAULT.rows(),
         gaps=gaps(design),
-        unverified=[(key, _value(design, key)) for key in design.unverified()],
-        measured=_measured(design),
+        unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
+        # Keys that take the names of what a lab has measured, where something is unverified.
+        measured=[
+            f"{section}.measured"
+            for section in dict.fromkeys(key.partition(".")[0] for key in design.unverified())
+            if hasattr(getattr(design, section), "measured")
+        ],
         plates=_plates(design, parts),
         self_supporting_deg=SELF_SUPPORTING_DEG,
         release_agent=RELEASE_AGENT,
@@ -271,17 +277,6 @@ def _stripped(d: Design) -> str:
     if not longer:
         return f"no longer one that would fit is sold; {new}"
     return f"use one of {_fig(longer[-1])} mm, {new}"
-
-
-def _measured(design: Design) -> list[str]:
-    """Keys that take the names of what a lab has measured, where something is unverified."""
-    sections = dict.fromkeys(key.partition(".")[0] for key in design.unverified())
-    return [f"{s}.measured" for s in sections if hasattr(getattr(design, s), "measured")]
-
-
-def _value(design: Design, key: str) -> str:
-    section, _, name = key.partition(".")
-    return f"{getattr(getattr(design, section), name):g}"
 
 
 def _data_url(kind: str, data: bytes) -> str:

@@ -63,7 +63,14 @@ def entries(folder: Path, seen_from: Path) -> list[Entry]:
     for place, is_study in _places(folder):
         inside = place.relative_to(folder).as_posix()
         name = folder.resolve().name if inside == "." else inside
-        entry = (_study if is_study else _run)(place, Entry(name, "study" if is_study else "run"))
+        entry = Entry(name, "study" if is_study else "run")
+        try:
+            entry = (_study if is_study else _run)(place, entry)
+        except _DAMAGE as why:
+            text = " ".join(str(why).split()) or type(why).__name__
+            # Without the folder, which the row names already.
+            line = text.replace(f"{place}/", "").replace(f"{place}: ", "")
+            entry = replace(entry, trouble="damaged:", line=line)
         page = place / PAGE
         target = os.path.relpath(page if page.is_file() else place, seen_from)
         found.append(replace(entry, link=quote(Path(target).as_posix())))
@@ -83,10 +90,7 @@ def _places(folder: Path) -> Iterator[tuple[Path, bool]]:
 
 
 def _study(place: Path, entry: Entry) -> Entry:
-    try:
-        kept = study_folder.read_result(place)
-    except DeltactFabError as why:
-        return replace(entry, trouble="damaged:", line=_inside(str(why), place))
+    kept = study_folder.read_result(place)
     trouble = ""
     if kept.missing:
         trouble = f"{len(kept.missing)} {'job' if len(kept.missing) == 1 else 'jobs'} missing:"
@@ -103,39 +107,25 @@ def _study(place: Path, entry: Entry) -> Entry:
 
 
 def _run(place: Path, entry: Entry) -> Entry:
-    try:
-        told = record.about(record.open(place))
-        kind, simulated = f"run of {told['protocol']}", bool(told["simulated"])
-        entry = replace(entry, kind=kind, simulated=simulated)
-        if told["begun_s"] is not None:
-            began = datetime.fromtimestamp(told["begun_s"], UTC)
-            entry = replace(entry, date=f"{began:%Y-%m-%d %H:%M}")
-        trouble = "" if told["state"] == "finished" else f"{told['state']}:"
-        return replace(entry, trouble=trouble, line=_verdict(place) or _counts(told))
-    except _DAMAGE as why:
-        text = " ".join(str(why).split()) or type(why).__name__
-        return replace(entry, trouble="damaged:", line=_inside(text, place))
+    told = record.about(record.open(place))
+    begun = told["begun_s"]
+    tracking = place / "analysis" / "tracking.json"
+    if tracking.is_file():
+        line = str(reading.json_object(tracking)["verdict"]["line"])
+    else:
+        presses = "1 press" if told["presses"] == 1 else f"{told['presses']} presses"
+        line = f"{told['frames']} frames in {presses}, not analysed yet"
+    return replace(
+        entry,
+        kind=f"run of {told['protocol']}",
+        date="" if begun is None else f"{datetime.fromtimestamp(begun, UTC):%Y-%m-%d %H:%M}",
+        line=line,
+        trouble="" if told["state"] == "finished" else f"{told['state']}:",
+        simulated=bool(told["simulated"]),
+    )
 
 
 # What reading a folder raises in which anything may be anything.
 _DAMAGE = (
     DeltactFabError, OSError, ValueError, LookupError, TypeError, AttributeError, sqlite3.Error,
 )  # fmt: skip
-
-
-def _inside(text: str, place: Path) -> str:
-    """An error's words without the folder, which the row names already."""
-    return text.replace(f"{place}/", "").replace(f"{place}: ", "")
-
-
-def _verdict(place: Path) -> str:
-    """What the tracking analysis of a run says, where there is one."""
-    path = place / "analysis" / "tracking.json"
-    if not path.is_file():
-        return ""
-    return str(reading.json_object(path)["verdict"]["line"])
-
-
-def _counts(told: dict[str, object]) -> str:
-    presses = "1 press" if told["presses"] == 1 else f"{told['presses']} presses"
-    return f"{told['frames']} frames in {presses}, not analysed yet"

@@ -71,16 +71,20 @@ def bar(axis: Axes, drawn: Any, words: str) -> None:
     made.solids.set_rasterized(False)  # as an image it would have the id of any other panel's
 
 
-def photograph(axis: Axes, picture: ShapeMaps) -> None:
-    """The camera's image, darkened for what is drawn on it."""
+def flow(axis: Axes, picture: ShapeMaps) -> float:
+    """The camera's image, darkened, with the flow as arrows; the longest of them, mm."""
     rgb = (picture.image[..., ::-1].astype(float) * 0.6).astype(np.uint8)
     left, right, top, bottom = picture.edges_mm
     axis.imshow(rgb, extent=(left, right, bottom, top), interpolation="antialiased")
+    size = np.hypot(*np.moveaxis(picture.shift_mm, -1, 0))[picture.known]
+    most = float(max(size.max(initial=0), MIN_MM))
+    arrows(axis, picture, picture.x_mm, picture.y_mm, picture.shift_mm, picture.known, most)
+    return most
 
 
 def arrows(
     axis: Axes, picture: ShapeMaps, x_mm: Array, y_mm: Array, vectors: Array, known: Array | None,
-    most: float, colour: str = ARROW_COLOUR,
+    most: float,
 ) -> None:  # fmt: skip
     """Vectors (h, w, 2) at points ARROW_MM apart around the tip; the longest is `most`."""
     from scipy.interpolate import RegularGridInterpolator
@@ -99,15 +103,9 @@ def arrows(
         part[sure < 0.5] = np.nan
     part[np.hypot(part[..., 0], part[..., 1]) < 0.02 * most] = np.nan
     axis.quiver(
-        *np.meshgrid(x, y), part[..., 0], part[..., 1], color=colour, angles="xy",
+        *np.meshgrid(x, y), part[..., 0], part[..., 1], color=ARROW_COLOUR, angles="xy",
         scale_units="xy", scale=most / (2 * ARROW_MM), width=0.008,
     )  # fmt: skip
-
-
-def longest(vectors: Array, known: Array | None = None) -> float:
-    """Length of the longest known vector, at least MIN_MM of flow."""
-    size = np.hypot(vectors[..., 0], vectors[..., 1])
-    return float(max((size if known is None else size[known]).max(initial=0), MIN_MM))
 
 
 def found_contacts(axis: Axes, picture: ShapeMaps, colour: str = "white") -> None:

@@ -60,7 +60,7 @@ def write(
     run = record.open(run_folder)
     if not run.finished:
         raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
-    frames = run.frames()
+    frames, notes = run.frames(), run.notes()
     verdict = tracking.verdict
     drawn = {
         "by_time": run_figures.error_by_time(
@@ -69,10 +69,10 @@ def write(
         "by_indenter": run_figures.error_by_indenter(tracking.by_indenter, verdict, PAPER_BEST_MM),
         **_by_step(tracking),
     }
-    if frames["fz_n"].notna().any():
-        drawn["force"] = run_figures.force_by_frame(frames)
     if measured is not None and measured.force is not None:
-        drawn["force"] = run_figures.force_traces(measured.force)
+        drawn["force"] = run_figures.force_by_frame(measured.force.frames)
+    elif frames["fz_n"].notna().any():
+        drawn["force"] = run_figures.force_by_frame(frames)
     if measured is not None and measured.deepest:
         drawn["shape"] = run_figures.deepest_presses(measured.deepest)
     page = render(
@@ -101,7 +101,11 @@ def write(
         parts=parts,
         layer_costs=measured_costs,
         counts=_counts(frames),
-        notes=_notes(run),
+        # What operators said.
+        notes=[
+            {"at": f"{datetime.fromtimestamp(wall_s, UTC):%Y-%m-%d %H:%M} UTC", "text": text}
+            for wall_s, text in zip(notes["wall_s"], notes["text"], strict=True)
+        ],
     )
     return save(page, out)
 
@@ -163,15 +167,6 @@ def _fig(value: Any, digits: int = 4) -> str:
     return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
 
 
-def _notes(run: record.Run) -> list[dict[str, str]]:
-    """What operators said, with the day and time (UTC)."""
-    table = run.notes()
-    return [
-        {"at": f"{datetime.fromtimestamp(wall_s, UTC):%Y-%m-%d %H:%M} UTC", "text": text}
-        for wall_s, text in zip(table["wall_s"], table["text"], strict=True)
-    ]
-
-
 def _counts(frames: pd.DataFrame) -> dict[str, Any]:
     counts: dict[str, Any] = {"frames": len(frames), "presses": frames["press"].nunique()}
     if frames["fz_n"].notna().any():
@@ -184,6 +179,8 @@ def _strips(
     run: record.Run, frames: pd.DataFrame, tracking: TrackingResult
 ) -> list[dict[str, Any]]:
     """A strip an indenter: the end of the press and the extremes of shear, with flow arrows."""
+    import cv2
+
     strips = []
     for indenter in dict.fromkeys(frames["indenter"]):
         part = frames[frames["indenter"] == indenter]
@@ -197,23 +194,17 @@ def _strips(
             arrows = tracking.arrows.get(str(row.frame_id))
             if arrows is not None:
                 image = run_figures.flow_picture(image, arrows, ARROW_STEP_PX, ARROW_GAIN)
+            # Six tenths of the size: a strip shows four pictures side by side.
+            small = cv2.resize(image, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
             pictures.append(
                 {
-                    "src": _png(_smaller(image)),
+                    "src": _png(np.asarray(small, np.uint8)),
                     "caption": str(row.step_id).rsplit("/", 1)[-1],
                     "pose": f"x {row.x_mm:+.2f}, y {row.y_mm:+.2f}, z {row.z_mm:+.2f} mm",
                 }
             )
         strips.append({"indenter": indenter, "pictures": pictures})
     return strips
-
-
-def _smaller(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Six tenths of the size: a strip shows four pictures side by side."""
-    import cv2
-
-    small = cv2.resize(image, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.uint8)
 
 
 def _png(image: NDArray[np.uint8]) -> str:

@@ -13,7 +13,6 @@ from .figures import COLOURS, PAPER_COLOUR, blank, legend_below, log_ticks, name
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -126,21 +125,16 @@ def stacked(
                 )
             elif any(part is None for part in column.parts_mm):
                 axis.annotate("no dots", (x, top), ha="center", va="bottom", fontsize=7.5)
-        _paper(axis, columns)
+        label: str | None = "the paper"
+        for x, column in enumerate(columns):  # across its column; dashed where it says "around"
+            if column.paper_mm is not None:
+                line = "--" if column.paper_about else "-"
+                ends = [x - 0.42, x + 0.42], [column.paper_mm] * 2
+                axis.plot(*ends, line, label=label, lw=1.6, color=figures.PAPER_COLOUR)
+                label = None
         axis.set_xticks(list(places), [column.label for column in columns])
         axis.set_title(title, loc="left", fontsize=9)
         axis.set_ylabel("mean error, mm")
         axis.grid(visible=False, axis="x")
     figures.legend_below(figure, axes[0])
     return figure
-
-
-def _paper(axis: Axes, columns: Sequence[PatternColumn]) -> None:
-    """The paper's values as lines across their columns; dashed where it says "around"."""
-    label: str | None = "the paper"
-    for x, column in enumerate(columns):
-        if column.paper_mm is not None:
-            line = "--" if column.paper_about else "-"
-            ends = [x - 0.42, x + 0.42], [column.paper_mm] * 2
-            axis.plot(*ends, line, label=label, lw=1.6, color=figures.PAPER_COLOUR)
-            label = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
@@ -59,8 +59,8 @@ class Headline:
     over: str
     paper: float | None = None
     goal: float | None = None
-    remark: str = ""
     better: Literal["low", "high"] = "low"
+    remark: str = ""
 
     @property
     def met(self) -> bool | None:
@@ -78,20 +78,8 @@ class Headline:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data; a value that is no number becomes None."""
-        known = math.isfinite(self.value)
-        return {
-            "what": self.what,
-            "value": self.value if known else None,
-            "unit": self.unit,
-            "low": self.low,
-            "high": self.high,
-            "over": self.over,
-            "paper": self.paper,
-            "goal": self.goal,
-            "better": self.better,
-            "met": self.met,
-            "remark": self.remark,
-        }
+        value = self.value if math.isfinite(self.value) else None
+        return {**asdict(self), "value": value, "met": self.met}
 
 
 @dataclass(frozen=True)
@@ -132,3 +120,9 @@ class StudyResult:
     left_out: tuple[LeftOut, ...] = ()
     missing: tuple[str, ...] = ()
     files: dict[str, str] = field(default_factory=dict)
+
+
+def records(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows of a table as plain data, None where there is no number."""
+    plain = frame.astype(object).where(frame.notna(), None)
+    return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]

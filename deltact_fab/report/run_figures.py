@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.measured import FORCE, DeepestPress, Force
+from ..analysis.measured import FORCE, DeepestPress
 from . import figures
 from .figures import (
     BAND,
@@ -138,25 +138,6 @@ def error_by_indenter(
     return figure
 
 
-def force_by_frame(frames: pd.DataFrame) -> Figure:
-    """Measured force on the sensor against the frame, a panel an indenter."""
-    indenters = list(dict.fromkeys(frames["indenter"]))
-    figure, axes = blank(9.6, 3.0, len(indenters))
-    for axis, indenter in zip(axes, indenters, strict=True):
-        part = frames[frames["indenter"] == indenter].reset_index(drop=True)
-        index = np.arange(len(part))
-        for colour, column, label in zip(
-            COLOURS, ("fx_n", "fy_n", "fz_n"), ("$F_x$", "$F_y$", "$F_z$"), strict=False
-        ):
-            axis.plot(index, part[column], color=colour, lw=1.4, label=label)
-        mark_legs(axis, part)
-        axis.set_title(indenter, loc="left", fontweight="bold")
-        axis.set_xlabel("frame")
-    axes[0].set_ylabel("force on the sensor, N")
-    axes[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    return figure
-
-
 def flow_picture(
     image: NDArray[np.uint8], arrows: NDArray[np.float32], step_px: int, gain: float
 ) -> NDArray[np.uint8]:
@@ -232,28 +213,33 @@ def _panel(figure: Figure, axis: Axes, press: DeepestPress, colours: Any) -> Non
     axis.grid(False)
 
 
-def force_traces(force: Force) -> Figure:
-    """Measured force, thin and dark, under what the flow says of it; a panel an indenter."""
-    table = force.frames
-    indenters = list(dict.fromkeys(table["indenter"]))
-    figure, axes = figures.blank(9.6, 3.4, len(indenters))
+def force_by_frame(frames: pd.DataFrame) -> Figure:
+    """Force on the sensor against the frame, a panel an indenter.
+
+    Where the flow was asked (columns of `Force.frames`), what was measured lies thick and pale
+    under what the flow says of it.
+    """
+    indenters = list(dict.fromkeys(frames["indenter"]))
+    estimated = f"{FORCE[0]}_est" in frames
+    figure, axes = blank(9.6, 3.4, len(indenters))
     for axis, indenter in zip(axes, indenters, strict=True):
-        part = table[table["indenter"] == indenter].reset_index(drop=True)
+        part = frames[frames["indenter"] == indenter].reset_index(drop=True)
         index = np.arange(len(part))
-        for colour, column, label in zip(
-            figures.COLOURS, FORCE, ("$F_x$", "$F_y$", "$F_z$"), strict=False
-        ):
-            axis.plot(index, part[column], color=colour, lw=4, alpha=0.4)
-            axis.plot(index, part[f"{column}_est"], color=colour, lw=1.2, label=label)
-        axis.plot([], [], color=figures.SOFT, lw=4, alpha=0.4, label="force sensor")
-        beyond = index[(part["extrapolated"] | ~part["trusted"]).to_numpy()]
-        axis.plot([], [], "|", color=figures.DOUBT_COLOUR, ms=9, label="not to be trusted")
-        for at in beyond:  # an empty plot off the axes would leave no room for them
-            axis.plot(at, 0, "|", color=figures.DOUBT_COLOUR, ms=9, clip_on=False,
-                      transform=axis.get_xaxis_transform())  # fmt: skip
-        figures.mark_legs(axis, part)
+        for colour, column, label in zip(COLOURS, FORCE, ("$F_x$", "$F_y$", "$F_z$"), strict=False):
+            if estimated:
+                axis.plot(index, part[column], color=colour, lw=4, alpha=0.4)
+            shown = part[f"{column}_est" if estimated else column]
+            axis.plot(index, shown, color=colour, lw=1.2, label=label)
+        if estimated:
+            axis.plot([], [], color=SOFT, lw=4, alpha=0.4, label="force sensor")
+            axis.plot([], [], "|", color=figures.DOUBT_COLOUR, ms=9, label="not to be trusted")
+            beyond = index[(part["extrapolated"] | ~part["trusted"]).to_numpy()]
+            for at in beyond:  # an empty plot off the axes would leave no room for them
+                axis.plot(at, 0, "|", color=figures.DOUBT_COLOUR, ms=9, clip_on=False,
+                          transform=axis.get_xaxis_transform())  # fmt: skip
+        mark_legs(axis, part)
         axis.set_title(indenter, loc="left", fontweight="bold")
         axis.set_xlabel("frame")
     axes[0].set_ylabel("force on the sensor, N")
-    figures.legend_below(figure, axes[-1])
+    legend_below(figure, axes[-1])
     return figure

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -104,9 +103,7 @@ def _reach_mm(indenter: Indenter) -> float:
 
 
 def _image(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> None:
-    most = maps.longest(picture.shift_mm, picture.known)
-    maps.photograph(axis, picture)
-    maps.arrows(axis, picture, picture.x_mm, picture.y_mm, picture.shift_mm, picture.known, most)
+    most = maps.flow(axis, picture)
     maps.frame(axis, picture, first, last=True)
     axis.set_xlabel(f"x, mm; arrows at most {most:.2f} mm", fontsize=maps.LABELS)
 
@@ -127,14 +124,18 @@ def _surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> No
 
 
 def _true_surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> None:
-    if picture.true_depth_mm is None:
+    _relief(figure, place, picture, picture.true_depth_mm, "true")
+
+
+def _relief(
+    figure: Figure, place: Axes, picture: ShapeMaps, depth_mm: Array | None, words: str
+) -> None:
+    """The depth, where it is known, as a relief: what presses stands up, as in the paper."""
+    if depth_mm is None:
         place.set_visible(False)
-    else:
-        _relief(figure, place, picture, picture.true_depth_mm, "true")
+        return
+    from matplotlib.ticker import MultipleLocator
 
-
-def _relief(figure: Figure, place: Axes, picture: ShapeMaps, depth_mm: Array, words: str) -> None:
-    """The depth as a relief: what presses stands up, as in the paper."""
     axis = maps.solid(figure, place)
     rows, columns = _near_axes(picture)
     every = max(1, round(RELIEF_MM / picture.cell_mm))
@@ -147,14 +148,8 @@ def _relief(figure: Figure, place: Axes, picture: ShapeMaps, depth_mm: Array, wo
     axis.set_zlim(min(0.0, float(part.min())), top)
     axis.set_zticks([0, round(top, 1)])
     for side in (axis.xaxis, axis.yaxis):
-        side.set_major_locator(_every_five())
+        side.set_major_locator(MultipleLocator(5))
     axis.set_title(f"{words}, to {float(part.max()):.2f} mm", fontsize=maps.HEADS, y=1.03)
-
-
-def _every_five() -> Any:
-    from matplotlib.ticker import MultipleLocator
-
-    return MultipleLocator(5)
 
 
 def _section(axis: Axes, picture: ShapeMaps, first: bool) -> None:
@@ -219,17 +214,6 @@ FORCE_EXTREME = 98  # percentile that is full scale
 DARK = "magma"
 
 
-@dataclass(frozen=True)
-class _Field:
-    """Traction (h, w, 3) in kPa at points of the resting face."""
-
-    x_mm: Array
-    y_mm: Array
-    kpa: Array
-    words: str
-    true: bool
-
-
 def has_field(picture: ShapeMaps) -> bool:
     """Whether there is a traction to be drawn."""
     return picture.traction_mpa is not None or picture.true_traction_mpa is not None
@@ -240,30 +224,36 @@ def distribution(picture: ShapeMaps, note: str) -> Figure:
 
     Of a picture with a traction. Both rows have one scale. Raises ValueError without a traction.
     """
-    fields = _fields(picture)
+    found = (picture.cells_x_mm, picture.cells_y_mm, picture.traction_mpa)
+    true = (picture.face_x_mm, picture.face_y_mm, picture.true_traction_mpa)
+    fields = [
+        (words, x_mm, y_mm, -KPA * mpa[..., 2], KPA * mpa[..., :2])
+        for words, (x_mm, y_mm, mpa) in (("found", found), ("true", true))
+        if x_mm is not None and y_mm is not None and mpa is not None
+    ]
     if not fields:
         raise ValueError(f"{picture.frame_id}: no traction was found, nor is one known")
     figure, axes = figures.blank(9.8, 3.05 * len(fields) + 0.8, 3, share_y=False, rows=len(fields))
     figure.suptitle(f"{note}\n{_forces(picture)}", fontsize="small")
-    pressure = max(MIN_KPA, *(_full(-field.kpa[..., 2]) for field in fields))
-    shear = max(
-        MIN_KPA, *(_full(np.hypot(field.kpa[..., 0], field.kpa[..., 1])) for field in fields)
-    )
-    for k, field in enumerate(fields):
+    pressure = max(MIN_KPA, *(_full(field[3]) for field in fields))
+    shear = max(MIN_KPA, *(_full(np.hypot(*np.moveaxis(field[4], -1, 0))) for field in fields))
+    for k, (words, x_mm, y_mm, normal_kpa, shear_kpa) in enumerate(fields):
         beside, normal, across = axes[3 * k : 3 * k + 3]
         last = k == len(fields) - 1
         (_depth if k else _flow)(beside, picture)
         maps.frame(beside, picture, True, last)
-        maps.shown(normal, field.x_mm, field.y_mm, -field.kpa[..., 2], DARK, 0, pressure,
-                   "pressure, kPa")  # fmt: skip
-        normal.set_title(f"normal force, {field.words}", fontsize=maps.HEADS)
-        size = np.hypot(field.kpa[..., 0], field.kpa[..., 1])
-        maps.shown(across, field.x_mm, field.y_mm, size, DARK, 0, shear, "shear, kPa")
-        maps.arrows(across, picture, field.x_mm, field.y_mm, field.kpa[..., :2], None, shear)
-        across.set_title(f"shear force, {field.words}", fontsize=maps.HEADS)
+        maps.shown(normal, x_mm, y_mm, normal_kpa, DARK, 0, pressure, "pressure, kPa")
+        normal.set_title(f"normal force, {words}", fontsize=maps.HEADS)
+        size = np.hypot(shear_kpa[..., 0], shear_kpa[..., 1])
+        maps.shown(across, x_mm, y_mm, size, DARK, 0, shear, "shear, kPa")
+        maps.arrows(across, picture, x_mm, y_mm, shear_kpa, None, shear)
+        across.set_title(f"shear force, {words}", fontsize=maps.HEADS)
         for axis in (normal, across):
             axis.set_facecolor("black")  # where nothing was looked for, nothing presses
-            (_true_line if field.true else maps.found_contacts)(axis, picture)
+            if words == "true":
+                maps.true_contact(axis, picture, "white", "-")
+            else:
+                maps.found_contacts(axis, picture)
             maps.frame(axis, picture, False, last)
     return figure
 
@@ -274,30 +264,8 @@ def _full(values: Array) -> float:
     return float(np.percentile(some, FORCE_EXTREME)) if some.size else 0.0
 
 
-def _true_line(axis: Axes, picture: ShapeMaps) -> None:
-    maps.true_contact(axis, picture, "white", "-")
-
-
-def _fields(picture: ShapeMaps) -> list[_Field]:
-    found = []
-    if picture.traction_mpa is not None:
-        assert picture.cells_x_mm is not None, "with the traction"
-        assert picture.cells_y_mm is not None, "with the traction"
-        found.append(_Field(picture.cells_x_mm, picture.cells_y_mm, KPA * picture.traction_mpa,
-                            "found", False))  # fmt: skip
-    if picture.true_traction_mpa is not None:
-        assert picture.face_x_mm is not None, "with the traction"
-        assert picture.face_y_mm is not None, "with the traction"
-        found.append(_Field(picture.face_x_mm, picture.face_y_mm, KPA * picture.true_traction_mpa,
-                            "true", True))  # fmt: skip
-    return found
-
-
 def _flow(axis: Axes, picture: ShapeMaps) -> None:
-    most = maps.longest(picture.shift_mm, picture.known)
-    maps.photograph(axis, picture)
-    maps.arrows(axis, picture, picture.x_mm, picture.y_mm, picture.shift_mm, picture.known, most)
-    axis.set_title(f"flow, at most {most:.2f} mm", fontsize=maps.HEADS)
+    axis.set_title(f"flow, at most {maps.flow(axis, picture):.2f} mm", fontsize=maps.HEADS)
 
 
 def _depth(axis: Axes, picture: ShapeMaps) -> None:

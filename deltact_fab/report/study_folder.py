@@ -12,11 +12,13 @@ from typing import Any
 
 from .. import reading
 from ..errors import InputError, RunFailed
-from ..files import write_together
+from ..files import making, write_together
 from .result import Headline, StudyResult
 
 PAGE, RESULT = "report.html", "result.json"
 FORMAT = "deltact-fab study 1"
+_SAME = ("study", "title", "verdict", "simulated", "seed", "scale", "settings", "missing", "data")
+"""What a result holds just as it is kept."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
@@ -110,21 +112,13 @@ def contents(result: StudyResult) -> dict[str, bytes]:
         raise ValueError(f"{result.study}: no file's name: {odd[0]!r}")
     kept = {
         "format": FORMAT,
-        "study": result.study,
-        "title": result.title,
-        "verdict": list(result.verdict),
-        "simulated": result.simulated,
-        "seed": result.seed,
-        "scale": result.scale,
+        **{key: getattr(result, key) for key in _SAME},
         "made": f"{datetime.now(UTC):%Y-%m-%dT%H:%MZ}",
         "headlines": [one.as_dict() for one in result.headlines],
-        "settings": result.settings,
-        "missing": list(result.missing),
         "versions": versions(),
         "tables": [table.name for table in result.tables],
         "figures": [figure.name for figure in result.figures],
         "files": [PAGE, *made],
-        "data": result.data,
     }
     try:
         made[RESULT] = (json.dumps(kept, indent=1, allow_nan=False) + "\n").encode()
@@ -135,10 +129,8 @@ def contents(result: StudyResult) -> dict[str, bytes]:
 
 def make(folder: Path) -> None:
     """A folder to write into. Raises InputError where there can be none."""
-    try:
+    with making(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as why:
-        raise InputError(f"{folder}: cannot be made: {why.strerror}") from why
 
 
 def refuse_strange(out: Path, study: str) -> None:

@@ -6,15 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+import pandas as pd
 
 from . import figures, study_folder
-from .result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
+from .result import LeftOut, ReportTable, StudyResult
 from .templating import environment, named, render, require_pages
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 MAX_ROWS, FIRST_ROWS = 120, 20  # a longer table is shown by its first rows
 SHORT = 32  # letters that stay on one line
@@ -27,7 +26,11 @@ def prepared(table: ReportTable) -> dict[str, Any]:
     many rows are not shown. tsv: the same head and all rows, numbers to their last digit.
     Raises ValueError for a shown column that the frame has not.
     """
-    frame = table.frame if table.shown is None else table.frame[list(_known(table))]
+    frame = table.frame
+    if table.shown is not None:
+        if strange := [name for name in table.shown if name not in frame]:
+            raise ValueError(f"table {table.name}: no column {strange[0]!r}")
+        frame = frame[list(table.shown)]
     frame = frame[[name for name in frame if frame[name].notna().any() or frame.empty]]
     title, _, more = table.caption.partition(". ")
     shown = frame if len(frame) <= MAX_ROWS else frame.iloc[:FIRST_ROWS]
@@ -46,17 +49,14 @@ def prepared(table: ReportTable) -> dict[str, Any]:
     }
 
 
-def headline_frame(headlines: tuple[Headline, ...]) -> pd.DataFrame:
-    """The figures that count as a table, for its file."""
-    import pandas as pd
-
-    return pd.DataFrame([one.as_dict() for one in headlines])
-
-
 def tsv(frame: pd.DataFrame) -> str:
     """Head and rows with tabs between; no quotes, for a spreadsheet takes the cells as they are."""
     lines = [list(map(str, frame.columns)), *frame.itertuples(index=False)]
-    return "\n".join("\t".join(_plain(value) for value in line) for line in lines) + "\n"
+    cells = (
+        "\t".join("" if _is_none(value) else " ".join(str(value).split()) for value in line)
+        for line in lines
+    )
+    return "\n".join(cells) + "\n"
 
 
 def number(value: Any) -> str:
@@ -75,8 +75,6 @@ def number(value: Any) -> str:
 
 def cell(value: Any) -> str:
     """A value as a page shows it."""
-    import numpy as np
-
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, np.integer):
@@ -84,13 +82,6 @@ def cell(value: Any) -> str:
     if _is_none(value) or isinstance(value, int | float | np.floating):
         return number(value)
     return str(value)
-
-
-def _known(table: ReportTable) -> tuple[str, ...]:
-    assert table.shown is not None
-    if strange := [name for name in table.shown if name not in table.frame]:
-        raise ValueError(f"table {table.name}: no column {strange[0]!r}")
-    return table.shown
 
 
 def _is_none(value: Any) -> bool:
@@ -103,11 +94,6 @@ def _kind(column: pd.Series[Any]) -> str:
     if all(isinstance(value, int | float) or hasattr(value, "dtype") for value in known):
         return "number"
     return "short" if max(len(str(value)) for value in known) <= SHORT else "long"
-
-
-def _plain(value: Any) -> str:
-    """As pandas writes it into the CSV, on one line."""
-    return "" if _is_none(value) else " ".join(str(value).split())
 
 
 MAX_MISSING = 20
@@ -139,7 +125,8 @@ def write(result: StudyResult, out: Path, layer_costs: Sequence[dict[str, Any]] 
     study_folder.make(out)
     study_folder.refuse_strange(out, result.study)
     if result.headlines:
-        own = ReportTable(HEADLINES, "What counts", headline_frame(result.headlines))
+        frame = pd.DataFrame([one.as_dict() for one in result.headlines])
+        own = ReportTable(HEADLINES, "What counts", frame)
         result = replace(result, tables=(own, *result.tables))
     files = study_folder.contents(result)
     page = html(result, study_folder.made_of(files), layer_costs)
@@ -151,7 +138,8 @@ def html(
     result: StudyResult, kept: study_folder.KeptResult, layer_costs: Sequence[dict[str, Any]] = ()
 ) -> str:
     """The page. kept: what its result.json says, of versions and time."""
-    pages = environment(num=number, unit=_unit)
+    # A unit stands behind its number, on the same line.
+    pages = environment(num=number, unit=lambda unit: f"\u00a0{unit}" if unit else "")
     tables = {table.name: prepared(table) for table in result.tables}
     left_out = [_with_cost(one, layer_costs) for one in result.left_out]
     headlines = result.headlines
@@ -163,7 +151,10 @@ def html(
         doubt=bool(result.missing) or any(one.met is False for one in headlines),
         headlines=headlines,
         headline_table=tables.pop(HEADLINES, None),
-        figures=[_drawn(one) for one in result.figures],
+        figures=[
+            {"svg": figures.to_svg(one.draw(), one.caption), "caption": one.caption}
+            for one in result.figures
+        ],
         tables=list(tables.values()),
         left_out=left_out,
         measured_here=any(a.cost != b.cost for a, b in zip(left_out, result.left_out, strict=True)),
@@ -172,18 +163,9 @@ def html(
     )
 
 
-def _drawn(one: ReportFigure) -> dict[str, Any]:
-    return {"svg": figures.to_svg(one.draw(), one.caption), "caption": one.caption}
-
-
 def _with_cost(one: LeftOut, layer_costs: Sequence[dict[str, Any]]) -> LeftOut:
     """With what its layer costs on this machine, where that was measured."""
     found = next((cost for cost in layer_costs if cost["layer"] == one.layer), None)
     if one.cost or found is None or found["seconds"] is None:
         return one
     return replace(one, cost=f"{found['seconds']:.2f} CPU s, {found['megabytes']:.0f} MB")
-
-
-def _unit(unit: str) -> str:
-    """A unit behind its number, on the same line."""
-    return f"\u00a0{unit}" if unit else ""

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
 from ..extras import require
-from ..files import write_whole
+from ..files import making, write_whole
 
 _TABLE = re.compile(r"<table\b(?P<attributes>[^>]*)>(?P<body>.*?)</table>", re.DOTALL)
 _ROW = re.compile(r"<tr\b([^>]*)>(.*?)</tr>", re.DOTALL)
@@ -197,9 +196,7 @@ def save(page: str, out: Path) -> Path:
 
     Raises InputError when the folder cannot be, RunFailed when the disk refuses.
     """
-    try:
+    with making(out.parent):
         out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as why:
-        raise InputError(f"{out.parent}: cannot be made: {why.strerror}") from why
     write_whole(out, page.encode())
     return out

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+
+import pandas as pd
 
 from .. import catalog
 from ..errors import InputError
-from ..report.result import Headline, ReportFigure, ReportTable, StudyResult
+from ..report.result import Headline, ReportFigure, ReportTable, StudyResult, records
 from .request import StudyRequest
 from .sensors import (
     CLAIMED_REDUCTION,
@@ -30,9 +31,6 @@ from .sensors import (
     nearest_measure,
     reduction,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 NAME = "comparison"
 OWN = "cad"
@@ -53,7 +51,12 @@ def run(asked: StudyRequest) -> StudyResult:
         study=NAME,
         title="Sensors compared",
         verdict=_verdict(said),
-        data=_data(table, reductions, said),
+        data={
+            "claims": [vars(one) for one in said.values()],
+            "contradiction": contradiction(),
+            "sensors": records(table),
+            "reductions": records(reductions),
+        },
         simulated=False,
         seed=asked.seed,
         scale=None,
@@ -105,8 +108,6 @@ def _designs(named: Sequence[str]) -> list[str]:
 
 def sensor_table(rows: Sequence[SensorRow]) -> pd.DataFrame:
     """One row a sensor: as printed, and what follows from it."""
-    import pandas as pd
-
     return pd.DataFrame(
         {
             "sensor": one.name,
@@ -133,8 +134,6 @@ def _pixels(pixels: tuple[int, int]) -> str:
 
 def reduction_table() -> pd.DataFrame:
     """One row a way to measure size, one column a size that the paper prints; per cent smaller."""
-    import pandas as pd
-
     return pd.DataFrame(
         {
             "measured_by": measure,
@@ -193,8 +192,6 @@ def _headlines() -> tuple[Headline, ...]:
 def _tables(
     table: pd.DataFrame, reductions: pd.DataFrame, said: Mapping[str, PaperClaim]
 ) -> tuple[ReportTable, ...]:
-    import pandas as pd
-
     from ..report import paper_charts
 
     return (
@@ -251,22 +248,3 @@ def _figures(table: pd.DataFrame) -> tuple[ReportFigure, ...]:
             lambda: paper_charts.area_against_volume(table),
         ),
     )
-
-
-def _data(
-    table: pd.DataFrame, reductions: pd.DataFrame, said: Mapping[str, PaperClaim]
-) -> dict[str, Any]:
-    """Plain data of `--json`."""
-    return {
-        "claims": [vars(one) for one in said.values()],
-        "contradiction": contradiction(),
-        "sensors": _records(table),
-        "reductions": _records(reductions),
-    }
-
-
-def _records(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    return [
-        {str(k): None if isinstance(v, float) and math.isnan(v) else v for k, v in row.items()}
-        for row in frame.to_dict("records")
-    ]

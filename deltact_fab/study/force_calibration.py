@@ -11,15 +11,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..report.result import LeftOut, ReportTable, StudyResult
-from .request import StudyRequest
+from ..report.result import LeftOut, StudyResult
+from .request import StudyRequest, share_of
 
 if TYPE_CHECKING:
     from ..analysis.force import ForceResult
-
-STUDY = "force-calibration"
-_LAYERS = {"lens": "lens", "viscosity": "its viscosity", "solid models": "cadquery"}
-"""What a rig calls what it left out: the layer whose cost `numerics` measures."""
 
 
 def run(asked: StudyRequest) -> StudyResult:
@@ -28,40 +24,28 @@ def run(asked: StudyRequest) -> StudyResult:
 
 
 def _simulated(asked: StudyRequest) -> StudyResult:
-    from .force.simulated import meshes, settings, simulate
-    from .force.summary import modulus, told, with_modulus
+    from .force.simulated import settings, simulate
+    from .force.summary import meshes, modulus, told
+    from .scene import left_out
 
     made = simulate(asked)
-    of, result = made.scene, made.result
-    scale = 1.0 if asked.scale is None else asked.scale
-    found = told(result, STUDY, scale)
-    table = modulus(
-        result, of.protocol.specimen.modulus_mpa, of.rig.force.range_n, of.rig.force.range_nmm
-    )
-    found = with_modulus(found, of.protocol.specimen.modulus_mpa, table)
-    scene = settings(of, made.gel)
-    gel = ReportTable(
-        "force-gel",
-        "The gel. The presses of each job, what the solver flags of their mesh, and the largest "
-        "error of linear interpolation between solved poses, where it was tried.",
-        meshes(made.gel),
-        ("presses", "flags", "between_poses_n", "between_poses_mm"),
-    )
-    shown = {line for one in made.gel for line in one["left_out"]}
+    result, force, scale = made.result, made.scene.rig.force, share_of(asked.scale)
+    table = modulus(result, made.protocol.specimen.modulus_mpa, force.range_n, force.range_nmm)
+    found, scene = told(result, scale, table), settings(made)
     return replace(
         found,
-        tables=(*found.tables, gel),
+        tables=(*found.tables, meshes(made.gel)),
         settings=scene,
         data={**found.data, "scale": scale, "settings": scene},
-        left_out=(*(_scene(line) for line in sorted(shown)), *_left_out(result)),
-        missing=tuple(made.missing),
+        left_out=(*left_out(made.gel), *_not_taken(result)),
+        missing=made.missing,
     )
 
 
 def _recorded(asked: StudyRequest) -> StudyResult:
     from .. import record
     from ..analysis.force import calibrate
-    from .force.summary import modulus, told, with_modulus
+    from .force.summary import modulus, told
 
     given = {"scale": asked.scale, "rig": asked.rig, "protocol": asked.more.get("protocol")}
     for name, value in given.items():
@@ -76,13 +60,11 @@ def _recorded(asked: StudyRequest) -> StudyResult:
                 "'hyperelastic'"
             )
     result = calibrate(asked.runs, None, asked.seed, asked.executor, asked.progress)
-    found = told(result, STUDY, None)
     specimen, force = runs[0].meta["protocol"]["specimen"], runs[0].meta["rig"].get("force")
+    table = None
     if runs[0].simulated and force:
-        table = modulus(
-            result, specimen["modulus_mpa"], tuple(force["range_n"]), tuple(force["range_nmm"])
-        )
-        found = with_modulus(found, specimen["modulus_mpa"], table)
+        table = modulus(result, specimen["modulus_mpa"], force["range_n"], force["range_nmm"])
+    found = told(result, None, table)
     scene = {
         "runs": ", ".join(str(folder) for folder in asked.runs),
         "rig": ", ".join(dict.fromkeys(str(run.meta["rig_name"]) for run in runs)),
@@ -94,16 +76,10 @@ def _recorded(asked: StudyRequest) -> StudyResult:
         settings=scene,
         data={**found.data, "settings": scene},
         notes=(*found.notes, *notes),
-        left_out=_left_out(result),
+        left_out=_not_taken(result),
     )
 
 
-def _scene(line: str) -> LeftOut:
-    """Of a line of a rig: "what: why"."""
-    what, _, why = line.partition(": ")
-    return LeftOut(what, why, layer=_LAYERS.get(what.partition(",")[0], ""))
-
-
-def _left_out(result: ForceResult) -> tuple[LeftOut, ...]:
+def _not_taken(result: ForceResult) -> tuple[LeftOut, ...]:
     """Points that were not taken, and models without points enough."""
     return tuple(LeftOut("points or models", line) for line in result.left_out)

@@ -1,4 +1,4 @@
-"""What a study's page says of its gel: the modulus, known to a factor of 2, and interpolation.
+"""What a study's page says of its gel's modulus, which is known to a factor of 2.
 
 Stresses of the simulated gel are in proportion to it at one and the same deformation (so is every
 force that is solved here: `gel.path` solves for 1 MPa). So it changes newtons, and nothing that is
@@ -7,9 +7,6 @@ fixed in newtons (noise and range of a force sensor) meets them at another place
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
-from typing import Any
 
 from ..preflight.peaks import MODULUS_FACTOR
 
@@ -41,18 +38,3 @@ def remark(study: str, modulus_mpa: float) -> str:
         f"The gel's modulus, {modulus_mpa:g} MPa, is known to a factor of {MODULUS_FACTOR:g} "
         f"(Gent's relation from Shore 15A). {CHANGES[study]}"
     )
-
-
-def interpolation(gel: Sequence[dict[str, Any]], settled: str) -> dict[str, str]:
-    """The worst error between solved poses, under its name; empty where none was tried.
-
-    settled: what is taken at solved poses alone ("points", "frames").
-    """
-    tried = [one for one in gel if one["between_samples"]]
-    if not tried:
-        return {}
-    return {
-        "gel's interpolation": f"between solved poses off by at most "
-        f"{max(g['between_n'] for g in tried):.2g} N and "
-        f"{max(g['between_mm'] for g in tried):.2g} mm in plane; settled {settled} are solved poses"
-    }

@@ -8,7 +8,7 @@ import sys
 import time
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +19,7 @@ import numpy as np
 from .. import cache, digest
 from ..aliases import Progress
 from ..errors import DeltactFabError, RunFailed, Stopped
-from ..jobs import CannotGoOn, JobOutcome, processors, run, width
+from ..jobs import CannotGoOn, JobOutcome, processors, run
 
 PACE_KIND = "study-pace"
 TRUST, FIRST = 0.1, 0.02  # shares of all the work
@@ -248,7 +248,8 @@ class _Books:
         self._names = {alike[0]: alike for alike in same.values()}
         self.todo = sorted((job for job in jobs if job.name in self._names), key=lambda j: -j.cost)
         work = keys[self.todo[0].name]["work"] if self.todo else ""
-        self._pace = JobPace([job.cost for job in self.todo], work, width_of(executor))
+        width = processors() if executor is None else getattr(executor, "workers", 1)
+        self._pace = JobPace([job.cost for job in self.todo], work, width)
         self._missing: dict[str, str] = {}
         self._errors: list[Exception] = []
         self._refused = False
@@ -299,18 +300,10 @@ class _Books:
         if self._errors and not self.found:
             raise self._errors[0]
         self._pace.keep()
-        _trim(self._keys.values())
+        # The longest unused make room, and never what has been used now, which is the youngest.
+        used = sum(cache.file_bytes(KIND, key) for key in self._keys.values())
+        cache.trim(KIND, max(KEPT_BYTES, used))
         return Grid([job.name for job in self._jobs], self.found, self._missing, self._kept)
-
-
-def _trim(used: Iterable[dict[str, Any]]) -> None:
-    """The longest unused make room, and never what has been used now, which is the youngest."""
-    cache.trim(KIND, max(KEPT_BYTES, sum(cache.file_bytes(KIND, key) for key in used)))
-
-
-def width_of(executor: Executor | None) -> int:
-    """How many jobs at a time."""
-    return processors() if executor is None else width(executor)
 
 
 def _do(job: GridJob) -> tuple[bytes, Value]:

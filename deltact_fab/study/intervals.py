@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..report.result import Headline
 
 Statistic = Callable[[NDArray[np.float64]], float]
 Scale = Literal["plain", "positive", "correlation"]
@@ -42,6 +43,20 @@ class Interval(NamedTuple):
     low: float | None
     high: float | None
     over: str
+
+
+def headline(what: str, unit: str, found: Interval, factor: float = 1.0, **more: Any) -> Headline:
+    """A figure that counts, with its interval; factor: to the unit, from the figure's own."""
+    low, high = (None if end is None else factor * end for end in (found.low, found.high))
+    return Headline(what, factor * found.value, unit, low, high, found.over, **more)
+
+
+def told(found: Interval | Headline, unit: str = "", digits: str = ".3g", factor: float = 1) -> str:
+    """As `1.27 µm [1.18 to 1.36]`; without an interval the value alone."""
+    text = f"{factor * found.value:{digits}} {unit}".rstrip()
+    if found.low is None or found.high is None:
+        return text
+    return f"{text} [{factor * found.low:{digits}} to {factor * found.high:{digits}}]"
 
 
 def over_groups(
@@ -83,7 +98,9 @@ def over_groups(
 
 def rmse(errors: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str) -> Interval:
     """Root of the mean square of errors (n,) or (n, k), with its interval; each: "position"..."""
-    return estimate(errors, groups, _rms, each, "positive")
+    return estimate(
+        errors, groups, lambda rows: math.sqrt(float(np.mean(rows**2))), each, "positive"
+    )
 
 
 def mean(
@@ -93,7 +110,7 @@ def mean(
     scale: Scale = "plain",
 ) -> Interval:
     """Mean of values (n,), with its interval; each: what a group is, "seed", "position"..."""
-    return estimate(values, groups, _mean, each, scale)
+    return estimate(values, groups, lambda rows: float(np.mean(rows)), each, scale)
 
 
 def estimate(
@@ -113,14 +130,6 @@ def estimate(
     several = f"{each}es" if each.endswith("s") else f"{each}s"
     over = f"{count} {several}" if count > 1 else f"one {each}: no interval"
     return Interval(float(statistic(rows)), low, high, over)
-
-
-def _rms(errors: NDArray[np.float64]) -> float:
-    return math.sqrt(float(np.mean(errors**2)))
-
-
-def _mean(values: NDArray[np.float64]) -> float:
-    return float(np.mean(values))
 
 
 def _checked(

@@ -11,19 +11,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .. import record
 from ..analysis.frames import recorded
 from ..analysis.tracking_error.follow import ONLY_DOTS, scene_of
-from ..analysis.tracking_error.run import PressJob as PressJob
 from ..analysis.tracking_error.run import analyse_press
 from ..errors import InputError
 from ..patterns.series.job import recipes
 from ..record import Run
 from .grid import GridJob
 from .pattern_errors import PrintedPattern
-from .pattern_press import FIGURES
+from .pattern_press import packed
 
 
 def jobs_of(
@@ -87,22 +84,7 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     """One press of a run, as `pattern_press.follow` returns one of a simulated gel."""
     run, name = record.open(given["folder"]), given["name"]
     scene = scene_of(run, given["methods"])
-    found = analyse_press(PressJob(given["folder"], given["press"], scene))
-    first = [row for row in found.rows if row["method"] == given["methods"][0]]
-    rows = {
-        method: [
-            [np.nan if row.get(key) is None else row[key] for key in FIGURES]
-            for row in found.rows
-            if row["method"] == method
-        ]
-        for method in given["methods"]
-    }
-    return {
-        "frames": len(first) + 1,
-        "steps": [row["step_id"] for row in first],
-        "tallies": {name: {m: tally.plain() for m, tally in found.tallies.items()}},
-        "dots": {name: found.dots.figures()},
-        "left_out": {name: found.left_out},
-        **{f"rows|{name}|{m}": np.array(v).reshape(-1, len(FIGURES)) for m, v in rows.items()},
-        **{f"histogram|{name}|{m}": tally.histogram for m, tally in found.tallies.items()},
-    }
+    found = analyse_press(given["folder"], given["press"], scene)
+    rows = {m: [row for row in found.rows if row["method"] == m] for m in given["methods"]}
+    steps = [row["step_id"] for row in rows[given["methods"][0]]]
+    return packed(steps, {name: (found.tallies, rows, found.dots.figures(), found.left_out)})

@@ -20,23 +20,22 @@ from ..errors import InputError, did_you_mean
 from ..patterns.series.job import SeriesEntry, recipes
 from ..protocols import plan
 from ..protocols.plan import Protocol, expand
-from ..rig import config as rig_config
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
 from ..virtual.paths import paths
 from ..virtual.presses import Presses
+from . import press_jobs
 from .grid import GridJob
-from .pattern_press import KNOT_S, cost_s, follow, given, solve_gel
-from .request import StudyRequest
+from .pattern_press import KNOT_S, cost_s, follow, solve_gel
+from .request import StudyRequest, virtual_rig
 
 
 @dataclass(frozen=True)
 class PathPart:
     """Which part of a whole protocol's path another one covers, and how densely it is filmed.
 
-    shear_mm: its amplitude; frames: of one indenter; longest_step_mm: of the tip between two frames
-    of a line.
+    shear_mm: its amplitude; longest_step_mm: of the tip between two frames of a line.
     """
 
     positions: int
@@ -45,8 +44,9 @@ class PathPart:
     axes: tuple[str, ...]
     shear_mm: float
     of_shear_mm: float
-    frames: int
-    of_frames: int
+    frames_an_indenter: int
+    of_frames_an_indenter: int
+    frames_share: float
     longest_step_mm: float
 
     @property
@@ -56,23 +56,9 @@ class PathPart:
         return (
             f"{self.positions} of {self.of_positions} positions, {depths} mm deep, shear +-"
             f"{self.shear_mm:g} of {self.of_shear_mm:g} mm in {' and '.join(self.axes)}, "
-            f"{self.frames} of {self.of_frames} frames ({self.frames / self.of_frames:.1%})"
+            f"{self.frames_an_indenter} of {self.of_frames_an_indenter} frames "
+            f"({self.frames_share:.1%})"
         )
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data, units in the keys."""
-        return {
-            "positions": self.positions,
-            "of_positions": self.of_positions,
-            "depths_mm": list(self.depths_mm),
-            "axes": list(self.axes),
-            "shear_mm": self.shear_mm,
-            "of_shear_mm": self.of_shear_mm,
-            "frames_an_indenter": self.frames,
-            "of_frames_an_indenter": self.of_frames,
-            "frames_share": self.frames / self.of_frames,
-            "longest_step_mm": self.longest_step_mm,
-        }
 
 
 def thinned(whole: Protocol, scale: float) -> Protocol:
@@ -112,18 +98,15 @@ def frames_an_indenter(protocol: Protocol) -> int:
 
 def part_of(whole: Protocol, protocol: Protocol) -> PathPart:
     """The part of the whole protocol's path that a thinned one covers."""
-    shear, of_shear = protocol.shear, whole.shear
-    return PathPart(
-        positions=len(protocol.positions_mm),
-        of_positions=len(whole.positions_mm),
-        depths_mm=protocol.depths_mm,
-        axes=shear.axes if shear else (),
-        shear_mm=(shear.amplitude_mm or 0.0) if shear else 0.0,
-        of_shear_mm=(of_shear.amplitude_mm or 0.0) if of_shear else 0.0,
-        frames=frames_an_indenter(protocol),
-        of_frames=frames_an_indenter(whole),
-        longest_step_mm=longest_step_mm(protocol),
+    shear_mm, of_shear_mm = (
+        (one.shear.amplitude_mm or 0.0) if one.shear else 0.0 for one in (protocol, whole)
     )
+    frames, of_frames = frames_an_indenter(protocol), frames_an_indenter(whole)
+    return PathPart(
+        len(protocol.positions_mm), len(whole.positions_mm), protocol.depths_mm,
+        protocol.shear.axes if protocol.shear else (), shear_mm, of_shear_mm, frames, of_frames,
+        frames / of_frames, longest_step_mm(protocol),
+    )  # fmt: skip
 
 
 def longest_step_mm(protocol: Protocol) -> float:
@@ -159,12 +142,7 @@ class Selection:
     def of(cls, asked: StudyRequest) -> Selection:
         """As requested. Raises InputError for a real rig or unknown names."""
         whole, _ = plan.load(str(asked.more.get("protocol") or PROTOCOL))
-        config, source = rig_config.load(asked.rig or RIG)
-        if not isinstance(config, VirtualConfig):
-            raise InputError(
-                f"--rig: {source}: a real rig; the study simulates: give a virtual one, or "
-                "--from with the runs of a real one"
-            )
+        config, source = virtual_rig(asked.rig or RIG)
         indenters = _chosen(
             "--indenter",
             [parse_indenter(name).name for name in asked.more.get("indenter") or ()],
@@ -211,19 +189,19 @@ class Selection:
             groups = (self.entries[:half], self.entries[half:]) if odd else (self.entries,)
             for k, group in enumerate(groups, start=1):
                 name = f"{press} ({k} of {len(groups)})" if len(groups) > 1 else press
-                frames = self.part.frames // self.part.positions
+                frames = self.part.frames_an_indenter // self.part.positions
                 cost = cost_s(frames, len(group))
                 found.append(GridJob(name, follow, self._given(press, group), cost))
         return found
 
     def _given(self, press: str, entries: Sequence[SeriesEntry]) -> dict[str, Any]:
-        patterns = {entry.name: entry.recipe for entry in entries}
+        patterns = {entry.name: entry.recipe.model_dump(mode="json") for entry in entries}
         indenter = next(p.indenter for p in paths(self.protocol) if p.press == press)
         # A press does not depend on the other indenters: with more of them it is found again.
         alone = self.protocol.model_copy(update={"indenters": (indenter,)})
-        return given(
-            alone, press, self.sensor, self.config, self.source, patterns, METHODS,
-            self.seed,
+        return press_jobs.given(
+            alone, self.sensor, self.config, self.source, press=press, patterns=patterns,
+            methods=list(METHODS), seed=self.seed,
         )  # fmt: skip
 
 

@@ -7,18 +7,22 @@ base, as in the paper, and its error is taken at the dots.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 from ..report.result import LeftOut, StudyResult
+from ..shapes.indenter import parse
 from ..units import MM_PER_INCH
 from . import gel_remarks
-from .grid import Grid
-from .pattern_errors import PatternErrors, PrintedPattern, cells_of
+from .grid import Grid, GridJob
+from .pattern_errors import PatternErrors, PressErrors, PrintedPattern, cells_of
 from .pattern_scene import METHODS, Selection
 from .pattern_tables import charts, data_of, headlines, tables, verdict
 from .request import StudyRequest
 
 NAME, TITLE = "pattern-selection", "Which pattern is tracked best"
+TRACKERS = "paper: Farneback 5/13/10, photometric rule, summed; ours: fused, anchored"
 NOTES = (
     "A pattern's error is the mean of its indenters' (each of its frames and dots); a part of a "
     "column is what one indenter adds to it, so a column is as high as that mean. The paper "
@@ -47,107 +51,86 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     if gel_jobs:
         asked.say(f"the gel of {len(gel_jobs)} presses is solved first, and kept")
         asked.solve(gel_jobs)
-    jobs = scene.jobs()
-    grid = asked.solve(jobs)
-    indenters = {f"{_slug(name)}": name for name in protocol.indenters}
-    cells = [
-        cell
-        for job in jobs
-        if job.name in grid.partial()
-        for cell in cells_of(
-            grid[job.name], job.given["press"], indenters[job.given["press"].split("/")[0]]
-        )
-    ]
-    errors = PatternErrors([PrintedPattern.of(entry) for entry in scene.entries], cells)
+    indenters = {parse(name).slug: name for name in protocol.indenters}
+    jobs = [(indenters[job.given["press"].split("/")[0]], job) for job in scene.jobs()]
+    grid = asked.solve([job for _, job in jobs])
+    printed = [PrintedPattern.of(entry) for entry in scene.entries]
+    errors = PatternErrors(printed, _cells(jobs, grid))
     specimen, printer = protocol.specimen, scene.config.virtual.printer
-    return _result(
-        asked,
-        errors,
-        grid,
-        bench=_bench(scene),
+    found = _result(asked, errors, grid, _bench(scene), asdict(part), part.words)
+    return replace(
+        found,
         simulated=True,
-        part=part.as_dict(),
-        covers=part.words,
+        scale=asked.scale,
         settings={
             "path": part.words,
             "step between frames": f"{part.longest_step_mm:.3f} mm at most",
-            "trackers": "paper: Farneback 5/13/10, photometric rule, summed; ours: fused, anchored",
+            "trackers": TRACKERS,
             "gel": f"{specimen.gel_model}, {specimen.modulus_mpa:g} MPa, friction "
             f"{specimen.friction:g}",
             "printer": f"{printer.dpi} dpi, {printer.levels} levels, spread {printer.spread_um:g} "
             f"um, misregistration {printer.misregistration_um:g} um",
             "camera": "; ".join(f"{k} {v:g}" for k, v in scene.config.virtual.camera),
         },
-        notes=(gel_remarks.remark(NAME, specimen.modulus_mpa), *_gel_notes(grid)),
+        notes=(*found.notes, gel_remarks.remark(NAME, specimen.modulus_mpa), *_gel_notes(grid)),
         left_out=_left_out(scene),
     )
 
 
 def _recorded(asked: StudyRequest) -> StudyResult:
+    from .. import record
     from .pattern_recorded import jobs_of
 
     found = jobs_of(asked.runs, METHODS)
-    grid = asked.solve([job for _, _, job in found])
-    cells = [
-        cell
-        for _, indenter, job in found
-        if job.name in grid.partial()
-        for cell in cells_of(grid[job.name], job.given["press"], indenter)
-    ]
-    errors = PatternErrors(list(dict.fromkeys(printed for printed, _, _ in found)), cells)
-    from .. import record
-
+    jobs = [(indenter, job) for _, indenter, job in found]
+    grid = asked.solve([job for _, job in jobs])
+    printed = list(dict.fromkeys(printed for printed, _, _ in found))
+    errors = PatternErrors(printed, _cells(jobs, grid))
     runs = [record.open(folder) for folder in asked.runs]
     simulated = any(run.simulated for run in runs)
-    return _result(
-        asked,
-        errors,
-        grid,
-        bench="" if not simulated else "Some of the runs are simulated.",
-        simulated=simulated,
-        part=None,
-        covers=f"{len(runs)} recorded runs",
-        settings={
-            "runs": ", ".join(run.folder.name for run in runs),
-            "trackers": "paper: Farneback 5/13/10, photometric rule, summed; ours: fused, anchored",
-        },
-        notes=(),
-        left_out=(),
+    bench = "Some of the runs are simulated." if simulated else ""
+    return replace(
+        _result(asked, errors, grid, bench, None, f"{len(runs)} recorded runs"),
+        settings={"runs": ", ".join(run.folder.name for run in runs), "trackers": TRACKERS},
     )
+
+
+def _cells(jobs: Sequence[tuple[str, GridJob]], grid: Grid) -> list[PressErrors]:
+    """What jobs found, each of a press of an indenter."""
+    there = grid.partial()
+    return [
+        cell
+        for indenter, job in jobs
+        if job.name in there
+        for cell in cells_of(there[job.name], job.given["press"], indenter)
+    ]
 
 
 def _result(
     asked: StudyRequest,
     errors: PatternErrors,
     grid: Grid,
-    *,
     bench: str,
-    simulated: bool,
     part: dict[str, Any] | None,
     covers: str,
-    settings: dict[str, str],
-    notes: tuple[str, ...],
-    left_out: tuple[LeftOut, ...],
 ) -> StudyResult:
+    """What both have; bench: empty where nothing is simulated."""
     lost = [
         f"{cell.pattern} under {cell.press}: {line}" for cell in errors.cells
         for line in cell.left_out
     ]  # fmt: skip
-    data = data_of(errors) | {"part": part, "simulated": simulated, "seed": asked.seed}
     return StudyResult(
         study=NAME,
         title=TITLE,
         verdict=verdict(errors, covers, bench),
-        data=data,
-        simulated=simulated,
+        data=data_of(errors) | {"part": part, "simulated": bool(bench), "seed": asked.seed},
+        simulated=bool(bench),
         seed=asked.seed,
-        scale=None if asked.runs else asked.scale,
+        scale=None,
         headlines=headlines(errors),
         tables=tables(errors, part, covers),
         figures=charts(errors, covers),
-        settings=settings,
-        notes=(*NOTES, *notes, *lost),
-        left_out=left_out,
+        notes=(*NOTES, *lost),
         missing=tuple(grid.missing),
     )
 
@@ -183,11 +166,10 @@ def _gel_notes(grid: Grid) -> tuple[str, ...]:
 def _left_out(scene: Selection) -> tuple[LeftOut, ...]:
     part = scene.part
     found = [LeftOut("images and records", "drawn, tracked and let go: a stream", layer="")]
-    if part.frames < part.of_frames:
-        share = 1 - part.frames / part.of_frames
+    if part.frames_share < 1:
         found.append(
             LeftOut(
-                f"{share:.0%} of the paper's path",
+                f"{1 - part.frames_share:.0%} of the paper's path",
                 "scale: fewer positions and shorter drags, never a longer step; --scale 1 has all",
             )
         )
@@ -195,9 +177,3 @@ def _left_out(scene: Selection) -> tuple[LeftOut, ...]:
         found.append(LeftOut("the lens", "the rig draws through a pinhole", layer="lens"))
     found.append(LeftOut("forces", "no channel asks for them", layer="force box"))
     return tuple(found)
-
-
-def _slug(name: str) -> str:
-    from ..shapes.indenter import parse
-
-    return parse(name).slug

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
 from ..patterns.series.job import GRIDS
 from ..report.result import Headline, ReportFigure, ReportTable
-from .intervals import Interval
+from .intervals import headline, told
 from .pattern_errors import Measure, PatternErrors, PrintedPattern
 
 if TYPE_CHECKING:
@@ -85,8 +87,6 @@ def tables(
     errors: PatternErrors, part: dict[str, Any] | None, covers: str
 ) -> tuple[ReportTable, ...]:
     """Patterns; and the same by indenter and by depth. part: of the path, a column each."""
-    import pandas as pd
-
     rows, by_indenter, by_depth = [], [], []
     path = {} if part is None else {
         key: part[key] for key in ("positions", "shear_mm", "frames_share", "longest_step_mm")
@@ -201,87 +201,66 @@ def verdict(errors: PatternErrors, covers: str, bench: str = "") -> tuple[str, .
     if not any(errors.best(m, "at_dots") for m in errors.methods):
         return ("No pattern has an error under every indenter: nothing can be compared.",)
     lines = [_optimum(errors), *(_of(errors, m) for m in errors.methods)]
-    lines += [_small(errors), _renewals(errors), bench]
-    lines.append(f"{'Simulated: ' if bench else ''}{covers}.")
-    return tuple(line for line in lines if line)
-
-
-def _renewals(errors: PatternErrors) -> str:
-    """How often the summed flow took on the error of a frame for good, which no pattern helps."""
-    if "paper" not in errors.methods:
-        return ""
-    counts = [errors.tally(p.name, "paper").switches for p in errors.printed]
-    presses = len({cell.press for cell in errors.cells})
-    if not any(counts):
-        return (
-            "The paper's tracker never renewed its reference, so nothing here is a floor of summed "
-            "flow."
+    tiny, small = (_mean_of(errors, d_mm, "paper") for d_mm in (TOO_SMALL_MM, SMALL_MM))
+    if tiny is not None and small is not None:
+        lines.append(
+            f"At d = {TOO_SMALL_MM:g} mm, where the paper's error rises to around 0.5 mm, it is "
+            f"{tiny:.3g} mm here, and {small:.3g} mm at {SMALL_MM:g} mm (means of r .4 to .6)."
         )
-    return (
-        f"The paper's tracker renewed its reference {min(counts)} to {max(counts)} times a pattern "
-        f"in {presses} presses; from then on it carries that frame's error, whatever the pattern."
-    )
+    if "paper" in errors.methods:
+        counts = [errors.tally(p.name, "paper").switches for p in errors.printed]
+        lines.append(
+            f"The paper's tracker renewed its reference {min(counts)} to {max(counts)} times a "
+            f"pattern in {len({cell.press for cell in errors.cells})} presses, and each time "
+            "keeps that frame's error for good, whatever the pattern."
+        )
+    return (*filter(None, [*lines, bench]), f"{'Simulated: ' if bench else ''}{covers}.")
 
 
 def _optimum(errors: PatternErrors) -> str:
     """Whether the paper's best of each round is the best here, by its own tracker and error."""
     method = "paper" if "paper" in errors.methods else errors.methods[0]
-    said = []
+    said, appears = [], "appears"
     for (_, part), (d_mm, r) in zip(rounds(errors.printed), PAPER_BEST, strict=False):
         theirs = next((p for p in part if (p.d_mm, p.r) == (d_mm, r)), None)
         best = errors.best(method, "at_dots", part)
-        if theirs is None or best is None or len(part) < 2:
-            continue
-        here = errors.over_indenters(theirs.name, method, "at_dots")
-        least = errors.over_indenters(best.name, method, "at_dots")
-        if here is None or least is None:
+        here = theirs and errors.over_indenters(theirs.name, method, "at_dots")
+        least = best and errors.over_indenters(best.name, method, "at_dots")
+        if theirs is None or best is None or not here or not least or len(part) < 2:
             continue
         if best == theirs:
-            said.append(f"{theirs.words} is the best of its round ({_mm(here)})")
+            said.append(f"{theirs.words} is the best of its round ({told(here, 'mm')})")
             continue
+        appears = "does not appear"
         apart = errors.difference(theirs.name, best.name, method, "at_dots")
-        told = "" if apart and apart.low is not None and apart.low > 0 else (
-            ", which the indenters do not tell apart"
-        )  # fmt: skip
+        sure = apart is not None and apart.low is not None and apart.low > 0
         said.append(
-            f"{best.words} ({_mm(least)}) comes before {theirs.words} ({_mm(here)}) in its "
-            f"round{told}"
+            f"{best.words} ({told(least, 'mm')}) comes before {theirs.words} ({told(here, 'mm')}) "
+            f"in its round{'' if sure else ', which the indenters do not tell apart'}"
         )
-    if not said:
-        return ""
-    appears = "appears" if all("is the best of" in line for line in said) else "does not appear"
-    return f"The paper's optimum {appears} by its own tracker and error: {'; '.join(said)}."
+    line = f"The paper's optimum {appears} by its own tracker and error: {'; '.join(said)}."
+    return line if said else ""
 
 
 def _of(errors: PatternErrors, method: str) -> str:
     parts = []
     for measure, words in MEASURES.items():
         best = errors.best(method, measure)
-        if best is None:
+        known = best and errors.over_indenters(best.name, method, measure)
+        if best is None or not known:
             continue
-        known = errors.over_indenters(best.name, method, measure)
-        assert known is not None, "the best one has an error"
-        beside = errors.beside(best, method, measure)
-        more = f", not told from {len(beside)} others" if beside else ""
-        parts.append(f"{words}, best with {best.words}: {_mm(known)}{more}")
-        if measure == "off":
-            cover = errors.tally(best.name, method).figures()["coverage"]
-            parts[-1] += "" if cover is None else f", confident of {cover:.0%}"
-    name = TRACKERS.get(method, method)
-    return f"{name[0].upper()}{name[1:]}: {'; '.join(parts)}." if parts else ""
+        others, cover = len(errors.beside(best, method, measure)), _covered(errors, best, method)
+        parts.append(
+            f"{words}, best with {best.words}: {told(known, 'mm')}{cover and f', {cover}'}; "
+            f"{others} others are not told from it"
+        )
+    return f"By {TRACKERS.get(method, method)}: {'; '.join(parts)}." if parts else ""
 
 
-def _small(errors: PatternErrors) -> str:
-    """Whether the error rises where patches get too small for the printer."""
-    sizes = [_mean_of(errors, d_mm, "paper") for d_mm in (TOO_SMALL_MM, SMALL_MM)]
-    if any(v is None for v in sizes):
-        return ""
-    tiny, small = (v for v in sizes if v is not None)
-    moves = "rises" if tiny > small else "does not rise"
-    return (
-        f"At d = {TOO_SMALL_MM:g} mm, where the paper's error rises to around 0.5 mm, it {moves} "
-        f"here: {tiny:.3g} mm against {small:.3g} at {SMALL_MM:g} mm (means of r .4 to .6)."
-    )
+def _covered(errors: PatternErrors, printed: PrintedPattern, method: str) -> str:
+    """What a tracker is confident of, in words; empty where that is not known."""
+    cover = errors.tally(printed.name, method).figures()["coverage"]
+    return "" if cover is None else f"confident of {cover:.0%} of the moving pixels"
 
 
 def _mean_of(errors: PatternErrors, d_mm: float, method: str) -> float | None:
@@ -297,39 +276,20 @@ def _mean_of(errors: PatternErrors, d_mm: float, method: str) -> float | None:
 
 def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
     """The paper's figures beside those found, by its tracker; then ours."""
-    found: list[Headline] = []
+    wanted: list[tuple[PrintedPattern, str, Measure, float | None, str]] = []
     for method in errors.methods:
-        for p in errors.printed:
-            if p.paper_mm is not None and not p.paper_about:
-                found += _headline(errors, p, method, "at_dots", p.paper_mm)
-        for measure in MEASURES:
-            best = errors.best(method, measure)
-            if best is not None:
-                found += _headline(errors, best, method, measure, None, "best: ")
+        wanted += [
+            (p, method, "at_dots", p.paper_mm, "")
+            for p in errors.printed
+            if p.paper_mm is not None and not p.paper_about
+        ]
+        bests = ((errors.best(method, measure), measure) for measure in MEASURES)
+        wanted += [(p, method, measure, None, "best: ") for p, measure in bests if p is not None]
+    found = []
+    for p, method, measure, paper_mm, head in wanted:
+        known = errors.over_indenters(p.name, method, measure)
+        if known is not None:
+            what = f"{head}{p.words}, {TRACKERS.get(method, method)}, {MEASURES[measure]}"
+            remark = _covered(errors, p, method)
+            found.append(headline(what, "mm", known, paper=paper_mm, remark=remark))
     return tuple(dict.fromkeys(found))
-
-
-def _headline(
-    errors: PatternErrors,
-    printed: PrintedPattern,
-    method: str,
-    measure: Measure,
-    paper_mm: float | None,
-    head: str = "",
-) -> list[Headline]:
-    known = errors.over_indenters(printed.name, method, measure)
-    if known is None:
-        return []
-    what = f"{head}{printed.words}, {TRACKERS.get(method, method)}, {MEASURES[measure]}"
-    cover = errors.tally(printed.name, method).figures()["coverage"]
-    remark = "" if cover is None else f"confident of {cover:.0%} of the moving pixels"
-    return [
-        Headline(what, known.value, "mm", known.low, known.high, known.over, paper_mm,
-                 remark=remark)
-    ]  # fmt: skip
-
-
-def _mm(known: Interval) -> str:
-    if known.low is None or known.high is None:
-        return f"{known.value:.3g} mm"
-    return f"{known.value:.3g} mm, 95 % {known.low:.2g} to {known.high:.2g}"

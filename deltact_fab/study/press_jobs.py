@@ -6,7 +6,7 @@ Each is carried out as a run has it, and its record analysed as any other; then 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -29,17 +29,12 @@ if TYPE_CHECKING:
 
 
 def given(
-    protocol: Protocol,
-    sensor: SensorDimensions,
-    recipe: PatternRecipe,
-    rig: VirtualConfig,
-    source: Path,
-    presses: Sequence[str],
-    seed: int,
+    protocol: Protocol, sensor: SensorDimensions, rig: VirtualConfig, source: Path, **more: Any
 ) -> dict[str, Any]:
-    """Arguments of `carried_out` as plain data. source: of the rig file.
+    """Arguments of a job as plain data, which `read` reads; more: of that job alone.
 
-    Where that names the file of a camera, it is read again by the job, from the same place.
+    source: of the rig file. Where that names the file of a camera, it is read again by the job,
+    from the same place.
     """
     plain = protocol.model_dump(mode="json")
     beside = None
@@ -55,37 +50,40 @@ def given(
         "protocol": plain | {"channels": sorted(plain["channels"])},
         # Of a design no more than a sensor is: what is built around it changes no point.
         "sensor": {f.name: asdict(getattr(sensor, f.name)) for f in fields(SensorDimensions)},
-        "recipe": recipe.model_dump(mode="json"),
         "rig": rig.model_dump(mode="json"),
         "beside": beside,
-        "presses": list(presses),
-        "seed": seed,
+        **more,
     }
+
+
+def read(told: dict[str, Any]) -> tuple[Protocol, SensorDimensions, VirtualConfig, Path]:
+    """What was `given`."""
+    return (
+        catalog.validate(Protocol, told["protocol"], "protocol"),
+        catalog.validate(SensorDimensions, told["sensor"], "sensor"),
+        catalog.validate(VirtualConfig, told["rig"], "rig"),
+        Path(told["beside"]["rig"]) if told["beside"] else Path("rig.toml"),
+    )
 
 
 @contextmanager
 def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, VirtualRig]]:
-    """The finished run of the presses, until the end of the block, and its rig, closed.
+    """The finished run of presses, until the end of the block, and its rig, closed.
 
-    Raises RunFailed.
+    told: as `given`, with recipe, presses and seed. Raises RunFailed.
     """
     import cv2
 
-    protocol = catalog.validate(Protocol, told["protocol"], "protocol")
-    source = Path(told["beside"]["rig"]) if told["beside"] else Path("rig.toml")
+    def share(done: int, of: int, what: str) -> None:
+        tell(done / max(of, 1))
+
+    protocol, sensor, rig, source = read(told)
     with TemporaryDirectory(prefix="deltact-fab-") as scratch:
-        rig = catalog.validate(VirtualConfig, told["rig"], "rig")
-        sensor = catalog.validate(SensorDimensions, told["sensor"], "sensor")
-        job = RigJob(
-            protocol,
-            sensor,
-            catalog.validate(PatternRecipe, told["recipe"], "recipe"),
-            VirtualKind(rig, source).camera(protocol, sensor),
-            told["seed"],
-            Path(scratch) / protocol.name,
-        )
+        recipe = catalog.validate(PatternRecipe, told["recipe"], "recipe")
+        view = VirtualKind(rig, source).camera(protocol, sensor)
+        job = RigJob(protocol, sensor, recipe, view, told["seed"], Path(scratch) / protocol.name)
         cv2.setNumThreads(1)  # a processor has a job of its own
-        bench = run_presses(job, rig, source, told["presses"], _tell)
+        bench = run_presses(job, rig, source, told["presses"], share)
         yield record.open(job.folder), bench
 
 
@@ -115,7 +113,3 @@ def gel_of(bench: VirtualRig) -> dict[str, Any]:
         "between_n": presses.modulus_mpa * between.force_n,
         "left_out": bench.left_out(),
     }
-
-
-def _tell(done: int, of: int, what: str) -> None:
-    tell(done / max(of, 1))

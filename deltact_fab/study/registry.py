@@ -17,18 +17,14 @@ if TYPE_CHECKING:
 class Option:
     """An option of one study only: `--name VALUE` of its command, `more["name"]` of its request.
 
-    name: with hyphens; in `more` with underscores. default: its type is the option's (True and
-    False: a switch; a tuple: repeatable, a tuple of words arrives). None: no
-    default, and kind says the type. low, high: limits, both allowed. choices: what is valid.
+    name: with hyphens; in `more` with underscores. default: its type is the option's (a tuple:
+    repeatable, a tuple of words arrives). None: no default, and kind says the type.
     """
 
     name: str
     help: str
     default: Any = None
     kind: type = str
-    low: float | None = None
-    high: float | None = None
-    choices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..aliases import Progress
+from ..errors import InputError
 
 if TYPE_CHECKING:
+    from ..rig.config import VirtualConfig
     from .grid import Grid, GridJob
-
-
-def _silent(text: str) -> None:
-    return None
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,7 @@ class StudyRequest:
     runs: tuple[Path, ...] = ()
     executor: Executor | None = None
     progress: Progress | None = None
-    say: Callable[[str], None] = _silent
+    say: Callable[[str], None] = lambda text: None
     more: dict[str, Any] = field(default_factory=dict)
     grids: list[Grid] = field(default_factory=list, compare=False, repr=False)
 
@@ -45,3 +43,24 @@ class StudyRequest:
         grid = solve(jobs, self.executor, self.progress, self.say)
         self.grids.append(grid)
         return grid
+
+
+def share_of(scale: float | None) -> float:
+    """A scale as a number, 1 for None. Raises InputError outside of (0, 1]."""
+    share = 1.0 if scale is None else scale
+    if not 0 < share <= 1:
+        raise InputError(f"--scale: {share:g}; expected above 0 and at most 1")
+    return share
+
+
+def virtual_rig(name: str) -> tuple[VirtualConfig, Path]:
+    """A virtual rig by name or path, and its file. Raises InputError for a real one."""
+    from ..rig.config import VirtualConfig, load
+
+    rig, source = load(name)
+    if not isinstance(rig, VirtualConfig):
+        raise InputError(
+            f"{source}: kind: {rig.kind!r}; a study simulates on a 'virtual' rig: name a virtual "
+            "rig, or give what a real one recorded to a study that takes --from"
+        )
+    return rig, source

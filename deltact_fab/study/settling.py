@@ -16,20 +16,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import catalog, record
-from ..analysis.relaxation import RelaxationFit, Rest, Series, fit, rests
+from ..analysis.relaxation import Rest, Series, fit, rests
 from ..cad.design import load_design
 from ..errors import InputError
 from ..protocols import plan
 from ..protocols.plan import Protocol, expand
-from ..report.result import Headline, StudyResult
-from ..rig import config as rig_config
-from ..rig.config import VirtualConfig
+from ..report.result import StudyResult
 from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
 from ..virtual.paths import poses
 from ..virtual.presses import Presses
-from . import intervals
 from .grid import GridJob
+from .intervals import estimate, headline
+from .request import share_of, virtual_rig
 from .settling_page import ASSUMED, result, words
 from .settling_stops import WAITS_S, Stop, judged, simulated
 
@@ -55,9 +54,11 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     planned = poses(path, presses.increments, presses.relaxing_s)
     forces = np.array([(0.0, 0.0, 0.0), *(knot.force_n for knot in knots)]) * presses.modulus_mpa
     moved = np.zeros(len(forces))
-    stops = [
+    # The steps that end in contact: those that its path has a line for.
+    steps = [s for s in expand(protocol) if s.press == path.press and s.target_mm[2] < 0]
+    stops: list[dict[str, Any]] = [
         {"id": step.id, "kind": step.kind, "depth_mm": -step.target_mm[2], "rests_s": line.dwell_s}
-        for step, line in zip(_in_contact(protocol, path.press), path.lines, strict=True)
+        for step, line in zip(steps, path.lines, strict=True)
     ]
     line = 0
     for n, pose in enumerate(planned, start=1):
@@ -76,11 +77,6 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
         "dofs": solver.dofs,
         "seconds": solver.seconds,
     }
-
-
-def _in_contact(protocol: Protocol, press: str) -> list[Any]:
-    """The steps of a press that end in contact: those that its path has a line for."""
-    return [s for s in expand(protocol) if s.press == press and s.target_mm[2] < 0]
 
 
 def _moved(start: Any, now: Any) -> float:
@@ -109,16 +105,14 @@ def run(asked: StudyRequest) -> StudyResult:
 def _simulated(asked: StudyRequest) -> StudyResult:
     protocol, _ = plan.load(PROTOCOL)
     series = series_of(asked.more.get("prony") or (), protocol)
-    depths = _thinned(protocol.depths_mm, asked.scale or 1.0)
+    count = max(1, round(share_of(asked.scale) * len(protocol.depths_mm)))
     given = _gel(asked.rig or RIG, protocol.specimen.design)
     jobs, pairs = [], []
-    for depth in depths:
-        viscous, elastic = _one_depth(protocol, depth, series), _one_depth(protocol, depth, None)
-        press = f"{viscous.indenters[0].replace(':', '-')}/p1"
-        pairs.append((f"{depth:g} mm, viscous", f"{depth:g} mm, elastic"))
-        for name, one, cost in zip(pairs[-1], (viscous, elastic), (25.0, 8.0), strict=True):
-            data = one.model_dump(mode="json", exclude={"description"})
-            jobs.append(GridJob(name, follow, {**given, "protocol": data, "press": press}, cost))
+    for depth in protocol.depths_mm[-count:]:  # the deepest are kept
+        names = f"{depth:g} mm, viscous", f"{depth:g} mm, elastic"
+        for name, of, cost in zip(names, (series, None), (25.0, 8.0), strict=True):
+            jobs.append(_job(name, _one_depth(protocol, depth, of), given, cost))
+        pairs.append(names)
     ways, way_jobs = shipped(given)
     grid = asked.solve([*jobs, *way_jobs])
     found = grid.partial()
@@ -130,7 +124,12 @@ def _simulated(asked: StudyRequest) -> StudyResult:
         grid.require_whole()
     solved = [found[viscous] for viscous, _ in pairs if viscous in found]
     moved_um = max(float(1e3 * one["moved_mm"].max()) for one in solved)
-    off_pct = max(_off_closed_form(stop) for stop in stops)
+    # Of the stop's force, the most that the excess itself is off.
+    off_pct = max(
+        float(100 * np.linalg.norm(s.force_n - s.steady_n - s.by_series_n, axis=1).max()
+              / np.linalg.norm(s.steady_n))
+        for s in stops
+    )  # fmt: skip
     table = _judged_protocols(ways, found, series)
     notes = [
         "The camera sees nothing of it: while the force fades at a stop, no point of the face "
@@ -192,22 +191,15 @@ def _one_depth(protocol: Protocol, depth_mm: float, series: Series | None) -> Pr
 
 def _gel(rig_name: str, design: str) -> dict[str, Any]:
     """Resolution of the simulated gel, and the skin, as a job takes them."""
-    rig, source = rig_config.load(rig_name)
-    if not isinstance(rig, VirtualConfig):
-        raise InputError(f"{source}: a virtual rig is needed; a real one's runs come by --from")
-    skin = asdict(load_design(design).skin)
-    return {"gel": rig.virtual.gel.model_dump(mode="json"), "skin": skin}
+    gel = virtual_rig(rig_name)[0].virtual.gel
+    return {"gel": gel.model_dump(mode="json"), "skin": asdict(load_design(design).skin)}
 
 
-def _thinned(depths: Sequence[float], scale: float) -> list[float]:
-    """The deepest are kept."""
-    return list(depths)[-max(1, round(scale * len(depths))):]  # fmt: skip
-
-
-def _off_closed_form(stop: Stop) -> float:
-    """%: of the stop's force, at most, of the excess itself."""
-    off = np.linalg.norm(stop.force_n - stop.steady_n - stop.by_series_n, axis=1)
-    return float(100 * off.max() / np.linalg.norm(stop.steady_n))
+def _job(name: str, protocol: Protocol, given: dict[str, Any], cost: float) -> GridJob:
+    """The first press of a protocol, which has one indenter or takes the first."""
+    data = protocol.model_dump(mode="json", exclude={"description"})
+    press = f"{protocol.indenters[0].replace(':', '-')}/p1"
+    return GridJob(name, follow, {**given, "protocol": data, "press": press}, cost)
 
 
 # -- recorded ------------------------------------------------------------------------------------
@@ -221,7 +213,14 @@ def _recorded(asked: StudyRequest) -> StudyResult:
     for run_ in runs:
         found += rests(run_)
     fitted = fit(found)
-    stops = [_stop(rest, fitted, n) for n, rest in enumerate(found)]
+    stops = [
+        Stop(
+            rest.step_id, rest.kind, rest.depth_mm, rest.wait_s, rest.force_n, fitted.steady_n[n],
+            fitted.left_n(n, rest.wait_s), f"{rest.way.press} {rest.depth_mm:g} mm",
+            FADE_S, fitted.left_n(n, FADE_S),
+        )
+        for n, rest in enumerate(found)
+    ]  # fmt: skip
     protocol = plan.load(PROTOCOL)[0]
     specimen = runs[0].meta["protocol"]["specimen"]
     ways, jobs = shipped(_gel(asked.rig or RIG, specimen["design"]))
@@ -240,15 +239,11 @@ def _recorded(asked: StudyRequest) -> StudyResult:
         )  # fmt: skip
     shares = np.arange(len(found))
     groups = [stop.group for stop in stops]
-    total = intervals.estimate(
+    total = estimate(
         shares, groups, lambda rows: sum(fit([found[int(n)] for n in rows]).series.shares),
         "press", "positive",
     )  # fmt: skip
-    head = Headline(
-        "Share of the steady force that fades", 100 * total.value, "%",
-        None if total.low is None else 100 * total.low,
-        None if total.high is None else 100 * total.high, total.over,
-    )  # fmt: skip
+    head = headline("Share of the steady force that fades", "%", total, 100)
     settings = {
         "runs": ", ".join(str(folder) for folder in asked.runs),
         "gel": f"fitted: {words(fitted.series)}",
@@ -259,14 +254,6 @@ def _recorded(asked: StudyRequest) -> StudyResult:
         _judged_protocols(ways, grid.partial(), fitted.series), notes, settings,
         simulated_=all(run_.simulated for run_ in runs), missing=tuple(grid.missing), heads=(head,),
         more={"rms_n": fitted.rms_n, "unsure_tau_s": list(fitted.unsure), "rests": len(found)},
-    )  # fmt: skip
-
-
-def _stop(rest: Rest, fitted: RelaxationFit, n: int) -> Stop:
-    return Stop(
-        rest.step_id, rest.kind, rest.depth_mm, rest.wait_s, rest.force_n, fitted.steady_n[n],
-        fitted.left_n(n, rest.wait_s), f"{rest.way.press} {rest.depth_mm:g} mm",
-        FADE_S, fitted.left_n(n, FADE_S),
     )  # fmt: skip
 
 
@@ -298,11 +285,7 @@ def shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[GridJob]]:
                 ),
             }
         )
-        press = f"{layer.indenters[0].replace(':', '-')}/p1"
-        data = layer.model_dump(mode="json", exclude={"description"})
-        jobs.append(
-            GridJob(f"way of {name}", follow, {**given, "protocol": data, "press": press}, 8.0)
-        )
+        jobs.append(_job(f"way of {name}", layer, given, 8.0))
     return settle, jobs
 
 
@@ -310,8 +293,9 @@ def _judged_protocols(
     settle: dict[str, float], found: dict[str, Any], series: Series
 ) -> dict[str, list[dict[str, float]]]:
     """Rows over settle_s of each protocol, its own settle_s first."""
-    tables = {}
-    for name, own in settle.items():
-        if f"way of {name}" in found:
-            tables[name] = judged(found[f"way of {name}"], series, [own, *WAITS_S])
-    return tables
+    ways = {name: f"way of {name}" for name in settle}
+    return {
+        name: judged(found[way], series, [settle[name], *WAITS_S])
+        for name, way in ways.items()
+        if way in found
+    }

@@ -12,12 +12,14 @@ import numpy as np
 from ..analysis.relaxation import Series, time_to
 from ..protocols.plan import Protocol
 from ..report import figures
-from ..report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
+from ..report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult, records
 from . import gel_remarks, intervals
+from .intervals import headline
 from .settling_stops import FORCES_N, SHARES, Stop, waits
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from .request import StudyRequest
@@ -28,40 +30,37 @@ MIN_N = 1e-4
 TOTALS = (0.05, 0.1, 0.2, 0.4)
 
 
-def curve(stops: Sequence[Stop], series: Series, marks: bool) -> Figure:
+def curve(stops: Sequence[Stop], marks: bool) -> Figure:
     """Error against waiting time, a panel for presses and one for drags.
 
     marks: the stops' own values are points (solved knots), else a line (samples).
     """
     figure, axes = figures.blank(9.6, 3.8, 2)
+    own = {"marker": "o", "ms": 3, "ls": ""} if marks else {"lw": 0.6, "alpha": 0.5}
     for axis, kind, words in zip(axes, ("press", "shear"), ("after a press", "after a drag"),
                                  strict=True):  # fmt: skip
-        for colour, stop in zip(cycle(figures.COLOURS), _one_a_depth(stops, kind), strict=False):
+        first: dict[float, Stop] = {}
+        for stop in stops:
+            if stop.kind == kind:
+                first.setdefault(stop.depth_mm, stop)
+        for colour, stop in zip(cycle(figures.COLOURS), first.values(), strict=False):
             later = stop.wait_s > 0
             wait, steady = stop.wait_s[later], stop.steady / 100
-            own = {"marker": "o", "ms": 3, "ls": ""} if marks else {"lw": 0.6, "alpha": 0.5}
             axis.plot(wait, stop.excess_n()[later] / steady, color=colour,
                       label=f"{stop.depth_mm:g} mm", **own)  # fmt: skip
             axis.plot(wait, stop.excess_by_series_n()[later] / steady, color=colour, lw=1.4)
         for share in SHARES:
             axis.axhline(100 * share, color=figures.PAPER_COLOUR, lw=0.6, ls=":")
-        axis.set_xscale("log")
-        axis.set_yscale("log")
-        axis.set_xlabel("wait, s")
-        axis.set_title(words, loc="left", fontweight="bold")
+        _logarithmic(axis, "wait, s", words)
     axes[0].set_ylabel("force over its steady value, %")
-    low, high = axes[0].get_ylim()
-    axes[0].set_ylim(max(low, MIN_PCT), high)
+    axes[0].set_ylim(bottom=max(axes[0].get_ylim()[0], MIN_PCT))
     figures.legend_below(figure, axes[0])
     return figure
 
 
-def _one_a_depth(stops: Sequence[Stop], kind: str) -> list[Stop]:
-    first: dict[float, Stop] = {}
-    for stop in stops:
-        if stop.kind == kind:
-            first.setdefault(stop.depth_mm, stop)
-    return list(first.values())
+def _logarithmic(axis: Axes, along: str, title: str = "") -> None:
+    axis.set(xscale="log", yscale="log", xlabel=along)
+    axis.set_title(title, loc="left", fontweight="bold")
 
 
 def sensitivity(ramp_s: float, share: float) -> Figure:
@@ -74,11 +73,8 @@ def sensitivity(ramp_s: float, share: float) -> Figure:
             wait = np.linspace(0.0, 12 * tau, 400)
             found.append(time_to(wait, Series((total,), (tau,)).after_ramp(ramp_s, wait), share))
         axis.plot(taus, np.maximum(found, 1e-3), color=colour, label=f"{100 * total:g} % fades")
-    axis.set_xscale("log")
-    axis.set_yscale("log")
-    axis.set_ylim(0.02, None)
-    axis.set_xlabel("time of relaxation, s")
-    axis.set_ylabel(f"wait for {100 * share:g} %, s")
+    _logarithmic(axis, "time of relaxation, s")
+    axis.set(ylim=(0.02, None), ylabel=f"wait for {100 * share:g} %, s")
     figures.legend_below(figure, axis)
     return figure
 
@@ -90,16 +86,12 @@ def judged(tables: dict[str, list[dict[str, float]]]) -> Figure:
         axes, ("normal_scatter_n", "shear_scatter_n"), ("normal force", "shear"), strict=True
     ):
         for colour, (name, rows) in zip(cycle(figures.COLOURS), tables.items(), strict=False):
-            tried = sorted(rows, key=lambda row: row["settle_s"])
-            rest, scatter = (np.array([row[key] for row in tried]) for key in ("settle_s", column))
+            tried = sorted((row["settle_s"], row[column]) for row in rows)
+            rest, scatter = np.array(tried).T
             if scatter.max() > MIN_N:
                 axis.plot(rest, scatter, color=colour, lw=1.4, label=name)
-        axis.set_xscale("log")
-        axis.set_yscale("log")
-        axis.set_xlabel("settle_s, s")
-        axis.set_title(words, loc="left", fontweight="bold")
-    axes[0].set_ylabel("scatter among the stops, N")
-    axes[0].set_ylim(MIN_N, None)
+        _logarithmic(axis, "settle_s, s", words)
+    axes[0].set(ylabel="scatter among the stops, N", ylim=(MIN_N, None))
     figures.legend_below(figure, axes[0])
     return figure
 
@@ -140,13 +132,9 @@ def result(
         ReportFigure(
             "error-against-wait",
             "Force over its steady value against the wait, by depth: "
-            + (
-                "solved on the viscous gel (points) and in closed form (lines)."
-                if simulated_ and not asked.runs
-                else "as measured (thin) and by the fitted series (thick)."
-            )
-            + " Dotted: 5, 2, 1, 0.5 %.",
-            partial(curve, stops, series, not asked.runs),
+            "as solved on the viscous gel (points) or measured (thin), and by the series in closed "
+            "form (thick). Dotted: 5, 2, 1, 0.5 %.",
+            partial(curve, stops, not asked.runs),
         ),
         ReportFigure(
             "wait-against-gel",
@@ -165,7 +153,7 @@ def result(
     return StudyResult(
         "settling", "How long to wait at a stop", _verdict(heads, judged_, series, asked), {
             "prony": [list(pair) for pair in series.pairs],
-            "stops": _plain(table), "protocols": _plain(judged_), "simulated": simulated_, **more,
+            "stops": records(table), "protocols": records(judged_), "simulated": simulated_, **more,
         },
         simulated_, asked.seed, asked.scale, heads,
         (
@@ -202,18 +190,19 @@ def _stop_table(stops: Sequence[Stop]) -> pd.DataFrame:
 
 def _headlines(table: pd.DataFrame) -> tuple[Headline, ...]:
     heads = []
+    column = f"wait_{100 * BOUND:g}pct_s"
     for kind, words in (("press", "a press"), ("shear", "a drag")):
         own = table[table["kind"] == kind]
-        column = f"wait_{100 * BOUND:g}pct_s"
         known = own[np.isfinite(own[column])]
         if not len(known):
             continue
         found = intervals.mean(known[column], list(known["group"]), "depth")
+        if found.low is not None:
+            found = found._replace(low=max(found.low, 0.0))
         short = len(own) - len(known)
         heads.append(
-            Headline(
-                f"Wait after {words} for {100 * BOUND:g} % of the force", found.value, "s",
-                None if found.low is None else max(found.low, 0.0), found.high, found.over,
+            headline(
+                f"Wait after {words} for {100 * BOUND:g} % of the force", "s", found,
                 remark=f"{short} stops rested too short to tell" if short else "",
             )
         )  # fmt: skip
@@ -235,14 +224,13 @@ def _protocol_table(protocols: dict[str, list[dict[str, float]]]) -> pd.DataFram
 def _verdict(
     heads: Sequence[Headline], protocols: pd.DataFrame, series: Series, asked: StudyRequest
 ) -> tuple[str, ...]:
-    gel = f"the gel fitted to these runs ({words(series)})" if asked.runs else (
-        f"a gel of {words(series)} ({ASSUMED})"
-    )  # fmt: skip
+    source = "fitted to these runs" if asked.runs else ASSUMED
+    waits_s = [h for h in heads if h.what.startswith("Wait")]
+    said = " and ".join(f"{h.value:.2g} s after {h.what.split(' for ')[0][11:]}" for h in waits_s)
     lines = [
-        f"On {gel} the force is within {100 * BOUND:g} % of its steady value "
-        + " and ".join(f"{h.value:.2g} s after {h.what.split(' for ')[0][11:]}" for h in heads
-                       if h.what.startswith("Wait")) + "."
-    ]  # fmt: skip
+        f"On a gel of {words(series)} ({source}) the force is within {100 * BOUND:g} % of its "
+        f"steady value {said}."
+    ]
     of = protocols[protocols["protocol"] == "force-calibration"] if len(protocols) else protocols
     if len(of):
         row = of.iloc[0]
@@ -258,8 +246,3 @@ def _verdict(
 
 def words(series: Series) -> str:
     return ", ".join(f"{100 * g:.2g} % in {tau:.2g} s" for g, tau in series.pairs)
-
-
-def _plain(table: pd.DataFrame) -> list[dict[str, Any]]:
-    rows = table.to_dict("records")
-    return [{str(k): None if v != v else v for k, v in row.items()} for row in rows]

@@ -7,23 +7,21 @@ gallery, the depth's error against truth where there is one, force fields of a p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..report.result import LeftOut, StudyResult
 from . import gel_remarks
-from .request import StudyRequest
+from .request import StudyRequest, share_of
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from ..analysis.shape import PressShape, ShapeMaps
     from ..measure.sensor_id import Kind
     from ..record import Run
 
-STUDY, TITLE = "shapes", "Shapes and force distribution"
+STUDY = "shapes"
 
 
 def run(asked: StudyRequest) -> StudyResult:
@@ -32,65 +30,57 @@ def run(asked: StudyRequest) -> StudyResult:
 
 
 def _simulated(asked: StudyRequest) -> StudyResult:
+    from .scene import left_out
     from .shape import summary
     from .shape.simulated import settings, simulate
-    from .shape.summary import headlines
 
     if named := next((name for name in ("depth", "force") if asked.more.get(name)), None):
         raise InputError(f"--{named}: only with --from; a simulated sensor is calibrated here")
     made = simulate(asked)
-    of = made.scene
-    frames = summary.frame_of(made.objects)
-    heads = headlines(frames, made.force_error_n.get("normal"))
+    of, scene, scale = made.scene, settings(made), share_of(asked.scale)
     first = [seen.deepest for job, seen in made.objects.items() if job.endswith("/p1")]
     pictures = [picture for picture in first if picture is not None]
-    ball = next((p for p in pictures if p.indenter.startswith("sphere:")), None)
-    twist = None if made.twist is None else made.twist.twisted
-    scene = settings(of, made.gel)
-    note = f"simulated on {of.rig_name}, seed {asked.seed}"
-    scale = 1.0 if asked.scale is None else asked.scale
-    shown = {line for one in made.gel for line in one["left_out"]}
     twisted = {} if made.twist is None else {"twist": made.twist.rows}
-    return StudyResult(
-        study=STUDY,
-        title=TITLE,
-        verdict=summary.verdict(frames, heads),
+    modulus_mpa = next(iter(of.protocols.values())).specimen.modulus_mpa
+    found = summary.result(
+        made.objects,
+        pictures,
+        _ball(pictures),
+        None if made.twist is None else made.twist.twisted,
+        f"simulated on {of.rig_name}, seed {asked.seed}",
+        made.force_error_n.get("normal"),
+    )
+    return replace(
+        found,
         data={
-            **summary.data(frames, heads, made.objects), **twisted, "simulated": True,
-            "seed": asked.seed, "scale": scale, "settings": scene,
-            "depth_calibration": made.depth_line,
+            **found.data, **twisted, "simulated": True, "seed": asked.seed, "scale": scale,
+            "settings": scene, "depth_calibration": made.depth_line,
             "force_rmse_left_out_position_n": made.force_error_n,
         },
         simulated=True,
         seed=asked.seed,
         scale=scale,
-        headlines=heads,
-        tables=summary.tables(frames),
-        figures=summary.drawn(pictures, ball, twist, note),
         settings=scene,
         notes=(
-            made.depth_line, summary.DENSITY, summary.TWIST,
-            gel_remarks.remark(STUDY, next(iter(of.protocols.values())).specimen.modulus_mpa),
+            made.depth_line, summary.DENSITY, summary.TWIST, gel_remarks.remark(STUDY, modulus_mpa),
         ),
-        left_out=tuple(_scene(line) for line in sorted(shown)),
+        left_out=left_out(made.gel),
         missing=made.missing,
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Recorded:
-    """A press of a recorded run, and the calibrations of its sensor by kind."""
-
-    folder: str
-    press: str
-    files: Mapping[Kind, Path]
+def _ball(pictures: Sequence[ShapeMaps]) -> ShapeMaps | None:
+    """Of the pictures the first of a ball."""
+    return next((p for p in pictures if p.indenter.startswith("sphere:")), None)
 
 
-def _seen(job: _Recorded) -> PressShape:
-    from .. import record
-    from .shape.press import seen_of
+def _seen(of: tuple[str, str, Mapping[Kind, Path]]) -> PressShape:
+    """A press of a recorded run; of: folder, press and the calibrations of its sensor by kind."""
+    from ..analysis.shape import press_shape
+    from .shape.press import models
 
-    return seen_of(record.open(job.folder), job.press, job.files)
+    folder, press, files = of
+    return press_shape(folder, press, *models(files))
 
 
 def _recorded(asked: StudyRequest) -> StudyResult:
@@ -98,7 +88,6 @@ def _recorded(asked: StudyRequest) -> StudyResult:
     from ..analysis.frames import recorded
     from ..jobs import each
     from .shape import summary
-    from .shape.summary import headlines
 
     if asked.scale is not None or asked.rig is not None:
         named = "--scale" if asked.scale is not None else "--rig"
@@ -108,42 +97,37 @@ def _recorded(asked: StudyRequest) -> StudyResult:
     for open_run in runs:
         files = _calibrations(open_run, asked.more)
         presses = dict.fromkeys(recorded(open_run, "shape")["press"])
-        jobs += [_Recorded(str(open_run.folder), str(press), files) for press in presses]
-    names = [f"{Path(job.folder).name}/{job.press}" for job in jobs]
+        jobs += [(str(open_run.folder), str(press), files) for press in presses]
+    names = [f"{Path(folder).name}/{press}" for folder, press, _ in jobs]
     seen = dict(zip(names, each(_seen, jobs, names, asked.executor, asked.progress), strict=True))
-    frames = summary.frame_of(seen)
-    if frames.empty:
+    if not any(row["tip_depth_mm"] > 0 for one in seen.values() for row in one.rows):
         raise InputError(f"{runs[0].folder}: nothing is pressed in what was recorded")
-    heads = headlines(frames)
     pictures = _deepest([one.deepest for one in seen.values()])
-    ball = next((p for p in pictures if p.indenter.startswith("sphere:")), None)
+    twisted = [one.twisted for one in seen.values() if one.twisted is not None]
     simulated = any(one.simulated for one in runs)
-    note = ", ".join(one.folder.name for one in runs) + (", simulated" if simulated else "")
-    kinds = {kind: file for job in jobs for kind, file in job.files.items()}
-    return StudyResult(
-        study=STUDY,
-        title=TITLE,
-        verdict=summary.verdict(frames, heads),
+    kinds = {kind: file for _, _, files in jobs for kind, file in files.items()}
+    found = summary.result(
+        seen,
+        pictures,
+        _ball(pictures) or next(iter(pictures), None),
+        # Where the torque that was measured is largest, if something was sheared.
+        max(twisted, key=lambda p: abs(p.torque_z_nmm or 0.0), default=None),
+        ", ".join(one.folder.name for one in runs) + (", simulated" if simulated else ""),
+    )
+    return replace(
+        found,
         data={
-            **summary.data(frames, heads, seen), "simulated": simulated,
-            "runs": [str(one.folder) for one in runs],
+            **found.data, "simulated": simulated, "runs": [str(one.folder) for one in runs],
             "calibrations": {kind: str(file) for kind, file in kinds.items()},
         },
         simulated=simulated,
         seed=int(runs[0].meta["seed"]),
-        scale=None,
-        headlines=heads,
-        tables=summary.tables(frames),
-        figures=summary.drawn(
-            pictures, ball or (pictures[0] if pictures else None), _most_twisted(seen), note
-        ),
         settings={
             "runs": ", ".join(str(one.folder) for one in runs),
             "depth": str(kinds.get("depth", "not calibrated: as the inverse finds it")),
             "force": str(kinds.get("force", "not calibrated")),
         },
-        notes=(summary.DENSITY,),
-        left_out=tuple(_without(kinds, frames)),
+        left_out=tuple(_without(kinds, found.data["frames"])),
     )  # fmt: skip
 
 
@@ -153,22 +137,11 @@ def _calibrations(run: Run, more: Mapping[str, str | None]) -> Mapping[Kind, Pat
     from ..measure.sensor_id import read_calibration
 
     kinds: tuple[Kind, ...] = ("depth", "force")
-    asked = {kind: Path(name) for kind in kinds if (name := more.get(kind))}
-    for kind, file in asked.items():
+    named = {kind: Path(name) for kind in kinds if (name := more.get(kind))}
+    for kind, file in named.items():
         read_calibration(file, kind)
-    beside = {
-        kind: file
-        for kind, file in ((_kind(f), f) for f in calibrations_of(run))
-        if kind not in asked
-    }
-    calibrations_of(run, list(asked.values()))
-    return beside | asked
-
-
-def _kind(file: Path) -> Kind:
-    from ..measure.sensor_id import read_calibration
-
-    return read_calibration(file)[0].kind
+    calibrations_of(run, list(named.values()))
+    return {read_calibration(file)[0].kind: file for file in calibrations_of(run)} | named
 
 
 def _deepest(pictures: Sequence[ShapeMaps | None]) -> list[ShapeMaps]:
@@ -183,23 +156,12 @@ def _deepest(pictures: Sequence[ShapeMaps | None]) -> list[ShapeMaps]:
     return list(found.values())
 
 
-def _most_twisted(seen: dict[str, PressShape]) -> ShapeMaps | None:
-    """Where the torque that was measured is largest; None without shear, or without torque."""
-    twisted = [one.twisted for one in seen.values() if one.twisted is not None]
-    return max(twisted, key=lambda p: abs(p.torque_z_nmm or 0.0), default=None)
-
-
-def _without(kinds: Mapping[Kind, Path], frames: pd.DataFrame) -> list[LeftOut]:
+def _without(kinds: Mapping[Kind, Path], frames: Sequence[dict[str, Any]]) -> list[LeftOut]:
     lines = []
-    if "depth_error_contact_mm" not in frames:
+    if not any("depth_error_contact_mm" in frame for frame in frames):
         lines.append(LeftOut("errors of depth and contact", "a bench knows no truth"))
     if "depth" not in kinds:
         lines.append(LeftOut("depth in calibrated mm", "no --depth, see `calibrate-depth`"))
     if "force" not in kinds:
         lines.append(LeftOut("force and its distribution", "no --force, see `analyze force`"))
     return lines
-
-
-def _scene(line: str) -> LeftOut:
-    what, _, why = line.partition(": ")
-    return LeftOut(what, why)

@@ -107,7 +107,12 @@ class PressStream:
         Raises SolverError where a pixel would see no point of the surface.
         """
         for number, look in enumerate(self.looks if looks is None else looks):
-            u_mm = self._displacement_mm(look)
+            u_mm = None
+            if look.a or look.b:  # as the rig's scene has it: linear between knots, of 32 bits each
+                first = self._field(look.a).astype(float)
+                u_mm = np.asarray(
+                    first + look.fraction * (self._field(look.b).astype(float) - first)
+                )
             yield FaceFrame(number, look, self.geometry.material_px(u_mm), u_mm)
 
     def picture(self, recipe: PatternRecipe, seed: int) -> FrameRenderer:
@@ -132,13 +137,6 @@ class PressStream:
     @cached_property
     def _light(self) -> FlatField | None:
         return None if self._flat is None else self._flat.seen_by(self.view)
-
-    def _displacement_mm(self, look: Look) -> Field | None:
-        """As the rig's scene has it: linear between knots, each as a float of 32 bits."""
-        if look.a == look.b == 0:
-            return None
-        first = self._field(look.a).astype(float)
-        return np.asarray(first + look.fraction * (self._field(look.b).astype(float) - first))
 
     def _field(self, knot: int) -> NDArray[Any]:
         """Displacement (ny, nx, 3) of a knot on the cut lattice; the last two are kept."""
@@ -165,27 +163,23 @@ class StreamTruth:
         self._in_view = seen_by(stream.view)
         self._off: dict[bytes, NDArray[np.bool_]] = {}
         self._number = -1
-        self._motion: tuple[Field, Field] | None = None
         self._frames: dict[bytes, TrueFrame] = {}
+        self._motion: tuple[Field, Field] = np.zeros(0), np.zeros(0)
 
     def of(self, frame: FaceFrame, marks: Marks) -> TrueFrame:
         """Motion of every pixel, and which of them move and lie on no dot of a pattern."""
-        stream = self._stream
+        view = self._stream.view
         if frame.number != self._number:
-            self._number, self._frames, self._motion = frame.number, {}, None
+            self._number, self._frames = frame.number, {}
+            still = np.zeros((*self._in_view.shape, 2))
+            u_mm = frame.displacement_mm
+            self._motion = (still, still) if u_mm is None else self._stream.seen.both(u_mm)
         key = marks.dots_mm.tobytes() + np.float64(marks.diameter_mm).tobytes()
+        if key not in self._off:
+            self._off[key] = off_dots(view, marks.dots_mm, marks.diameter_mm)
         if key not in self._frames:
-            if key not in self._off:
-                self._off[key] = off_dots(stream.view, marks.dots_mm, marks.diameter_mm)
-            if self._motion is None:
-                u_mm = frame.displacement_mm
-                if u_mm is None:
-                    nothing = np.zeros((*self._off[key].shape, 2))
-                    self._motion = nothing, nothing
-                else:
-                    self._motion = stream.seen.both(u_mm)
             self._frames[key] = TrueFrame.of(
-                *self._motion, self._off[key], self._in_view, stream.view.mm_per_px
+                *self._motion, self._off[key], self._in_view, view.mm_per_px
             )
         return self._frames[key]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from typing import Any
 
 import pytest
@@ -88,7 +89,7 @@ def test_a_run_of_one_frame_is_no_experiment() -> None:
     verdict = judge([{"name": "a", **ErrorTally().figures()}], simulated=True)
     assert not verdict.trusted
     assert "no frame after the first one" in verdict.line
-    json.dumps(verdict.as_dict(), allow_nan=False)
+    json.dumps(asdict(verdict), allow_nan=False)
 
 
 def test_little_is_not_told_as_nothing_nor_nearly_all_as_all() -> None:

@@ -55,23 +55,21 @@ def test_every_study_is_listed_and_shows_its_options_with_their_defaults() -> No
         assert f"[default: study-out/{name}]" in shown
 
 
-def test_options_of_one_study_have_their_types_and_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_options_of_one_study_have_their_types(monkeypatch: pytest.MonkeyPatch) -> None:
     own = (
-        Option("few", "N.", 3, low=1, high=5), Option("share", "S.", kind=float),
-        Option("way", "W.", "a", choices=("a", "b")), Option("yes", "Y.", False),
+        Option("few", "N.", 3), Option("share", "S.", kind=float), Option("way", "W.", "a"),
         Option("many", "M.", ()),
     )  # fmt: skip
     monkeypatch.setitem(STUDIES, "own", Study("none", "Own.", takes=("scale",), options=own))
     shown = CliRunner().invoke(study, ["run", "own", "--help"], terminal_width=120).stdout
     plain = " ".join(shown.split())
     for words in (
-        "--few INTEGER RANGE N. [default: 3; 1<=x<=5]",
-        "--share NUMBER S. --way [a|b] W. [default: a]",
-        "--yes / --no-yes Y.",
+        "--few INTEGER N. [default: 3]",
+        "--share NUMBER S. --way TEXT W. [default: a]",
         "--many TEXT M.",
     ):
         assert words in plain
-    for words in (["--few", "6"], ["--share", "nan"], ["--way", "c"]):
+    for words in (["--few", "x"], ["--share", "nan"]):
         told = CliRunner().invoke(study, ["run", "own", *words])
         assert told.exit_code == 2
         assert words[0] in told.output
@@ -107,7 +105,7 @@ def test_a_study_is_told_written_and_its_own_folder_taken_again(tmp_path: Path) 
     assert len(json.loads(first.stdout)["means"]) == 3
     assert "0 of 3 jobs are kept, 3 to do\n" in first.stderr
     assert f"report: {Path('study-out/tiny/report.html')}\n" in first.stderr
-    again = call(tmp_path, "--count", "4", "--fails", "job-3", "--partial")
+    again = call(tmp_path, "--count", "4", "--fails", "job-3", "--partial", "yes")
     assert again.returncode == 0
     assert again.stdout == "3 means.\n"
     assert "3 of 4 jobs are kept, 1 to do" in again.stderr

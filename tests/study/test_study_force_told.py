@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from deltact_fab.analysis.force import PAPER, ForceData, ForceResult, compare, curves_of, fit
+from deltact_fab.analysis.force import PAPER, ForceData, ForceResult, fit_best
 from deltact_fab.errors import InputError
 from deltact_fab.measure.force import COMPONENTS, make_features
 from deltact_fab.measure.force.calibration import ForceCalibration
@@ -21,7 +21,7 @@ from deltact_fab.report.result import StudyResult
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.study.force.reasons import parts, under_shear
 from deltact_fab.study.force.simulated import scene
-from deltact_fab.study.force.summary import modulus, told, with_modulus
+from deltact_fab.study.force.summary import modulus, told
 from deltact_fab.study.force_calibration import run
 from deltact_fab.study.request import StudyRequest
 
@@ -57,15 +57,14 @@ def made(noise_n: float = 0.02, bent: float = 1.0, less_n: float = 0.0) -> Force
     wrench[(points["x_mm"] == PLACES - 1).to_numpy()] *= bent
     wrench[points["frame_id"].str.contains("shear").to_numpy(), 2] += less_n
     data = ForceData(points, wrench, X, sets, [])
-    judged, left_out = compare(data, 0)
-    best = judged[0].name
     head = Head("force", SensorId.of(VIEW.camera), CalibrationSource(("r",), True, "0", 0))
-    kept = ForceCalibration(head, fit(data, best), VIEW.skin, VIEW.poisson)
-    return ForceResult(data, judged, kept, 0, left_out, curves_of(data, best, 0))
+    return fit_best(
+        data, 0, lambda model, _: ForceCalibration(head, model, VIEW.skin, VIEW.poisson)
+    )
 
 
 def said(result: ForceResult) -> StudyResult:
-    return told(result, "force-calibration", 0.1)
+    return told(result, 0.1, None)
 
 
 def test_the_json_is_as_it_was_asked_for() -> None:
@@ -160,9 +159,8 @@ def test_what_varies_at_a_depth_is_measured_and_said() -> None:
 
 def test_the_modulus_scales_newtons_and_no_share() -> None:
     result = made()
-    rows = with_modulus(
-        said(result), 0.56, modulus(result, 0.56, (25.0, 25.0, 35.0), (250.0, 250.0, 250.0))
-    ).data["modulus"]["at"]  # fmt: skip
+    table = modulus(result, 0.56, (25.0, 25.0, 35.0), (250.0, 250.0, 250.0))
+    rows = told(result, 0.1, table).data["modulus"]["at"]
     low, here, high = rows
     assert (low["modulus_mpa"], high["modulus_mpa"]) == (0.28, 1.12)
     for key in ("normal_range_n", "shear_x_rmse_left_out_position_n", "of_sensor_force_range"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import pytest
@@ -81,7 +82,7 @@ def test_the_usual_bench_has_some_tens_of_candidates() -> None:
 
 def test_a_bench_is_plain_data_and_back() -> None:
     bench = bench_of("virtual", {"mm_per_px": 0.03})
-    assert PatternImager.from_dict(bench.as_dict()) == bench
+    assert PatternImager.from_dict(asdict(bench)) == bench
 
 
 def test_the_view_is_the_sensors_whatever_the_scale() -> None:

@@ -8,7 +8,7 @@ from scipy import stats
 
 from deltact_fab.study.intervals import mean
 from deltact_fab.study.search.findings import ConfirmedPattern, chosen_by_others, gain
-from deltact_fab.study.search.search import best_pair, rank_correlation, spearman
+from deltact_fab.study.search.search import rank_correlation, spearman
 
 
 def correlated(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -46,23 +46,6 @@ def test_patterns_of_one_kind_are_no_repeats() -> None:
 
 def test_a_constant_has_no_order() -> None:
     assert np.isnan(spearman(np.ones(5), np.arange(5.0)))
-
-
-def test_a_pair_that_fits_one_family_is_not_judged_on_it() -> None:
-    rng = np.random.default_rng(5)
-    families = ["a"] * 10 + ["b"] * 10
-    error = rng.permutation(20).astype(float)
-    lucky = error.copy()
-    lucky[:10] = rng.permutation(10)  # right in b, and anything in a
-    noise = rng.normal(size=20)
-    found = best_pair(
-        {"lucky": lucky, "noise": noise, "half": error + 6 * rng.normal(size=20)},
-        error, families, [str(k) for k in range(20)],
-    )  # fmt: skip
-    picked_for_b, _ = found.left_out["b"]
-    assert "lucky" in found.left_out["a"][0]
-    assert found.left_out["a"][1] < 0.9
-    assert picked_for_b != found.left_out["a"][0] or found.held_out.value <= found.rho
 
 
 def test_each_seed_is_judged_by_the_choice_of_the_others() -> None:

@@ -14,7 +14,7 @@ from deltact_fab.errors import InputError
 from deltact_fab.study import shapes
 from deltact_fab.study.request import StudyRequest
 from deltact_fab.study.shape import summary
-from deltact_fab.study.shape.simulated import FORCE, OBJECTS, TWIST, scene
+from deltact_fab.study.shape.simulated import FORCE, OBJECTS, TWIST, presses_of, scene
 from deltact_fab.study.shape.summary import headlines
 
 
@@ -105,8 +105,8 @@ def test_the_scale_thins_places_and_no_object() -> None:
         assert least.protocols[name].indenters == whole.protocols[name].indenters
         assert least.protocols[name].depths_mm == whole.protocols[name].depths_mm
     assert least.protocols[FORCE] == whole.protocols[FORCE]
-    assert whole.presses(TWIST) == ["sphere-15/p1"]
-    kinds = {one.partition("/")[0] for name in OBJECTS for one in whole.presses(name)}
+    assert presses_of(whole, TWIST) == ["sphere-15/p1"]
+    kinds = {one.partition("/")[0] for name in OBJECTS for one in presses_of(whole, name)}
     assert kinds == {"sphere-15", "cylinder", "ring", "hat"}
     # No object is the ball that depth and force are calibrated on.
     assert set(whole.protocols[FORCE].indenters) == set(whole.protocols["ball-press"].indenters)

@@ -10,7 +10,7 @@ import pytest
 
 from deltact_fab import record
 from deltact_fab.analysis.tracking_error.follow import TrackingPlan
-from deltact_fab.analysis.tracking_error.run import PressJob, analyse_press
+from deltact_fab.analysis.tracking_error.run import analyse_press
 from deltact_fab.analysis.tracking_error.truth import TrueFrame, off_dots, seen_by
 from deltact_fab.cad.design import load_design
 from deltact_fab.patterns.recipe import PatternRecipe
@@ -120,7 +120,7 @@ def test_followed_as_a_stream_a_press_has_the_errors_that_its_record_has(
     from deltact_fab.analysis.tracking_error.follow import Follower
 
     scene = TrackingPlan(("fused",), True, ())
-    kept = analyse_press(PressJob(str(run.folder), PRESS, scene)).tallies["fused"].figures()
+    kept = analyse_press(str(run.folder), PRESS, scene).tallies["fused"].figures()
     seed, truth, marks = int(run.meta["seed"]), StreamTruth(stream), stream.marks(recipe)
     picture, noise = stream.picture(recipe, seed), stream.noise(seed)
     follower = Follower(scene, marks)

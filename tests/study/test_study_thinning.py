@@ -26,7 +26,7 @@ def whole() -> Protocol:
 def test_the_whole_one_has_the_papers_frames_and_step(whole: Protocol) -> None:
     assert thinned(whole, 1.0) == whole
     part = part_of(whole, whole)
-    assert (part.frames, part.positions, part.shear_mm) == (3600, 4, 10.0)
+    assert (part.frames_an_indenter, part.positions, part.shear_mm) == (3600, 4, 10.0)
     assert part.longest_step_mm <= 0.2
 
 
@@ -67,5 +67,5 @@ def test_the_part_is_told_in_words_and_figures(whole: Protocol) -> None:
         "1 of 4 positions, 5 and 10 mm deep, shear +-0.949 of 10 mm in x and y, "
         "136 of 3600 frames (3.8%)"
     )
-    assert part.as_dict()["frames_share"] == pytest.approx(136 / 3600)
-    assert part.as_dict()["longest_step_mm"] == pytest.approx(5.5 / 28)
+    assert part.frames_share == pytest.approx(136 / 3600)
+    assert part.longest_step_mm == pytest.approx(5.5 / 28)

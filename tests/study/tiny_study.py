@@ -20,10 +20,10 @@ from deltact_fab.study.request import StudyRequest
 from deltact_fab.study.seeds import seed_of
 
 OPTIONS = (
-    Option("count", "Jobs.", 12, low=1),
-    Option("seconds", "Of each.", 0.0, low=0.0),
+    Option("count", "Jobs.", 12),
+    Option("seconds", "Of each.", 0.0),
     Option("fails", "The job that fails.", ""),
-    Option("partial", "Go on without those that failed.", False),
+    Option("partial", "Go on without those that failed: yes.", ""),
 )
 DONE = "DONE_JOBS"
 

@@ -5,49 +5,40 @@ that was measured. Models are ranked by how they predict positions and indenters
 saw, for a random split hides that (decision 0026).
 """
 
-from .calibrate import calibrate, carry_over, compare, curves_of
-from .dataset import ForceData, PressPoints, gather, joined, points_of
+from .calibrate import calibrate, carry_over, fit_best
+from .dataset import ForceData, joined
 from .judge import (
     FORCES,
     LEFT_OUT,
-    SHOWN,
     component,
     enough,
     figures,
     fit,
     judge,
     learning_curve,
-    rmse,
     score,
 )
 from .result import PAPER, PAPER_TABLE, ForceResult, errors_kept, write_calibration
-from .transfer import TransferredCalibration, transfer
+from .transfer import transfer
 
 __all__ = [
     "FORCES",
     "LEFT_OUT",
     "PAPER",
     "PAPER_TABLE",
-    "SHOWN",
     "ForceData",
     "ForceResult",
-    "PressPoints",
-    "TransferredCalibration",
     "calibrate",
     "carry_over",
-    "compare",
     "component",
-    "curves_of",
     "enough",
     "errors_kept",
     "figures",
     "fit",
-    "gather",
+    "fit_best",
     "joined",
     "judge",
     "learning_curve",
-    "points_of",
-    "rmse",
     "score",
     "transfer",
     "write_calibration",

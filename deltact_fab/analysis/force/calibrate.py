@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from ...aliases import Progress
 from ...errors import InputError
@@ -27,7 +30,6 @@ from .field import field_error
 from .judge import (
     TEST_SHARE,
     EvaluatedModel,
-    LearningPoint,
     figures,
     fit,
     judge,
@@ -36,9 +38,6 @@ from .judge import (
 )
 from .result import PAPER, ForceResult, errors_kept
 from .transfer import TransferredCalibration, transfer
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def calibrate(
@@ -58,17 +57,38 @@ def calibrate(
     runs, tables = opened(folders)
     must = asked if names else (PAPER,)
     source, view = str(runs[0].folder), view_of(runs[0])
-    for name in must:  # before anything is tracked
-        _require_enough(make_features(name, view), sum(map(_settled, tables)), source)
+    # How many points there may be at most: refused before anything is tracked.
+    most = sum(len(settled(part)) for frames in tables for _, part in frames.groupby("press"))
+    for name in must:
+        _require_enough(make_features(name, view), most, source)
     data = gather(runs, asked, executor, progress)
-    judged, left_out = compare(data, seed, must, source)
-    best = judged[0].name
-    errors = errors_kept(figures(judged[0], data))
-    kept = _calibration(runs, fit(data, best), error=errors)
-    return ForceResult(
-        data, judged, kept, seed, [*data.left_out, *_doubts(runs, tables), *left_out],
-        curves_of(data, best, seed), field_error(runs, data, best),
-    )  # fmt: skip
+    found = fit_best(
+        data, seed, lambda model, error: _calibration(runs, model, error=error), must, source
+    )
+    return replace(
+        found,
+        left_out=[*found.left_out, *_doubts(runs, tables)],
+        field=field_error(runs, data, found.best.name),
+    )
+
+
+def fit_best(
+    data: ForceData,
+    seed: int,
+    calibration: Callable[[ForceModel, dict[str, dict[str, Any]]], ForceCalibration],
+    must: Sequence[str] = (PAPER,),
+    source: str = "points",
+) -> ForceResult:
+    """The points' feature sets compared, and the best one's model on all of them.
+
+    calibration: makes one of the model and its errors. must, source: as of `compare`. Raises
+    InputError.
+    """
+    models, left_out = compare(data, seed, must, source)
+    best = models[0].name
+    curves = {name: learning_curve(data, name, seed) for name in dict.fromkeys((best, PAPER))}
+    kept = calibration(fit(data, best), errors_kept(figures(models[0], data)))
+    return ForceResult(data, models, kept, seed, [*data.left_out, *left_out], curves)
 
 
 def compare(
@@ -91,16 +111,8 @@ def compare(
     return sorted(judged, key=lambda one: score(one, data)), left_out
 
 
-def curves_of(data: ForceData, best: str, seed: int) -> dict[str, list[LearningPoint]]:
-    """How the best feature set and the paper's learn."""
-    return {name: learning_curve(data, name, seed) for name in dict.fromkeys((best, PAPER))}
-
-
 def carry_over(
-    folders: Sequence[Path],
-    other: Path,
-    executor: Executor | None = None,
-    progress: Progress | None = None,
+    folders: Sequence[Path], other: Path, progress: Progress | None = None
 ) -> tuple[TransferredCalibration, ForceCalibration, list[str]]:
     """Another sensor's calibration on this one, from the few presses of runs; what was left out.
 
@@ -111,7 +123,7 @@ def carry_over(
     runs, tables = opened(folders)
     # Refused before anything is tracked.
     features_of(calibration.model, calibration.view(runs[0].camera), f"{other}: model")
-    data = gather(runs, (name,), executor, progress)
+    data = gather(runs, (name,), None, progress)
     moved = transfer(calibration.model, data)
     told = {"of": list(calibration.head.made.runs), **moved.as_dict()}
     kept = _calibration(runs, moved.model, transfer=told)
@@ -135,11 +147,6 @@ def _calibration(runs: Sequence[Run], model: ForceModel, **more: Any) -> ForceCa
     view = view_of(run)
     rest = encode_png(run.image(str(run.frames(presses(run)[0])["file"].iloc[0])))
     return ForceCalibration(head, model, view.skin, view.poisson, rest=rest, **more)
-
-
-def _settled(frames: pd.DataFrame) -> int:
-    """How many points a run may give at most."""
-    return sum(len(settled(part)) for _, part in frames.groupby("press", sort=False))
 
 
 def _doubts(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]:

@@ -6,10 +6,11 @@ from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from ... import cache, digest, record
 from ...aliases import Array, Progress
@@ -21,10 +22,6 @@ from ...record import Run
 from ..flows import PressFlows, flows_of
 from ..frames import PRESSING, recorded, settled, settles
 from ..view import head_of, view_of
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
 WINDOW_S = 0.1
@@ -94,14 +91,6 @@ class ForceData:
 
 
 @dataclass(frozen=True)
-class _PointsJob:
-    folder: str
-    label: str
-    press: str
-    names: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class PressPoints:
     """The points of one press, as in `ForceData`, and why each of its other frames is not one."""
 
@@ -152,11 +141,12 @@ def gather(
 ) -> ForceData:
     """The points of `opened` runs under feature sets. Raises InputError where none can be used."""
     jobs = [
-        _PointsJob(str(run.folder), label, press, tuple(names))
+        (str(run.folder), label, press)
         for run, label in zip(runs, labels(runs), strict=True)
         for press in presses(run)
     ]
-    parts = each(_press, jobs, [job.press for job in jobs], executor, progress)
+    shown = [press for _, _, press in jobs]
+    parts = each(partial(_press, names=tuple(names)), jobs, shown, executor, progress)
     return joined(parts, names, view_of(runs[0]), str(runs[0].folder))
 
 
@@ -167,8 +157,6 @@ def joined(
 
     Raises InputError where no frame can be used.
     """
-    import pandas as pd
-
     sets = {name: make_features(name, view) for name in names}
     points = pd.concat([part.rows for part in parts], ignore_index=True)
     refused = Counter(why for part in parts for why in part.refused)
@@ -182,8 +170,10 @@ def joined(
     return ForceData(points, wrench, features, sets, left_out)
 
 
-def _press(job: _PointsJob) -> PressPoints:
-    return points_of(record.open(job.folder), job.label, job.press, job.names)
+def _press(of: tuple[str, str, str], names: Sequence[str]) -> PressPoints:
+    """The points of a press; of: the run's folder, its label, and the press."""
+    folder, label, press = of
+    return points_of(record.open(folder), label, press, names)
 
 
 def points_of(run: Run, label: str, press: str, names: Sequence[str]) -> PressPoints:
@@ -211,7 +201,9 @@ def points_of(run: Run, label: str, press: str, names: Sequence[str]) -> PressPo
         for k in failed:
             refused[k] = refused[k] or f"{one.name} found no solution"
     taken = np.array([not why for why in refused])
-    x_mm, y_mm = _position(run, press)
+    steps = run.steps()
+    first = steps[steps["press"] == press].iloc[0]  # its aim: where the press goes down
+    x_mm, y_mm = (round(float(first[name]), 3) + 0.0 for name in ("x_mm", "y_mm"))
     table = rows[["frame_id", "indenter"]].assign(
         run=label,
         press=f"{label}/{press}",
@@ -250,10 +242,3 @@ def _features(one: Features, view: SensorView, of: PressFlows) -> tuple[Array, l
         cache.put("force-features", key, held)
     values = np.array([row or [np.nan] * len(one.names) for row in held], float)
     return values, [k for k, row in enumerate(held) if row is None]
-
-
-def _position(run: Run, press: str) -> tuple[float, float]:
-    """Where a press goes down, mm: the aim of its first step."""
-    steps = run.steps()
-    first = steps[steps["press"] == press].iloc[0]
-    return round(float(first["x_mm"]), 3) + 0.0, round(float(first["y_mm"]), 3) + 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -53,19 +53,13 @@ def split(n: int, seed: int) -> tuple[Array, Array]:
 
 def fit(data: ForceData, name: str, rows: Array | slice = slice(None)) -> ForceModel:
     """A feature set's model on some points. Raises InputError when they are too few."""
-    return _fit(data, name, rows)[0]
-
-
-def _fit(
-    data: ForceData, name: str, rows: Array | slice
-) -> tuple[ForceModel, dict[str, RegressionFit]]:
-    return ForceModel.fit(data.sets[name], data.features[name][rows], data.wrench[rows])
+    return ForceModel.fit(data.sets[name], data.features[name][rows], data.wrench[rows])[0]
 
 
 def judge(data: ForceData, name: str, seed: int) -> EvaluatedModel:
     """Fit and cross-validate one feature set. Raises InputError for too few points."""
     train, test = split(len(data), seed)
-    model, fits = _fit(data, name, train)
+    model, fits = ForceModel.fit(data.sets[name], data.features[name][train], data.wrench[train])
     predicted = {"test": model.predict(data.features[name])}
     for group in LEFT_OUT:
         if data.points[group].nunique() > 1:
@@ -206,8 +200,3 @@ def enough(curve: list[LearningPoint]) -> int | None:
         if point.force_error_n <= ENOUGH * known[-1].force_error_n:  # type: ignore[operator]
             return point.presses
     return None
-
-
-def as_rows(curve: list[LearningPoint]) -> list[dict[str, Any]]:
-    """Plain data."""
-    return [asdict(point) for point in curve]

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from dataclasses import field as made_by
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from ...files import write_whole
 from ...measure.force.calibration import ForceCalibration
@@ -16,18 +18,15 @@ from .dataset import ForceData
 from .field import FieldError
 from .judge import (
     FORCES,
+    LEFT_OUT,
     SHOWN,
     EvaluatedModel,
     LearningPoint,
-    as_rows,
     component,
     enough,
     figures,
     score,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 PAPER = "paper"
 PAPER_TABLE = {"normal": (0.99, 0.30), "shear_x": (0.98, 0.14), "shear_y": (0.98, 0.17)}
@@ -56,13 +55,43 @@ class ForceResult:
         return self.judged[0]
 
     @property
-    def paper(self) -> EvaluatedModel | None:
-        """The paper's model; None where it was not asked for."""
-        return next((one for one in self.judged if one.name == PAPER), None)
+    def paper(self) -> EvaluatedModel:
+        """The paper's model, which is always fitted too."""
+        return next(one for one in self.judged if one.name == PAPER)
 
     def figures(self) -> dict[str, dict[str, Any]]:
         """Of every feature set, see `judge.figures`."""
         return {one.name: figures(one, self.data) for one in self.judged}
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row a feature set and component, at last the paper's table, printed of a real sensor.
+
+        Errors in N or N mm: of training, of test points, and of what was left out.
+        """
+        rows = []
+        for model, every in self.figures().items():
+            for name, of in every.items():
+                unit = "n" if "range_n" in of else "nmm"
+                errors = ("rmse_train", "rmse", *(f"rmse_left_out_{g}" for g in LEFT_OUT), "range")
+                rows.append(
+                    {
+                        "model": model, "component": name, "unit": "N" if unit == "n" else "N mm",
+                        "adjusted_r2": of["adjusted_r2"],
+                        "adjusted_r2_about_mean": of["regression"]["adjusted_centred_r2"],
+                        **{key: of[f"{key}_{unit}"] for key in errors},
+                        "percent_of_range": of["percent_of_range"],
+                        "condition_raw": of["condition_raw"],
+                        "condition_scaled": of["condition_scaled"],
+                    }
+                )  # fmt: skip
+        printed = {"model": "as printed", "unit": "N"}
+        return [
+            *rows,
+            *(
+                {**printed, "component": name, "adjusted_r2": r2, "rmse": rmse_n}
+                for name, (r2, rmse_n) in PAPER_TABLE.items()
+            ),
+        ]
 
     @property
     def line(self) -> str:
@@ -71,9 +100,8 @@ class ForceResult:
         told = [g for g in ("position", "indenter") if g in self.best.predicted]
         where = f"left-out {' and '.join(f'{g}s' for g in told)}" if told else "test points only"
         text = f"{self.best.name} is taken: {_errors(of)} on {where}"
-        paper = self.paper
-        if paper is not None and paper is not self.best:
-            text += f"; the paper's model {_errors(figures(paper, self.data))}"
+        if self.paper is not self.best:
+            text += f"; the paper's model {_errors(figures(self.paper, self.data))}"
         if not told:
             text += "; no place or indenter could be left out: calibrate on more"
         if (few := enough(self.curves.get(self.best.name, []))) is not None:
@@ -84,13 +112,10 @@ class ForceResult:
         """Plain data, without the points."""
         every = self.figures()
         made = self.calibration.head.made
-        named = {"best": every[self.best.name]}
-        if PAPER in every:
-            named[PAPER] = every[PAPER]
         return {
             "verdict": self.line,
             "best": self.best.name,
-            "models": named,
+            "models": {"best": every[self.best.name], PAPER: every[PAPER]},
             "compared": {
                 one.name: {"left_out_force_error_n": score(one, self.data), **every[one.name]}
                 for one in self.judged
@@ -103,7 +128,9 @@ class ForceResult:
             "simulated": made.simulated,
             "run_seed": made.seed,
             "split_seed": self.seed,
-            "learning": {name: as_rows(curve) for name, curve in self.curves.items()},
+            "learning": {
+                name: [asdict(point) for point in curve] for name, curve in self.curves.items()
+            },
             "enough_presses": {name: enough(curve) for name, curve in self.curves.items()},
             "paper_table": {
                 name: {"adjusted_r2": r2, "rmse_n": rmse_n}
@@ -125,7 +152,7 @@ class ForceResult:
             unit = "n" if of.startswith("f") else "nmm"
             table[f"{name}_{unit}"] = component(self.data.wrench, name)
             for label, one in (("best", self.best), ("paper", self.paper)):
-                for group, predicted in one.predicted.items() if one else ():
+                for group, predicted in one.predicted.items():
                     how = "" if group == "test" else f"left_out_{group}_"
                     table[f"{label}_{how}{name}_{unit}"] = component(predicted, name)
         return table

@@ -67,7 +67,7 @@ class TransferredCalibration:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, without the model."""
-        return {key: value for key, value in self.__dict__.items() if key != "model"}
+        return {key: value for key, value in vars(self).items() if key != "model"}
 
 
 def transfer(model: ForceModel, data: ForceData) -> TransferredCalibration:

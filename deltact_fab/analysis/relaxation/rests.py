@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from ...aliases import Field
 from ...errors import InputError
 from ...record import Run
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 BIN_S = 0.02  # samples are averaged over it: one of 1 kHz has seven times the noise
 ARRIVED_MM = 0.01  # a stage that reports this near its end has arrived

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
 
 from ...aliases import Array
-
-_OUTLINE = "outline"
 
 
 @dataclass(frozen=True)
@@ -67,26 +65,15 @@ class ShapeMaps:
 
     def as_value(self, prefix: str) -> dict[str, Any]:
         """Words and arrays by name, each with the prefix; what is None is left out."""
-        value: dict[str, Any] = {}
-        for field in fields(self):
-            held = getattr(self, field.name)
-            if isinstance(held, list):
-                value |= {f"{prefix}{_OUTLINE}_{k}_mm": line for k, line in enumerate(held)}
-            elif held is not None:
-                value[f"{prefix}{field.name}"] = held
-        return value
+        held = {name: value for name, value in vars(self).items() if value is not None}
+        held["outlines_mm"] = [line.tolist() for line in self.outlines_mm]
+        return {f"{prefix}{name}": value for name, value in held.items()}
 
     @classmethod
     def of_value(cls, value: Mapping[str, Any], prefix: str) -> Self:
         """What `as_value` gave."""
-        names = {field.name for field in fields(cls)}
-        mine = {
-            name.removeprefix(prefix): held
-            for name, held in value.items()
-            if name.startswith(prefix)
+        held = {
+            name.removeprefix(prefix): one for name, one in value.items() if name.startswith(prefix)
         }
-        lines = sorted(name for name in mine if name.startswith(f"{_OUTLINE}_"))
-        return cls(
-            outlines_mm=[np.asarray(mine[name]) for name in lines],
-            **{name: held for name, held in mine.items() if name in names},
-        )
+        held["outlines_mm"] = [np.array(line) for line in held["outlines_mm"]]
+        return cls(**held)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
+from ... import record
 from ...aliases import Array
 from ...errors import InputError
 from ...measure.face import FaceFlow
@@ -24,7 +27,7 @@ from ...measure.shape import (
     relative_depth,
 )
 from ...optics import LatticeSampler
-from ...record import Run, RunTruth
+from ...record import RunTruth
 from ...shapes import Indenter
 from ...shapes.indenter import parse
 from ..flows import flows_of
@@ -33,10 +36,6 @@ from ..frames import settled
 from ..view import view_of
 from .ball import EVERY_PX
 from .picture import ShapeMaps
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 TOUCHING_MM = 0.06
 """A point this near to the indenter's surface touches it, where no traction was recorded. The
@@ -108,13 +107,14 @@ class _Found:
 
 
 def press_shape(
-    run: Run, press: str, model: DepthModel, force: ForceCalibration | None = None
+    folder: str | Path, press: str, model: DepthModel, force: ForceCalibration | None = None
 ) -> PressShape:
-    """Of a run with images.
+    """Of a run with images, by its folder.
 
     Raises InputError for a calibration that this version cannot use, and for a frame of which
     nobody knows where the stage was.
     """
+    run = record.open(folder)
     rows, truth, view = settled(run.frames(press)), run.truth(), view_of(run)
     if (lost := rows.loc[rows["z_mm"].isna(), "frame_id"]).size:
         raise InputError(
@@ -150,7 +150,12 @@ def press_shape(
         if k in (at_deepest, at_twisted):
             image = run.image(str(row.file))
             pictures[k] = _picture(row, tip_mm, image, view.camera, flow, found, true, force_n)
-            pictures[k] = _with_truth(pictures[k], truth)
+            if truth is not None and truth.tractions:
+                x_mm, y_mm = truth.face_mm(str(row.frame_id))
+                traction_mpa = truth.traction_mpa(str(row.frame_id))
+                pictures[k] = replace(
+                    pictures[k], true_traction_mpa=traction_mpa, face_x_mm=x_mm, face_y_mm=y_mm
+                )
     twisted = None if at_twisted is None else pictures[at_twisted]
     return PressShape(told, pictures.get(at_deepest), twisted, way)
 
@@ -186,6 +191,9 @@ def _found(
 
 
 def _figures(indenter: Indenter, tip_mm: Array, flow: FaceFlow, found: _Found) -> dict[str, Any]:
+    place_error_mm = None  # known of an indenter with one round tip that presses
+    if found.contacts and indenter.name.startswith("sphere:") and tip_mm[2] < 0:
+        place_error_mm = float(np.linalg.norm(found.contacts[0].place_mm - tip_mm[:2]))
     return {
         "tip_depth_mm": max(0.0, -float(tip_mm[2])),
         "trusted": flow.trusted,
@@ -196,15 +204,8 @@ def _figures(indenter: Indenter, tip_mm: Array, flow: FaceFlow, found: _Found) -
         "peak_depth_mm": float(found.depth.depth_mm.max()),
         "n_contacts": len(found.contacts),
         "area_mm2": float(sum(contact.area_mm2 for contact in found.contacts)),
-        "place_error_mm": _place_error_mm(indenter, tip_mm, found.contacts),
+        "place_error_mm": place_error_mm,
     }
-
-
-def _place_error_mm(indenter: Indenter, tip_mm: Array, found: list[ContactRegion]) -> float | None:
-    """From the contact to the axis of an indenter with one round tip that presses."""
-    if not found or not indenter.name.startswith("sphere:") or tip_mm[2] >= 0:
-        return None
-    return float(np.linalg.norm(found[0].place_mm - tip_mm[:2]))
 
 
 def _against(true: TrueShape, depth: Depth, relative: Array, flow: FaceFlow) -> dict[str, Any]:
@@ -275,7 +276,7 @@ def _picture(
 ) -> ShapeMaps:
     h, w = image.shape[:2]
     corners = camera.rest_mm(np.array([[-0.5, -0.5], [w - 0.5, h - 0.5]]))
-    field = found.field
+    field, wrench = found.field, found.wrench
     return ShapeMaps(
         indenter=str(row.indenter),
         frame_id=str(row.frame_id),
@@ -291,29 +292,12 @@ def _picture(
         depth_mm=found.depth.depth_mm,
         outlines_mm=[contact.outline_mm for contact in found.contacts],
         force_n=force_n,
-        torque_z_nmm=_number(row.tz_nmm),
-        total_n=None if found.wrench is None else found.wrench.force_n,
-        turning_nmm=None if found.wrench is None else float(found.wrench.torque_nmm[2]),
+        torque_z_nmm=None if pd.isna(row.tz_nmm) else float(row.tz_nmm),
+        total_n=None if wrench is None else wrench.force_n,
+        turning_nmm=None if wrench is None else float(wrench.torque_nmm[2]),
         traction_mpa=None if field is None else field.traction_mpa,
         cells_x_mm=None if field is None else field.x_mm,
         cells_y_mm=None if field is None else field.y_mm,
         true_depth_mm=None if true is None else true.depth_mm,
         true_contact=None if true is None else true.contact,
     )
-
-
-def _number(value: Any) -> float | None:
-    return None if value is None or np.isnan(value) else float(value)
-
-
-def _with_truth(picture: ShapeMaps, truth: RunTruth | None) -> ShapeMaps:
-    """The same with the tractions that the run kept, if it did."""
-    from dataclasses import replace
-
-    if truth is None or not truth.tractions:
-        return picture
-    x_mm, y_mm = truth.face_mm(picture.frame_id)
-    return replace(
-        picture, true_traction_mpa=truth.traction_mpa(picture.frame_id), face_x_mm=x_mm,
-        face_y_mm=y_mm,
-    )  # fmt: skip

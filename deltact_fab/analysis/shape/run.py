@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from ...measure.shape import DepthModel
 from ..frames import make_folder, recorded
 from ..view import sensor_of
 from .picture import ShapeMaps
-from .press import PressShape, press_shape
+from .press import press_shape
 
 GOALS = {"depth_error_contact_mm": 0.25, "depth_error_face_mm": 0.03, "place_error_mm": 0.5}
 """At most, as means over the frames that press."""
@@ -125,17 +125,9 @@ class ShapeResult:
 UNCALIBRATED = DepthModel(gain=1.0, deepest_mm=20.0)
 
 
-@dataclass(frozen=True)
-class _ShapeJob:
-    folder: str
-    press: str
-    model: DepthModel
-
-
 def analyse(
     folder: str | Path,
     depth: Path | None = None,
-    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> ShapeResult:
     """Every settled frame of a run; depth: a calibration of it, else the inverse's own is taken.
@@ -150,8 +142,8 @@ def analyse(
         head, model = DepthModel.load(depth)
         require_same(head.sensor, sensor_of(run), str(depth))
     presses = list(dict.fromkeys(frames["press"]))
-    jobs = [_ShapeJob(str(folder), press, model) for press in presses]
-    parts = each(_press, jobs, presses, executor, progress)
+    work = partial(press_shape, str(folder), model=model)
+    parts = each(work, presses, presses, progress=progress)
     ways = {part.contact_by for part in parts} - {None}
     return ShapeResult(
         rows=[row for part in parts for row in part.rows],
@@ -161,7 +153,3 @@ def analyse(
         simulated=run.simulated,
         seed=int(run.meta["seed"]),
     )
-
-
-def _press(job: _ShapeJob) -> PressShape:
-    return press_shape(record.open(job.folder), job.press, job.model)

@@ -8,19 +8,16 @@ motion in pixels times mm/px at rest. In-plane surface motion is another figure:
 the projected flow is taken for it stands in its own column.
 """
 
-from .follow import DEFAULT_METHODS, TrackingPlan
 from .result import PAPER_BEST_MM, RULE, TrackingResult, TrackingVerdict, judge, percent
 from .run import ARROW_STEP_PX, analyse
 from .tally import MOVING_MM, WRONG_MM, shown
 
 __all__ = [
     "ARROW_STEP_PX",
-    "DEFAULT_METHODS",
     "MOVING_MM",
     "PAPER_BEST_MM",
     "RULE",
     "WRONG_MM",
-    "TrackingPlan",
     "TrackingResult",
     "TrackingVerdict",
     "analyse",

@@ -95,8 +95,7 @@ class DotFollower:
 
     def __init__(self, marks: Marks) -> None:
         camera = marks.camera
-        self.rest_mm = marks.dots_mm
-        self.rest_px = camera.rest_px(self.rest_mm)
+        self.rest_px = camera.rest_px(marks.dots_mm)
         self.mm_per_px = camera.mm_per_px
         self.shape = camera.height_px, camera.width_px
         self.tracker = DotTracker(

@@ -25,10 +25,11 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from ... import reading
@@ -37,10 +38,6 @@ from ...files import write_whole
 from ..frames import make_folder
 from .dots import DOTS
 from .tally import MOVING_MM, WRONG_MM
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 MIN_TRUSTED = 0.95
 MIN_COVERAGE = 0.8
@@ -96,10 +93,6 @@ class TrackingVerdict:
     def error_words(self) -> str:
         """What the error is a mean over."""
         return ERRORS[self.error] if self.error is not None else ""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {**asdict(self), "front": list(self.front)}
 
 
 def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict:
@@ -235,7 +228,7 @@ class TrackingResult:
     def as_dict(self) -> dict[str, Any]:
         """Plain data, without the table of frames."""
         return {
-            "verdict": self.verdict.as_dict(),
+            "verdict": asdict(self.verdict),
             "simulated": self.simulated,
             "seed": self.seed,
             "mm_per_px": self.mm_per_px,
@@ -274,8 +267,6 @@ class TrackingResult:
 
         Raises InputError when it is not there, does not parse, or is of an earlier version.
         """
-        import pandas as pd
-
         try:
             data = reading.json_object(folder / "tracking.json")
             frames = pd.read_csv(folder / "tracking.csv")

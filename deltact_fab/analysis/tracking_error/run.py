@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from ... import record
@@ -33,15 +34,6 @@ COLUMNS = [
 """Of the table of frames; empty where a thing was left out."""
 
 
-@dataclass(frozen=True)
-class PressJob:
-    """What one process does."""
-
-    folder: str
-    press: str
-    scene: TrackingPlan
-
-
 @dataclass
 class PressResult:
     """Sums by method, rows of the table of frames, arrows by frame id, and what was left out."""
@@ -53,7 +45,7 @@ class PressResult:
     arrows: dict[str, NDArray[np.float32]] = field(default_factory=dict)
 
 
-def analyse_press(job: PressJob) -> PressResult:
+def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
     """All frames of one press: the first one is the reference of flow and dots.
 
     Raises RunFailed for an image of another size, SensorError for a first one without a pattern;
@@ -62,12 +54,12 @@ def analyse_press(job: PressJob) -> PressResult:
     import cv2
 
     cv2.setNumThreads(1)  # one thread, so that milliseconds compare
-    run = record.open(job.folder)
-    camera, truth, scene = run.camera, run.truth(), job.scene
+    run = record.open(folder)
+    camera, truth = run.camera, run.truth()
     follower = Follower(scene, Marks.of(camera, run.pattern))
     off, in_view = off_dots(camera, run.dots_mm(), run.dot_diameter_mm()), seen_by(camera)
     result = PressResult(follower.tallies)
-    for at, row in enumerate(run.frames(job.press).itertuples()):
+    for at, row in enumerate(run.frames(press).itertuples()):
         frame_id = str(row.frame_id)
         image = run.image(str(row.file))
         if image.shape[:2] != off.shape:
@@ -84,18 +76,9 @@ def analyse_press(job: PressJob) -> PressResult:
             result.arrows[frame_id] = arrows.copy()
         # The reference compared with itself is no measurement, and said nothing.
         for name, figures in said.items():
-            result.rows.append(
-                {
-                    "frame_id": row.frame_id,
-                    "seq": row.seq,
-                    "press": row.press,
-                    "indenter": row.indenter,
-                    "step_id": row.step_id,
-                    "method": name,
-                    **figures,
-                }
-            )
-    result.left_out += [f"error at the dots of {job.press}: {why}" for why in follower.left_out]
+            frame_of = {key: getattr(row, key) for key in COLUMNS[: COLUMNS.index("method")]}
+            result.rows.append({**frame_of, "method": name, **figures})
+    result.left_out += [f"error at the dots of {press}: {why}" for why in follower.left_out]
     if follower.dots:
         result.dots = follower.dots.tally
     return result
@@ -116,32 +99,20 @@ def analyse(
     run = record.open(folder)
     frames = recorded(run, "tracking")
     scene = scene_of(run, methods)
-    presses = list(dict.fromkeys(frames["press"]))
     indenter_of = dict(zip(frames["press"], frames["indenter"], strict=True))
-    jobs = [PressJob(str(folder), press, scene) for press in presses]
-    results = each(analyse_press, jobs, presses, executor, progress)
-    return _assemble(run, scene, results, list(indenter_of.values()))
-
-
-def _assemble(
-    run: record.Run, scene: TrackingPlan, results: list[PressResult], indenters: list[str]
-) -> TrackingResult:
-    import pandas as pd
-
+    presses = list(indenter_of)
+    results = each(
+        partial(analyse_press, str(folder), scene=scene), presses, presses, executor, progress
+    )
     total = {name: ErrorTally() for name in scene.methods}
     parts: dict[tuple[str, str], ErrorTally] = {}
     dots = DotTally()
-    rows: list[dict[str, Any]] = []
-    left_out = list(scene.left_out)
-    arrows = {}
-    for part, indenter in zip(results, indenters, strict=True):
+    for part, indenter in zip(results, indenter_of.values(), strict=True):
         for name, tally in part.tallies.items():
             total[name].join(tally)
             parts.setdefault((name, indenter), ErrorTally()).join(tally)
         dots.join(part.dots)
-        rows += part.rows
-        left_out += part.left_out
-        arrows.update(part.arrows)
+    rows = [row for part in results for row in part.rows]
     return TrackingResult(
         methods=[{"name": name, **tally.figures()} for name, tally in total.items()],
         by_indenter=[
@@ -149,9 +120,9 @@ def _assemble(
             for (name, indenter), tally in parts.items()
         ],
         dots=dots.figures() if dots.seen + dots.lost else None,
-        left_out=left_out,
+        left_out=[*scene.left_out, *(line for part in results for line in part.left_out)],
         frames=pd.DataFrame(rows, columns=COLUMNS),
-        arrows=arrows,
+        arrows={frame: flow for part in results for frame, flow in part.arrows.items()},
         mm_per_px=run.camera.mm_per_px,
         simulated=run.simulated,
         seed=int(run.meta["seed"]),

@@ -42,10 +42,8 @@ _MEANS = (
     "at_dots", "at_moving_dots", "still", "in_plane", "off", "confident", "believed", "matched",
     "predicted", "lost",
 )  # fmt: skip
-_COUNTS = (
-    "n_moving", "wrong_n", "worst_confident_mm", "peak_true_mm", "peak_in_plane_mm", "switches",
-    "bad_frames",
-)  # fmt: skip
+_COUNTS = ("n_moving", "wrong_n", "switches", "bad_frames")
+_LARGEST = ("worst_confident_mm", "peak_true_mm", "peak_in_plane_mm")
 
 
 @dataclass
@@ -94,26 +92,24 @@ class ErrorTally:
         """Count in another part of the run."""
         for name in _MEANS:
             getattr(self, name).join(getattr(other, name))
+        for name in _COUNTS:
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        for name in _LARGEST:
+            setattr(self, name, largest(getattr(self, name), getattr(other, name)))
         self.histogram = self.histogram + other.histogram
-        self.n_moving += other.n_moving
-        self.wrong_n += other.wrong_n
-        self.worst_confident_mm = max(self.worst_confident_mm, other.worst_confident_mm)
-        self.peak_true_mm = largest(self.peak_true_mm, other.peak_true_mm)
-        self.peak_in_plane_mm = largest(self.peak_in_plane_mm, other.peak_in_plane_mm)
         self.ms += other.ms
-        self.switches += other.switches
-        self.bad_frames += other.bad_frames
 
     def plain(self) -> dict[str, Any]:
         """All but histogram and milliseconds as plain data, for `of`."""
         means = {name: [getattr(self, name).total, getattr(self, name).n] for name in _MEANS}
-        return means | {name: getattr(self, name) for name in _COUNTS}
+        return means | {name: getattr(self, name) for name in (*_COUNTS, *_LARGEST)}
 
     @classmethod
     def of(cls, plain: dict[str, Any], histogram: NDArray[np.int64]) -> Self:
         """What `plain` gave, and its histogram; milliseconds are not known."""
         known: dict[str, Any] = {name: Mean(*plain[name]) for name in _MEANS}
-        return cls(**known, **{name: plain[name] for name in _COUNTS}, histogram=histogram)
+        known |= {name: plain[name] for name in (*_COUNTS, *_LARGEST)}
+        return cls(**known, histogram=histogram)
 
     @property
     def n_frames(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -48,6 +48,7 @@ def force(
     """
     from ...analysis.force import calibrate, carry_over, write_calibration
     from ...errors import InputError
+    from ...report.force_figures import drawn
     from ..output import echo_json, progress, save_figures
 
     folder = out or runs[0] / "analysis"
@@ -73,31 +74,25 @@ def force(
             return
         _tell(result)
         left_out = result.left_out
-        files += save_figures(folder, lambda: _figures(result))
+        files += save_figures(folder, lambda: {one.name: one.draw() for one in drawn(result)})
     for line in left_out:
         click.echo(f"left out: {line}")
     click.echo("written: " + ", ".join(str(f) for f in files))
 
 
 def _tell(result: ForceResult) -> None:
-    from ...analysis.force import LEFT_OUT, PAPER_TABLE
+    from ...analysis.force import LEFT_OUT
     from ..output import echo_table
 
     click.echo(result.line + "\n")
-    errors = ("rmse_train", "rmse", *(f"rmse_left_out_{group}" for group in LEFT_OUT), "range")
-    rows: list[tuple[Any, ...]] = [
-        (model, f"{name}, {'N' if unit == 'n' else 'N mm'}", of["adjusted_r2"],
-         *(of[f"{key}_{unit}"] for key in errors), of["percent_of_range"],
-         of["condition_raw"], of["condition_scaled"])
-        for model, every in result.figures().items()
-        for name, of in every.items()
-        for unit in ("n" if "range_n" in of else "nmm",)
-    ]  # fmt: skip
-    nothing = [None] * (len(errors) - 2)
-    for name, (r2, rmse_n) in PAPER_TABLE.items():
-        rows.append(("as printed", f"{name}, N", r2, None, rmse_n, *nothing, None, None, None))
     head = ("model", "component", "adj. R2", "train", "test", *LEFT_OUT, "range", "% of range",
             "cond. raw", "scaled")  # fmt: skip
+    keys = ("adjusted_r2", "rmse_train", "rmse", *(f"rmse_left_out_{group}" for group in LEFT_OUT),
+            "range", "percent_of_range", "condition_raw", "condition_scaled")  # fmt: skip
+    rows = [
+        (row["model"], f"{row['component']}, {row['unit']}", *(row.get(key) for key in keys))
+        for row in result.rows()
+    ]
     echo_table(head, rows, names=2)
     data, origin = result.data, result.calibration.head.origin
     click.echo(
@@ -107,9 +102,3 @@ def _tell(result: ForceResult) -> None:
     )
     if result.field is not None:
         click.echo(result.field.line)
-
-
-def _figures(result: ForceResult) -> dict[str, Any]:
-    from ...report.force_figures import all_figures
-
-    return dict(all_figures(result))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from ..options import JSON, PATH, out_folder
 
 if TYPE_CHECKING:
-    from ...analysis.shape import ShapeResult
+    pass
 
 
 @click.command(epilog="Example: deltact-fab analyze shape smoke-run --depth depth.toml")
@@ -27,7 +27,8 @@ def shape(run: Path, depth: Path | None, out: Path | None, as_json: bool) -> Non
     over the whole face; most of the face is not pressed, so the second figure flatters.
     """
     from ...analysis.shape import analyse
-    from ..output import echo_json, progress, save_figures
+    from ...report.shape_figures import gallery
+    from ..output import echo_json, echo_table, progress, save_figures
 
     folder = out or run / "analysis"
     with progress("shape") as report:
@@ -36,23 +37,12 @@ def shape(run: Path, depth: Path | None, out: Path | None, as_json: bool) -> Non
     if as_json:
         echo_json(result.as_dict())
         return
-    _tell(result)
-    files += save_figures(folder, lambda: _figures(result))
-    click.echo("written: " + ", ".join(str(f) for f in files))
-
-
-def _tell(result: ShapeResult) -> None:
-    from ..output import echo_table
-
     click.echo(result.line + "\n")
     keys = ("frames", "depth_error_contact_mm", "depth_error_face_mm", "relative_correlation",
             "contact_iou", "centroid_error_mm", "place_error_mm", "area_mm2", "cover")  # fmt: skip
     rows = [("all", result.means()), *((name, result.means(name)) for name in result.indenters)]
     echo_table(("indenter", *keys), [(name, *(means[k] for k in keys)) for name, means in rows])
     click.echo(f"\n{result.note}")
-
-
-def _figures(result: ShapeResult) -> dict[str, Any]:
-    from ...report.shape_figures import gallery
-
-    return {"shape": gallery(result.pictures, result.note)} if result.pictures else {}
+    pictures, note = result.pictures, result.note
+    files += save_figures(folder, lambda: {"shape": gallery(pictures, note) if pictures else None})
+    click.echo("written: " + ", ".join(str(f) for f in files))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from ..options import JSON, PATH, out_folder
 
 if TYPE_CHECKING:
-    from ...analysis.tracking_error import TrackingResult
+    pass
 
 
 @click.command(epilog="Example: deltact-fab analyze tracking smoke-run --method fused")
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: bool) -> None:
     """Tracking error against truth and, as in the paper, at the dots; and which method to use."""
     from ...analysis.tracking_error import PAPER_BEST_MM, analyse, shown
+    from ...report.run_figures import error_by_indenter
     from ..output import echo_json, echo_table, progress, save_figures
 
     with progress("tracking error") as report:
@@ -58,12 +59,8 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: boo
         )
     for line in result.left_out:
         click.echo(f"left out: {line}")
-    files += save_figures(out or run / "analysis", lambda: _figures(result))
+    files += save_figures(
+        out or run / "analysis",
+        lambda: {"tracking": error_by_indenter(result.by_indenter, result.verdict, PAPER_BEST_MM)},
+    )
     click.echo("written: " + ", ".join(str(f) for f in files))
-
-
-def _figures(result: TrackingResult) -> dict[str, Any]:
-    from ...analysis.tracking_error import PAPER_BEST_MM
-    from ...report.run_figures import error_by_indenter
-
-    return {"tracking": error_by_indenter(result.by_indenter, result.verdict, PAPER_BEST_MM)}

@@ -7,43 +7,22 @@ run has it, and its record analysed as any other; then the images go, and the po
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ...analysis.force.dataset import PressPoints, points_of
 from .. import press_jobs
 
-if TYPE_CHECKING:
-    from ...patterns.recipe import PatternRecipe
-    from ...protocols.plan import Protocol
-    from ...rig.config import VirtualConfig
-    from ...shapes import SensorDimensions
-
 _ROW = ("frame_id", "indenter", "run", "press", "position", "x_mm", "y_mm", "cover")
-
-
-def given(
-    protocol: Protocol,
-    sensor: SensorDimensions,
-    recipe: PatternRecipe,
-    rig: VirtualConfig,
-    source: Path,
-    presses: Sequence[str],
-    seed: int,
-    features: Sequence[str],
-) -> dict[str, Any]:
-    """Arguments of `points` as plain data; see `press_jobs.given`."""
-    return press_jobs.given(protocol, sensor, recipe, rig, source, presses, seed) | {
-        "features": list(features)
-    }
 
 
 def points(told: dict[str, Any]) -> dict[str, Any]:
     """The points of presses: rows (lists by column), wrench (n, 6), features/NAME (n, k).
 
-    And what the gel reports, see `press_jobs.gel_of`. Raises RunFailed.
+    And what `press_jobs.gel_of` reports. told: as `press_jobs.given`, and names of `features`.
+    Raises RunFailed.
     """
     with press_jobs.carried_out(told) as (run, bench):
         name = str(told["protocol"]["name"])
@@ -53,8 +32,6 @@ def points(told: dict[str, Any]) -> dict[str, Any]:
 
 def unpacked(value: dict[str, Any]) -> PressPoints:
     """The points of a job's value."""
-    import pandas as pd
-
     features = {
         key.partition("/")[2]: array for key, array in value.items() if key.startswith("features/")
     }
@@ -62,8 +39,6 @@ def unpacked(value: dict[str, Any]) -> PressPoints:
 
 
 def _packed(parts: Sequence[PressPoints]) -> dict[str, Any]:
-    import pandas as pd
-
     rows = pd.concat([part.rows for part in parts], ignore_index=True)
     return {
         "rows": {name: rows[name].tolist() for name in _ROW},

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ...aliases import Array
 from ...analysis.force import FORCES, ForceData, ForceResult, component, fit
@@ -12,12 +13,7 @@ from ...analysis.force.judge import EvaluatedModel
 from ...errors import InputError
 from ...measure.force import ForceModel
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 ALL, STRAIGHT = "all points", "stops without shear"
-BIASED = 0.5
-"""Of the square of an error, from which on its mean over a group is most of it."""
 
 
 def error(judged: EvaluatedModel, data: ForceData, left_out: str, name: str) -> Array:
@@ -26,9 +22,10 @@ def error(judged: EvaluatedModel, data: ForceData, left_out: str, name: str) -> 
 
 
 def by_group(result: ForceResult, models: dict[str, EvaluatedModel]) -> pd.DataFrame:
-    """Error on each position and indenter when it was left out, a row a model, group and force."""
-    import pandas as pd
+    """Error on each position and indenter when it was left out, a row a model, group and force.
 
+    gain: slope of predicted on measured through 0.
+    """
     rows = []
     for label, judged in models.items():
         for group in ("position", "indenter"):
@@ -39,21 +36,16 @@ def by_group(result: ForceResult, models: dict[str, EvaluatedModel]) -> pd.DataF
                 for name in FORCES:
                     off = error(judged, result.data, group, name)[of == value]
                     measured = component(result.data.wrench, name)[of == value]
+                    size = float(measured @ measured)
                     rows.append(
                         {
                             "model": label, "left_out": group, "which": value, "force": name,
                             "points": len(off), "rmse_n": float(np.sqrt(np.mean(off**2))),
                             "mean_error_n": float(off.mean()),
-                            "gain": _gain(off, measured),
+                            "gain": 1 + float(off @ measured) / size if size else np.nan,
                         }
                     )  # fmt: skip
     return pd.DataFrame(rows)
-
-
-def _gain(off: Array, measured: Array) -> float | None:
-    """Slope of predicted on measured through 0."""
-    size = float(measured @ measured)
-    return None if size == 0 else 1 + float(off @ measured) / size
 
 
 def parts(result: ForceResult, name: str) -> pd.DataFrame:
@@ -62,8 +54,6 @@ def parts(result: ForceResult, name: str) -> pd.DataFrame:
     What a part alone is fitted to better than the whole is what the model cannot say of all. Rows
     are of the points fitted to, but for the last: stops with shear, by the fit to those without.
     """
-    import pandas as pd
-
     data = result.data
     x, y = data.points["x_mm"], data.points["y_mm"]
     sheared = data.points["frame_id"].str.split("/").str[-1].str.startswith("shear")
@@ -116,8 +106,6 @@ def under_shear(judged: EvaluatedModel, data: ForceData) -> tuple[float, float] 
     Measured, and as the model says it: standard deviations about the mean of the stops there. None
     where no depth has several stops.
     """
-    import pandas as pd
-
     depth = data.points["run"] + data.points["frame_id"].str.rsplit("/", n=1).str[0]
     said = component(judged.predicted["test"], "normal")
     table = pd.DataFrame(
@@ -133,7 +121,6 @@ def under_shear(judged: EvaluatedModel, data: ForceData) -> tuple[float, float] 
 
 def why_not_the_papers(result: ForceResult, refits: pd.DataFrame, name: str) -> str:
     """Of the paper's model off by more than the paper has: what it cannot tell apart."""
-    assert result.paper is not None, "it was asked for"
     wanted = ("one place", "one indenter", "one press")
     own = [row for row in refits.to_dict(orient="records") if row["fitted_to"] in wanted]
     said = [f"{row[f'{name}_n']:.2f} N fitted to {row['fitted_to']} alone" for row in own]
@@ -153,10 +140,8 @@ def why_missed(table: pd.DataFrame, model: str, left_out: str, name: str) -> str
     rows = table[
         (table["model"] == model) & (table["left_out"] == left_out) & (table["force"] == name)
     ]
-    worst = max(rows.to_dict(orient="records"), key=lambda row: float(row["rmse_n"]))
-    rmse_n, mean_n, gain = worst["rmse_n"], worst["mean_error_n"], worst["gain"]
-    text = f"worst at {worst['which']}: {rmse_n:.2f} N"
-    if gain is not None and mean_n**2 > BIASED * rmse_n**2:
-        text += f", {mean_n:+.2f} N of it the same for all (gain {gain:.2f})"
-    others = len(rows) - 1
-    return f"{text}; fitted to {others} other{'s' if others > 1 else ''}"
+    worst = rows.iloc[int(np.argmax(rows["rmse_n"]))]
+    return (
+        f"worst at {worst['which']}: {worst['rmse_n']:.2f} N, {worst['mean_error_n']:+.2f} N of it "
+        f"the same for all (gain {worst['gain']:.2f}); fitted to the {len(rows) - 1} others"
+    )

@@ -3,49 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from ... import __version__
-from ...analysis.force import (
-    ForceData,
-    ForceResult,
-    compare,
-    curves_of,
-    errors_kept,
-    figures,
-    fit,
-    joined,
-)
-from ...cad.design import load_design
+from ...analysis.force import ForceResult, fit_best, joined
 from ...errors import InputError
-from ...gel.level import Choice, Reach
-from ...gel.level_selection import SHARE, pick
 from ...measure.force import FEATURES
-from ...measure.force.calibration import ForceCalibration
-from ...measure.sensor_id import CalibrationSource, Head, SensorId
-from ...measure.view import SensorView
-from ...patterns.recipe import load_recipe
 from ...protocols import limits, plan
 from ...protocols.plan import Protocol, expand
-from ...rig import config as rig_config
-from ...rig.config import VirtualConfig
-from ...shapes import SensorDimensions
-from ...shapes.indenter import parse as parse_indenter
-from ...virtual.paths import PressPath, poses
-from ...virtual.presses import Presses
-from ...virtual.rig import VirtualKind
-from ..gel_remarks import interpolation
-from ..grid import GridJob
-from ..request import StudyRequest
+from ..request import StudyRequest, share_of
+from ..scene import PressScene
 from . import press
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 FEWEST = 2
 """Places and depths that are kept where there are so many: one of each can be left out."""
@@ -77,9 +46,7 @@ def scaled(protocol: Protocol, scale: float) -> Protocol:
     unless two places and two depths give over ABOVE x the points asked for; then a grid becomes its
     cross. What that comes to is the fewest points there are. Raises InputError for another scale.
     """
-    if not 0 < scale <= 1:
-        raise InputError(f"--scale: {scale:g}; expected above 0 and at most 1")
-    wanted = scale * points_of(protocol)
+    wanted = share_of(scale) * points_of(protocol)
     kept = _closest(protocol, wanted, cross=False)
     if kept.points > ABOVE * wanted and protocol.shear is not None and protocol.shear.grid:
         kept = _closest(protocol, wanted, cross=True)
@@ -146,59 +113,26 @@ def _with(protocol: Protocol, changed: dict[str, Any]) -> Protocol:
     return Protocol.model_validate(protocol.model_dump(mode="json") | changed)
 
 
-PROTOCOL, RIG = "force-calibration", "virtual"
-KNOT_S, FRAME_S = 2.0, 0.25
-"""What a knot of the gel takes on the rig `virtual`, and a frame: drawn, stored, tracked."""
-
-
-@dataclass(frozen=True)
-class ForceScene:
-    """A protocol on a virtual rig, checked; nothing has run yet. source: of the rig file."""
-
-    protocol: Protocol
-    rig: VirtualConfig
-    rig_name: str
-    source: Path
-    sensor: SensorDimensions
-    choices: tuple[Choice, ...]
-    """Of each indenter's deepest reach, by the rig's tolerance alone."""
-
-    @property
-    def kind(self) -> VirtualKind:
-        """What the rig file says and builds."""
-        return VirtualKind(self.rig, self.source)
-
-    def groups(self) -> dict[str, list[PressPath]]:
-        """Presses of an indenter at a place and its mirror images, by a name for them."""
-        found: dict[str, list[PressPath]] = {}
-        for path in Presses(self.protocol, self.sensor.skin, self.rig.virtual.gel).paths:
-            x_mm, y_mm = (abs(v) for v in path.at_mm)
-            found.setdefault(f"{path.indenter} at ({x_mm:g}, {y_mm:g})", []).append(path)
-        return found
+PROTOCOL = "force-calibration"
 
 
 @dataclass(frozen=True)
 class SimulatedForces:
-    """The results of a scene. gel: of every job, what `press.points` reports of its gel.
+    """The results of a scene of one protocol. gel: of every job, what `press_jobs.gel_of` reports.
 
-    missing: the jobs without a result, by name, and why.
+    presses: of every job, those that gave points. missing: the jobs without a result.
     """
 
-    scene: ForceScene
+    scene: PressScene
+    protocol: Protocol
     result: ForceResult
     gel: list[dict[str, Any]]
-    missing: dict[str, str]
+    missing: tuple[str, ...]
 
 
-def scene(asked: StudyRequest) -> ForceScene:
+def scene(asked: StudyRequest) -> PressScene:
     """The scene that was asked for. Raises InputError, one line, for one that cannot be used."""
     protocol, source = plan.load(asked.more.get("protocol") or PROTOCOL)
-    rig, rig_path = rig_config.load(asked.rig or RIG)
-    if not isinstance(rig, VirtualConfig):
-        raise InputError(
-            f"{rig_path}: kind: {rig.kind!r}; a study simulates on a 'virtual' rig, and takes what "
-            "a bench recorded with --from RUN"
-        )
     level = protocol.specimen.gel_model
     if level != "hyperelastic":
         raise InputError(
@@ -211,162 +145,48 @@ def scene(asked: StudyRequest) -> ForceScene:
         )
     if protocol.capture.settle_s is None:
         raise InputError(f"{source}: capture.settle_s: missing key; points are frames at rest")
-    protocol = scaled(protocol, 1.0 if asked.scale is None else asked.scale)
-    sensor = load_design(protocol.specimen.design)
-    limits.require(limits.check(protocol, sensor, rig.stage.box), str(source))
-    kind = VirtualKind(rig, rig_path)
-    if refused := kind.refusals(protocol, sensor, str(source)):
-        raise InputError(refused[0])
-    chosen = tuple(_picked(protocol, sensor, rig, name) for name in protocol.indenters)
-    return ForceScene(protocol, rig, asked.rig or RIG, rig_path, sensor, chosen)
+    return PressScene.of(asked, {protocol.name: (scaled(protocol, share_of(asked.scale)), source)})
 
 
 def simulate(asked: StudyRequest) -> SimulatedForces:
-    """Every point of the scene that was asked for, judged. Raises InputError, RunFailed."""
+    """Every point of the scene that was asked for, judged. Raises InputError, RunFailed.
+
+    A job is an indenter at a place and its mirror images.
+    """
     of = scene(asked)
-    recipe = load_recipe(of.protocol.specimen.pattern)
-    jobs = [
-        GridJob(
-            name,
-            press.points,
-            press.given(
-                of.protocol, of.sensor, recipe, of.rig, of.source,
-                [path.press for path in paths], asked.seed, list(FEATURES),
-            ),
-            _seconds(of, paths),
-        )
-        for name, paths in of.groups().items()
-    ]  # fmt: skip
-    grid = asked.solve(jobs)
-    found = grid.partial()
-    done = list(found.values())
-    view = _view(of)
-    parts = [press.unpacked(value) for value in done]
-    data = joined(parts, list(FEATURES), view, of.protocol.name)
-    head = Head(
-        "force",
-        SensorId.of(
-            view.camera, recipe.model_dump(mode="json"), of.protocol.specimen.design,
-            of.protocol.specimen.serial,
-        ),
-        CalibrationSource((of.protocol.name,), True, __version__, asked.seed),
-    )  # fmt: skip
-    return SimulatedForces(of, _judged(data, head, view, asked.seed), done, dict(grid.missing))
-
-
-def _judged(data: ForceData, head: Head, view: SensorView, seed: int) -> ForceResult:
-    judged, too_few = compare(data, seed, source=head.made.runs[0])
-    best = judged[0].name
-    kept = ForceCalibration(
-        head, fit(data, best), view.skin, view.poisson, errors_kept(figures(judged[0], data))
+    ((name, protocol),) = of.protocols.items()
+    groups: dict[str, list[str]] = {}
+    for path in of.gel(name).paths:
+        x_mm, y_mm = (abs(v) for v in path.at_mm)
+        groups.setdefault(f"{path.indenter} at ({x_mm:g}, {y_mm:g})", []).append(path.press)
+    grid = asked.solve(
+        [
+            of.job(job, name, presses, press.points, features=list(FEATURES))
+            for job, presses in groups.items()
+        ]
     )
-    left_out = [*data.left_out, *too_few]
-    return ForceResult(data, judged, kept, seed, left_out, curves_of(data, best, seed))
-
-
-def _seconds(of: ForceScene, paths: Sequence[PressPath]) -> float:
-    """What a job takes on one core: its gel, solved half-way between too at a first place."""
-    presses = Presses(of.protocol, of.sensor.skin, of.rig.virtual.gel)
-    first = next(path for path in presses.paths if path.indenter == paths[0].indenter)
-    knots = len(poses(paths[0], presses.increments, presses.relaxing_s))
-    steps = plan.expand(of.protocol)
-    frames = sum(step.frames for step in steps if step.press in {path.press for path in paths})
-    return KNOT_S * knots * (2 if first == paths[0] else 1) + FRAME_S * frames
-
-
-def _view(of: ForceScene) -> SensorView:
-    camera = of.kind.camera(of.protocol, of.sensor)
-    assert camera is not None, "images are asked for"
-    return SensorView(camera, of.sensor.skin, of.protocol.specimen.poisson)
-
-
-def _picked(protocol: Protocol, sensor: SensorDimensions, rig: VirtualConfig, name: str) -> Choice:
-    """The level that the tolerance alone picks for an indenter's whole reach."""
-    a_mm = protocol.shear.at_depth_mm(protocol.depths_mm[-1]) if protocol.shear else 0.0
-    x, y = zip(*protocol.positions_mm, strict=True)
-    reach = Reach(
-        (min(x) - a_mm, max(x) + a_mm), (min(y) - a_mm, max(y) + a_mm), protocol.depths_mm[-1]
+    done = list(grid.partial().values())
+    data = joined([press.unpacked(value) for value in done], list(FEATURES), of.view(name), name)
+    result = fit_best(
+        data, asked.seed, lambda model, error: of.calibration(name, model, error), source=name
     )
-    return pick(
-        sensor.skin,
-        Presses(protocol, sensor.skin, rig.virtual.gel).material,
-        parse_indenter(name),
-        reach,
-        rig.virtual.gel.hyperelastic.tolerance,
-    )
+    return SimulatedForces(of, protocol, result, done, tuple(grid.missing))
 
 
-def settings(of: ForceScene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
+def settings(made: SimulatedForces) -> dict[str, str]:
     """What the points were made with, as a reader is shown it."""
-    protocol, force = of.protocol, of.rig.force
-    specimen, capture = protocol.specimen, protocol.capture
-    told = limits.estimate(protocol, 0, of.rig.stage.box)
-    shear = protocol.shear
+    protocol = made.protocol
+    told = limits.estimate(protocol, 0, made.scene.rig.stage.box)
+    deepest, shear = protocol.depths_mm[-1], protocol.shear
     stops = (told.settled // told.presses - 1) // len(protocol.depths_mm) if told.presses else 0
-    range_n, range_nmm = (
-        ", ".join(f"{v:g}" for v in values) for values in (force.range_n, force.range_nmm)
-    )
-    found = {
+    return {
         "protocol": f"{protocol.name}: {len(protocol.indenters)} indenters at "
         f"{len(protocol.positions_mm)} places, {stops} settled points at each of "
         f"{len(protocol.depths_mm)} depths and one at rest: {told.settled} points",
         "depths": ", ".join(f"{d:g}" for d in protocol.depths_mm) + " mm",
-        "shear": "none"
-        if shear is None
-        else f"to +-{shear.at_depth_mm(protocol.depths_mm[-1]):g} mm along x and y at the deepest",
+        "shear": f"to +-{shear.at_depth_mm(deepest) if shear else 0:g} mm along x and y at the "
+        "deepest",
         "frames": f"{told.frames}, the tip at most {told.between_frames_mm:.2g} mm further in "
-        "each; "
-        f"{capture.settle_s or 0:g} s of rest before a settled one",
-        "rig": of.rig_name,
-        "pattern": specimen.pattern,
-        "friction": f"{specimen.friction:g}",
-        "modulus": f"{specimen.modulus_mpa:g} MPa, known to a factor of 2; Poisson's ratio "
-        f"{specimen.poisson:g}",
-        "force sensor": f"range {range_n} N and {range_nmm} N mm, noise "
-        f"{of.rig.virtual.force.noise_n:g} N a sample at {force.rate_hz:g} Hz",
-        "gel": _gel(of),
+        f"each; {protocol.capture.settle_s or 0:g} s of rest before a settled one",
+        **made.scene.settings(made.gel),
     }
-    flags = Counter(name for one in gel for name in one["flags"])
-    if flags:
-        found["gel's flags"] = "; ".join(
-            f"{name} at {n} of {len(gel)} jobs" for name, n in flags.items()
-        )
-    return found | interpolation(gel, "points")
-
-
-def _gel(of: ForceScene) -> str:
-    """Level and cells, and what the rig's cap on unknowns may make of the mesh's error."""
-    tolerance = of.rig.virtual.gel.hyperelastic.tolerance
-    levels = sorted({choice.level for choice in of.choices})
-    presses = Presses(of.protocol, of.sensor.skin, of.rig.virtual.gel)
-    meshes = [presses.choice(paths[0]) for paths in of.groups().values()]
-    cells = sorted(mesh.spacing_mm for mesh in meshes)
-    times = max((m.spacing_mm / m.asked_mm) ** 2 if m.asked_mm else 1.0 for m in meshes)
-    text = (
-        f"{of.protocol.specimen.gel_model}; the tolerance of {tolerance:.0%} of the force picks "
-        f"{' and '.join(levels)}; cells {cells[0]:g} to {cells[-1]:g} mm"
-    )
-    if times > 1:
-        asked = sorted(mesh.asked_mm for mesh in meshes)
-        text += (
-            f" where it asks for {asked[0]:g} to {asked[-1]:g}: the mesh's part of the error may "
-            f"be {times:.2g} times as large, {times * (1 - SHARE) * tolerance:.1%} of the force"
-        )
-    return text
-
-
-def meshes(gel: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """A row a job: its points' presses, mesh, flags, and what interpolation costs."""
-    import pandas as pd
-
-    rows = [
-        {
-            "presses": ", ".join(dict.fromkeys(one["rows"]["press"])),
-            "mesh": "; ".join(one["why"]),
-            "flags": "; ".join(one["flags"].values()),
-            "between_poses_n": one["between_n"] if one["between_samples"] else None,
-            "between_poses_mm": one["between_mm"] if one["between_samples"] else None,
-        }
-        for one in gel
-    ]
-    return pd.DataFrame(rows)

@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ...analysis.force import (
     FORCES,
     PAPER,
     PAPER_TABLE,
-    SHOWN,
     ForceResult,
     component,
-    enough,
 )
-from ...analysis.force.judge import EvaluatedModel, as_rows
+from ...analysis.force.judge import EvaluatedModel
 from ...report.force_figures import drawn
-from ...report.result import Headline, ReportTable, StudyResult
+from ...report.result import Headline, ReportTable, StudyResult, records
 from ..gel_remarks import MODULUS_FACTOR, remark
-from ..intervals import Interval, rmse
+from ..intervals import Interval, headline, rmse
 from .reasons import by_group, error, parts, why_missed, why_not_the_papers
 
-if TYPE_CHECKING:
-    import pandas as pd
-
+STUDY = "force-calibration"
 GOAL_N, GOAL_SHEAR = 0.2, 0.02
 """Of the normal force, and of the range in shear, on a left-out position or indenter."""
 WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_y": "shear along y"}
@@ -34,62 +32,57 @@ LEFT_OUT = {"position": "a position left out", "indenter": "an indenter left out
 
 def models(result: ForceResult) -> dict[str, EvaluatedModel]:
     """The two that the study shows."""
-    assert result.paper is not None, "it was asked for"
     return {"paper": result.paper, "best": result.best}
 
 
-def told(result: ForceResult, study: str, scale: float | None) -> StudyResult:
-    """Everything but the scene: settings, notes and what was left out are its maker's."""
+def told(result: ForceResult, scale: float | None, modulus: ReportTable | None) -> StudyResult:
+    """Everything but the scene: settings and what was left out are its maker's.
+
+    modulus: the table of what its factor changes, of a simulated gel.
+    """
     where = by_group(result, models(result))
     refits = parts(result, PAPER)
     heads = [*_best(result, where), *_paper(result, refits)]
-    made = result.calibration.head.made
+    verdict = _verdict(result, heads)
+    tables = [
+        _compared(result),
+        _left_out(where),
+        ReportTable(
+            "force-paper-refits",
+            "The paper's model fitted to parts. What it gains on a part of the points alone "
+            "is what one linear model of its sums cannot say of all. The last row is of "
+            "points that its fit has not seen.",
+            refits,
+        ),
+        _learning(result),
+    ]
+    data = _data(result, heads, verdict)
+    notes: tuple[str, ...] = ()
+    if modulus is not None:
+        tables.append(modulus)
+        rows = records(modulus.frame)
+        data["modulus"] = {"factor": MODULUS_FACTOR, "at": rows}
+        notes = (remark(STUDY, rows[1]["modulus_mpa"]),)
     return StudyResult(
-        study=study,
+        study=STUDY,
         title="Force calibration",
-        verdict=_verdict(result, heads),
-        data=_data(result, heads),
-        simulated=made.simulated,
+        verdict=verdict,
+        data=data,
+        simulated=result.calibration.head.made.simulated,
         seed=result.seed,
         scale=scale,
         headlines=tuple(heads),
-        tables=(
-            _compared(result),
-            _left_out(where),
-            ReportTable(
-                "force-paper-refits",
-                "The paper's model fitted to parts. What it gains on a part of the points alone "
-                "is what one linear model of its sums cannot say of all. The last row is of "
-                "points that its fit has not seen.",
-                refits,
-            ),
-            _learning(result),
-        ),
+        tables=tuple(tables),
         figures=tuple(drawn(result)),
-        left_out=(),
+        notes=notes,
         files={"points.csv": result.points().to_csv(index=False)},
     )
 
 
-def with_modulus(told: StudyResult, modulus_mpa: float, table: ReportTable) -> StudyResult:
-    """With what the modulus's factor changes."""
-    rows = table.frame.to_dict(orient="records")
-    note = remark(told.study, modulus_mpa)
-    return replace(
-        told,
-        tables=(*told.tables, table),
-        notes=(*told.notes, note),
-        data={**told.data, "modulus": {"factor": MODULUS_FACTOR, "at": rows}},
-    )
-
-
 def modulus(
-    result: ForceResult, modulus_mpa: float, range_n: tuple[float, ...],
-    range_nmm: tuple[float, ...],
-) -> ReportTable:  # fmt: skip
+    result: ForceResult, modulus_mpa: float, range_n: Sequence[float], range_nmm: Sequence[float]
+) -> ReportTable:
     """Ranges, errors and the load on the force sensor, at the modulus and its two ends."""
-    import pandas as pd
-
     wrench = np.abs(result.data.wrench).max(axis=0)
     sensor = np.array([*range_n, *range_nmm])
     of = result.figures()[result.best.name]
@@ -135,12 +128,8 @@ def _best(result: ForceResult, where: pd.DataFrame) -> list[Headline]:
             remark = f"of {span:.2f} N"
             if found.value > goal:
                 remark += "; " + why_missed(where, "best", left_out, name)
-            heads.append(
-                Headline(
-                    f"{result.best.name}, {WORDS[name]}, {words}: RMSE", found.value, "N",
-                    found.low, found.high, found.over, goal=goal, remark=remark,
-                )
-            )  # fmt: skip
+            what = f"{result.best.name}, {WORDS[name]}, {words}: RMSE"
+            heads.append(headline(what, "N", found, goal=goal, remark=remark))
     return heads
 
 
@@ -153,30 +142,26 @@ def _paper(result: ForceResult, refits: pd.DataFrame) -> list[Headline]:
         remark = ""
         if found.low is not None and found.low > printed_n:
             remark = why_not_the_papers(result, refits, name)
-        heads.append(
-            Headline(
-                f"paper's model, {WORDS[name]}, test points: RMSE", found.value, "N",
-                found.low, found.high, found.over, paper=printed_n, remark=remark,
-            )
-        )  # fmt: skip
+        what = f"paper's model, {WORDS[name]}, test points: RMSE"
+        heads.append(headline(what, "N", found, paper=printed_n, remark=remark))
     return heads
 
 
 def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
-    best = [head for head in heads if head.goal is not None]
     lines = [f"The model {result.line}."]
-    missed = [head for head in best if head.met is False]
-    if best and not missed:
-        lines.append(
+    held = [head for head in heads if head.goal is not None]
+    if held:
+        goal = (
             f"The goal, {GOAL_N:g} N in normal force and {GOAL_SHEAR:.0%} of the range in shear on "
-            "what was left out, is met."
+            "what was left out, is "
         )
-    elif missed:
-        named = "; ".join(
+        missed = "; ".join(
             f"{head.what.partition(', ')[2]} {head.value:.3f} N for {head.goal:.3f}"
-            for head in missed
+            for head in held
+            if not head.met
         )
-        lines.append(f"The goal is missed, for the reasons beside the figures: {named}.")
+        lines.append(f"{goal}missed, for the reasons beside the figures: {missed}." if missed
+                     else f"{goal}met.")  # fmt: skip
     paper = [head for head in heads if head.paper is not None]
     said = ", ".join(f"{head.value:.2f} N for {head.paper:.2f}" for head in paper)
     lines.append(
@@ -188,65 +173,32 @@ def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _data(result: ForceResult, heads: list[Headline]) -> dict[str, Any]:
+def _data(result: ForceResult, heads: list[Headline], verdict: tuple[str, ...]) -> dict[str, Any]:
     keys = ("adjusted_r2", "rmse_n", "rmse_left_out_position_n", "rmse_left_out_indenter_n",
             "range_n")  # fmt: skip
-    every = result.figures()
-    made = result.calibration.head.made
+    whole = result.as_dict()
+    kept = ("paper_table", "best", "n_points", "n_train", "n_test", "n_presses", "learning",
+            "enough_presses", "runs", "simulated", "left_out")  # fmt: skip
     return {
-        "verdict": list(_verdict(result, heads)),
+        **{key: whole[key] for key in kept},
+        "verdict": list(verdict),
         "models": {
-            label: {name: {key: every[judged.name][name][key] for key in keys} for name in FORCES}
-            for label, judged in models(result).items()
+            label: {name: {key: of[name][key] for key in keys} for name in FORCES}
+            for label, of in whole["models"].items()
         },
-        "paper_table": {
-            name: {"adjusted_r2": r2, "rmse_n": rmse_n}
-            for name, (r2, rmse_n) in PAPER_TABLE.items()
-        },
-        "best": result.best.name,
-        "n_points": len(result.data),
-        "n_train": len(result.best.train),
-        "n_test": len(result.best.test),
-        "n_presses": int(result.data.points["press"].nunique()),
         "headlines": [head.as_dict() for head in heads],
-        "learning": {name: as_rows(curve) for name, curve in result.curves.items()},
-        "enough_presses": {name: enough(curve) for name, curve in result.curves.items()},
-        "runs": list(made.runs),
-        "simulated": made.simulated,
         "seed": result.seed,
-        "left_out": result.left_out,
     }
 
 
 def _compared(result: ForceResult) -> ReportTable:
     """Every feature set and the paper's table."""
-    import pandas as pd
-
-    rows: list[dict[str, Any]] = []
-    for model, every in result.figures().items():
-        for name, unit in ((n, "n" if of.startswith("f") else "nmm") for n, of in SHOWN.items()):
-            of = every[name]
-            rows.append(
-                {
-                    "model": model, "component": name, "unit": "N" if unit == "n" else "N mm",
-                    "adjusted_r2": of["adjusted_r2"],
-                    "adjusted_r2_about_mean": of["regression"]["adjusted_centred_r2"],
-                    **{
-                        key: of[f"{key}_{unit}"]
-                        for key in ("rmse_train", "rmse", "rmse_left_out_position",
-                                    "rmse_left_out_indenter", "range")
-                    },
-                    "percent_of_range": of["percent_of_range"],
-                }
-            )  # fmt: skip
-    for name, (r2, rmse_n) in PAPER_TABLE.items():
-        rows.append({"model": "as printed", "component": name, "unit": "N", "adjusted_r2": r2,
-                     "rmse": rmse_n})  # fmt: skip
+    hidden = ["rmse_left_out_run", "condition_raw", "condition_scaled"]
     return ReportTable(
         "force-models",
         "Every model. Ranked by what it makes of a left-out position and indenter; RMSE without "
         "more is of the test points. The last rows are the paper's table, of a real sensor.",
-        pd.DataFrame(rows),
+        pd.DataFrame(result.rows()).drop(columns=hidden),
     )
 
 
@@ -254,7 +206,7 @@ def _left_out(where: pd.DataFrame) -> ReportTable:
     """A row a model and what was left out; columns as in normal_rmse_n."""
     keys = ["model", "left_out", "which", "points"]
     wide = where.pivot(index=keys, columns="force", values=["rmse_n", "mean_error_n", "gain"])
-    wide.columns = _joined_names(wide.columns)
+    wide.columns = wide.columns.map(lambda pair: f"{pair[1]}_{pair[0]}")
     order = [f"{name}_{value}" for name in FORCES for value in ("rmse_n", "mean_error_n", "gain")]
     frame = wide[order].reset_index().sort_values(["model", "left_out"], ascending=[True, False])
     shown = (*keys, *(column for column in order if not column.endswith("gain")), "normal_gain")
@@ -267,20 +219,34 @@ def _left_out(where: pd.DataFrame) -> ReportTable:
     )
 
 
-def _joined_names(columns: pd.Index) -> list[str]:
-    """Names as normal_rmse_n of pairs (rmse_n, normal)."""
-    return [f"{force}_{value}" for value, force in columns]
-
-
 def _learning(result: ForceResult) -> ReportTable:
-    import pandas as pd
-
     rows = [
-        {"model": name, **row} for name, curve in result.curves.items() for row in as_rows(curve)
+        {"model": name, **asdict(point)} for name, curve in result.curves.items() for point in curve
     ]
     return ReportTable(
         "force-learning",
         "How many presses. Error on all other presses when a model is fitted to few, drawn at "
         "random; low and high are the 10th and 90th percentile of the draws.",
         pd.DataFrame(rows),
+    )
+
+
+def meshes(gel: Sequence[Mapping[str, Any]]) -> ReportTable:
+    """A row a job: its points' presses, mesh, flags, and what interpolation costs."""
+    rows = [
+        {
+            "presses": ", ".join(dict.fromkeys(one["rows"]["press"])),
+            "mesh": "; ".join(one["why"]),
+            "flags": "; ".join(one["flags"].values()),
+            "between_poses_n": one["between_n"] if one["between_samples"] else None,
+            "between_poses_mm": one["between_mm"] if one["between_samples"] else None,
+        }
+        for one in gel
+    ]
+    return ReportTable(
+        "force-gel",
+        "The gel. The presses of each job, what the solver flags of their mesh, and the largest "
+        "error of linear interpolation between solved poses, where it was tried.",
+        pd.DataFrame(rows),
+        ("presses", "flags", "between_poses_n", "between_poses_mm"),
     )

@@ -40,6 +40,10 @@ class Candidate:
         """It, drawn with a seed; no marker dots."""
         return PatternRecipe(seed=seed, **dict(self.keys))
 
+    def plain(self, seed: int) -> dict[str, Any]:
+        """Its recipe as plain data."""
+        return self.recipe(seed).model_dump(mode="json", exclude_none=True)
+
     @property
     def is_paper(self) -> bool:
         """Whether it is the paper's choice."""
@@ -48,14 +52,12 @@ class Candidate:
 
 def candidates(mm_per_dot: float, mm_per_px: float) -> list[Candidate]:
     """All of them that a printer of that pitch can print and a camera of that scale can see."""
-    found = []
-    for candidate in _all():
-        size_mm = dict(candidate.keys)["patch_mm"]
-        printed = size_mm >= MIN_DOTS * mm_per_dot * (1 - 1e-9)
-        seen = MIN_PX * mm_per_px <= size_mm * (1 + 1e-9) and size_mm <= MAX_PX * mm_per_px
-        if (printed and seen) or candidate.is_paper:
-            found.append(candidate)
-    return found
+    least_mm = max(MIN_DOTS * mm_per_dot * (1 - 1e-9), MIN_PX * mm_per_px / (1 + 1e-9))
+    return [
+        candidate
+        for candidate in _all()
+        if least_mm <= dict(candidate.keys)["patch_mm"] <= MAX_PX * mm_per_px or candidate.is_paper
+    ]
 
 
 def _all() -> Iterator[Candidate]:

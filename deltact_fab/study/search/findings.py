@@ -5,22 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 
-from ...catalog import as_toml
 from ...errors import RunFailed
 from ...protocols.plan import Protocol
 from ..intervals import Interval, estimate, mean
+from ..request import StudyRequest
 from .candidates import Candidate, Size
 from .imager import PatternImager
-from .search import Pair, order
-
-if TYPE_CHECKING:
-    import pandas as pd
-
+from .search import ERROR, order
 
 DEFAULT, FARNEBACK = "fused", "paper"
 """Trackers: ours, and the paper's own, as `measure.flow.named_tracker` calls them."""
@@ -99,14 +96,6 @@ def _mean(values: Any) -> float | None:
     return float(np.mean(known)) if known else None
 
 
-def best_of(found: Sequence[ConfirmedPattern], finalists: Sequence[str]) -> ConfirmedPattern:
-    """The finalist with the least mean error. Raises RunFailed where none was confirmed."""
-    for one in found:
-        if one.pattern in finalists:
-            return one
-    raise RunFailed("pattern-search: no finalist could be tracked on the gel")
-
-
 def gain(
     found: Sequence[ConfirmedPattern], finalists: Sequence[str], paper: str
 ) -> Interval | None:
@@ -119,14 +108,15 @@ def gain(
     if paper not in by_name:
         return None
     candidates = np.array([by_name[name] for name in finalists if name in by_name])
-    rows = np.column_stack((chosen_by_others(candidates), by_name[paper]))
-    return estimate(rows, range(len(rows)), _ratio, "seed", "positive")
+    return ratio(chosen_by_others(candidates), by_name[paper])
 
 
-def ratio(a: ConfirmedPattern, b: ConfirmedPattern) -> Interval:
-    """Mean error of one pattern over that of another, seed by seed, with its interval."""
-    rows = np.column_stack((a.errors_mm, b.errors_mm))
-    return estimate(rows, range(len(rows)), _ratio, "seed", "positive")
+def ratio(errors_mm: ArrayLike, other_mm: ArrayLike) -> Interval:
+    """Mean of errors (seeds,) over that of others, seed by seed, with its interval."""
+    rows = np.column_stack((errors_mm, other_mm))
+    return estimate(
+        rows, range(len(rows)), lambda r: float(r[:, 0].mean() / r[:, 1].mean()), "seed", "positive"
+    )
 
 
 def chosen_by_others(errors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -141,11 +131,6 @@ def chosen_by_others(errors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(errors[rest.argmin(axis=0), np.arange(n)])
 
 
-def _ratio(rows: NDArray[np.float64]) -> float:
-    return float(rows[:, 0].mean() / rows[:, 1].mean())
-
-
-UM = 1000.0
 RECIPE_SEED = 7
 MIN_ORDERED = 6
 
@@ -154,50 +139,43 @@ MIN_ORDERED = 6
 class Findings:
     """All that the two grids gave.
 
-    frame: of candidates. order, sure_order, lost_order: of predictors, by the drag's error, by that
-    of the pixels that the tracker is sure of, and by the share that it is not sure of. presses: by
-    name. confirmations: by held-out seed, what `confirm` gave of each press.
+    frame: of candidates. presses: of a held-out seed, by name. ours, farneback: what was confirmed
+    by the default and by the paper's own tracker, best first; refused: why not, of the others.
+    seen: what `confirm` gave of a first press.
     """
 
-    bench: PatternImager
+    asked: StudyRequest
     rig: str
-    seed: int
-    scale: float | None
+    bench: PatternImager
     size: Size
     protocol: Protocol
-    among: tuple[Candidate, ...]
+    presses: list[str]
+    among: list[Candidate]
     frame: pd.DataFrame
-    order: pd.DataFrame
-    sure_order: pd.DataFrame
-    lost_order: pd.DataFrame
-    pair: Pair | None
-    finalists: tuple[str, ...]
+    finalists: list[str]
     paper: str
     shipped: str | None
-    confirmed_names: tuple[str, ...]
-    presses: tuple[str, ...]
-    confirmations: tuple[Sequence[Mapping[str, Any]], ...]
+    ours: list[ConfirmedPattern]
+    farneback: list[ConfirmedPattern]
+    refused: dict[str, str]
+    seen: Mapping[str, Any]
     missing: tuple[str, ...]
 
     @cached_property
-    def ours(self) -> list[ConfirmedPattern]:
-        """With the default tracker, best first."""
-        return confirmed(self.confirmations, self.confirmed_names, DEFAULT)[0]
-
-    @cached_property
-    def refused(self) -> dict[str, str]:
-        """Patterns that could not be tracked on the gel, and why."""
-        return confirmed(self.confirmations, self.confirmed_names, DEFAULT)[1]
-
-    @cached_property
-    def farneback(self) -> list[ConfirmedPattern]:
-        """With the paper's own tracker."""
-        return confirmed(self.confirmations, self.confirmed_names, FARNEBACK)[0]
-
-    @cached_property
     def best(self) -> ConfirmedPattern:
-        """The pattern to print. Raises RunFailed where no finalist was tracked."""
-        return best_of(self.ours, self.finalists)
+        """The pattern to print: the finalist with the least error.
+
+        Raises RunFailed where none was tracked on the gel.
+        """
+        for one in self.ours:
+            if one.pattern in self.finalists:
+                return one
+        raise RunFailed("pattern-search: no finalist could be tracked on the gel")
+
+    @cached_property
+    def recipe(self) -> dict[str, Any]:
+        """Of the pattern to print."""
+        return next(c for c in self.among if c.name == self.best.pattern).plain(RECIPE_SEED)
 
     @cached_property
     def gain(self) -> Interval | None:
@@ -205,11 +183,19 @@ class Findings:
         return gain(self.ours, self.finalists, self.paper)
 
     @cached_property
-    def confirmed_order(self) -> pd.DataFrame | None:
-        """Of predictors, by the error on the gel; None where too few patterns were confirmed."""
+    def orders(self) -> dict[str, pd.DataFrame]:
+        """Of predictors: by the drag's error, by that of the pixels that the tracker is sure of
+        (`sure`), by the share that it is not sure of (`lost`), and by the error on the gel (`gel`)
+        where enough patterns were confirmed.
+        """
         errors = {one.pattern: one.error.value for one in self.ours}
-        part = self.frame.assign(confirmed_mm=self.frame["pattern"].map(errors))
-        return order(part, "confirmed_mm") if len(errors) >= MIN_ORDERED else None
+        frame = self.frame.assign(
+            lost=1 - self.frame["coverage"], gel=self.frame["pattern"].map(errors)
+        )
+        columns = {"": ERROR, "sure": "confident_error_mm", "lost": "lost"}
+        if len(errors) >= MIN_ORDERED:
+            columns["gel"] = "gel"
+        return {name: order(frame, column) for name, column in columns.items()}
 
     def of(self, found: list[ConfirmedPattern], name: str | None) -> ConfirmedPattern | None:
         """A confirmed pattern by its name."""
@@ -219,20 +205,3 @@ class Findings:
         """A candidate's row of the table of the search."""
         row = self.frame[self.frame["pattern"] == name].iloc[0]
         return {str(column): value for column, value in row.items()}
-
-
-def recipe_text(found: Findings) -> str:
-    """The winner as a recipe file, with the figures that speak for it."""
-    candidate = next(c for c in found.among if c.name == found.best.pattern)
-    recipe = candidate.recipe(RECIPE_SEED).model_dump(mode="json", exclude_none=True)
-    words = found.bench.words()
-    about = [
-        f"The best of {len(found.among)} patterns for this printer and camera, simulated:",
-        f"{words['printer']};",
-        f"{words['camera']}.",
-        f"Mean error of the moving pixels {UM * found.best.error.value:.2g} µm"
-        + (f", {found.gain.value:.2f} of that of the paper's d 0.075, r 0.6" if found.gain else "")
-        + f" ({found.best.error.over}).",
-        "Its seed may be any.",
-    ]
-    return as_toml({k: v for k, v in recipe.items() if (k, v) != ("channels", 3)}, about)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...catalog import validate
 from ...errors import InputError
 from ...imaging import ImageSensor, Printer
 from ...optics import Pinhole
-from ...rig.config import VirtualConfig, load
 from ...rig.simulator import PrinterConfig, SimulatedCameraConfig
 from ...shapes import SensorDimensions
+from ..request import virtual_rig
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,9 @@ class PatternImager:
         )
         return replace(sensor, optics=optics)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data, which `from_dict` reads."""
-        return asdict(self)
-
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> PatternImager:
-        """What `as_dict` gave."""
+        """What `asdict` gave."""
         return cls(Printer(**data["printer"]), ImageSensor(**data["sensor"]), data["mm_per_px"])
 
     def words(self) -> dict[str, str]:
@@ -78,16 +74,6 @@ OPTIONS = ("mm_per_px", *PrinterConfig.model_fields, "blur_px", "full_well_elect
 """What may be asked for by name; everything else is the rig file's."""
 
 
-def rig_of(name: str) -> VirtualConfig:
-    """A virtual rig by name or path. Raises InputError for another one."""
-    config, path = load(name)
-    if config.kind != "virtual":
-        raise InputError(
-            f"{path}: kind: {config.kind!r} has no model of printer and camera; name a virtual rig"
-        )
-    return config
-
-
 def bench_of(rig: str, more: dict[str, Any]) -> PatternImager:
     """Printer and camera of a virtual rig's file, changed by the given options.
 
@@ -103,7 +89,7 @@ def bench_of(rig: str, more: dict[str, Any]) -> PatternImager:
             f"pattern-search: mm_per_px: {mm_per_px:g}; {MIN_MM_PER_PX} to {MAX_MM_PER_PX} mm "
             "of the face a pixel can be simulated"
         )
-    tables = rig_of(rig).virtual
+    tables = virtual_rig(rig)[0].virtual
     printer, camera = (
         validate(
             kind,

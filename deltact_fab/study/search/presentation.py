@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from ...report.figures import COLOURS, INK, PAPER_COLOUR, SOFT, blank, legend_below, log_ticks
@@ -17,7 +18,6 @@ from .findings import DEFAULT, ConfirmedPattern, Findings
 from .search import ERROR, PREDICTORS
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
 
@@ -74,15 +74,16 @@ def correlations(orders: Mapping[str, pd.DataFrame]) -> Figure:
     return figure
 
 
-def confirmed_errors(rows: Sequence[Mapping[str, Any]], best: str, paper: str) -> Figure:
+def confirmed_errors(found: Sequence[ConfirmedPattern], best: str, paper: str) -> Figure:
     """Mean error of each confirmed pattern with its interval, the best at the top."""
+    rows = found[::-1]
     figure, (axis,) = blank(9.6, 0.32 * len(rows) + 1.1)
-    for i, row in enumerate(reversed(rows)):
-        colour = {best: COLOURS[2], paper: COLOURS[4]}.get(row["pattern"], COLOURS[0])
-        if row["low_mm"] is not None:
-            axis.plot([UM * row["low_mm"], UM * row["high_mm"]], [i, i], color=colour, lw=2)
-        axis.plot(UM * row["mean_error_mm"], i, "o", color=colour, ms=6)
-    axis.set_yticks(np.arange(len(rows)), [row["pattern"] for row in reversed(rows)])
+    for i, one in enumerate(rows):
+        colour = {best: COLOURS[2], paper: COLOURS[4]}.get(one.pattern, COLOURS[0])
+        if one.error.low is not None and one.error.high is not None:
+            axis.plot([UM * one.error.low, UM * one.error.high], [i, i], color=colour, lw=2)
+        axis.plot(UM * one.error.value, i, "o", color=colour, ms=6)
+    axis.set_yticks(np.arange(len(rows)), [one.pattern for one in rows])
     axis.set_xlabel("mean error of the moving pixels on the finite-strain gel, µm")
     log_ticks(axis, "x")
     return figure
@@ -113,119 +114,98 @@ CONFIRMED_WORDS = {
     "p95_error_mm": "95th percentile, mm",
     "share_of_paper": "share of the paper's",
 }
-NOT_SHOWN = ("column", "over", "patterns")
-ORDER_WORDS = {
-    "rho": "mean error",
-    "low": "from",
-    "high": "to",
-    "needs_tracker": "needs a tracker",
-    "rho_sure": "of the sure",
-    "low_sure": "from",
-    "high_sure": "to",
-    "rho_lost": "not sure of",
-    "low_lost": "from",
-    "high_lost": "to",
-    "rho_gel": "gel",
-    "low_gel": "from",
-    "high_gel": "to",
-}
+ORDERS = {"": "mean error", "sure": "of the sure", "lost": "not sure of", "gel": "gel"}
+"""Of `Findings.orders`: what stands above a column of the table."""
 
 
 def tables(found: Findings) -> tuple[ReportTable, ...]:
-    import pandas as pd
-
-    rows = [c.as_row() | _by_press(found, c) for c in (*found.ours, *found.farneback)]
-    confirmed_rows = pd.DataFrame(rows)
+    """What was confirmed, the candidates, what orders them, and two predictors together."""
+    both = (*found.ours, *found.farneback)
+    confirmed = pd.DataFrame([c.as_row() for c in both])
+    if len(found.presses) > 1:
+        for k, press in enumerate(found.presses):
+            confirmed[f"{press.replace('/', '-')}_mm"] = [c.by_press_mm[k] for c in both]
     paper = found.of(found.ours, found.paper)
     if paper is not None:
-        shares = [None if c.method != DEFAULT else c.error.value / paper.error.value
-                  for c in (*found.ours, *found.farneback)]  # fmt: skip
-        confirmed_rows["share_of_paper"] = shares
+        confirmed["share_of_paper"] = [
+            c.error.value / paper.error.value if c.method == DEFAULT else None for c in both
+        ]
     columns = (
         "pattern", "error_mm", "coverage", "bridged_mm", "leap_error_mm",
         *(p.column for p in PREDICTORS), "refused",
     )  # fmt: skip
-    orders = found.order
-    for suffix, other in (
-        ("_sure", found.sure_order),
-        ("_lost", found.lost_order),
-        ("_gel", found.confirmed_order),
-    ):
-        if other is not None:
-            orders = orders.merge(
-                other[["predictor", "rho", "low", "high"]],
-                on="predictor", how="left", suffixes=("", suffix),
-            )  # fmt: skip
-    seeds = f"{found.size.seeds} seed{'s' * (found.size.seeds > 1)}"
-    out = [
-        ReportTable("confirmed", "Confirmed on the finite-strain gel. Means over "
-              f"{found.size.held_out} seeds that the search has not seen.", confirmed_rows,
-              words=CONFIRMED_WORDS),
-        ReportTable("candidates", f"The candidates. Means over {seeds}, best first; of the longest "
-              "step that is bridged the least; leap: all of the motion in one step.", found.frame,
-              tuple(c for c in columns if c in found.frame),
-              WORDS | {p.column: p.words for p in PREDICTORS}),
-        ReportTable("predictors", "What orders them. Rank correlation with the candidates' mean "
-              "error, with that of the pixels that the tracker is sure of, with the share that it "
-              "is not sure of, and with the mean error on the gel where it is known; 1: what it "
-              "calls better is better.", orders,
-              tuple(str(c) for c in orders if c not in NOT_SHOWN), ORDER_WORDS),
-    ]  # fmt: skip
-    if found.pair is not None:
-        left_out = [
-            {"family": name, "picked": " and ".join(names), "rho_within": rho}
-            for name, (names, rho) in found.pair.left_out.items()
-        ]
-        out.append(
-            ReportTable("families-left-out", "Two predictors together. By their mean rank, picked "
-                  "without the family that they then order.", pd.DataFrame(left_out),
-                  words={"rho_within": "rank correlation in it"})
-        )  # fmt: skip
-    return tuple(out)
-
-
-def _by_press(found: Findings, one: ConfirmedPattern) -> dict[str, float]:
-    """The error of each press, where there are several."""
-    if len(found.presses) == 1:
-        return {}
-    names = (f"{press.replace('/', '-')}_mm" for press in found.presses)
-    return dict(zip(names, one.by_press_mm, strict=True))
+    orders, words = found.orders[""], {"needs_tracker": "needs a tracker"}
+    for name, order in found.orders.items():
+        suffix = name and f"_{name}"
+        part = order[["predictor", "rho", "low", "high"]]
+        if suffix:
+            orders = orders.merge(part, on="predictor", how="left", suffixes=("", suffix))
+        words |= {f"rho{suffix}": ORDERS[name], f"low{suffix}": "from", f"high{suffix}": "to"}
+    return (
+        ReportTable(
+            "confirmed",
+            "Confirmed on the finite-strain gel. Means over "
+            f"{found.size.held_out} seeds that the search has not seen.",
+            confirmed,
+            words=CONFIRMED_WORDS,
+        ),
+        ReportTable(
+            "candidates",
+            f"The candidates. Means over {found.size.seeds} seeds, best first; of the longest "
+            "step that is bridged the least; leap: all of the motion in one step.",
+            found.frame,
+            tuple(c for c in columns if c in found.frame),
+            WORDS | {p.column: p.words for p in PREDICTORS},
+        ),
+        ReportTable(
+            "predictors",
+            "What orders them. Rank correlation with the candidates' mean error, with that of the "
+            "pixels that the tracker is sure of, with the share that it is not sure of, and with "
+            "the mean error on the gel where it is known; 1: what it calls better is better.",
+            orders,
+            tuple(str(c) for c in orders if c not in ("column", "over", "patterns")),
+            words,
+        ),
+    )
 
 
 def drawn(found: Findings) -> tuple[ReportFigure, ...]:
-    pictures = _pictures(found)
-    words = {found.paper: f"the paper's: {found.paper}"}
-    out = [
-        ReportFigure("confirmed", "Mean error on the finite-strain gel with its 95 % interval over "
-              "the seeds; simulated.",
-              partial(confirmed_errors, [c.as_row() for c in found.ours],
-                      found.best.pattern, found.paper)),
-        ReportFigure("predictors-against-error", "Each predictor against the candidates' error, in "
-              f"the search; rings: the paper's and the finalists, {_numbered(found)}.",
-              partial(predictors_against_error, found.frame, found.finalists,
-                      found.paper)),
-        ReportFigure("rank-correlations", "How well each predictor orders the candidates, with its "
-              "95 % interval over kinds of pattern: by their mean error, by that of the pixels "
-              "that the tracker is sure of, and by the share that it is not sure of.",
-              partial(correlations,
-                      {"mean error": found.order, "error of the sure": found.sure_order,
-                       "share not sure of": found.lost_order})),
-    ]  # fmt: skip
-    if pictures:
-        out.append(
-            ReportFigure("seen", "Patterns at rest as the camera sees them.",
-                  partial(strip, pictures, words))
-        )  # fmt: skip
-    return tuple(out)
-
-
-def _numbered(found: Findings) -> str:
-    return ", ".join(f"{i} {name}" for i, name in enumerate(found.finalists, start=1))
-
-
-def _pictures(found: Findings) -> dict[str, Any]:
-    if not found.confirmations:
-        return {}
-    first = found.confirmations[0][0]
+    """What was confirmed, each predictor, how well they order, and what the camera sees."""
+    numbered = ", ".join(f"{i} {name}" for i, name in enumerate(found.finalists, start=1))
     names = dict.fromkeys((found.best.pattern, *found.finalists[:3], found.paper))
-    return {n: first[f"picture/{n}"] for n in names if f"picture/{n}" in first}
+    pictures = {n: found.seen[f"picture/{n}"] for n in names if f"picture/{n}" in found.seen}
+    orders = {
+        "mean error": found.orders[""],
+        "error of the sure": found.orders["sure"],
+        "share not sure of": found.orders["lost"],
+    }
+    out = [
+        ReportFigure(
+            "confirmed",
+            "Mean error on the finite-strain gel with its 95 % interval over the seeds; simulated.",
+            partial(confirmed_errors, found.ours, found.best.pattern, found.paper),
+        ),
+        ReportFigure(
+            "predictors-against-error",
+            "Each predictor against the candidates' error, in the search; rings: the paper's and "
+            f"the finalists, {numbered}.",
+            partial(predictors_against_error, found.frame, found.finalists, found.paper),
+        ),
+        ReportFigure(
+            "rank-correlations",
+            "How well each predictor orders the candidates, with its 95 % interval over kinds of "
+            "pattern: by their mean error, by that of the pixels that the tracker is sure of, and "
+            "by the share that it is not sure of.",
+            partial(correlations, orders),
+        ),
+    ]
+    if pictures:
+        words = {found.paper: f"the paper's: {found.paper}"}
+        out.append(
+            ReportFigure(
+                "seen",
+                "Patterns at rest as the camera sees them.",
+                partial(strip, pictures, words),
+            )
+        )
+    return tuple(out)

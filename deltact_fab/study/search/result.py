@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict
+from typing import Any
 
+import pandas as pd
+
+from ...catalog import as_toml
 from ...protocols.plan import expand
-from ...report.result import Headline, LeftOut, StudyResult
-from ..intervals import Interval
+from ...report.result import Headline, LeftOut, StudyResult, records
+from ..intervals import Interval, headline, told
 from .candidates import MAX_PX, MIN_DOTS, MIN_PX
-from .findings import GOAL, RECIPE_SEED, UM, Findings, ratio, recipe_text
-from .presentation import drawn, tables
+from .findings import GOAL, ConfirmedPattern, Findings, ratio
+from .presentation import UM, drawn, tables
 from .search import MIN_BRIDGED_MM, MIN_COVERAGE
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 RECIPE_FILE = "best-pattern.toml"
+LEFT_OUT = (
+    LeftOut(
+        "grey patterns",
+        "a printer makes them of one ink, which the model of three does not hold; and the "
+        "tracker's second witness is colour",
+    ),
+    LeftOut("marker dots", "they are features themselves and would flatter the error"),
+    LeftOut("the lens", "the view is a pinhole's: the search is for a scale in mm a pixel"),
+    LeftOut("the search's own gel", "its drag is a known motion: nothing is solved for it"),
+)
 
 
 def result(found: Findings) -> StudyResult:
@@ -26,135 +37,101 @@ def result(found: Findings) -> StudyResult:
         verdict=_verdict(found),
         data=_data(found),
         simulated=True,
-        seed=found.seed,
-        scale=found.scale,
+        seed=found.asked.seed,
+        scale=found.asked.scale,
         headlines=_headlines(found),
         tables=tables(found),
         figures=drawn(found),
         settings=_settings(found),
         notes=_notes(found),
-        left_out=_left_out(),
+        left_out=LEFT_OUT,
         missing=found.missing,
-        files={RECIPE_FILE: recipe_text(found)},
+        files={RECIPE_FILE: _recipe_text(found)},
     )
 
 
-def _um(value: Interval) -> str:
-    if value.low is None or value.high is None:
-        return f"{UM * value.value:.2f} µm"
-    return f"{UM * value.value:.2f} µm ({UM * value.low:.2f} to {UM * value.high:.2f})"
+def _um(one: ConfirmedPattern) -> str:
+    return told(one.error, "µm", ".2f", UM)
 
 
-def _interval(value: Interval) -> str:
-    if value.low is None or value.high is None:
-        return f"{value.value:.2f}"
-    return f"{value.value:.2f} ({value.low:.2f} to {value.high:.2f})"
+def _by_farneback(found: Findings) -> list[ConfirmedPattern]:
+    """The best of the search and the paper's pattern by the paper's tracker, where it has both."""
+    pair = [found.of(found.farneback, name) for name in (*found.finalists[:1], found.paper)]
+    known = [one for one in pair if one is not None]
+    return known if len(known) == 2 else []
 
 
 def _verdict(found: Findings) -> tuple[str, ...]:
-    best, paper = found.best, found.of(found.ours, found.paper)
+    best, paper, gain = found.best, found.of(found.ours, found.paper), found.gain
     d_mm = found.row(best.pattern)["patch_mm"]
     px, dots = d_mm / found.bench.mm_per_px, d_mm / found.bench.printer.mm_per_dot
     lines = [
         f"Print {best.pattern}, patches of {px:.1f} camera pixels and {dots:.1f} printer dots: its "
-        f"mean error is {_um(best.error)}, over {best.error.over}."
+        f"mean error is {_um(best)}, over {best.error.over}."
     ]
-    if found.gain is not None and paper is not None:
-        met = "met" if found.gain.value <= GOAL else "missed"
-        lines.append(
-            f"That is {_interval(found.gain)} of the {_um(paper.error)} of the paper's d 0.075, "
-            f"r 0.6; the goal of a third is {met}."
-        )
-    else:
+    if gain is None or paper is None:
         lines.append("The paper's d 0.075, r 0.6 could not be tracked here at all.")
-    far = [found.of(found.farneback, name) for name in (found.finalists[0], found.paper)]
-    if far[0] is not None and far[1] is not None:
+    else:
         lines.append(
-            f"The paper's own tracker (Farneback, summed): {far[0].pattern} "
-            f"{_um(far[0].error)}, the paper's pattern {_um(far[1].error)}."
+            f"That is {told(gain, digits='.2f')} of the {_um(paper)} of the paper's d 0.075, "
+            f"r 0.6; the goal of a third is {'met' if gain.value <= GOAL else 'missed'}."
         )
-    lines.append(_of_predictors(found))
-    lines.append(_of_leaps(found))
-    return tuple(lines)
-
-
-def _of_predictors(found: Findings) -> str:
-    """What orders patterns, and of two things that make the error, what orders each."""
-    whole, sure, lost = (
-        _best_order(order) for order in (found.order, found.sure_order, found.lost_order)
+    if far := _by_farneback(found):
+        lines.append(
+            f"The paper's own tracker (Farneback, summed): {far[0].pattern} {_um(far[0])}, the "
+            f"paper's pattern {_um(far[1])}."
+        )
+    sure = found.orders["sure"]
+    whole, of_sure, of_lost, of_image = (
+        _first(order)
+        for order in (found.orders[""], sure, found.orders["lost"], sure[~sure["needs_tracker"]])
     )
-    image = _best_order(found.sure_order[~found.sure_order["needs_tracker"]])
-    first = found.order.iloc[0]
-    certain = first["low"] is not None and first["low"] > 0
-    lead = (
-        f"What orders patterns by their mean error best is {whole}"
-        if certain
-        else f"No figure orders patterns by their mean error for certain; the best is {whole}"
-    )
+    low = found.orders[""].iloc[0]["low"]
+    doubt = "" if low is not None and low > 0 else ", but not for certain"
+    row = found.row(best.pattern)
+    known = found.frame[found.frame["leap_error_mm"].notna()]
+    bold = known.sort_values(["bridged_mm", "leap_error_mm"], ascending=[False, True]).iloc[0]
     return (
-        f"{lead}. Two things make it: how exactly pixels are followed, best ordered by {sure}, of "
-        f"one image alone by {image}; and how many are not followed, by {lost}."
+        *lines,
+        f"What orders patterns by their mean error best is {whole}{doubt}. Two things make it: how "
+        f"exactly pixels are followed, best ordered by {of_sure}, of one image alone by "
+        f"{of_image}; and how many are not followed, by {of_lost}.",
+        f"It is followed in steps of up to {row['bridged_mm']:.1f} mm a frame; the longest that "
+        f"any is followed in is {bold['bridged_mm']:.1f} mm, by {bold['pattern']}, at "
+        f"{bold['error_mm'] / row['error_mm']:.1f} times the error of the search.",
     )
 
 
-def _best_order(order: pd.DataFrame) -> str:
+def _first(order: pd.DataFrame) -> str:
     """The first predictor of an order with its rank correlation and interval."""
     row = order.iloc[0]
     rho = Interval(row["rho"], row["low"], row["high"], row["over"])
-    return f"{row['predictor']}, {_interval(rho)}"
-
-
-def _of_leaps(found: Findings) -> str:
-    """Of motions in one step, where another pattern is the better one."""
-    best = found.row(found.best.pattern)
-    known = found.frame[found.frame["leap_error_mm"].notna()]
-    bold = known.sort_values(["bridged_mm", "leap_error_mm"], ascending=[False, True]).iloc[0]
-    line = f"It is followed in steps of up to {best['bridged_mm']:.1f} mm a frame"
-    if bold["bridged_mm"] <= best["bridged_mm"]:
-        return f"{line}, and no candidate in longer ones."
-    return (
-        f"{line}; where frames are further apart, {bold['pattern']} bridges "
-        f"{bold['bridged_mm']:.1f} mm at {bold['error_mm'] / best['error_mm']:.1f} times the error "
-        "of the search."
-    )
+    return f"{row['predictor']}, {told(rho, digits='.2f')}"
 
 
 def _headlines(found: Findings) -> tuple[Headline, ...]:
-    error = found.best.error
     out = [
-        Headline(
-            "mean error, the pattern to print",
-            UM * error.value,
-            "µm",
-            None if error.low is None else UM * error.low,
-            None if error.high is None else UM * error.high,
-            error.over,
+        headline(
+            "mean error, the pattern to print", "µm", found.best.error, UM,
             remark="moving pixels, default tracker, no dots, finite-strain gel",
         )
-    ]
+    ]  # fmt: skip
     if found.gain is not None:
-        g = found.gain
         out.append(
-            Headline("its share of the paper's pattern's error", g.value, "", g.low, g.high,
-                     g.over, goal=GOAL,
-                     remark="for each seed the finalist that the other seeds call best")
+            headline(
+                "its share of the paper's pattern's error", "", found.gain, goal=GOAL,
+                remark="for each seed the finalist that the other seeds call best",
+            )
         )  # fmt: skip
-    far = [found.of(found.farneback, name) for name in (found.finalists[0], found.paper)]
-    if far[0] is not None and far[1] is not None:
-        share = ratio(far[0], far[1])
+    if far := _by_farneback(found):
         out.append(
-            Headline(f"the same share with the paper's tracker, {far[0].pattern}", share.value,
-                     "", share.low, share.high, share.over,
-                     remark="Farneback, summed, reference renewed by a photometric threshold")
-        )  # fmt: skip
-    if found.pair is not None:
-        held = found.pair.held_out
-        out.append(
-            Headline("rank correlation of the best two predictors, families left out", held.value,
-                     "", held.low, held.high, held.over, better="high",
-                     remark=f"chosen on all: {' and '.join(found.pair.names)}, "
-                     f"{found.pair.rho:.2f}")
-        )  # fmt: skip
+            headline(
+                f"the same share with the paper's tracker, {far[0].pattern}",
+                "",
+                ratio(far[0].errors_mm, far[1].errors_mm),
+                remark="Farneback, summed, reference renewed by a photometric threshold",
+            )
+        )
     return tuple(out)
 
 
@@ -179,72 +156,53 @@ def _settings(found: Findings) -> dict[str, str]:
 
 
 def _notes(found: Findings) -> tuple[str, ...]:
-    notes = [
+    none = found.frame[found.frame["refused"] != ""]
+    return (
         "Printer and camera are models with assumed parameters, not measured ones: print the best "
         "few on one sheet and run `study run pattern-selection` on your bench before you commit.",
         "The rank correlations hold for these candidates, this tracker, and a drag that nearly "
         "folds the skin.",
-    ]
-    notes += [
-        f"{name} could not be tracked on the gel: {why}" for name, why in found.refused.items()
-    ]
-    none = found.frame[found.frame["refused"] != ""]
-    notes += [f"{row['pattern']}: {row['refused']}" for _, row in none.iterrows()]
-    return tuple(notes)
-
-
-def _left_out() -> tuple[LeftOut, ...]:
-    return (
-        LeftOut(
-            "grey patterns",
-            "a printer makes them of one ink, which the model of three does "
-            "not hold; and the tracker's second witness is colour",
-        ),
-        LeftOut("marker dots", "they are features themselves and would flatter the error"),
-        LeftOut("the lens", "the view is a pinhole's: the search is for a scale in mm a pixel"),
-        LeftOut("the search's own gel", "its drag is a known motion: nothing is solved for it"),
+        *(f"{name} could not be tracked on the gel: {why}" for name, why in found.refused.items()),
+        *(f"{row['pattern']}: {row['refused']}" for _, row in none.iterrows()),
     )
 
 
 def _data(found: Findings) -> dict[str, Any]:
-    def estimate(value: Interval | None) -> dict[str, Any] | None:
-        return None if value is None else dict(value._asdict())
+    def plain(value: Interval | None) -> dict[str, Any] | None:
+        return None if value is None else value._asdict()
 
-    shipped = found.of(found.ours, found.shipped)
-    pair = found.pair
+    best, shipped = found.best, found.of(found.ours, found.shipped)
+    bench = asdict(found.bench)
     return {
-        "printer": found.bench.as_dict()["printer"],
-        "camera": found.bench.as_dict()["sensor"] | {"mm_per_px": found.bench.mm_per_px},
-        "best": {"pattern": found.best.pattern, **_keys(found)},
-        "best_mean_error_mm": estimate(found.best.error),
-        "best_over_paper": estimate(found.gain),
-        "best_over_shipped": estimate(None if shipped is None else ratio(found.best, shipped)),
+        "printer": bench["printer"],
+        "camera": bench["sensor"] | {"mm_per_px": bench["mm_per_px"]},
+        "best": {"pattern": best.pattern, "recipe": found.recipe},
+        "best_mean_error_mm": plain(best.error),
+        "best_over_paper": plain(found.gain),
+        "best_over_shipped": shipped and plain(ratio(best.errors_mm, shipped.errors_mm)),
         "goal_over_paper": GOAL,
         "goal_met": None if found.gain is None else found.gain.value <= GOAL,
         "confirmed": [c.as_row() for c in found.ours],
         "farneback": [c.as_row() for c in found.farneback],
-        "predictors": _records(found.order),
-        "predictors_of_the_sure": _records(found.sure_order),
-        "predictors_of_the_lost": _records(found.lost_order),
-        "combined": None
-        if pair is None
-        else {
-            "picked": list(pair.names),
-            "rho": pair.rho,
-            "rho_families_left_out": estimate(pair.held_out),
-        },
-        "candidates": _records(found.frame),
+        "predictors": records(found.orders[""]),
+        "predictors_of_the_sure": records(found.orders["sure"]),
+        "predictors_of_the_lost": records(found.orders["lost"]),
+        "candidates": records(found.frame),
         "search_seeds": found.size.seeds,
         "held_out_seeds": found.size.held_out,
-    }
+    }  # fmt: skip
 
 
-def _keys(found: Findings) -> dict[str, Any]:
-    candidate = next(c for c in found.among if c.name == found.best.pattern)
-    return {"recipe": candidate.recipe(RECIPE_SEED).model_dump(mode="json", exclude_none=True)}
-
-
-def _records(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows as plain data, None where there is no number."""
-    plain = frame.astype(object).where(frame.notna(), None)
-    return [{str(k): v for k, v in row.items()} for row in plain.to_dict("records")]
+def _recipe_text(found: Findings) -> str:
+    """The winner as a recipe file, with the figures that speak for it."""
+    words = found.bench.words()
+    share = f", {found.gain.value:.2f} of that of the paper's d 0.075, r 0.6" if found.gain else ""
+    about = [
+        f"The best of {len(found.among)} patterns for this printer and camera, simulated:",
+        f"{words['printer']};",
+        f"{words['camera']}.",
+        f"Mean error of the moving pixels {UM * found.best.error.value:.2g} µm{share} "
+        f"({found.best.error.over}).",
+        "Its seed may be any.",
+    ]
+    return as_toml({k: v for k, v in found.recipe.items() if (k, v) != ("channels", 3)}, about)

@@ -7,35 +7,17 @@ random sample of all patterns, so it says how much the order hangs on single kin
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 from ...aliases import Field
 from ...errors import RunFailed
 from ..intervals import Interval, estimate
 from .candidates import Candidate
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Two predictors whose mean rank orders patterns, and how it did on families it never saw.
-
-    rho: of all patterns, by the pair that they picked themselves. held_out: of all patterns, each
-    ordered by what the other families picked. left_out: family -> (their pick, rho within it).
-    """
-
-    names: tuple[str, str]
-    rho: float
-    held_out: Interval
-    left_out: dict[str, tuple[tuple[str, str], float]]
 
 
 def ranks(values: Field) -> Field:
@@ -62,44 +44,6 @@ def rank_correlation(a: Field, b: Field, kinds: Sequence[str]) -> Interval:
         return spearman(rows[:, 0], rows[:, 1])
 
     return estimate(np.column_stack((a, b)), kinds, statistic, "kind", "correlation")
-
-
-def best_pair(
-    predictors: Mapping[str, Field],
-    error: Field,
-    families: Sequence[str],
-    kinds: Sequence[str],
-) -> Pair:
-    """The two predictors whose mean rank orders the patterns best, judged by leaving a family out.
-
-    predictors: (n,) each, larger is worse. error: (n,). What is picked for a family is picked
-    without it, so the held-out correlation is not flattered by the choice; `rho` is.
-    """
-    family = np.array(families)
-    left_out = {}
-    expected = np.empty(len(error))
-    for name in sorted(set(families)):
-        out = family == name
-        picked = _pick(predictors, error, ~out)
-        # Ranked among all patterns, so that one family's figures can be set beside another's.
-        expected[out] = mean_rank(predictors, picked)[out]
-        left_out[name] = (picked, spearman(expected[out], error[out]))
-    names = _pick(predictors, error, np.ones(len(error), bool))
-    rho = spearman(mean_rank(predictors, names), error)
-    return Pair(names, rho, rank_correlation(expected, error, kinds), left_out)
-
-
-def mean_rank(predictors: Mapping[str, Field], names: Sequence[str]) -> Field:
-    """Mean of the ranks (n,) of some predictors."""
-    return np.asarray(np.mean([ranks(predictors[name]) for name in names], axis=0))
-
-
-def _pick(
-    predictors: Mapping[str, Field], error: Field, some: NDArray[np.bool_]
-) -> tuple[str, str]:
-    part = {name: values[some] for name, values in predictors.items()}
-    pairs = itertools.combinations(sorted(part), 2)
-    return max(pairs, key=lambda names: spearman(mean_rank(part, names), error[some]))
 
 
 @dataclass(frozen=True)
@@ -140,8 +84,6 @@ def table(
     found: what `probe` returned by candidate's name, a value a seed. Raises RunFailed where nothing
     is left to compare with the paper's pattern.
     """
-    import pandas as pd
-
     rows = []
     for c in among:
         values = found.get(c.name, ())
@@ -175,8 +117,6 @@ def order(frame: pd.DataFrame, error: str = ERROR) -> pd.DataFrame:
 
     Signed so that 1 says: what it calls better is better.
     """
-    import pandas as pd
-
     known = frame[frame[error].notna()]
     rows = []
     for p in PREDICTORS:
@@ -188,18 +128,6 @@ def order(frame: pd.DataFrame, error: str = ERROR) -> pd.DataFrame:
                      "high": rho.high, "over": rho.over, "patterns": len(known),
                      "needs_tracker": p.by_tracker})  # fmt: skip
     return pd.DataFrame(rows).sort_values("rho", ascending=False, ignore_index=True)
-
-
-def combined(frame: pd.DataFrame) -> Pair | None:
-    """The pair of predictors that orders best, tested on families left out; None for one family."""
-    known = frame[frame[ERROR].notna()]
-    if known["family"].value_counts().min() < 2 or known["family"].nunique() < 2:
-        return None
-    values = {p.column: p.worse * known[p.column].to_numpy(float) for p in PREDICTORS}
-    values = {column: v for column, v in values.items() if np.ptp(v) > 0}
-    return best_pair(
-        values, known[ERROR].to_numpy(float), list(known["family"]), list(known["kind"])
-    )
 
 
 def finalists(frame: pd.DataFrame, count: int) -> list[str]:

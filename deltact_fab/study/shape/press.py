@@ -14,7 +14,6 @@ from ...analysis.shape import UNCALIBRATED, PressShape, ShapeMaps, calibrate_dep
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.sensor_id import Kind
 from ...measure.shape import DepthModel
-from ...record import Run
 from .. import press_jobs
 
 SHOWN = ("deepest", "twisted")
@@ -41,7 +40,7 @@ def look(told: dict[str, Any]) -> dict[str, Any]:
             if told[kind] is not None:
                 files[kind] = Path(folder) / f"{kind}.toml"
                 files[kind].write_text(told[kind], encoding="utf-8")
-        seen = press_shape(run, press, *models(files))
+        seen = press_shape(run.folder, press, *models(files))
         return {**packed(seen), **press_jobs.gel_of(bench)}
 
 
@@ -69,8 +68,3 @@ def unpacked(value: Mapping[str, Any]) -> PressShape:
         for name in SHOWN
     ]
     return PressShape(list(rows), pictures[0], pictures[1], value["contact_by"])
-
-
-def seen_of(run: Run, press: str, files: Mapping[Kind, Path]) -> PressShape:
-    """The same of a press that was recorded."""
-    return press_shape(run, press, *models(files))

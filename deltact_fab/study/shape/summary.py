@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
+import pandas as pd
 
 from ...analysis.shape import GOALS, PressShape, ShapeMaps
 from ...report import shape_figures
-from ...report.result import Headline, ReportFigure, ReportTable
-from ..intervals import Interval, Scale, estimate, rmse
-
-if TYPE_CHECKING:
-    import pandas as pd
-
+from ...report.result import Headline, ReportFigure, ReportTable, StudyResult, records
+from ..intervals import Interval, Scale, estimate, headline, rmse, told
 
 NINE_D_TACT_MM = 0.0462
 """Mean depth error that 9DTact gives of one press of a ball (arXiv 2308.14277)."""
+NINE_D_TACT = (
+    f"9DTact gives {NINE_D_TACT_MM:g} mm for one ball: another sensor, a real one, and another "
+    "experiment"
+)
 NORMAL = "Normal force by the flow"
 FEWEST = 3
 """Groups of an interval."""
@@ -36,22 +36,19 @@ def headlines(frames: pd.DataFrame, force_left_out_n: float | None = None) -> tu
         found += _force(frames.dropna(subset=["found_normal_n", "normal_n"]), force_left_out_n)
     if "pressure_error" in frames:
         both = frames.dropna(subset=["pressure_error"])
+        share = (both["peak_kpa"] / both["true_peak_kpa"]).groupby(both["indenter"]).mean()
         found.append(
-            _head("pressure field, mean error over the contact, of its peak", "",
-                  _mean(both["pressure_error"], list(both["job"]), "press"), goal=GOAL_FIELD,
-                  remark=_edges(both))
-        )  # fmt: skip
+            headline(
+                "pressure field, mean error over the contact, of its peak",
+                "",
+                _mean(both["pressure_error"], list(both["job"]), "press"),
+                goal=GOAL_FIELD,
+                remark=f"cells of 1 mm round edges off: the peak found is {share.min():.2f} of the "
+                f"true one with {share.idxmin()}, {share.max():.2f} with {share.idxmax()}, so "
+                "where edges press hard this share flatters",
+            )
+        )
     return tuple(found)
-
-
-def _edges(frames: pd.DataFrame) -> str:
-    """What a share of the peak hides."""
-    share = (frames["peak_kpa"] / frames["true_peak_kpa"]).groupby(frames["indenter"]).mean()
-    return (
-        f"cells of 1 mm round edges off: the peak found is {share.min():.2f} of the true one with "
-        f"{share.idxmin()}, {share.max():.2f} with {share.idxmax()}, so where edges press hard "
-        "this share flatters"
-    )
 
 
 def _force(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
@@ -66,10 +63,12 @@ def _force(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
         off, of = part["found_normal_n"] - part["normal_n"], list(part["job"])
         low, high = float(part["normal_n"].min()), float(part["normal_n"].max())
         found.append(
-            _head(f"{NORMAL} {words}", "N", _few(rmse(off, of, "press"), of),
-                  goal=None if beyond else GOAL_N,
-                  remark=f"{remark}forces of {low:.1f} to {high:.1f} N; in the mean "
-                  f"{100 * float((off / part['normal_n']).mean()):+.0f} %")
+            headline(
+                f"{NORMAL} {words}", "N", _few(rmse(off, of, "press"), of),
+                goal=None if beyond else GOAL_N,
+                remark=f"{remark}forces of {low:.1f} to {high:.1f} N; in the mean "
+                f"{100 * float((off / part['normal_n']).mean()):+.0f} %",
+            )
         )  # fmt: skip
         remark = ""
     return found
@@ -77,35 +76,36 @@ def _force(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
 
 def _depth(frames: pd.DataFrame) -> list[Headline]:
     known = frames.dropna(subset=["depth_error_contact_mm"])
-    found = [
-        _head("depth over the contact, mean error", "mm",
-              _mean(known["depth_error_contact_mm"], list(known["job"]), "press"),
-              goal=GOALS["depth_error_contact_mm"],
-              remark=f"to say 'depth is zero' errs by {known['zero_error_contact_mm'].mean():.2f} "
-              "mm"),
-        _head("depth over the face, mean error", "mm",
-              _mean(known["depth_error_face_mm"], list(known["job"]), "press"),
-              goal=GOALS["depth_error_face_mm"],
-              remark="most of a face is not pressed, so this figure flatters"),
-    ]  # fmt: skip
-    for name, part in known.groupby("indenter", sort=False):
-        remark = ""
-        if str(name).startswith("sphere:"):
-            remark = (
-                f"9DTact gives {NINE_D_TACT_MM:g} mm for one ball: another sensor, a real one, and "
-                "another experiment"
+
+    def head(what: str, part: pd.DataFrame, column: str, each: str, **more: Any) -> Headline:
+        scale: Scale = "correlation" if "correlation" in column else "positive"
+        unit = "mm" if column.endswith("_mm") else ""
+        return headline(what, unit, _mean(part[column], list(part["job"]), each, scale), **more)
+
+    return [
+        head(
+            "depth over the contact, mean error", known, "depth_error_contact_mm", "press",
+            goal=GOALS["depth_error_contact_mm"],
+            remark=f"to say 'depth is zero' errs by {known['zero_error_contact_mm'].mean():.2f} mm",
+        ),
+        head(
+            "depth over the face, mean error", known, "depth_error_face_mm", "press",
+            goal=GOALS["depth_error_face_mm"],
+            remark="most of a face is not pressed, so this figure flatters",
+        ),
+        *(
+            head(
+                f"{name}: depth over the contact, mean error", part, "depth_error_contact_mm",
+                "place", remark=NINE_D_TACT if str(name).startswith("sphere:") else "",
             )
-        found.append(
-            _head(f"{name}: depth over the contact, mean error", "mm",
-                  _mean(part["depth_error_contact_mm"], list(part["job"]), "place"), remark=remark)
-        )  # fmt: skip
-    part = known.dropna(subset=["relative_correlation"])
-    found.append(
-        _head("the paper's density: correlation with the true depth", "",
-              _mean(part["relative_correlation"], list(part["job"]), "press", "correlation"),
-              better="high", remark=f"of our depth: {known['depth_correlation'].mean():.2f}")
-    )  # fmt: skip
-    return found
+            for name, part in known.groupby("indenter", sort=False)
+        ),
+        head(
+            "the paper's density: correlation with the true depth",
+            known.dropna(subset=["relative_correlation"]), "relative_correlation", "press",
+            better="high", remark=f"of our depth: {known['depth_correlation'].mean():.2f}",
+        ),
+    ]  # fmt: skip
 
 
 def _mean(
@@ -119,10 +119,6 @@ def _few(found: Interval, groups: list[str]) -> Interval:
     if len(set(groups)) >= FEWEST or found.low is None:
         return found
     return Interval(found.value, None, None, f"{found.over}: too few for an interval")
-
-
-def _head(what: str, unit: str, of: Interval, **more: Any) -> Headline:
-    return Headline(what, of.value, unit, of.low, of.high, of.over, **more)
 
 
 WORDS = {
@@ -154,10 +150,37 @@ TWIST = (
 )
 
 
+def result(
+    presses: Mapping[str, PressShape],
+    pictures: Sequence[ShapeMaps],
+    press: ShapeMaps | None,
+    twist: ShapeMaps | None,
+    note: str,
+    force_left_out_n: float | None = None,
+) -> StudyResult:
+    """All but where the presses are from: settings, seed and what was left out are its maker's.
+
+    presses: by name. pictures, press, twist, note: as of `drawn`.
+    """
+    frames = frame_of(presses)
+    heads = headlines(frames, force_left_out_n)
+    return StudyResult(
+        study="shapes",
+        title="Shapes and force distribution",
+        verdict=verdict(frames, heads),
+        data=data(frames, heads, presses),
+        simulated=False,
+        seed=0,
+        scale=None,
+        headlines=heads,
+        tables=tables(frames),
+        figures=drawn(pictures, press, twist, note),
+        notes=(DENSITY,),
+    )
+
+
 def frame_of(presses: Mapping[str, PressShape]) -> pd.DataFrame:
     """A row a settled frame that presses; columns as the rows of `PressShape`, and `job`."""
-    import pandas as pd
-
     rows = [
         {"job": job, **row}
         for job, seen in presses.items()
@@ -255,8 +278,8 @@ def verdict(frames: pd.DataFrame, heads: Sequence[Headline]) -> tuple[str, ...]:
     if "depth_error_contact_mm" in frames:
         first, face = heads[0], heads[1]
         lines.append(
-            f"Depth of {names} is off by {_told(first)} mm over the contact and {_told(face, 3)} "
-            f"mm over the face ({first.over}); {_met(first)}, {_met(face)}."
+            f"Depth of {names} is off by {told(first, 'mm', '.2f')} over the contact and "
+            f"{told(face, 'mm', '.3f')} over the face ({first.over}); {_met(first)}, {_met(face)}."
         )
         by = frames.groupby("indenter", sort=False)["depth_error_contact_mm"].mean()
         lines.append(
@@ -272,22 +295,15 @@ def verdict(frames: pd.DataFrame, heads: Sequence[Headline]) -> tuple[str, ...]:
     for head in heads:
         if head.unit == "N":
             lines.append(
-                f"{head.what}: off by {_told(head)} N (root mean square, {head.over}); "
+                f"{head.what}: off by {told(head, 'N', '.2f')} (root mean square, {head.over}); "
                 f"{head.remark}."
             )
         elif head.what.startswith("pressure field"):
+            share = told(head, digits=".2f")
             lines.append(
-                f"The pressure field is off by {_told(head)} of its peak in the mean over the "
-                "contact."
+                f"The pressure field is off by {share} of its peak in the mean over the contact."
             )
     return (*lines, PAPER)
-
-
-def _told(head: Headline, digits: int = 2) -> str:
-    interval = ""
-    if head.low is not None and head.high is not None:
-        interval = f" ({max(head.low, 0):.{digits}f} to {head.high:.{digits}f})"
-    return f"{head.value:.{digits}f}{interval}"
 
 
 def _met(head: Headline) -> str:
@@ -298,13 +314,20 @@ def data(
     frames: pd.DataFrame, heads: Sequence[Headline], presses: Mapping[str, PressShape]
 ) -> dict[str, Any]:
     """Plain data, for `--json`."""
-    by = {str(name): _means(part) for name, part in frames.groupby("indenter", sort=False)}
+    by = {
+        str(object_): {
+            name: float(part[name].mean())
+            for name in _MEANS
+            if name in part and part[name].notna().any()
+        }
+        for object_, part in frames.groupby("indenter", sort=False)
+    }
     ways = sorted({str(seen.contact_by) for seen in presses.values()} - {"None"})
     return {
         "headlines": [head.as_dict() for head in heads],
         "objects": by,
-        "by_object_and_depth": _plain(by_object(frames)),
-        "frames": _plain(frames),
+        "by_object_and_depth": _known(by_object(frames)),
+        "frames": _known(frames),
         "contact_by": ways,
         "goals": {**GOALS, "normal_n": GOAL_N, "pressure_error": GOAL_FIELD},
         "nine_d_tact_depth_error_mm": NINE_D_TACT_MM,
@@ -312,21 +335,6 @@ def data(
     }
 
 
-def _means(part: pd.DataFrame) -> dict[str, float]:
-    return {
-        name: float(part[name].mean())
-        for name in _MEANS
-        if name in part and part[name].notna().any()
-    }
-
-
-def _plain(table: pd.DataFrame) -> list[dict[str, Any]]:
+def _known(table: pd.DataFrame) -> list[dict[str, Any]]:
     """Rows of plain data; what is not known is left out."""
-    return [
-        {
-            str(name): value.item() if isinstance(value, np.generic) else value
-            for name, value in row.items()
-            if value is not None and value == value
-        }
-        for row in table.to_dict(orient="records")
-    ]
+    return [{k: v for k, v in row.items() if v is not None} for row in records(table)]

@@ -1,0 +1,186 @@
+"""One sensor, pattern and gel on a virtual rig: its presses as jobs, and their settings."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..cad.design import load_design
+from ..errors import InputError
+from ..gel.level import Reach
+from ..gel.level_selection import SHARE, pick
+from ..measure.force import ForceModel
+from ..measure.force.calibration import ForceCalibration
+from ..measure.sensor_id import CalibrationSource, Head, SensorId
+from ..measure.view import SensorView
+from ..patterns.recipe import PatternRecipe, load_recipe
+from ..protocols import limits
+from ..protocols.plan import Protocol, expand
+from ..report.result import LeftOut
+from ..rig.config import VirtualConfig
+from ..shapes import SensorDimensions
+from ..shapes.indenter import parse as parse_indenter
+from ..virtual.paths import poses
+from ..virtual.presses import Presses
+from ..virtual.rig import VirtualKind
+from . import press_jobs
+from .grid import GridJob
+from .request import StudyRequest, virtual_rig
+
+RIG = "virtual"
+KNOT_S, FRAME_S = 2.0, 0.25
+"""What a knot of the gel takes on the rig `virtual`, and a frame: drawn, stored, tracked."""
+_LAYERS = {"lens": "lens", "viscosity": "its viscosity", "solid models": "cadquery"}
+"""What a rig calls what it left out: the layer whose cost `numerics` measures."""
+
+
+@dataclass(frozen=True)
+class PressScene:
+    """Protocols of one specimen by name, on a virtual rig, checked; nothing has run yet.
+
+    source: of the rig file.
+    """
+
+    protocols: dict[str, Protocol]
+    rig: VirtualConfig
+    rig_name: str
+    source: Path
+    sensor: SensorDimensions
+    recipe: PatternRecipe
+    seed: int
+
+    @classmethod
+    def of(cls, asked: StudyRequest, loaded: Mapping[str, tuple[Protocol, Path]]) -> PressScene:
+        """Of protocols and their files. Raises InputError, one line, for what cannot be used."""
+        name = asked.rig or RIG
+        rig, source = virtual_rig(name)
+        first, *others = loaded
+        specimen = loaded[first][0].specimen
+        for other in others:
+            if loaded[other][0].specimen != specimen:
+                raise InputError(
+                    f"{other}: another specimen than {first} has; a calibration is of one sensor"
+                )
+        sensor, kind = load_design(specimen.design), VirtualKind(rig, source)
+        for protocol, file in loaded.values():
+            limits.require(limits.check(protocol, sensor, rig.stage.box), str(file))
+            if refused := kind.refusals(protocol, sensor, str(file)):
+                raise InputError(refused[0])
+        protocols = {key: protocol for key, (protocol, _) in loaded.items()}
+        recipe = load_recipe(specimen.pattern)
+        return cls(protocols, rig, name, source, sensor, recipe, asked.seed)
+
+    def gel(self, name: str) -> Presses:
+        """The presses of a protocol on the rig's gel."""
+        return Presses(self.protocols[name], self.sensor.skin, self.rig.virtual.gel)
+
+    def job(
+        self,
+        job: str,
+        name: str,
+        presses: Sequence[str],
+        work: Callable[[dict[str, Any]], dict[str, Any]],
+        **more: Any,
+    ) -> GridJob:
+        """Presses of a protocol that share their gel as one job; more: besides what they are."""
+        protocol = self.protocols[name]
+        given = press_jobs.given(
+            protocol, self.sensor, self.rig, self.source,
+            recipe=self.recipe.model_dump(mode="json"), presses=list(presses), seed=self.seed,
+            **more,
+        )  # fmt: skip
+        return GridJob(job, work, given, self._seconds(name, presses))
+
+    def _seconds(self, name: str, presses: Sequence[str]) -> float:
+        """What they take on one core; an indenter's first gel is solved half-way between too."""
+        gel = self.gel(name)
+        one = next(path for path in gel.paths if path.press == presses[0])
+        first = next(path for path in gel.paths if path.indenter == one.indenter)
+        knots = len(poses(one, gel.increments, gel.relaxing_s))
+        steps = expand(self.protocols[name])
+        frames = sum(step.frames for step in steps if step.press in presses)
+        return KNOT_S * knots * (2 if one == first else 1) + FRAME_S * frames
+
+    def view(self, name: str) -> SensorView:
+        """What a protocol's images may tell of the sensor."""
+        protocol = self.protocols[name]
+        camera = VirtualKind(self.rig, self.source).camera(protocol, self.sensor)
+        assert camera is not None, "images are asked for"
+        return SensorView(camera, self.sensor.skin, protocol.specimen.poisson)
+
+    def calibration(
+        self, name: str, model: ForceModel, error: dict[str, dict[str, Any]]
+    ) -> ForceCalibration:
+        """A model of force that was fitted to a protocol's points, with its errors there."""
+        view, specimen = self.view(name), self.protocols[name].specimen
+        recipe = self.recipe.model_dump(mode="json")
+        sensor = SensorId.of(view.camera, recipe, specimen.design, specimen.serial)
+        source = CalibrationSource((name,), True, __version__, self.seed)
+        return ForceCalibration(
+            Head("force", sensor, source), model, view.skin, view.poisson, error
+        )
+
+    def settings(self, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+        """What the presses were made with, as a reader is shown it; gel: `press_jobs.gel_of`."""
+        specimen, force = next(iter(self.protocols.values())).specimen, self.rig.force
+        hyperelastic = self.rig.virtual.gel.hyperelastic
+        range_n, range_nmm = (
+            ", ".join(f"{v:g}" for v in values) for values in (force.range_n, force.range_nmm)
+        )
+        cells = [cell for one in gel for cell in one["cells_mm"]]
+        times = max(one["coarse"] for one in gel) ** 2
+        flags = Counter(name for one in gel for name in one["flags"])
+        found = {
+            "rig": self.rig_name,
+            "pattern": specimen.pattern,
+            "friction": f"{specimen.friction:g}",
+            "modulus": f"{specimen.modulus_mpa:g} MPa, known to a factor of 2; Poisson's ratio "
+            f"{specimen.poisson:g}",
+            "force sensor": f"range {range_n} N and {range_nmm} N mm, noise "
+            f"{self.rig.virtual.force.noise_n:g} N a sample at {force.rate_hz:g} Hz",
+            "gel": f"{specimen.gel_model}; the tolerance of {hyperelastic.tolerance:.0%} of the "
+            f"force picks {' and '.join(self._levels())}; cells below an indenter of "
+            f"{min(cells):.2g} to {max(cells):.2g} mm, {hyperelastic.most_unknowns} unknowns at "
+            f"most: the mesh's part of the error may be {times:.2g} times as large, "
+            f"{times * (1 - SHARE) * hyperelastic.tolerance:.1%} of the force",
+        }
+        if flags:
+            found["gel's flags"] = "; ".join(
+                f"{name} at {n} of {len(gel)} jobs" for name, n in flags.items()
+            )
+        tried = [one for one in gel if one["between_samples"]]
+        if tried:
+            found["gel's interpolation"] = (
+                f"between solved poses off by at most {max(g['between_n'] for g in tried):.2g} N "
+                f"and {max(g['between_mm'] for g in tried):.2g} mm in plane; what is settled is a "
+                "solved pose"
+            )
+        return found
+
+    def _levels(self) -> list[str]:
+        """Those that the tolerance alone picks for the indenters' whole reaches."""
+        skin, tolerance = self.sensor.skin, self.rig.virtual.gel.hyperelastic.tolerance
+        found = set()
+        for name, protocol in self.protocols.items():
+            deepest_mm = protocol.depths_mm[-1]
+            a_mm = protocol.shear.at_depth_mm(deepest_mm) if protocol.shear else 0.0
+            x, y = (
+                (min(v) - a_mm, max(v) + a_mm) for v in zip(*protocol.positions_mm, strict=True)
+            )
+            material = self.gel(name).material
+            for indenter in map(parse_indenter, protocol.indenters):
+                reach = Reach(x, y, deepest_mm)
+                found.add(pick(skin, material, indenter, reach, tolerance).level)
+        return sorted(found)
+
+
+def left_out(gel: Sequence[Mapping[str, Any]]) -> tuple[LeftOut, ...]:
+    """What the rig did without in any job, from its lines "what: why"."""
+    lines = [line.partition(": ") for line in sorted({x for one in gel for x in one["left_out"]})]
+    return tuple(
+        LeftOut(what, why, layer=_LAYERS.get(what.partition(",")[0], "")) for what, _, why in lines
+    )
