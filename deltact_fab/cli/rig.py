@@ -159,18 +159,19 @@ def new(name: str, out: Path | None, as_json: bool) -> None:
     from ..lab import rig as write
     from .output import echo_json
 
-    found = write(name, out)
+    file, ports, cameras = write(name, out)
     if as_json:
-        echo_json({**asdict(found), "file": str(found.file)})
+        found = {"ports": ports, "cameras": cameras}
+        echo_json({"file": str(file), **{k: list(map(asdict, v)) for k, v in found.items()}})
         return
-    for what, devices in (("port", found.ports), ("camera", found.cameras)):
+    for what, devices in (("port", ports), ("camera", cameras)):
         for number, device in enumerate(devices):
             use = "used" if number == 0 else "in a comment"
             click.echo(f"{what} {device.name}: {device.text or 'no name'} ({use})")
         if not devices:
             click.echo(f"no {what} was found: the file has an example in its place")
     click.echo(
-        f"{found.file}: written; fill in what it lists under MEASURE, then "
+        f"{file}: written; fill in what it lists under MEASURE, then "
         f"`deltact-fab rig check {name if out is None else out}`"
     )
 

@@ -41,7 +41,9 @@ class Shear(Table):
 
     amplitude_mm: Length | None = Field(default=None, examples=[3.0])
     """How far the tip is dragged to each side of the press. Either this or amplitude_of_depth."""
-    amplitude_of_depth: Share | None = Field(default=None, examples=[0.7])
+    amplitude_of_depth: Share | None = Field(
+        default=None, examples=[0.7], json_schema_extra={"instead_of": "amplitude_mm"}
+    )
     """Instead of amplitude_mm: as a share of the depth. A ball slips as a whole once it is dragged
     by about 1.5 x friction of its depth, whatever its size (Mindlin), and sticks before that."""
     axes: tuple[Literal["x", "y"], ...] = ("x", "y")
