@@ -14,6 +14,8 @@ from .. import extras
 from ..errors import DeltactFabError, MissingLibrary, RunFailed
 
 SYSTEM_PACKAGES = "libgl1 libegl1 libx11-6"
+LIBRARIES = ("cadquery", "cadquery-ocp", "ezdxf", "numpy", "scipy")
+"""Whose versions decide what is made and measured."""
 
 
 def require() -> Any:

@@ -17,7 +17,6 @@ that near incompressibility does not lock them.
 
 from __future__ import annotations
 
-import io
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -148,14 +147,11 @@ def free_sides(
     }
     a, b = skin.opening_half_mm
     x, y = np.linspace(-a, a, box.bricks[0] + 1), np.linspace(-b, b, box.bricks[1] + 1)
-    found = cache.get_file(_KIND, key) if use_cache else None
-    if found is not None:
-        return FreeSides(x, y, np.load(io.BytesIO(found[0]), allow_pickle=False))
-    quarters = _quarters(box, poisson)
-    if use_cache:
-        data = io.BytesIO()
-        np.save(data, quarters, allow_pickle=False)
-        cache.put_file(_KIND, key, data.getvalue())
+    quarters = cache.get(_KIND, key) if use_cache else None
+    if quarters is None:
+        quarters = _quarters(box, poisson)
+        if use_cache:
+            cache.put(_KIND, key, quarters)
     return FreeSides(x, y, quarters)
 
 
