@@ -13,7 +13,7 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from . import reading
 from .errors import InputError, RunFailed, did_you_mean
@@ -151,7 +151,7 @@ def validate(kind: type[T], data: object, source: str) -> T:
     except RecursionError as why:
         raise InputError(f"{source}: nested too deep; expected a few levels") from why
     try:
-        return adapter(kind).validate_json(text, strict=True)
+        return cast(T, adapter(cast(Any, kind)).validate_json(text, strict=True))
     except ValidationError as why:
         raise InputError(" | ".join(_line(source, kind, e) for e in why.errors())) from why
 

@@ -237,7 +237,7 @@ def _key() -> dict[str, Any]:
     """Everything that could change a cost: what the processes run, its libraries, the machine."""
     from ..experiment import versions
 
-    return cache.key("numerics.scenes", machine=machine(), **versions())
+    return cache.key("numerics.scenes", machine=machine(), versions=versions())
 
 
 def machine() -> dict[str, Any]:

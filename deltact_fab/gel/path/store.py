@@ -80,10 +80,11 @@ def _load(key: dict[str, Any], count: int) -> Trajectory | None:
     held = cache.get(KIND, key)
     if held is None or (len(held["knots"]) != count and held["ended"] is None):
         return None
-    knots = tuple(
-        SolvedKnot(**{name: tuple(v) if isinstance(v, list) else v for name, v in knot.items()})
-        for knot in held["knots"]
-    )
-    ended = None if held["ended"] is None else tuple(held["ended"])
-    between = InterpolationError(**held["between"])
-    return Trajectory(**{**held, "knots": knots, "between": between, "ended": ended})
+    held["knots"] = tuple(SolvedKnot(**_tuples(knot)) for knot in held["knots"])
+    held["between"] = InterpolationError(**held["between"])
+    return Trajectory(**_tuples(held))
+
+
+def _tuples(values: dict[str, Any]) -> dict[str, Any]:
+    """With tuples again in place of the lists that JSON has."""
+    return {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
