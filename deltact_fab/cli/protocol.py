@@ -72,6 +72,8 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_j
 
     For a real rig, peak forces that are not known yet are solved once, which takes minutes.
     """
+    from dataclasses import asdict
+
     from ..experiment import RunRequest
     from .output import echo_json, progress
 
@@ -79,7 +81,7 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_j
         asked = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
         rows = asked.checks()
     if as_json:
-        echo_json([r.as_dict() for r in rows])
+        echo_json([asdict(r) for r in rows])
     else:
         for row in rows:
             click.echo(row.line() + ("" if row.ok and not row.warns else f"  at {row.where}"))
@@ -114,7 +116,7 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
             {
                 "specimen": specimen.model_dump(mode="json"),
                 "steps": [asdict(s) for s in steps],
-                "estimate": estimate.as_dict(),
+                "estimate": asdict(estimate),
                 "peaks": None if peaks is None else [p.as_dict() for p in peaks],
                 "force_findings": findings,
             }

@@ -124,7 +124,7 @@ def dry_run(request: RunRequest) -> dict[str, Any]:
             job = request.setup(Path(folder) / "dry-run")
             with closing(request.kind.build(job)) as bench:
                 lines = query.devices(bench.devices())
-    return {**request.estimate().as_dict(), "devices": lines, "notes": notes}
+    return {**asdict(request.estimate()), "devices": lines, "notes": notes}
 
 
 def run_presses(

@@ -10,8 +10,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from ..aliases import Point
 from ..errors import InputError
@@ -67,10 +66,6 @@ class LimitCheck:
         margin = f"{digits(self.figure)} ({limit} {digits(self.bound)})"
         return f"{verdict}  {self.name}: {self.what} {margin}"
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class RunEstimate:
@@ -87,10 +82,6 @@ class RunEstimate:
     between_frames_mm: float
     seconds: float
     disk_mb: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
 
 
 def check(
