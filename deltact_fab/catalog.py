@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from . import reading
-from .errors import InputError, RunFailed, did_you_mean
+from .errors import InputError, did_you_mean
+from .files import disk_errors, write_whole
 
-KINDS = ("cad", "patterns", "protocols", "protocols/rigs")
 MARKS: dict[str, frozenset[str]] = {
     "cad": frozenset({"base", "skin", "frame", "optics", "body", "indenter"}),
     "patterns": frozenset({"law"}),
@@ -26,6 +26,7 @@ MARKS: dict[str, frozenset[str]] = {
     "protocols/rigs": frozenset({"stage"}),
 }
 """Keys at the top of a file that tell its kind: one of them is enough."""
+KINDS = tuple(MARKS)
 T = TypeVar("T")
 
 
@@ -89,20 +90,12 @@ def write_new(path: Path, text: str) -> None:
     """
     if path.suffix != ".toml":
         raise InputError(f"{path}: expected the name of a file that ends in .toml")
-    try:
-        out = path.open("x", encoding="utf-8")
-    except FileExistsError as why:
-        raise InputError(f"{path}: already there; name a new file") from why
-    except (FileNotFoundError, NotADirectoryError) as why:
-        raise InputError(f"{path.parent}: no such folder") from why
-    except (OSError, ValueError) as why:
-        raise RunFailed(f"{path}: cannot be written: {getattr(why, 'strerror', why)}") from why
-    try:
-        with out:
-            out.write(text)
-    except OSError as why:
-        path.unlink(missing_ok=True)
-        raise RunFailed(f"{path}: cannot be written: {why.strerror}") from why
+    with disk_errors(path):
+        if path.exists():
+            raise InputError(f"{path}: already there; name a new file")
+        if not path.parent.is_dir():
+            raise InputError(f"{path.parent}: no such folder")
+    write_whole(path, text.encode())
 
 
 def as_toml(data: Mapping[str, Any], about: Sequence[str] = ()) -> str:

@@ -29,6 +29,12 @@ class Table(BaseModel):
     )
 
 
+def same_as(record: Any, key: str) -> Any:
+    """A field with the default, limits and meaning that a record's has (`shapes.bounded`)."""
+    field = record.__dataclass_fields__[key]
+    return Field(default=field.default, **field.metadata)
+
+
 class _Schema(GenerateJsonSchema):
     """As a file has it: a key that may be None is one that may be left out.
 
