@@ -94,9 +94,9 @@ def get(kind: str, key: dict[str, Any]) -> Any | None:
         entry = json.loads(head)
     except (OSError, ValueError):
         return None
-    if not (newline and isinstance(entry, dict) and entry.get("key") == key):
+    if not (newline and isinstance(entry, dict) and entry.keys() >= {"key", "value", "sha256"}):
         return None
-    if entry.get("sha256") != _seal(key, entry.get("value"), data):
+    if entry["key"] != key or entry["sha256"] != _seal(key, entry["value"], data):
         return None
     # Its last use, which `trim` goes by.
     with contextlib.suppress(OSError):
