@@ -159,19 +159,18 @@ def new(name: str, out: Path | None, as_json: bool) -> None:
     from ..lab import rig as write
     from .output import echo_json
 
-    file, ports, cameras = write(name, out)
+    found = write(name, out)
     if as_json:
-        found = {"ports": ports, "cameras": cameras}
-        echo_json({"file": str(file), **{k: list(map(asdict, v)) for k, v in found.items()}})
+        echo_json({**asdict(found), "file": str(found.file)})
         return
-    for what, devices in (("port", ports), ("camera", cameras)):
+    for what, devices in (("port", found.ports), ("camera", found.cameras)):
         for number, device in enumerate(devices):
             use = "used" if number == 0 else "in a comment"
             click.echo(f"{what} {device.name}: {device.text or 'no name'} ({use})")
         if not devices:
             click.echo(f"no {what} was found: the file has an example in its place")
     click.echo(
-        f"{file}: written; fill in what it lists under MEASURE, then "
+        f"{found.file}: written; fill in what it lists under MEASURE, then "
         f"`deltact-fab rig check {name if out is None else out}`"
     )
 

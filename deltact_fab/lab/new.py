@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,15 +96,24 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
     )
 
 
-def rig(name: str, out: Path | None = None) -> tuple[Path, list[FoundDevice], list[FoundDevice]]:
-    """Write a rig file for this computer; return it, the ports and the cameras that were found.
+@dataclass(frozen=True)
+class NewRigFile:
+    """A new rig file: the first of each device is used, the others are comments."""
+
+    file: Path
+    ports: list[FoundDevice]
+    cameras: list[FoundDevice]
+
+
+def rig(name: str, out: Path | None = None) -> NewRigFile:
+    """Write a rig file for the devices of this computer, and return what was found.
 
     Raises InputError as `catalog.write_new`, and for a name that is none.
     """
     from ..rig import devices
 
     ports, cameras = devices.ports(), devices.cameras()
-    return _write("grbl-rig", name, out, rig_text(ports, cameras)), ports, cameras
+    return NewRigFile(_write("grbl-rig", name, out, rig_text(ports, cameras)), ports, cameras)
 
 
 def rig_text(ports: Sequence[FoundDevice] = (), cameras: Sequence[FoundDevice] = ()) -> str:
