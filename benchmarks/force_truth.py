@@ -5,7 +5,6 @@ A minute or two each (simulated); what the camera would see of them is computed 
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache as once
@@ -14,7 +13,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import gaussian_filter
 
-from deltact_fab import cache, digest
+from deltact_fab import cache
 from deltact_fab.aliases import Array
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.path.knots import ObservedChannels, along
@@ -68,17 +67,16 @@ def presses() -> Iterator[Press]:
 def solved(press: Press) -> dict[str, Array]:
     """Of each state: tips_mm, force_n, torque_nmm (n, 3), displacement_mm and traction_mpa on
     x_mm, y_mm."""
-    key = {"press": repr(press), "gel": repr(GEL), "skin": repr(SKIN), "unknowns": MAX_UNKNOWNS,
-           "source": digest.of("gel.path.open", "shapes.indenter")}  # fmt: skip
-    kept = cache.get_file("benchmark-press", key)
-    data = kept[0] if kept else _packed(press)
-    if not kept:
-        cache.put_file("benchmark-press", key, data)
-    with np.load(io.BytesIO(data)) as arrays:
-        return dict(arrays)
+    key = cache.key("gel.path.open", "shapes.indenter", press=repr(press), gel=repr(GEL),
+                    skin=repr(SKIN), unknowns=MAX_UNKNOWNS)  # fmt: skip
+    kept = cache.get("benchmark-press", key)
+    if kept is None:
+        kept = _solved(press)
+        cache.put("benchmark-press", key, kept)
+    return kept
 
 
-def _packed(press: Press) -> bytes:
+def _solved(press: Press) -> dict[str, Array]:
     x, y = press.place_mm
     corners = [(x, y, 0.0)]
     for depth in press.depths_mm:
@@ -90,18 +88,15 @@ def _packed(press: Press) -> bytes:
     solver = open_path(SKIN, GEL, shape, poses, observed, choice)
     knots = solver.solve_all()
     modulus = GEL.modulus_mpa
-    out = io.BytesIO()
-    np.savez_compressed(
-        out,
-        tips_mm=np.array([pose.tip_mm for pose in poses]),
-        force_n=modulus * np.array([knot.force_n for knot in knots]),
-        torque_nmm=modulus * np.array([knot.torque_nmm for knot in knots]),
-        displacement_mm=np.array([knot.displacement_mm for knot in knots], np.float32),
-        traction_mpa=modulus * np.array([knot.traction_mpa for knot in knots], np.float32),
-        x_mm=solver.axes_mm[0],
-        y_mm=solver.axes_mm[1],
-    )
-    return out.getvalue()
+    return {
+        "tips_mm": np.array([pose.tip_mm for pose in poses]),
+        "force_n": modulus * np.array([knot.force_n for knot in knots]),
+        "torque_nmm": modulus * np.array([knot.torque_nmm for knot in knots]),
+        "displacement_mm": np.array([knot.displacement_mm for knot in knots], np.float32),
+        "traction_mpa": modulus * np.array([knot.traction_mpa for knot in knots], np.float32),
+        "x_mm": solver.axes_mm[0],
+        "y_mm": solver.axes_mm[1],
+    }
 
 
 def flows(press: Press, camera: CameraModel, noise_px: float, wide_mm: float) -> list[FaceFlow]:

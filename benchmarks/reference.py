@@ -81,7 +81,9 @@ def _keys(kind: Kind) -> str:
         "|---|---|---|---|---|---|",
     ]
     for row in rows(kind):
-        default = f"`{row.default}`" if row.default is not None else row.otherwise
+        default = row.otherwise
+        if default.startswith("default "):
+            default = f"`{row.default}`"
         cells = (f"`{row.key}`", row.type, row.unit, default, row.limits, row.meaning)
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines)

@@ -1,25 +1,33 @@
 """The one content-hash store: what was measured or computed once, found again by what it was from.
 
 An entry lies in the user's cache folder under the SHA-256 of its key: one line of JSON with the key
-and plain data, then the bytes of a file where there is one, all held against a SHA-256. Losing the
+and the value, then the bytes of the arrays and files in it, all held against a SHA-256. Losing the
 folder costs time and nothing else.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
+import importlib.metadata
 import json
 import os
+import platform
 import sys
 import time
+import zlib
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+from . import __version__, digest
 from .files import whole
 
 FOLDER_VARIABLE = "DELTACT_FAB_CACHE"
 _ABANDONED_S = 3600.0
+_BYTES = "\0bytes"  # a name that no plain data has
 
 
 def user_folder() -> Path:
@@ -35,21 +43,50 @@ def user_folder() -> Path:
     return base / "deltact-fab"
 
 
+def key(
+    *code: str, package: Path = digest.PACKAGE, libraries: tuple[str, ...] = (), **given: Any
+) -> dict[str, Any]:
+    """The key of a result: its code, what decides it beside the code, and what it was made from.
+
+    code, package: as of `digest.of`. libraries: distributions whose versions count, and with them
+    the machine. given: plain data and dataclasses.
+    """
+    made_by = _versions(libraries) if libraries else {}
+    return {"code": digest.of(*code, package=package), "made_by": made_by, **plain(given)}
+
+
+def plain(value: Any) -> Any:
+    """Nested dataclasses as JSON holds them, each with the name of its class."""
+    if is_dataclass(value) and not isinstance(value, type):
+        inside = {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+        return {"class": type(value).__name__, **inside}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [plain(item) for item in value]
+    # What it does is in the digest of the sources.
+    return value.__qualname__ if callable(value) else value
+
+
+@functools.cache
+def _versions(libraries: tuple[str, ...]) -> dict[str, str]:
+    found = {
+        "deltact-fab": __version__,
+        "machine": platform.machine(),
+        "zlib": zlib.ZLIB_RUNTIME_VERSION,
+    }
+    for name in libraries:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "absent"
+    return found
+
+
 def get(kind: str, key: dict[str, Any]) -> Any | None:
-    """The value stored under a key, or None; a damaged entry counts as none."""
-    found = get_file(kind, key)
-    return None if found is None else found[1]
+    """The value stored under a key, or None; a damaged entry counts as none.
 
-
-def put(kind: str, key: dict[str, Any], value: Any) -> bool:
-    """Store plain data under a key, whole or not at all; False when the folder refuses."""
-    return put_file(kind, key, b"", value)
-
-
-def get_file(kind: str, key: dict[str, Any]) -> tuple[bytes, Any] | None:
-    """A file's bytes and the note stored with them, or None.
-
-    Both are held against the SHA-256 they were stored with; a damaged entry counts as none.
+    It is as `packed` and `unpacked` give it back.
     """
     key, path = _place(kind, key)
     try:
@@ -57,35 +94,91 @@ def get_file(kind: str, key: dict[str, Any]) -> tuple[bytes, Any] | None:
         entry = json.loads(head)
     except (OSError, ValueError):
         return None
-    if not (newline and isinstance(entry, dict) and entry.get("key") == key):
+    if not (newline and isinstance(entry, dict) and entry.keys() >= {"key", "value", "sha256"}):
         return None
-    if entry.get("sha256") != _seal(key, entry.get("note"), data):
+    if entry["key"] != key or entry["sha256"] != _seal(key, entry["value"], data):
         return None
     # Its last use, which `trim` goes by.
     with contextlib.suppress(OSError):
         os.utime(path)
-    return data, entry["note"]
+    return unpacked(entry["value"], data)
 
 
-def put_file(kind: str, key: dict[str, Any], data: bytes, note: Any = None) -> bool:
-    """Store a file's bytes and a note of plain data under a key, whole or not at all.
+def put(kind: str, key: dict[str, Any], value: Any, limit_bytes: int | None = None) -> bool:
+    """Store a value under a key, whole or not at all; False when the folder refuses.
 
-    False when the folder refuses. Key and note come back as JSON has them: tuples are lists.
+    limit_bytes: what the kind may take of the disk; the longest unused entries make room. Raises
+    TypeError as `packed`.
     """
     key, path = _place(kind, key)
-    note = _plain(note)
-    head = {"key": key, "note": note, "sha256": _seal(key, note, data)}
+    value, data = packed(value)
+    head = {"key": key, "value": value, "sha256": _seal(key, value, data)}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole(path, sync=False) as part:
             part.write_bytes(json.dumps(head).encode() + b"\n" + data)
     except OSError:
         return False
+    if limit_bytes is not None:
+        trim(kind, limit_bytes)
     return True
 
 
+def packed(value: Any) -> tuple[Any, bytes]:
+    """JSON data in which the type and shape of each array and of bytes stand for it; their bytes.
+
+    Tuples become lists. Raises TypeError for what is neither plain data nor an array of numbers or
+    texts.
+    """
+    import numpy as np  # here, for `doctor` tells of one that is broken
+
+    parts: list[bytes] = []
+
+    def told(one: Any) -> Any:
+        if isinstance(one, Mapping):
+            return {name: told(inner) for name, inner in one.items()}
+        if isinstance(one, list | tuple):
+            return [told(inner) for inner in one]
+        if isinstance(one, bytes):
+            parts.append(one)
+            return {_BYTES: ["bytes", [len(one)]]}
+        if isinstance(one, np.ndarray):
+            if one.dtype.hasobject or one.dtype.names:
+                raise TypeError(f"an array of {one.dtype} cannot be kept")
+            parts.append(one.tobytes())
+            return {_BYTES: [one.dtype.str, one.shape]}
+        return one
+
+    return _json(told(value)), b"".join(parts)
+
+
+def unpacked(value: Any, data: bytes) -> Any:
+    """The value of what `packed` gave."""
+    import numpy as np
+
+    at = 0
+
+    def told(one: Any) -> Any:
+        nonlocal at
+        if isinstance(one, list):
+            return [told(inner) for inner in one]
+        if not isinstance(one, dict):
+            return one
+        if _BYTES not in one:
+            return {name: told(inner) for name, inner in one.items()}
+        start, (kind, shape) = at, one[_BYTES]
+        if kind == "bytes":
+            at += shape[0]
+            return data[start:at]
+        array = np.ndarray(shape, kind, data, start).copy()
+        at += array.nbytes
+        return array
+
+    return told(value)
+
+
 def file_bytes(kind: str, key: dict[str, Any]) -> int:
-    """What `put_file` under a key takes of the disk; 0 where there is nothing."""
+    """What `put` under a key takes of the disk; 0 where there is nothing."""
     try:
         return _place(kind, key)[1].stat().st_size
     except OSError:
@@ -116,19 +209,19 @@ def trim(kind: str, limit_bytes: int) -> int:
     return freed
 
 
-def _seal(key: Any, note: Any, data: bytes) -> str:
-    return hashlib.sha256(_text([key, note]) + b"\n" + data).hexdigest()
+def _seal(key: Any, value: Any, data: bytes) -> str:
+    return hashlib.sha256(_text([key, value]) + b"\n" + data).hexdigest()
 
 
 def _place(kind: str, key: dict[str, Any]) -> tuple[dict[str, Any], Path]:
     """A key as JSON gives it back, and where its entry lies."""
     name = hashlib.sha256(_text(key)).hexdigest()
-    return _plain(key), user_folder() / kind / f"{name}.bin"
+    return _json(key), user_folder() / kind / f"{name}.bin"
 
 
 def _text(data: Any) -> bytes:
     return json.dumps(data, sort_keys=True, separators=(",", ":")).encode()
 
 
-def _plain(data: Any) -> Any:
+def _json(data: Any) -> Any:
     return json.loads(json.dumps(data))

@@ -13,12 +13,12 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from . import reading
-from .errors import InputError, RunFailed, did_you_mean
+from .errors import InputError, did_you_mean
+from .files import disk_errors, write_whole
 
-KINDS = ("cad", "patterns", "protocols", "protocols/rigs")
 MARKS: dict[str, frozenset[str]] = {
     "cad": frozenset({"base", "skin", "frame", "optics", "body", "indenter"}),
     "patterns": frozenset({"law"}),
@@ -26,6 +26,7 @@ MARKS: dict[str, frozenset[str]] = {
     "protocols/rigs": frozenset({"stage"}),
 }
 """Keys at the top of a file that tell its kind: one of them is enough."""
+KINDS = tuple(MARKS)
 T = TypeVar("T")
 
 
@@ -78,9 +79,7 @@ def find(kind: str, name: str) -> Path:
     raise InputError(f"{name}: not in the catalogue of {kind}{remark}; {hint}")
 
 
-def read(path: Path) -> dict[str, Any]:
-    """Parse a TOML file. Raises InputError with file and position when it is not TOML."""
-    return reading.toml(path)
+read = reading.toml
 
 
 def write_new(path: Path, text: str) -> None:
@@ -91,20 +90,12 @@ def write_new(path: Path, text: str) -> None:
     """
     if path.suffix != ".toml":
         raise InputError(f"{path}: expected the name of a file that ends in .toml")
-    try:
-        out = path.open("x", encoding="utf-8")
-    except FileExistsError as why:
-        raise InputError(f"{path}: already there; name a new file") from why
-    except (FileNotFoundError, NotADirectoryError) as why:
-        raise InputError(f"{path.parent}: no such folder") from why
-    except (OSError, ValueError) as why:
-        raise RunFailed(f"{path}: cannot be written: {getattr(why, 'strerror', why)}") from why
-    try:
-        with out:
-            out.write(text)
-    except OSError as why:
-        path.unlink(missing_ok=True)
-        raise RunFailed(f"{path}: cannot be written: {why.strerror}") from why
+    with disk_errors(path):
+        if path.exists():
+            raise InputError(f"{path}: already there; name a new file")
+        if not path.parent.is_dir():
+            raise InputError(f"{path.parent}: no such folder")
+    write_whole(path, text.encode())
 
 
 def as_toml(data: Mapping[str, Any], about: Sequence[str] = ()) -> str:
@@ -119,17 +110,22 @@ def as_toml(data: Mapping[str, Any], about: Sequence[str] = ()) -> str:
 
 def _table(name: str, values: Mapping[str, Any]) -> list[str]:
     inner = {k: v for k, v in values.items() if isinstance(v, Mapping)}
-    # A JSON value is a TOML one, but for null.
-    lines = [
-        f"{k} = {json.dumps(v, allow_nan=False)}"
-        for k, v in values.items()
-        if k not in inner and v is not None
-    ]
+    lines = [f"{k} = {literal(v)}" for k, v in values.items() if k not in inner and v is not None]
     if name and (lines or not inner):
         lines = ["", f"[{name}]", *lines]
     for key, table in inner.items():
         lines += _table(f"{name}.{key}" if name else key, table)
     return lines
+
+
+def literal(value: Any) -> str:
+    """A value as TOML writes it, on one line. Raises ValueError for NaN and infinity."""
+    if isinstance(value, Mapping):
+        inner = ", ".join(f"{name} = {literal(one)}" for name, one in value.items())
+        return f"{{{inner}}}"
+    # A JSON value is a TOML one, but for null and a bare DEL.
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    return text.replace("\x7f", "\\u007f")
 
 
 def validate(kind: type[T], data: object, source: str) -> T:
@@ -138,7 +134,9 @@ def validate(kind: type[T], data: object, source: str) -> T:
     Raises InputError of one line: `source: key: what is wrong (got value)`, without a key where
     values do not go together; further faults follow on the same line, separated by ' | '.
     """
-    from pydantic import TypeAdapter, ValidationError
+    from pydantic import ValidationError
+
+    from .configuration import adapter
 
     try:
         # By way of JSON: strict on strings and booleans, while a list may still fill a tuple.
@@ -146,7 +144,7 @@ def validate(kind: type[T], data: object, source: str) -> T:
     except RecursionError as why:
         raise InputError(f"{source}: nested too deep; expected a few levels") from why
     try:
-        return TypeAdapter(kind).validate_json(text, strict=True)
+        return cast(T, adapter(cast(Any, kind)).validate_json(text, strict=True))
     except ValidationError as why:
         raise InputError(" | ".join(_line(source, kind, e) for e in why.errors())) from why
 
@@ -157,10 +155,12 @@ OUT_OF_LIMITS = {
 
 
 def _line(source: str, kind: type, fault: Any) -> str:
+    from .configuration import schema_at
+
     key = ".".join(str(part) for part in fault["loc"])
     where = f"{source}: {key}" if key else source
     if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        known = list(_schema_at(kind, fault["loc"][:-1]).get("properties", ()))
+        known = list(schema_at(kind, fault["loc"][:-1]).get("properties", ()))
         hint = did_you_mean(str(fault["loc"][-1]), known) if known else "remove it"
         return f"{where}: unknown key; {hint}"
     if fault["type"] in ("missing", "missing_argument"):
@@ -168,36 +168,17 @@ def _line(source: str, kind: type, fault: Any) -> str:
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
     got = fault.get("input")
     shown = "" if isinstance(got, dict) else f" (got {got!r})"
-    limits = _limits(kind, fault["loc"]) if fault["type"] in OUT_OF_LIMITS else ""
+    limits = ""
+    if fault["type"] in OUT_OF_LIMITS:
+        name = next((part for part in reversed(fault["loc"]) if isinstance(part, str)), "value")
+        limits = _limits(name, schema_at(kind, fault["loc"]))
     return f"{where}: {message}{shown}{limits}"
 
 
-def _schema_at(kind: type, loc: tuple[Any, ...]) -> dict[str, Any]:
-    """The JSON schema of the table or value at a location; empty where there is none."""
-    from pydantic import PydanticInvalidForJsonSchema, TypeAdapter
-
-    try:
-        node = TypeAdapter(kind).json_schema()
-    except PydanticInvalidForJsonSchema:
-        return {}
-    tables = node.get("$defs", {})
-    for part in (*loc, None):
-        # An optional value is one or null.
-        node = next((one for one in node.get("anyOf", ()) if one.get("type") != "null"), node)
-        node = tables.get(node.get("$ref", "").rpartition("/")[2], node)
-        if isinstance(part, int):
-            node = (node.get("prefixItems", [])[part:] or [node.get("items", {})])[0]
-        elif part is not None:
-            node = node.get("properties", {}).get(part, {})
-    return node
-
-
-def _limits(kind: type, loc: tuple[Any, ...]) -> str:
-    """What a number at a location must lie between, where it has a lower and an upper limit."""
-    node = _schema_at(kind, loc)
-    name = next((part for part in reversed(loc) if isinstance(part, str)), "value")
+def _limits(name: str, schema: dict[str, Any]) -> str:
+    """What a number must lie between, where it has a lower and an upper limit."""
     for low, above in (("minimum", "<="), ("exclusiveMinimum", "<")):
         for high, below in (("maximum", "<="), ("exclusiveMaximum", "<")):
-            if low in node and high in node:
-                return f"; {node[low]:g} {above} {name} {below} {node[high]:g}"
+            if low in schema and high in schema:
+                return f"; {schema[low]:g} {above} {name} {below} {schema[high]:g}"
     return ""

@@ -2,22 +2,85 @@
 
 Every number of a table has a lowest and a highest value: what is further out is a slip of the pen.
 Limits stand in the annotation (`Field(ge=, le=)`) and the meaning of a key in the docstring below
-it; error lines, `deltact-fab schema`, new files and the reference are all made from these.
+it. Error lines, `deltact-fab schema`, new files and the reference are all made from `schema_of`.
 Dimensions that are computed with are plain records, whose base is `shapes.bounded.Bounded`.
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Sequence
+from functools import cache
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic.json_schema import GenerateJsonSchema
 
 Place = Annotated[float, Field(ge=-10_000, le=10_000)]  # mm, of a frame or a machine
 
 
 class Table(BaseModel):
-    """A table: no key but those that it names, no NaN, nothing changed afterwards."""
+    """A table: no key but those that it names, no NaN, nothing changed afterwards.
+
+    `json_schema_extra={"instead_of": KEY}` of a key: either it or KEY is given.
+    """
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
+
+
+def same_as(record: Any, key: str) -> Any:
+    """A field with the default, limits and meaning that a record's has (`shapes.bounded`)."""
+    field = record.__dataclass_fields__[key]
+    return Field(default=field.default, **field.metadata)
+
+
+class _Schema(GenerateJsonSchema):
+    """As a file has it: a key that may be None is one that may be left out.
+
+    The default of a table is an empty one, since the keys inside say theirs.
+    """
+
+    def nullable_schema(self, schema: Any) -> dict[str, Any]:
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: Any) -> dict[str, Any]:
+        inner = self.generate_inner(schema["schema"])
+        default = schema.get("default")
+        if "default_factory" in schema or hasattr(default, "__pydantic_fields__"):
+            return {**inner, "default": {}}
+        return inner if default is None else super().default_schema(schema)
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+
+@cache
+def adapter(model: Any) -> TypeAdapter[Any]:
+    """What validates a model or a dataclass."""
+    return TypeAdapter(model)
+
+
+@cache
+def schema_of(model: Any) -> dict[str, Any]:
+    """The JSON Schema of a model or a dataclass, to be read only."""
+    return adapter(model).json_schema(schema_generator=_Schema)
+
+
+def resolved(key: dict[str, Any], root: dict[str, Any]) -> dict[str, Any]:
+    """A key's own schema, its reference followed."""
+    target = root["$defs"][key["$ref"].rpartition("/")[2]] if "$ref" in key else {}
+    return {**target, **key}
+
+
+def schema_at(model: Any, at: Sequence[str | int]) -> dict[str, Any]:
+    """The schema of the table or value at a place in a file; empty where there is none."""
+    root = node = schema_of(model)
+    for part in at:
+        node = resolved(node, root)
+        if isinstance(part, int):
+            node = (node.get("prefixItems", [])[part:] or [node.get("items", {})])[0]
+        else:
+            inside = node.get("properties", {}).get(part, node.get("additionalProperties"))
+            node = inside if isinstance(inside, dict) else {}
+    return resolved(node, root)

@@ -18,7 +18,7 @@ from typing import Any, Literal
 from . import cache
 from .errors import DeltactFabError
 from .extras import EXTRAS
-from .rig.new import FoundDevice, cameras, ports
+from .rig.devices import FoundDevice, cameras, ports
 
 State = Literal["ok", "missing", "broken"]
 PACKAGE = "deltact-fab"

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -39,12 +41,6 @@ def test_a_damaged_or_foreign_entry_counts_as_none(folder: Path) -> None:
     assert cache.get("kind", {"a": 1}) is None
 
 
-def test_a_folder_that_refuses_is_told_and_harmless(folder: Path) -> None:
-    folder.write_text("a file in the way")
-    assert cache.put("kind", {"a": 1}, 5) is False
-    assert cache.get("kind", {"a": 1}) is None
-
-
 def test_the_platform_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv("DELTACT_FAB_CACHE")
     monkeypatch.setattr("sys.platform", "linux")
@@ -52,42 +48,43 @@ def test_the_platform_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     assert cache.user_folder() == tmp_path / "deltact-fab"
 
 
-def test_a_file_comes_back_with_its_note(folder: Path) -> None:
-    key = {"a": 1}
+def test_bytes_and_arrays_come_back_wherever_they_stand(folder: Path) -> None:
     data = b'{"line": 1}\n\x00\xff\nrest'
-    assert cache.get_file("kind", key) is None
-    assert cache.put_file("kind", key, data, {"v": 0.1})
-    assert cache.get_file("kind", key) == (data, {"v": 0.1})
-    assert cache.get_file("kind", {"a": 2}) is None
-    # Plain data is a note without a file.
-    assert cache.get("kind", key) == {"v": 0.1}
-    assert cache.put_file("kind", key, b"")
-    assert cache.get_file("kind", key) == (b"", None)
+    arrays = [np.arange(6.0).reshape(2, 3).T, np.zeros((0, 11)), np.array(3), np.array(["ab", "c"])]
+    value = {"file": data, "v": 0.1, "in": [{"array": array, "n": None} for array in arrays]}
+    assert cache.put("kind", {"a": 1}, value)
+    held: Any = cache.get("kind", {"a": 1})
+    assert (held["file"], held["v"], len(held["in"])) == (data, 0.1, 4)
+    for array, found in zip(arrays, held["in"], strict=True):
+        assert (found["array"].dtype, found["n"]) == (array.dtype, None)
+        np.testing.assert_array_equal(found["array"], array)
+    with pytest.raises(TypeError):
+        cache.put("kind", {"a": 1}, np.array([{}]))
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(at=st.integers(0, 10_000), bit=st.integers(0, 7))
 def test_a_changed_bit_anywhere_counts_as_none(folder: Path, at: int, bit: int) -> None:
-    cache.put_file("kind", {"a": 1}, b"some bytes", {"v": 0.1})
+    cache.put("kind", {"a": 1}, [b"some bytes", {"v": 0.1}])
     (entry,) = folder.rglob("*.bin")
     whole = bytearray(entry.read_bytes())
     whole[at % len(whole)] ^= 1 << bit
     entry.write_bytes(whole)
-    assert cache.get_file("kind", {"a": 1}) is None
+    assert cache.get("kind", {"a": 1}) is None
 
 
 @pytest.mark.parametrize("length", [0, 1, 40, -1])
 def test_a_shortened_file_counts_as_none(folder: Path, length: int) -> None:
-    cache.put_file("kind", {"a": 1}, b"some bytes")
+    cache.put("kind", {"a": 1}, b"some bytes")
     (entry,) = folder.rglob("*.bin")
     entry.write_bytes(entry.read_bytes()[:length])
-    assert cache.get_file("kind", {"a": 1}) is None
+    assert cache.get("kind", {"a": 1}) is None
 
 
-def test_a_folder_that_refuses_files_is_told_and_harmless(folder: Path) -> None:
+def test_a_folder_that_refuses_is_told_and_harmless(folder: Path) -> None:
     folder.write_text("a file in the way")
-    assert cache.put_file("kind", {"a": 1}, b"x") is False
-    assert cache.get_file("kind", {"a": 1}) is None
+    assert cache.put("kind", {"a": 1}, b"x") is False
+    assert cache.get("kind", {"a": 1}) is None
     assert cache.trim("kind", 0) == 0
 
 
@@ -98,24 +95,24 @@ def test_a_full_disk_leaves_no_half_entry(folder: Path, monkeypatch: pytest.Monk
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    assert cache.put_file("kind", {"a": 1}, b"some bytes") is False
+    assert cache.put("kind", {"a": 1}, b"some bytes") is False
     assert not [path for path in folder.rglob("*") if path.is_file()]
 
 
 def test_trim_keeps_what_was_used_last(folder: Path) -> None:
     for n in range(5):
-        cache.put_file("kind", {"n": n}, b"x" * 1000)
+        cache.put("kind", {"n": n}, b"x" * 1000)
     paths = {}
     for path in (folder / "kind").iterdir():
         n = json.loads(path.read_bytes().partition(b"\n")[0])["key"]["n"]
         paths[n] = path
         os.utime(path, (1000 + n, 1000 + n))
-    cache.get_file("kind", {"n": 0})
+    cache.get("kind", {"n": 0})
     size = paths[0].stat().st_size
     assert cache.trim("kind", 5 * size) == 0
     assert cache.trim("kind", 2 * size + 1) == 3 * size
     assert {n for n, path in paths.items() if path.exists()} == {0, 4}
-    assert cache.get_file("kind", {"n": 4}) == (b"x" * 1000, None)
+    assert cache.get("kind", {"n": 4}) == b"x" * 1000
 
 
 def test_trim_clears_what_a_dead_process_left(folder: Path) -> None:

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from deltact_fab import doctor
 from deltact_fab.cli.main import main
 from deltact_fab.errors import MissingLibrary
-from deltact_fab.rig.new import FoundDevice
+from deltact_fab.rig.devices import FoundDevice
 
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import io
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -51,14 +51,12 @@ def flows_of(run: Run, press: str, every: int) -> PressFlows:
     """
     of = key_of(run, press)
     key = {"of": of, "every_px": every, "step_mm": _STEP_MM}
-    held = cache.get_file(_KIND, key)
-    if held is not None:
-        return PressFlows(_unpacked(held[0]), of)
-    flows = _tracked(run, press, every)
-    if cache.put_file(_KIND, key, _packed(flows)):
-        cache.trim(_KIND, _KEPT_BYTES)
+    held = cache.get(_KIND, key)
+    if held is None:
+        held = _packed(_tracked(run, press, every))
+        cache.put(_KIND, key, held, _KEPT_BYTES)
     # As it will be read again, so that a second fit gives the same figures.
-    return PressFlows(_unpacked(_packed(flows)), of)
+    return PressFlows(_unpacked(held), of)
 
 
 def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
@@ -78,26 +76,21 @@ def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
     return flows
 
 
-def _packed(flows: list[FaceFlow]) -> bytes:
-    out = io.BytesIO()
+def _packed(flows: list[FaceFlow]) -> dict[str, Any]:
     steps = np.stack([flow.shift_mm for flow in flows]) / _STEP_MM
-    np.savez(
-        out,
-        shift=np.clip(np.rint(steps), -32767, 32767).astype(np.int16),
-        known=np.packbits(np.stack([flow.known for flow in flows]), axis=-1),
-        trusted=np.array([flow.trusted for flow in flows]),
-        x_mm=flows[0].x_mm,
-        y_mm=flows[0].y_mm,
-    )
-    return out.getvalue()
+    return {
+        "shift": np.clip(np.rint(steps), -32767, 32767).astype(np.int16),
+        "known": np.packbits(np.stack([flow.known for flow in flows]), axis=-1),
+        "trusted": [bool(flow.trusted) for flow in flows],
+        "x_mm": flows[0].x_mm,
+        "y_mm": flows[0].y_mm,
+    }
 
 
-def _unpacked(data: bytes) -> list[FaceFlow]:
-    with np.load(io.BytesIO(data)) as held:
-        shift = held["shift"].astype(np.float32) * np.float32(_STEP_MM)
-        known = np.unpackbits(held["known"], axis=-1, count=shift.shape[2]).astype(bool)
-        x_mm, y_mm = held["x_mm"], held["y_mm"]
-        return [
-            FaceFlow(s, k, x_mm, y_mm, bool(t))
-            for s, k, t in zip(shift, known, held["trusted"], strict=True)
-        ]
+def _unpacked(held: dict[str, Any]) -> list[FaceFlow]:
+    shift = held["shift"].astype(np.float32) * np.float32(_STEP_MM)
+    known = np.unpackbits(held["known"], axis=-1, count=shift.shape[2]).astype(bool)
+    return [
+        FaceFlow(s, k, held["x_mm"], held["y_mm"], t)
+        for s, k, t in zip(shift, known, held["trusted"], strict=True)
+    ]

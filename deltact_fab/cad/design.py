@@ -11,21 +11,16 @@ from typing import Any
 from .. import catalog
 from ..errors import InputError
 from ..shapes import Indenter
-from ..shapes.bounded import check_limits, number
+from ..shapes.bounded import Bounded, number
 from ..shapes.indenter import parse
 from .dimensions import Design
 
 
 @dataclass(frozen=True)
-class IndenterBody:
+class IndenterBody(Bounded):
     """What holds the tips and their shanks: one back plate."""
 
     plate_mm: float = number(4.0, "back plate", 1.0, 50.0)
-
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
-
-    def __post_init__(self) -> None:
-        check_limits(self)
 
 
 @dataclass(frozen=True)

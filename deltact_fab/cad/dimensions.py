@@ -80,8 +80,6 @@ class Design(SensorDimensions):
     laser: LaserDimensions = field(default_factory=LaserDimensions)
     drawing: TitleBlock = field(default_factory=TitleBlock)
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
-
     # Heights, from the face backwards.
 
     @property

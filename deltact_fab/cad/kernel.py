@@ -17,6 +17,8 @@ Shape: TypeAlias = Any  # cadquery's own; naming them by their class would impor
 Workplane: TypeAlias = Any
 
 SYSTEM_PACKAGES = "libgl1 libegl1 libx11-6"
+LIBRARIES = ("cadquery", "cadquery-ocp", "ezdxf", "numpy", "scipy")
+"""Whose versions decide what is made and measured."""
 
 
 def require() -> Any:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 from ..aliases import Point2
-from ..shapes.bounded import ShapeError, check_limits, is_unverified, number
+from ..shapes.bounded import Bounded, ShapeError, is_unverified, number
 
 __all__ = ["Point2", "Record", "assumed", "check_measured", "measured", "number", "standard_row"]
 
@@ -15,16 +15,14 @@ StandardRow = TypeVar("StandardRow")
 
 
 @dataclass(frozen=True)
-class Record:
+class Record(Bounded):
     """One section of a design: each number carries its meaning and its limits.
 
     One with keys that count as unverified has a field `measured` for those that a lab has measured.
     """
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
-
     def __post_init__(self) -> None:
-        check_limits(self)
+        super().__post_init__()
         if hasattr(self, "measured"):
             check_measured(self)
 

@@ -20,6 +20,8 @@ def schema(kind: str | None, key: str | None, as_json: bool) -> None:
     are listed. KEY is a table such as `capture`, one of its keys such as `capture.settle_s`, or the
     name of a key in any table. --json prints a JSON Schema, or with KEY the rows.
     """
+    from dataclasses import asdict
+
     from ..schema import KINDS, document, kind_named, matching, rows
     from .output import echo_json, echo_rows
 
@@ -30,11 +32,9 @@ def schema(kind: str | None, key: str | None, as_json: bool) -> None:
     found = kind_named(kind)
     chosen = rows(found) if key is None else matching(found, key)
     if as_json:
-        echo_json(document(found) if key is None else [row.as_dict() for row in chosen])
+        echo_json(document(found) if key is None else [asdict(row) for row in chosen])
         return
     for row in chosen:
-        facts = [row.type, row.unit, row.limits]
-        otherwise = row.otherwise
-        facts.append(f"default {otherwise}" if row.default is not None else otherwise)
+        facts = (row.type, row.unit, row.limits, row.otherwise)
         click.echo(f"{row.key}  ({'; '.join(fact for fact in facts if fact)})")
         click.echo(textwrap.indent(textwrap.fill(row.meaning, 92), "    "))

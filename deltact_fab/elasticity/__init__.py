@@ -4,8 +4,6 @@
 free sides. `gel` solves contacts with them; `measure` inverts them.
 """
 
-from .block import FreeBlock
-from .layer import BondedLayer
 from .material import GelMaterial
 
-__all__ = ["BondedLayer", "FreeBlock", "GelMaterial"]
+__all__ = ["GelMaterial"]

@@ -17,7 +17,6 @@ that near incompressibility does not lock them.
 
 from __future__ import annotations
 
-import io
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -104,7 +103,6 @@ PADDING = 2  # periods of the slab, in faces
 CELLS_ALONG = 24  # cells along the longer side, unless a size is asked for
 MAX_ALONG = 36  # the same where the gel is thinner than such a cell
 _KIND = "gel-sides"
-_VERSION = 1
 _CLASSES: tuple[Signs, ...] = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # in (x, y)
 
 
@@ -139,23 +137,20 @@ def free_sides(
             "is incompressible but for .1 % of force, and the level layer takes .5 itself"
         )
     box = _box(skin, cell_mm)
-    key = {
-        "version": _VERSION,
-        "sides_mm": [skin.width_mm, skin.length_mm],
-        "thickness_mm": skin.thickness_mm,
-        "cells": list(box.bricks),
-        "poisson": poisson,
-    }
+    key = cache.key(
+        "elasticity.edge_compliance",
+        sides_mm=[skin.width_mm, skin.length_mm],
+        thickness_mm=skin.thickness_mm,
+        cells=box.bricks,
+        poisson=poisson,
+    )
     a, b = skin.opening_half_mm
     x, y = np.linspace(-a, a, box.bricks[0] + 1), np.linspace(-b, b, box.bricks[1] + 1)
-    found = cache.get_file(_KIND, key) if use_cache else None
-    if found is not None:
-        return FreeSides(x, y, np.load(io.BytesIO(found[0]), allow_pickle=False))
-    quarters = _quarters(box, poisson)
-    if use_cache:
-        data = io.BytesIO()
-        np.save(data, quarters, allow_pickle=False)
-        cache.put_file(_KIND, key, data.getvalue())
+    quarters = cache.get(_KIND, key) if use_cache else None
+    if quarters is None:
+        quarters = _quarters(box, poisson)
+        if use_cache:
+            cache.put(_KIND, key, quarters)
     return FreeSides(x, y, quarters)
 
 

@@ -6,11 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ..shapes.bounded import Bounded, number
+
 MAX_PRONY = 100.0  # beyond, shares were given in percent, or the long-term modulus is nothing
 
 
 @dataclass(frozen=True)
-class GelMaterial:
+class GelMaterial(Bounded):
     """An isotropic silicone gel and its dry friction against the indenter.
 
     modulus_mpa: Young's modulus; .56 is Gent's relation at Shore 15A, uncertain by a factor of 2.
@@ -24,20 +26,15 @@ class GelMaterial:
     Raises ValueError for a number outside its range.
     """
 
-    modulus_mpa: float = 0.56
-    poisson: float = 0.49
-    friction: float = 0.5
+    modulus_mpa: float = number(
+        0.56, "Young's modulus of the gel; `gel fit` measures it", 0.0001, 10_000
+    )
+    poisson: float = number(0.49, "Poisson's ratio of the gel", 0, 0.5)
+    friction: float = number(0.5, "Coefficient of friction between tip and face", 0, 100)
     prony: tuple[tuple[float, float], ...] = ()
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
-
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.modulus_mpa) and self.modulus_mpa > 0):
-            raise ValueError(f"modulus_mpa > 0 and finite: {self.modulus_mpa} fails")
-        if not 0 <= self.poisson <= 0.5:
-            raise ValueError(f"0 <= poisson <= 0.5: {self.poisson} fails")
-        if not (math.isfinite(self.friction) and self.friction >= 0):
-            raise ValueError(f"friction >= 0 and finite: {self.friction} fails")
+        super().__post_init__()
         for pair in self.prony:
             if len(pair) != 2:
                 raise ValueError(f"prony: pairs [g, tau_s] are needed: {pair} fails")

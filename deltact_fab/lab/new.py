@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import catalog
 from ..errors import InputError, did_you_mean
-from ..schema import KINDS, Kind, commented
-from ..schema.document import described
+from ..schema import KINDS, commented, described
 from .folder import SCHEMAS, schema_line
 
 if TYPE_CHECKING:
-    from ..rig.new import RigFileContents
+    from ..rig.devices import FoundDevice
+
+ABOUT_RIG = (
+    "A real bench: a GRBL 1.1 or grblHAL stage, with a force sensor, a camera and indenters.",
+    "`deltact-fab rig new bench` writes such a file with the devices that it finds,",
+    "`deltact-fab rig check bench.toml` says what is wrong with it, and nothing moves.",
+    "No software is an emergency stop: have a switch that cuts the motors' power.",
+    "",
+    "Machine coordinates are mm, 0 at the homed end of each axis and negative below it. The sensor",
+    "frame is mm from the centre of the gel's resting face: x along its width, y along its length,",
+    "z out of it. Paths count from this file. What has MEASURE beside it is to be measured.",
+    "",
+)
 
 
 def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
@@ -35,7 +46,7 @@ def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
         f"    deltact-fab protocol show {name}",
         f"    deltact-fab run {name} --rig virtual --out {name}-run",
     )
-    return _write("protocol", plan.Protocol, name, out, given, about)
+    return _write("protocol", name, out, commented(KINDS["protocol"], given, about))
 
 
 def design(name: str, base: str = "deltact", out: Path | None = None) -> Path:
@@ -44,7 +55,6 @@ def design(name: str, base: str = "deltact", out: Path | None = None) -> Path:
     Raises InputError as `catalog.write_new`, and for a name or a base that is none.
     """
     from ..cad.design import load_design
-    from ..cad.dimensions import Design
 
     about = (
         f"A design that takes from {base!r} all that it does not set itself. Afterwards:",
@@ -53,7 +63,7 @@ def design(name: str, base: str = "deltact", out: Path | None = None) -> Path:
         "What is assumed and not measured is to be measured, and then listed under `measured`.",
     )
     inherited = asdict(load_design(base))
-    return _write("design", Design, name, out, {"base": base}, about, inherited)
+    return _write("design", name, out, commented(KINDS["design"], {"base": base}, about, inherited))
 
 
 def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path:
@@ -63,7 +73,7 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
     """
     from ..patterns.laws import LAWS
     from ..patterns.laws.law import KEYS
-    from ..patterns.recipe import DEFAULT_SEED, PatternRecipe
+    from ..patterns.recipe import DEFAULT_SEED
 
     if law not in LAWS:
         raise InputError(f"--law {law!r}: no such law; {did_you_mean(law, LAWS)}")
@@ -81,44 +91,63 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
         f"    deltact-fab pattern sheet {name} -o {name}.pdf",
     )
     out_of_place = set(KEYS) - set(taken)
-    return _write("pattern", PatternRecipe, name, out, given, about, leave_out=out_of_place)
+    return _write(
+        "pattern", name, out, commented(KINDS["pattern"], given, about, leave_out=out_of_place)
+    )
 
 
-def rig(name: str, out: Path | None = None) -> RigFileContents:
+@dataclass(frozen=True)
+class NewRigFile:
+    """A new rig file: the first of each device is used, the others are comments."""
+
+    file: Path
+    ports: list[FoundDevice]
+    cameras: list[FoundDevice]
+
+
+def rig(name: str, out: Path | None = None) -> NewRigFile:
     """Write a rig file for the devices of this computer, and return what was found.
 
-    Raises InputError and RunFailed as `rig.new.new`, and InputError for a name that is none.
+    Raises InputError as `catalog.write_new`, and for a name that is none.
     """
-    from ..rig.new import new
+    from ..rig import devices
 
-    return new(_file(KINDS["grbl-rig"], name, out))
+    ports, cameras = devices.ports(), devices.cameras()
+    return NewRigFile(_write("grbl-rig", name, out, rig_text(ports, cameras)), ports, cameras)
 
 
-def _file(kind: Kind, name: str, out: Path | None) -> Path:
-    """Where a new file of a kind goes. Raises InputError for a path in place of a name."""
+def rig_text(ports: Sequence[FoundDevice] = (), cameras: Sequence[FoundDevice] = ()) -> str:
+    """The text of a rig file for a real bench; the shipped `grbl-bench` is the one for no device.
+
+    Of ports and of cameras the first is taken, the others stand beside it in comments.
+    """
+    from ..rig.devices import FoundDevice
+
+    given: dict[str, Any] = {"kind": "grbl"}
+    written = {}
+    example = FoundDevice("/dev/ttyACM0", "an example: none was found")
+    for table, key, found in (("stage", "port", ports or [example]), ("camera", "source", cameras)):
+        values = [f"{catalog.literal(one.name)}  # {one.text}".rstrip(" #") for one in found]
+        if found:
+            given[table] = {key: found[0].name}
+            written[f"{table}.{key}"] = f"\n#or {key} = ".join(values)
+    return commented(KINDS["grbl-rig"], given, ABOUT_RIG, written=written)
+
+
+def _write(kind_name: str, name: str, out: Path | None, text: str) -> Path:
+    """Write a file of a kind under a name, with the line of its schema where the folder has one.
+
+    Raises InputError for a path in place of a name, and as `catalog.validate` and `write_new`.
+    """
     if not name or Path(name).name != name or name.endswith(".toml") or not name.isprintable():
         raise InputError(f"{name!r}: expected a name, as in mine; -o FILE.toml says where it goes")
-    folder = Path(kind.catalogue)
-    return out or (folder if folder.is_dir() else Path()) / f"{name}.toml"
-
-
-def _write(
-    kind_name: str,
-    model: type,
-    name: str,
-    out: Path | None,
-    given: Mapping[str, Any],
-    about: Sequence[str],
-    inherited: Mapping[str, Any] | None = None,
-    leave_out: Collection[str] = (),
-) -> Path:
     kind = KINDS[kind_name]
-    file = _file(kind, name, out)
-    text = commented(kind, given, about, inherited, leave_out)
+    folder = Path(kind.catalogue)
+    file = out or (folder if folder.is_dir() else Path()) / f"{name}.toml"
     data = tomllib.loads(text)
     data.pop("base", None)
-    catalog.validate(model, data, name)
-    if Path(SCHEMAS, f"{kind.name}.json").is_file():
-        text = schema_line(kind.name, Path(SCHEMAS), file.parent) + text
+    catalog.validate(kind.model(), data, name)
+    if Path(SCHEMAS, f"{kind_name}.json").is_file():
+        text = schema_line(kind_name, Path(SCHEMAS), file.parent) + text
     catalog.write_new(file, text)
     return file

@@ -20,7 +20,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from .. import cache, digest
+from .. import cache
 from .memory import peak_resident_mb
 from .process import answers
 
@@ -237,7 +237,7 @@ def _key() -> dict[str, Any]:
     """Everything that could change a cost: what the processes run, its libraries, the machine."""
     from ..experiment import versions
 
-    return {"source": digest.of("numerics.scenes"), "machine": machine(), **versions()}
+    return cache.key("numerics.scenes", machine=machine(), versions=versions())
 
 
 def machine() -> dict[str, Any]:

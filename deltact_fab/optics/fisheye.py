@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..aliases import Array
 from ..errors import InputError, SolverError
-from ..shapes.bounded import ShapeError, check_limits, number
+from ..shapes.bounded import Bounded, ShapeError, number
 from ..shapes.sensor import N_ACRYLIC, N_SILICONE, SensorDimensions
 from .camera import Medium
 
@@ -69,7 +69,7 @@ MAX_ITERATIONS = 40
 
 
 @dataclass(frozen=True)
-class Fisheye:
+class Fisheye(Bounded):
     """The camera's own image, through the lens as it is.
 
     A ray leaves the entrance pupil at an angle theta against the lens's axis, and meets the image
@@ -102,10 +102,8 @@ class Fisheye:
     width_px: int = number(1280, "columns of the raw image", 8, 20_000)
     height_px: int = number(720, "rows of the raw image", 8, 20_000)
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
-
     def __post_init__(self) -> None:
-        check_limits(self)
+        super().__post_init__()
         # To 90 degrees from the normal and 10 of tilt; else a point could be met by two rays.
         least_mm = self.air_gap_mm + FIELD_RAD**2 * self.pupil_shift_mm
         if not least_mm > 0:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..aliases import Array
 from ..errors import InputError, SolverError
-from ..shapes.bounded import check_limits, number
+from ..shapes.bounded import Bounded, number
 from ..shapes.sensor import SensorDimensions
 from .camera import Medium, ScaledView
 from .fisheye import Fisheye, on_face
@@ -163,7 +163,7 @@ def _finer(nodes: Array, values: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Rectified(ScaledView):
+class Rectified(Bounded, ScaledView):
     """A fisheye's image resampled so that the resting face has mm_per_px everywhere.
 
     At rest a column is one x and a row one y, as a pinhole's; the image's centre is the sensor's
@@ -174,11 +174,6 @@ class Rectified(ScaledView):
     mm_per_px: float = number(0.0378, "scale of the resting face", 1e-3, 1)
     width_px: int = number(798, "image's side along x", 8, 10_000)
     height_px: int = number(586, "image's side along y", 8, 10_000)
-
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
-
-    def __post_init__(self) -> None:
-        check_limits(self)
 
     @classmethod
     def of(cls, sensor: SensorDimensions, lens: Fisheye | None = None) -> Rectified:

@@ -15,6 +15,7 @@ from .. import catalog
 from ..configuration import Table
 from ..errors import InputError
 from .laws import LAWS, check_key, check_law, octave
+from .laws.law import KEYS
 
 MAX_PATCHES = 2000
 """Patches along a side: the uniforms of a larger sticker would need more than 100 MB."""
@@ -124,10 +125,18 @@ class PatternRecipe(Table, strict=True):
     def _law(cls, law: str) -> str:
         return check_law(law)
 
+    @field_validator(*KEYS)
+    @classmethod
+    def _of_law(cls, value: Any, info: ValidationInfo) -> Any:
+        # Every recipe has the channels' default in its files: only another one would mislead.
+        if "law" in info.data:
+            nothing = 3 if info.field_name == "channels" else None
+            check_key(info.data["law"], str(info.field_name), value != nothing)
+        return value
+
     @field_validator("patch_mm")
     @classmethod
     def _patch(cls, patch_mm: float | None, info: ValidationInfo) -> float | None:
-        _check_key("patch_mm", patch_mm is not None, info)
         if patch_mm is None:
             return None
         size_mm = info.data.get("size_mm", patch_mm)
@@ -140,25 +149,11 @@ class PatternRecipe(Table, strict=True):
             )
         return patch_mm
 
-    @field_validator("r")
-    @classmethod
-    def _r(cls, r: float | None, info: ValidationInfo) -> float | None:
-        _check_key("r", r is not None, info)
-        return r
-
-    @field_validator("channels")
-    @classmethod
-    def _channels(cls, channels: int, info: ValidationInfo) -> int:
-        # Every recipe has the default in its files: it is refused only where it would mislead
-        _check_key("channels", channels != 3, info)
-        return channels
-
     @field_validator("scales_mm")
     @classmethod
     def _scales(
         cls, scales_mm: tuple[float, ...] | None, info: ValidationInfo
     ) -> tuple[float, ...] | None:
-        _check_key("scales_mm", scales_mm is not None, info)
         patch_mm, size_mm = info.data.get("patch_mm"), info.data.get("size_mm")
         if scales_mm is None or patch_mm is None or size_mm is None:
             return scales_mm
@@ -183,7 +178,6 @@ class PatternRecipe(Table, strict=True):
     def _weights(
         cls, weights: tuple[float, ...] | None, info: ValidationInfo
     ) -> tuple[float, ...] | None:
-        _check_key("weights", weights is not None, info)
         scales_mm = info.data.get("scales_mm")
         if weights is None or scales_mm is None:
             return weights
@@ -194,7 +188,6 @@ class PatternRecipe(Table, strict=True):
     @field_validator("dots")
     @classmethod
     def _dots(cls, dots: DotGrid | None, info: ValidationInfo) -> DotGrid | None:
-        _check_key("dots", dots is not None, info)
         if dots is None:
             return None
         law = info.data.get("law")
@@ -269,12 +262,6 @@ class PatternRecipe(Table, strict=True):
 def _places(count: int, pitch_mm: float, offset_mm: float) -> list[float]:
     """Of a row of dots, from its centre."""
     return [(i - (count - 1) / 2) * pitch_mm + offset_mm for i in range(count)]
-
-
-def _check_key(key: str, is_given: bool, info: ValidationInfo) -> None:
-    """`laws.check_key`, unless the law itself is at fault."""
-    if "law" in info.data:
-        check_key(info.data["law"], key, is_given)
 
 
 def _whole_patches(size_mm: float, patch_mm: float) -> int:

@@ -17,7 +17,8 @@ from pydantic import Field, field_validator, model_validator
 
 from .. import catalog
 from ..aliases import Point
-from ..configuration import Place, Table
+from ..configuration import Place, Table, same_as
+from ..elasticity.material import GelMaterial
 from ..errors import InputError, did_you_mean
 from ..levels import LEVELS
 from ..shapes import Indenter
@@ -28,7 +29,6 @@ Length = Annotated[float, Field(ge=0.001, le=1000)]  # mm
 Feed = Annotated[float, Field(ge=0.001, le=100_000)]  # mm/min; `budget` asks for more
 Rate = Annotated[float, Field(ge=0.0001, le=1000)]  # frames a second
 Share = Annotated[float, Field(ge=0.001, le=100)]
-Modulus = Annotated[float, Field(ge=0.0001, le=10_000)]  # MPa
 Seconds = Annotated[float, Field(ge=0.001, le=1e6)]
 
 
@@ -41,7 +41,9 @@ class Shear(Table):
 
     amplitude_mm: Length | None = Field(default=None, examples=[3.0])
     """How far the tip is dragged to each side of the press. Either this or amplitude_of_depth."""
-    amplitude_of_depth: Share | None = Field(default=None, examples=[0.7])
+    amplitude_of_depth: Share | None = Field(
+        default=None, examples=[0.7], json_schema_extra={"instead_of": "amplitude_mm"}
+    )
     """Instead of amplitude_mm: as a share of the depth. A ball slips as a whole once it is dragged
     by about 1.5 x friction of its depth, whatever its size (Mindlin), and sticks before that."""
     axes: tuple[Literal["x", "y"], ...] = ("x", "y")
@@ -131,12 +133,9 @@ class Specimen(Table):
     """How forces are predicted and a virtual gel is simulated: "layer" and "block" are linear, for
     presses of up to some tenths of the thickness; "hyperelastic" is finite strain, for deep ones,
     and takes minutes."""
-    modulus_mpa: Modulus = 0.56
-    """Young's modulus of the gel; `gel fit` measures it."""
-    poisson: float = Field(default=0.49, ge=0, le=0.5)
-    """Poisson's ratio of the gel."""
-    friction: float = Field(default=0.5, ge=0, le=100)
-    """Coefficient of friction between tip and face."""
+    modulus_mpa: float = same_as(GelMaterial, "modulus_mpa")
+    poisson: float = same_as(GelMaterial, "poisson")
+    friction: float = same_as(GelMaterial, "friction")
     prony: tuple[tuple[Annotated[float, Field(ge=0, le=100)], Seconds], ...] = ()
     """Pairs (g, tau_s) of a gel that creeps, as `GelMaterial` has them: modulus_mpa is that of a
     slow press."""

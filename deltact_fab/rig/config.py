@@ -27,6 +27,7 @@ from .stage.firmware import FIRMWARE
 from .tool.config import RegistrationFile, ToolConfig, TouchConfig, named_tools
 
 Tools = Annotated[dict[str, ToolConfig], AfterValidator(named_tools)]
+TOOLS = {"sphere:10": {"length_mm": 0.0}}
 
 
 class StageConfig(StageSettings):
@@ -55,7 +56,7 @@ class VirtualConfig(Table):
     guard: GuardConfig | None = None
     """What stops the stage; for `run --realtime` only, as are touch and tools."""
     touch: TouchConfig = TouchConfig()
-    tools: Tools = Field(default_factory=dict)
+    tools: Tools = Field(default_factory=dict, examples=[TOOLS])
     """By indenter, as `[tools."sphere:10"]`; for `run --realtime` only."""
     virtual: SimulatorConfig = SimulatorConfig()
 
@@ -85,12 +86,14 @@ class GrblConfig(Table):
     """"grbl": a real GRBL 1.1 or grblHAL stage."""
     stage: StageConfig
     force: ForceConfig | None = None
-    """A sensor that stands in the way of the force, read or not."""
+    """A sensor that stands in the way of the force, read or not; every press needs it, for the
+    guard lives on it."""
     camera: CameraConfig | None = None
     guard: GuardConfig | None = None
     touch: TouchConfig | None = None
-    tools: Tools = Field(default_factory=dict)
-    """By indenter, as `[tools."sphere:10"]`."""
+    tools: Tools = Field(default_factory=dict, examples=[TOOLS])
+    """By indenter, as `[tools."sphere:10"]`: how much longer it is than the tip that the origin was
+    measured with."""
 
     @model_validator(mode="after")
     def _port(self) -> Self:

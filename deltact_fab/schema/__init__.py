@@ -1,7 +1,7 @@
 """Every key that a lab can write: type, unit, default, limits and meaning, from the models."""
 
 from .commented import commented
-from .document import DIALECT, document
+from .document import DIALECT, described, document
 from .kinds import KINDS, Kind, kind_named
 from .rows import KeyRow, matching, rows
 
@@ -11,6 +11,7 @@ __all__ = [
     "KeyRow",
     "Kind",
     "commented",
+    "described",
     "document",
     "kind_named",
     "matching",

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from .document import described, resolved
+from ..catalog import literal
 from .kinds import Kind
-from .rows import limits_of, literal, type_of
-from .units import unit_of
+from .rows import BY_NAME, TABLE, KeyRow, rows
 
 HOW = (
     'A line that begins with "#" and goes on at once is a key that is not set: its value is what',
     "holds without it, or an example where nothing does. Remove the # and change the value.",
 )
+OR = 'A line that begins with "#or" says the same in another way: one of both is given.'
 
 
 def commented(
@@ -23,72 +23,51 @@ def commented(
     about: Sequence[str] = (),
     inherited: Mapping[str, Any] | None = None,
     leave_out: Collection[str] = (),
+    written: Mapping[str, str] | None = None,
 ) -> str:
     """The text of a file.
 
     given: values that are set; inherited: what holds for other keys in place of the model's
-    default; leave_out: keys at the top that do not belong into this file. Raises ValueError for a
-    required key that is not given.
+    default; leave_out: keys at the top that do not belong into this file; written: what stands for
+    the value of a key, by its path. A required key that is not given has its example.
     """
-    root = described(kind)
-    head = [f"# {line}".rstrip() for line in (*about, *HOW)]
-    body = _table(root, root, "", given, inherited or {}, set(leave_out), off="")
-    return "\n".join([*head, *body]) + "\n"
-
-
-def _table(
-    node: dict[str, Any],
-    root: dict[str, Any],
-    at: str,
-    given: Mapping[str, Any],
-    inherited: Mapping[str, Any],
-    leave_out: set[str],
-    off: str,
-) -> Iterator[str]:
-    needed = [] if off else node.get("required", [])
-    tables = []
-    for name, raw in node["properties"].items():
-        if name in leave_out:
+    found = [row for row in rows(kind) if row.key.partition(".")[0] not in leave_out]
+    ways = (OR,) if any(row.instead_of for row in found) else ()
+    lines = [f"# {line}".rstrip() for line in (*about, *HOW, *ways)]
+    marks = {"": ""}  # of each table, what stands before its lines
+    for row in found:
+        table, _, name = row.key.rpartition(".")
+        value = _at(given, row.key)
+        unset = "" if value is not None or row.required else "#or " if row.instead_of else "#"
+        lines.append("")
+        if row.type in (TABLE, BY_NAME):
+            any_name = row.type == BY_NAME
+            mark = max(marks[table], "" if row.default and not any_name else unset, key=len)
+            marks[f"{row.key}.*" if any_name else row.key] = mark
+            lines += _wrapped(row.meaning, "## ")
+            lines.append(f"{mark}[{row.key}.{row.example}]" if any_name else f"{mark}[{row.key}]")
             continue
-        key, optional = resolved(raw, root)
-        if "properties" in key:
-            tables.append((name, key, optional))
-            continue
-        if name not in given and name in needed:
-            raise ValueError(f"{at}{name}: required")
-        yield ""
-        yield from _note(name, key)
-        yield _line(name, key, given, inherited, off)
-    for name, key, optional in tables:
-        inside = given.get(name, {})
-        absent = optional and name not in given
-        yield ""
-        yield from _wrapped(key.get("description", ""), "## ")
-        mark = off or ("#" if absent else "")
-        yield f"{mark}[{at}{name}]"
-        below = inherited.get(name) or {}
-        yield from _table(key, root, f"{at}{name}.", inside, below, set(), mark)
+        if value is None:
+            value = _at(inherited or {}, row.key)
+        text = (row.default or row.example) if value is None else literal(value)
+        text = (written or {}).get(row.key, text)
+        lines += _note(row)
+        lines.append(f"{max(marks[table], unset, key=len)}{name} = {text}")
+    return "\n".join(lines) + "\n"
 
 
-def _line(
-    name: str, key: dict[str, Any], given: Mapping[str, Any], inherited: Mapping[str, Any], off: str
-) -> str:
-    if name in given:
-        return f"{off}{name} = {literal(given[name])}"
-    if inherited.get(name) is not None:
-        return f"#{name} = {literal(inherited[name])}"
-    if "default" in key:
-        return f"#{name} = {literal(key['default'])}"
-    return f"#{name} = {literal(key['examples'][0])}"
+def _at(data: Any, key: str) -> Any:
+    """The value at a path in tables; None where there is none."""
+    for name in key.split("."):
+        data = data.get(name) if isinstance(data, Mapping) else None
+    return data
 
 
-def _note(name: str, key: dict[str, Any]) -> Iterator[str]:
+def _note(row: KeyRow) -> list[str]:
     """Meaning, then type, unit and limits in brackets."""
-    kind = type_of(key)
-    facts = [kind if kind != "number" else "", unit_of(name), limits_of(key)]
+    facts = (row.type if row.type != "number" else "", row.unit, row.limits)
     said = "; ".join(fact for fact in facts if fact)
-    meaning = key.get("description", "")
-    yield from _wrapped(f"{meaning} [{said}]" if said else meaning, "# ")
+    return _wrapped(f"{row.meaning} [{said}]" if said else row.meaning, "# ")
 
 
 def _wrapped(text: str, mark: str) -> list[str]:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
+from ..catalog import literal
+from ..configuration import resolved
 from ..errors import InputError, did_you_mean
-from .document import described, resolved
+from .document import described
 from .kinds import Kind
 from .units import unit_of
+
+TABLE, BY_NAME, MANY = "table", "tables by name", "list of tables"
+_MARKS = {TABLE: "", BY_NAME: ".*", MANY: "[]"}
 
 
 @dataclass(frozen=True)
@@ -18,7 +22,9 @@ class KeyRow:
     """One key.
 
     key: its path, as `capture.settle_s`; `[]` is an entry of a list of tables, `*` any name.
-    default: as TOML writes it; None where the key has no value unless one is given.
+    default, example: as TOML writes them; None where there is none. The default of a table is {}
+    where it holds without being written, and the example of tables by name is a name. instead_of:
+    the key beside it that is not given where this one is.
     """
 
     key: str
@@ -28,23 +34,21 @@ class KeyRow:
     required: bool
     limits: str
     meaning: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
-        return asdict(self)
+    example: str | None = None
+    instead_of: str = ""
 
     @property
     def otherwise(self) -> str:
-        """What holds when the key is left out."""
+        """What holds when the key is left out; empty of a table, whose keys say theirs."""
         if self.required:
             return "required"
-        if self.type == "table":
+        if self.default == "{}":
             return ""
-        return self.default if self.default is not None else "not set"
+        return "not set" if self.default is None else f"default {self.default}"
 
 
 def rows(kind: Kind) -> list[KeyRow]:
-    """Every key of a kind, tables above the keys inside them."""
+    """Every key of a kind: those of a table, then the tables in it, each above its keys."""
     root = described(kind)
     return list(_rows(root, root, ""))
 
@@ -68,44 +72,35 @@ def matching(kind: Kind, key: str) -> list[KeyRow]:
 
 def _rows(node: dict[str, Any], root: dict[str, Any], at: str) -> Iterator[KeyRow]:
     needed = node.get("required", [])
-    for name, raw in node["properties"].items():
-        key, _ = resolved(raw, root)
-        path = f"{at}{name}"
-        inner, mark = _inner(key, root)
-        meaning = key.get("description", "")
-        default = None if inner or "default" not in key else literal(key["default"])
-        kind = {"": "table", "[]": "list of tables", ".*": "tables by name"}[mark]
+    keys = {name: resolved(key, root) for name, key in node["properties"].items()}
+    inner = {name: _inner(key, root) for name, key in keys.items()}
+    for name in sorted(keys, key=lambda name: inner[name] is not None):
+        key, (kind, table) = keys[name], inner[name] or ("", {})
+        example = next(iter(key.get("examples", ())), None)
+        if kind == BY_NAME and example is not None:
+            example = next(iter(example))
         yield KeyRow(
-            path,
-            kind if inner else type_of(key),
-            "" if inner else unit_of(name),
-            default,
+            f"{at}{name}",
+            kind or type_of(key),
+            "" if table else unit_of(name),
+            literal(key["default"]) if "default" in key else None,
             name in needed,
-            "" if inner else limits_of(key),
-            meaning,
+            "" if table else limits_of(key),
+            key.get("description", ""),
+            None if example is None else literal(example),
+            key.get("instead_of", ""),
         )
-        if inner:
-            yield from _rows(inner, root, f"{path}{mark}.")
+        if table:
+            yield from _rows(table, root, f"{at}{name}{_MARKS[kind]}.")
 
 
-def _inner(key: dict[str, Any], root: dict[str, Any]) -> tuple[dict[str, Any] | None, str]:
-    """The table that a key is, or that each entry of it is, and how its path says so."""
-    if "properties" in key:
-        return key, ""
-    for part, mark in (("items", "[]"), ("additionalProperties", ".*")):
-        if isinstance(key.get(part), dict):
-            entry, _ = resolved(key[part], root)
-            if "properties" in entry:
-                return entry, mark
-    return None, ""
-
-
-def literal(value: Any) -> str:
-    """A value as TOML writes it."""
-    if isinstance(value, dict):
-        inner = ", ".join(f"{name} = {literal(one)}" for name, one in value.items())
-        return f"{{{inner}}}"
-    return json.dumps(value, ensure_ascii=False)
+def _inner(key: dict[str, Any], root: dict[str, Any]) -> tuple[str, dict[str, Any]] | None:
+    """How a key holds a table, itself or in each of its entries, and that table."""
+    parts = {TABLE: key, MANY: key.get("items"), BY_NAME: key.get("additionalProperties")}
+    for kind, part in parts.items():
+        if isinstance(part, dict) and "properties" in (table := resolved(part, root)):
+            return kind, table
+    return None
 
 
 _TYPES = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true, false"}
@@ -146,37 +141,32 @@ def limits_of(key: dict[str, Any]) -> str:
     """What a value may be at least and at most, in plain words."""
     if "anyOf" in key:
         return " or ".join(dict.fromkeys(filter(None, map(limits_of, key["anyOf"]))))
-    if "additionalProperties" in key and isinstance(key["additionalProperties"], dict):
-        return limits_of(key["additionalProperties"])
+    if isinstance(entry := key.get("additionalProperties"), dict):
+        return limits_of(entry)
     said = []
     if key.get("type") == "array":
-        parts = key.get("prefixItems") or [key.get("items", {})]
-        inner = list(dict.fromkeys(filter(None, map(limits_of, parts))))
         if "prefixItems" not in key and (count := _range(key, "minItems", "maxItems")):
             said.append(f"{count} {'entry' if count.endswith(' 1') else 'entries'}")
+        parts = key.get("prefixItems") or [key.get("items", {})]
+        inner = " and ".join(dict.fromkeys(filter(None, map(limits_of, parts))))
         if inner:
-            each = "" if inner[0].startswith("each") else "each "
-            said.append(each + (inner[0] if len(inner) == 1 else " and ".join(inner)))
-    if key.get("type") == "string" and (count := _range(key, "minLength", "maxLength")):
+            said.append(inner if inner.startswith("each") else f"each {inner}")
+    if count := _range(key, "minLength", "maxLength"):
         said.append(f"{count} characters")
     if "pattern" in key:
         said.append(f"matches {key['pattern']}")
-    if value := _range(key, "minimum", "maximum"):
+    if value := _range(key, "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"):
         said.append(value)
     return ", ".join(said)
 
 
-def _range(key: dict[str, Any], low: str, high: str) -> str:
-    above, below = key.get("exclusiveMinimum"), key.get("exclusiveMaximum")
-    least, most = key.get(low), key.get(high)
-    if low != "minimum":
-        above = below = None
+def _range(key: dict[str, Any], *names: str) -> str:
+    """names: of the least and the most value, then of what it must be above and below."""
+    least, most, above, below = (*map(key.get, names), None, None)[:4]
     if least is not None and most is not None:
-        return f"{_number(least)}" if least == most else f"{_number(least)} to {_number(most)}"
-    parts = [
-        (above, "above"), (least, "at least"), (below, "below"), (most, "at most")
-    ]  # fmt: skip
-    return ", ".join(f"{word} {_number(value)}" for value, word in parts if value is not None)
+        return _number(least) if least == most else f"{_number(least)} to {_number(most)}"
+    words = {"above": above, "at least": least, "below": below, "at most": most}
+    return ", ".join(f"{word} {_number(v)}" for word, v in words.items() if v is not None)
 
 
 def _number(value: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import Field, field, fields
+from dataclasses import Field, dataclass, field, fields
 from typing import Any
 
 
@@ -36,16 +36,24 @@ def number(
     )
 
 
+@dataclass(frozen=True)
+class Bounded:
+    """A record of numbers with meaning and limits, which `catalog.validate` reads from a file.
+
+    Raises ShapeError for a number beyond its limits, and for NaN.
+    """
+
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by pydantic
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            if "ge" not in f.metadata:
+                continue
+            value, low, high = getattr(self, f.name), f.metadata["ge"], f.metadata["le"]
+            if not (math.isfinite(value) and low <= value <= high):
+                raise ShapeError(f"{low:g} <= {f.name} <= {high:g}: {value:g} fails")
+
+
 def is_unverified(f: Field[Any]) -> bool:
     """Whether the default of a record's field was assumed and not measured."""
     return bool(f.metadata.get("json_schema_extra", {}).get("unverified"))
-
-
-def check_limits(record: object) -> None:
-    """Raise ShapeError unless every number of the record lies within its limits (NaN fails)."""
-    for f in fields(record):  # type: ignore[arg-type]
-        if "ge" not in f.metadata:
-            continue
-        value, low, high = getattr(record, f.name), f.metadata["ge"], f.metadata["le"]
-        if not (math.isfinite(value) and low <= value <= high):
-            raise ShapeError(f"{low:g} <= {f.name} <= {high:g}: {value:g} fails")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from .bounded import ShapeError, check_limits, number
+from .bounded import Bounded, ShapeError, number
 
 N_SILICONE = 1.41
 N_ACRYLIC = 1.49
@@ -17,7 +17,7 @@ FILM_MARGIN_MM = 10.0
 
 
 @dataclass(frozen=True)
-class SkinDimensions:
+class SkinDimensions(Bounded):
     """The clear silicone block behind the pattern (paper: 36 x 34 x 12, edges filleted)."""
 
     width_mm: float = number(36.0, "side along x", 5, 200)
@@ -26,10 +26,8 @@ class SkinDimensions:
     edge_fillet_mm: float = number(2.0, "rounding of the touched face's edges", 0.05, 50)
     protrusion_mm: float = number(6.0, "height that stands proud of the frame", 0.1, 60)
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
-
     def __post_init__(self) -> None:
-        check_limits(self)
+        super().__post_init__()
         limit_mm = min(self.width_mm, self.length_mm) / 2
         if not self.edge_fillet_mm < limit_mm:
             raise ShapeError(
@@ -55,7 +53,7 @@ class SkinDimensions:
 
 
 @dataclass(frozen=True)
-class FrameDimensions:
+class FrameDimensions(Bounded):
     """The black tactile skin base that holds the skin: an outer box with a window."""
 
     wall_x_mm: float = number(1.5, "wall beside the skin in x; (39 - 36) / 2", 0.5, 50)
@@ -63,14 +61,9 @@ class FrameDimensions:
     seat_y_mm: float = number(1.5, "ledge in y that the acrylic rests on", 0.2, 20)
     seat_x_mm: float = number(0.0, "by which the acrylic's pocket is wider than the skin", 0, 20)
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
-
-    def __post_init__(self) -> None:
-        check_limits(self)
-
 
 @dataclass(frozen=True)
-class OpticsDimensions:
+class OpticsDimensions(Bounded):
     """What the camera looks through, and how much of the face it sees."""
 
     air_gap_mm: float = number(3.0, "lens to acrylic", 0.1, 50)
@@ -79,11 +72,6 @@ class OpticsDimensions:
     image_width_px: int = number(798, "image's side along x, rectified", 8, 10_000)
     image_height_px: int = number(586, "image's side along y, rectified", 8, 10_000)
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
-
-    def __post_init__(self) -> None:
-        check_limits(self)
-
     @property
     def view_mm(self) -> tuple[float, float]:
         """Size of the field of view on the resting face, (x, y) = image in px x mm_per_px."""
@@ -91,14 +79,12 @@ class OpticsDimensions:
 
 
 @dataclass(frozen=True)
-class SensorDimensions:
+class SensorDimensions(Bounded):
     """The optical half of the sensor; derived lengths are properties with their equation."""
 
     skin: SkinDimensions = field(default_factory=SkinDimensions)
     frame: FrameDimensions = field(default_factory=FrameDimensions)
     optics: OpticsDimensions = field(default_factory=OpticsDimensions)
-
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 
     @property
     def frame_outer_mm(self) -> tuple[float, float]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import json
 import sys
 import time
-import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -14,9 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from .. import cache, digest
+from .. import cache
 from ..aliases import Progress
 from ..errors import DeltactFabError, RunFailed, Stopped
 from ..jobs import CannotGoOn, JobOutcome, processors, run
@@ -139,11 +135,8 @@ class GridJob:
         """The key of its result in the store. Raises TypeError for what is not plain data."""
         top, _, module = self.work.__module__.partition(".")
         folder = Path(str(sys.modules[top].__file__)).parent
-        return {
-            "work": f"{self.work.__module__}:{self.work.__name__}",
-            "code": digest.of(module or top, package=folder),
-            "given": self.plain(),
-        }
+        work = f"{self.work.__module__}:{self.work.__name__}"
+        return cache.key(module or top, package=folder, work=work, given=self.plain())
 
     def plain(self) -> dict[str, Any]:
         """Its arguments by way of JSON. Raises TypeError for what is not plain data."""
@@ -237,7 +230,8 @@ class _Books:
     ) -> None:
         self._jobs, self._progress, self._say = jobs, progress, say
         self._keys = keys = {job.name: job.key() for job in jobs}
-        self.found = {name: kept for name, key in keys.items() if (kept := _load(key)) is not None}
+        held = {name: cache.get(KIND, key) for name, key in keys.items()}
+        self.found: dict[str, Value] = {k: v for k, v in held.items() if v is not None}
         self._kept = len(self.found)
         # Jobs of other names that are the same are done once, and the longest are begun first, so
         # that none is left alone at the end.
@@ -273,12 +267,12 @@ class _Books:
             self._pace.share(index, share)
             self.tick(self.todo[index].name)
 
-    def ended(self, ended: JobOutcome[tuple[bytes, Value]]) -> None:
+    def ended(self, ended: JobOutcome[Value]) -> None:
         """Keep what a job gave, or why it gave nothing. Raises a mistake in the code of a job."""
         name = self.todo[ended.index].name
         self._pace.ended(ended.index)
         if ended.value is not None:
-            self._keep(name, *ended.value)
+            self._keep(name, ended.value)
         elif isinstance(ended.error, _FAILURES):
             self._errors.append(ended.error)
             why = " ".join(str(ended.error).split()) or type(ended.error).__name__
@@ -289,9 +283,9 @@ class _Books:
             raise ended.error
         self.tick(name)
 
-    def _keep(self, name: str, packed: bytes, plain: Value) -> None:
-        self.found.update({alike: _unpacked(packed, plain) for alike in self._names[name]})
-        if not cache.put_file(KIND, self._keys[name], packed, plain) and not self._refused:
+    def _keep(self, name: str, value: Value) -> None:
+        self.found.update(dict.fromkeys(self._names[name], value))
+        if not cache.put(KIND, self._keys[name], value) and not self._refused:
             self._refused = True
             self._say(f"{cache.user_folder()}: nothing can be kept there; do not interrupt this")
 
@@ -306,28 +300,7 @@ class _Books:
         return Grid([job.name for job in self._jobs], self.found, self._missing, self._kept)
 
 
-def _do(job: GridJob) -> tuple[bytes, Value]:
-    """A job's value as it is stored, so that a fresh and a stored one are the same."""
-    value = job.work(job.plain())
-    arrays: dict[str, Any] = {k: v for k, v in value.items() if isinstance(v, np.ndarray)}
-    plain = {k: v for k, v in value.items() if k not in arrays}
-    if pickled := [k for k, v in arrays.items() if v.dtype.hasobject]:
-        raise TypeError(f"{', '.join(pickled)}: arrays of objects cannot be kept")
-    packed = io.BytesIO()
-    np.savez_compressed(packed, **arrays)
-    return packed.getvalue(), json.loads(json.dumps(plain))
-
-
-def _load(key: dict[str, Any]) -> Value | None:
-    kept = cache.get_file(KIND, key)
-    if kept is None:
-        return None
-    try:
-        return _unpacked(*kept)
-    except (ValueError, OSError, zipfile.BadZipFile):
-        return None
-
-
-def _unpacked(data: bytes, plain: Value) -> Value:
-    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        return {**plain, **{name: arrays[name] for name in arrays.files}}
+def _do(job: GridJob) -> Value:
+    """A job's value as it is found again, so that a fresh and a stored one are the same."""
+    value: Value = cache.unpacked(*cache.packed(job.work(job.plain())))
+    return value

@@ -143,7 +143,7 @@ def test_a_damaged_file_and_other_code_count_as_none(monkeypatch):
         entry.write_bytes(damaged)
         assert found() == ["a"]
     assert found() == []
-    monkeypatch.setattr(digest, "of", lambda *_: "other")
+    monkeypatch.setattr(digest, "of", lambda *_, **_package: "other")
     assert found() == ["a"]
 
 

@@ -21,7 +21,7 @@ from deltact_fab.cad.export import batch as export
 from deltact_fab.cad.export import folder as export_folder
 from deltact_fab.cad.export.batch import export_parts
 from deltact_fab.cad.export.part_files import DRAWN, FORMATS, FileBytes, applicable
-from deltact_fab.cad.export.stored import Store, sources
+from deltact_fab.cad.export.stored import Store
 from deltact_fab.cad.parts import skin_frame
 from deltact_fab.cli.cad import cad
 from deltact_fab.errors import InputError, RunFailed
@@ -314,11 +314,12 @@ def test_a_new_title_makes_new_drawings_and_nothing_else(tmp_path):
 
 
 def test_a_part_counts_its_own_file_and_the_order_of_parts_does_not():
-    skin, cover = (registry.find(name) for name in ("skin", "cover"))
-    # A Design needs no part's file.
-    assert sources([skin]) != sources([cover])
-    assert sources([skin, cover]) == sources([cover, skin])
-    assert sources([skin, cover]) not in (sources([skin]), sources([cover]))
+    skin, cover, both, turned = (
+        Store(DESIGN, 0.01, True).key([registry.find(name) for name in names], "step")["code"]
+        for names in (["skin"], ["cover"], ["skin", "cover"], ["cover", "skin"])
+    )
+    assert both == turned
+    assert len({skin, cover, both}) == 3
 
 
 # What goes wrong.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltact_fab.elasticity import FreeBlock, GelMaterial
+from deltact_fab.elasticity import GelMaterial
+from deltact_fab.elasticity.block import FreeBlock
 from deltact_fab.elasticity.cells import FaceCells
 from deltact_fab.shapes import SkinDimensions
 

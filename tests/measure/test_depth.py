@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltact_fab.elasticity import FreeBlock, GelMaterial
+from deltact_fab.elasticity import GelMaterial
+from deltact_fab.elasticity.block import FreeBlock
 from deltact_fab.errors import InputError
 from deltact_fab.measure.face import FaceFlow
 from deltact_fab.measure.shape import (

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import gaussian_filter
 
-from deltact_fab.elasticity import FreeBlock, GelMaterial
+from deltact_fab.elasticity import GelMaterial
+from deltact_fab.elasticity.block import FreeBlock
 from deltact_fab.errors import InputError
 from deltact_fab.gel.path.knots import ObservedChannels, along
 from deltact_fab.gel.path.open import choose, open_path

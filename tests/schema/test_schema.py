@@ -15,12 +15,11 @@ from pydantic import TypeAdapter
 
 from deltact_fab import catalog
 from deltact_fab.cli.main import main
-from deltact_fab.configuration import Table
+from deltact_fab.configuration import Table, resolved
 from deltact_fab.errors import InputError
 from deltact_fab.lab.folder import kind_of
 from deltact_fab.patterns.laws import LAWS
-from deltact_fab.schema import KINDS, Kind, document, matching, rows
-from deltact_fab.schema.document import described, resolved
+from deltact_fab.schema import KINDS, Kind, described, document, matching, rows
 from deltact_fab.schema.rows import limits_of, type_of
 from deltact_fab.schema.units import unit_of
 
@@ -114,7 +113,7 @@ class Number:
 
 def numbers(node: dict[str, Any], root: dict[str, Any], at: tuple[str, ...]) -> Iterator[Number]:
     for name, raw in node["properties"].items():
-        key, _ = resolved(raw, root)
+        key = resolved(raw, root)
         if "properties" in key:
             yield from numbers(key, root, (*at, name))
         elif key.get("type") in ("number", "integer") and "enum" not in key:
@@ -155,7 +154,7 @@ def test_a_number_beyond_its_limits_is_refused_by_the_model(kind: Kind) -> None:
 def test_limits_of_a_recipe_are_those_of_its_schema() -> None:
     """Those of lists too, which the walk over numbers does not see."""
     root = described(KINDS["pattern"])
-    keys = {name: resolved(key, root)[0] for name, key in root["properties"].items()}
+    keys = {name: resolved(key, root) for name, key in root["properties"].items()}
     size, patch, r, scales = (keys[name] for name in ("size_mm", "patch_mm", "r", "scales_mm"))
     clear = {"law": "transparent", "seed": 1}
     paper = {"law": "algorithm1", "seed": 1, "size_mm": size["maximum"], "patch_mm": 1.0, "r": 0.1}

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ... import cache, digest, record
+from ... import cache, record
 from ...aliases import Array, Progress
 from ...errors import InputError, SolverError
 from ...jobs import each
@@ -224,13 +224,13 @@ def points_of(run: Run, label: str, press: str, names: Sequence[str]) -> PressPo
 def _features(one: Features, view: SensorView, of: PressFlows) -> tuple[Array, list[int]]:
     """A feature set at the flows of a press (n, k), from the cache; rows that have no solution."""
     by = type(one).of  # sets that share it have the same numbers
-    key = {
-        "of": of.key,
-        "every_px": one.every,
-        "by": by.__qualname__,
-        "code": digest.of(by.__module__.partition(".")[2]),
-        "view": repr((view.camera.as_dict(), view.skin, view.poisson)),
-    }
+    key = cache.key(
+        by.__module__.partition(".")[2],
+        of=of.key,
+        every_px=one.every,
+        by=by.__qualname__,
+        view=repr((view.camera.as_dict(), view.skin, view.poisson)),
+    )
     held = cache.get("force-features", key)
     if held is None:
         held = []

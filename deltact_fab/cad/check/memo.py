@@ -20,11 +20,11 @@ from functools import cache as once
 from types import MethodType
 from typing import Any, TypeVar, cast
 
-from ... import cache, digest
+from ... import cache
 from .. import parts as parts_package
 from ..dimensions import Design
+from ..kernel import LIBRARIES
 from ..part import Part
-from ..provenance import libraries, plain
 
 KIND = "cad-check"
 LIMIT_BYTES = 64 * 2**20
@@ -117,8 +117,8 @@ class Known:
 
     def save(self) -> None:
         """Store what is new for the next time; a folder that refuses costs time and no more."""
-        if self._grown and cache.put(KIND, _key(), _data(self._stored)):
-            cache.trim(KIND, LIMIT_BYTES)
+        if self._grown:
+            cache.put(KIND, _key(), _data(self._stored), LIMIT_BYTES)
 
     def _note(self, path: str, value: Any) -> None:
         if self._frames and (frame := self._frames[-1]) is not None:
@@ -137,13 +137,13 @@ class Known:
             except AttributeError:
                 return _GONE
         elif path == _PARTS:
-            value = plain(self._all)
+            value = cache.plain(self._all)
         else:
             name = path.removeprefix(_INDENTER)
             made_from = [part.indenter for part in self._all if part.name == name]
             if not made_from:
                 return _GONE
-            value = plain(made_from[0])
+            value = cache.plain(made_from[0])
         # As it comes back from the file: tuples are lists there.
         return _data(value)
 
@@ -159,7 +159,7 @@ def _load() -> dict[str, list[Result]]:
 def _key() -> dict[str, Any]:
     """All code that any check runs, each part's file included, and the libraries."""
     files = (f"cad.parts.{module.name}" for module in pkgutil.iter_modules(parts_package.__path__))
-    return {"sources": digest.of("cad.check.run", *files), "made_by": libraries()}
+    return cache.key("cad.check.run", *files, libraries=LIBRARIES)
 
 
 def watched(record: T, path: str, note: Note) -> T:
@@ -178,7 +178,7 @@ def value_at(record: Any, path: str) -> Any:
     """The plain data at a path of `watched`. Raises AttributeError where there is none."""
     for name in path.split("."):
         record = getattr(record, name)
-    return plain(record)
+    return cache.plain(record)
 
 
 @once
@@ -199,5 +199,5 @@ def _read(self: Any, name: str) -> Any:
         return MethodType(value.__func__, self)
     if is_dataclass(value) and not isinstance(value, type):
         return watched(value, path, state["_note"])
-    state["_note"](path, plain(value))
+    state["_note"](path, cache.plain(value))
     return value

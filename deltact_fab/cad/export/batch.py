@@ -119,7 +119,6 @@ def export_parts(
         files = batch.files()
         (folder / MANIFEST).write_text(manifest(files), encoding="utf-8", newline="\n")
         place(folder, Path(out_dir), names)
-    store.trim()
     tell(len(units), len(units), "done")
     return files
 

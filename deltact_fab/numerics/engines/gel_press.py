@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
-from ... import cache, digest
+from ... import cache
 from ...aliases import Field
 from ...elasticity.material import GelMaterial
 from ...gel.finite import FinitePress, block_mesh
@@ -155,11 +155,7 @@ def reference(depth_mm: float, friction: float, quick: bool = False) -> PressRef
     coarse, fine, step, half = QUICK_FINE if quick else FINE[friction == 0]
     made = [(coarse, step), (fine, step), *([] if half is None else [(coarse, half)])]
     runs = [PressSetup("hyperelastic", depth_mm, friction, h, step_mm=s) for h, s in made]
-    key = {
-        "source": digest.of("numerics.engines.gel_press"),
-        "runs": [asdict(r) for r in runs],
-        "lattice": LATTICE_MM,
-    }
+    key = cache.key("numerics.engines.gel_press", runs=runs, lattice=LATTICE_MM)
     held = cache.get("gel-reference", key)
     if held is None:
         answers = [solve_finite(r) for r in runs]

@@ -12,6 +12,7 @@ Pixels = Annotated[int, Field(ge=8, le=20_000)]
 Control = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]
 Word = Annotated[str, Field(min_length=1, max_length=4096)]
 DEVICE_FOLDER = "/dev/"
+COMMAND = ["gst-launch-1.0", "-q", "nvarguscamerasrc", "!", "...", "!", "fdsink"]
 LOCKS = ("exposure", "gain", "white_balance_k", "autofocus")
 
 
@@ -29,35 +30,44 @@ class CameraConfig(Table):
     any other source is told its own where it is started.
     """
 
-    source: Annotated[int, Field(ge=0, le=255)] | Word | None = None
+    source: Annotated[int, Field(ge=0, le=255)] | Word | None = Field(default=None, examples=[0])
     """N of /dev/videoN or a device file; an rtsp or http address; a folder of images; a video."""
-    command: tuple[Word, ...] | None = Field(default=None, min_length=1, max_length=256)
-    """In place of a source: a program and its arguments. It writes images of width_px x height_px
-    to its standard output, BGR of 8 bits, row by row, nothing between."""
+    command: tuple[Word, ...] | None = Field(
+        default=None, min_length=1, max_length=256, examples=[COMMAND],
+        json_schema_extra={"instead_of": "source"},
+    )  # fmt: skip
+    """In place of a source: a program and its arguments, as for the camera port of a Jetson. It
+    writes images of width_px x height_px to its standard output, BGR of 8 bits, row by row, nothing
+    between."""
     stamped: bool = False
     """The command writes 16 bytes before each image, little-endian: int64 nanoseconds of this
     computer's monotonic clock, uint32 number of the image, uint32 that means nothing."""
-    width_px: Pixels | None = None
-    """Width of an image; with height_px."""
-    height_px: Pixels | None = None
+    width_px: Pixels | None = Field(default=None, examples=[1280])
+    """Width of an image, which a device is asked for and a command must say; with height_px."""
+    height_px: Pixels | None = Field(default=None, examples=[720])
     """Height of an image; with width_px."""
-    rate_hz: float | None = Field(default=None, ge=0.01, le=10_000)
+    rate_hz: float | None = Field(default=None, ge=0.01, le=10_000, examples=[30.0])
     """What a device is asked for, and what missing images are told by; files are paced by it."""
-    fourcc: str | None = Field(default=None, min_length=4, max_length=4)
+    fourcc: str | None = Field(default=None, min_length=4, max_length=4, examples=["MJPG"])
     """Of a V4L2 device: as MJPG or YUYV."""
-    exposure: Control | None = None
-    """In units of the driver, 0.1 ms with UVC. The automatic one is off then."""
-    gain: Control | None = None
-    """In units of the driver."""
-    white_balance_k: Annotated[int, Field(ge=1000, le=20_000)] | None = None
-    """Colour temperature; the automatic one is off then."""
-    autofocus: bool | None = None
-    """False holds the lens where it is."""
+    exposure: Control | None = Field(default=None, examples=[100])
+    """Of a V4L2 device, in units of the driver, 0.1 ms with UVC. The automatic one is off then.
+    MEASURE: choose it with the light on and the gel in place; `rig check` says what the device has
+    now."""
+    gain: Control | None = Field(default=None, examples=[0])
+    """Of a V4L2 device, in units of the driver."""
+    white_balance_k: Annotated[int, Field(ge=1000, le=20_000)] | None = Field(
+        default=None, examples=[4600]
+    )
+    """Of a V4L2 device: colour temperature; the automatic one is off then."""
+    autofocus: bool | None = Field(default=None, examples=[False])
+    """Of a V4L2 device: false holds the lens where it is."""
     latency_ms: float = Field(default=0.0, ge=0, le=10_000)
     """From the middle of the exposure to the moment that the image is stamped with."""
     format: Literal["png", "jxl"] = "png"
-    """Of the images in the record. Both are lossless; JPEG XL needs the extra `images`."""
-    model: Word | None = None
+    """Of the images in the record, both lossless: "png" holds some 45 images of 1280 x 720 a second
+    on two cores, "jxl" (extra `images`) some 120."""
+    model: Word | None = Field(default=None, examples=["camera.toml"])
     """A camera file, as `deltact-fab calibrate` writes it; without one nothing can be tracked."""
 
     @property

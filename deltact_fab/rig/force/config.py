@@ -15,20 +15,20 @@ Torque = Annotated[float, Field(gt=0, le=10_000_000)]  # N mm
 class NetFTConfig(Table):
     """An ATI Net F/T box on the network."""
 
-    host: str = Field(min_length=1, max_length=253)
+    host: str = Field(min_length=1, max_length=253, examples=["192.168.1.1"])
     """Name or address of the box."""
     rdt_port: int = Field(default=49152, ge=1, le=65535)
     """UDP port of its stream of readings."""
     http_port: int = Field(default=80, ge=1, le=65535)
     """TCP port of its settings."""
-    serial: str | None = Field(default=None, min_length=1, max_length=64)
+    serial: str | None = Field(default=None, min_length=1, max_length=64, examples=["FT11564"])
     """Of the transducer, as FT11564; with it, any other one is refused."""
 
 
 class SerialScaleConfig(Table):
     """A scale or load cell that writes lines of numbers to a serial port."""
 
-    port: str = Field(min_length=1, max_length=4096)
+    port: str = Field(min_length=1, max_length=4096, examples=["/dev/ttyUSB0"])
     """Serial device, as /dev/ttyUSB0."""
     baud: int = Field(default=115200, ge=1200, le=10_000_000)
     """Of the serial port."""
@@ -44,7 +44,9 @@ class SerialScaleConfig(Table):
     """Times each number. A press has Fz < 0, so a scale that shows it as positive needs -1."""
     silent_s: float = Field(default=0.5, ge=0.02, le=10)
     """A scale that says nothing for so long has failed."""
-    ask: str = Field(default="", max_length=80, pattern=r"^[\x00-\x7f]*$")
+    ask: str | None = Field(
+        default=None, max_length=80, pattern=r"^[\x00-\x7f]*$", examples=["SIR\r\n"]
+    )
     """What makes it write, for a scale that has to be asked, as "SIR\\r\\n"."""
 
     @model_validator(mode="after")
@@ -58,24 +60,27 @@ class SerialScaleConfig(Table):
 
 
 class ForceConfig(Table):
-    """A six-axis force sensor (ranges as on its calibration sheet).
+    """A six-axis force sensor.
 
-    ATI Nano17, `max` in the calibration files that come with it: SI-50-0.5 (FT11564) 50, 50, 70 N
-    and 500 N mm, SI-25-0.25 (FT8577) 25, 25, 35 N and 250 N mm. The defaults serve the simulated
-    box; `preflight` takes what a rig file does not write down for undeclared.
+    The defaults serve the simulated box; `preflight` takes what a rig file does not write down for
+    undeclared.
     """
 
     range_n: tuple[Force, Force, Force] = (25.0, 25.0, 35.0)
-    """Most force that it measures along x, y, z."""
+    """Most force that it measures along x, y, z, as on its calibration sheet; a press is refused
+    without it. ATI Nano17 SI-25-0.25 (FT8577): 25, 25, 35; SI-50-0.5 (FT11564): 50, 50, 70."""
     range_nmm: tuple[Torque, Torque, Torque] = (250.0, 250.0, 250.0)
-    """Most torque that it measures about x, y, z."""
-    origin_mm: tuple[Place, Place, Place] | None = None
-    """Where its moments count from, in the sensor frame of the gel; None: not declared."""
+    """Most torque that it measures about x, y, z. SI-25-0.25: 250; SI-50-0.5: 500."""
+    origin_mm: tuple[Place, Place, Place] | None = Field(default=None, examples=[[0.0, 0.0, -30.0]])
+    """Where its moments count from, in the sensor frame of the gel (below the gel z < 0). MEASURE
+    with a rule; without it no moment of a press is predicted."""
     rate_hz: float = Field(default=1000.0, ge=1, le=10_000)
     """Readings per second."""
     netft: NetFTConfig | None = None
-    """How a real rig reaches it; or serial."""
-    serial: SerialScaleConfig | None = None
+    """How a real rig reaches it: an ATI Net F/T box on the network (extra `netft`)."""
+    serial: SerialScaleConfig | None = Field(
+        default=None, json_schema_extra={"instead_of": "netft"}
+    )
 
     @property
     def reachable(self) -> bool:
@@ -90,18 +95,21 @@ class ForceConfig(Table):
 
 
 class GuardConfig(Table):
-    """Beyond any of these the guard stops the stage, whatever it is doing.
+    """Beyond any of these the guard stops the stage, whatever it is doing. What is not set is 80 %
+    of the force sensor's range.
 
-    What is not set follows from the sensor's range, see `guard.GuardLimits`.
+    See `guard.GuardLimits`.
     """
 
-    force_n: Force | None = None
+    force_n: Force | None = Field(default=None, examples=[15.0])
     """On any axis, of either sign."""
-    axes_n: tuple[Force, Force, Force] | None = None
+    axes_n: tuple[Force, Force, Force] | None = Field(
+        default=None, examples=[[15.0, 15.0, 25.0]], json_schema_extra={"instead_of": "force_n"}
+    )
     """On each axis, instead of force_n."""
-    resultant_n: Force | None = None
+    resultant_n: Force | None = Field(default=None, examples=[25.0])
     """Of the whole force."""
-    torque_nmm: Torque | None = None
+    torque_nmm: Torque | None = Field(default=None, examples=[200.0])
     """On any axis, about the sensor's own origin."""
 
     @model_validator(mode="after")

@@ -90,8 +90,8 @@ class SerialScale:
         self._guarded(self._port.reset_input_buffer)
         self._partial, self._skip = b"", True
         self._since, self._period_ns = (0, 0), 0.0
-        if self._config.ask:
-            self._guarded(lambda: self._port.write(self._config.ask.encode("ascii")))
+        if ask := self._config.ask:
+            self._guarded(lambda: self._port.write(ask.encode("ascii")))
 
     def read(self) -> ForceSamples:
         """All samples since the last read, at least one; waits for the next to come.

@@ -17,17 +17,20 @@ Millimetres = Annotated[float, Field(ge=-100, le=100)]
 class ToolConfig(Table):
     """What is known of one indenter before it is mounted."""
 
-    length_mm: Millimetres
-    """How much longer it is than the one that `[stage] origin_machine_mm` was measured with."""
+    length_mm: Millimetres = Field(examples=[0.0])
+    """How much longer it is than the one that `[stage] origin_machine_mm` was measured with.
+    MEASURE with a caliper; a touch-off corrects it within search_mm."""
 
 
 class JigConfig(Table):
-    """A block with upright sides around the middle of the face; a ball finds its place."""
+    """A block with upright sides around the middle of the face, as the base's own frame is, by
+    which `rig register --jig` finds the face's place with a ball."""
 
-    half_mm: tuple[Half, Half]
-    """Half its sides along the sensor's x and y."""
-    top_mm: Millimetres
-    """Height of its top above the resting face; below it, as the base's own frame is: negative."""
+    half_mm: tuple[Half, Half] = Field(examples=[[22.0, 21.0]])
+    """Half its sides along the sensor's x and y. MEASURE with a caliper."""
+    top_mm: Millimetres = Field(examples=[-3.0])
+    """Height of its top above the resting face; below it, as the base's own frame is: negative.
+    MEASURE with a caliper."""
 
 
 class TouchConfig(Table):
@@ -42,7 +45,8 @@ class TouchConfig(Table):
     at_mm: tuple[Millimetres, Millimetres] = (0.0, 0.0)
     """Where on the face."""
     force_n: float = Field(default=0.1, ge=0.005, le=5)
-    """So much is a contact; at least five standard deviations of the sensor's noise."""
+    """So much is a contact; at least five standard deviations of the sensor's noise, which `rig
+    check` finds."""
     feed_mm_min: float = Field(default=30.0, ge=1, le=120)
     """Of the approach; the second one goes step by step."""
     clear_mm: float = Field(default=5.0, ge=0.5, le=50)
@@ -55,9 +59,9 @@ class TouchConfig(Table):
     """Between the repeats; more is a loose tool."""
     gauge_mm: float = Field(default=0.1, ge=0, le=5)
     """By hand: thickness of the feeler gauge or paper between tip and face."""
-    jig: JigConfig | None = None
     moved_mm: float = Field(default=0.3, ge=0.01, le=5)
     """A resumed run may find the face at most so much from where the run had it."""
+    jig: JigConfig | None = None
 
     @model_validator(mode="after")
     def _heights(self) -> Self:

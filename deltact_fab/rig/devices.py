@@ -1,12 +1,9 @@
-"""A rig file for this computer: what is plugged in is found, nothing is opened or asked."""
+"""What a rig file can name on this computer: what is plugged in is found, nothing is opened."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-
-from .. import catalog
-from .template import FoundDevice, rig_file
 
 BY_ID = Path("/dev/serial/by-id")
 # Makers of the boards that GRBL runs on, and of their serial chips; others come after them.
@@ -24,23 +21,11 @@ BOARDS = {
 
 
 @dataclass(frozen=True)
-class RigFileContents:
-    """What stands in a new rig file: the first of each is used, the others are comments."""
+class FoundDevice:
+    """Something that was found. name: as a rig file has it; text: what it says it is."""
 
-    file: Path
-    ports: list[FoundDevice]
-    cameras: list[FoundDevice]
-
-
-def new(file: Path, by_id: Path = BY_ID) -> RigFileContents:
-    """Find serial ports and cameras and write a commented rig file.
-
-    Raises InputError where the file is there already or has no folder, RunFailed when the disk
-    refuses. A file is never overwritten.
-    """
-    found = RigFileContents(file, ports(by_id), cameras())
-    catalog.write_new(file, rig_file(found.ports, found.cameras))
-    return found
+    name: str
+    text: str = ""
 
 
 def ports(by_id: Path = BY_ID) -> list[FoundDevice]:
