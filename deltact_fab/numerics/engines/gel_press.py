@@ -24,6 +24,7 @@ from ...shapes.indenter import parse
 from .gel_scene import FOCUS
 
 Part = Literal["quarter", "whole", "even"]
+Level = Literal["layer", "block", "hyperelastic", "auto"]
 
 INDENTER = "sphere:15"
 LATTICE_MM = 0.5
@@ -37,7 +38,7 @@ class PressSetup:
     is meshed; `even`: whole, cells of one size. step_mm: increments of the finite-strain level.
     """
 
-    level: Literal["layer", "block", "hyperelastic", "auto"]
+    level: Level
     depth_mm: float
     friction: float
     spacing_mm: float = 0.0

@@ -1,14 +1,17 @@
 """A cheap bench in lockstep: real host, force client, guard, runner and record; no gel is solved.
 
 A board outlives the sessions that drive it, as on a table: what a fault leaves it in is what the
-next session finds.
+next session finds. `python -m deltact_fab.numerics.faults.bench RUN` is one session in a process.
 """
 
 from __future__ import annotations
 
 import itertools
+import subprocess
+import sys
+import time
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -56,15 +59,12 @@ HERTZ = 4 / 3 * 0.75 * RADIUS_MM**0.5  # N / mm^1.5: of a sphere on a soft half-
 _NUMBER = itertools.count(1)
 
 
-def steps() -> list[plan.Step]:
-    """Of the short protocol: two presses."""
-    return plan.expand(plan.Protocol.model_validate(tomllib.loads(PROTOCOL)))
-
-
 class FaultBench:
     """Board, force box and camera on one virtual clock; each session opens them anew."""
 
-    def __init__(self) -> None:
+    def __init__(self, fill_disk: Callable[[], None] = lambda: None) -> None:
+        """fill_disk: fills the one that the run is on, for the fault that does."""
+        self.fill_disk = fill_disk
         self.clock = VirtualClock()
         self.trace: list[wire.Exchange] = []
         self.board = NoisyController(None, self.clock, start_mm=(-6.0, -6.0, -6.0))
@@ -76,7 +76,7 @@ class FaultBench:
         self.box = NetFTBox(FORCE, self.clock, 1, self._wrenches, 0.01)
         self.box.faults = self.box_faults = WatchedFaults()
         self.box_faults.limit_counts = GUARD_N * self.box.settings().counts_per_n
-        self.camera_faults: dict[str, tuple[float, float]] = {}  # stalled_s or hung_s
+        self.camera_faults: dict[str, float] = {}  # stalled or hung: from that time on, s
         self._camera_bad_ns = 0
         self.clock.sleep_s(2.0)  # the board is up
 
@@ -110,22 +110,25 @@ class FaultBench:
 
     def run(self, folder: Path, progress: Any = None) -> None:
         """One session: begin the run of that folder, or go on with it. Raises what the run does."""
-        plan_steps = steps()
+        steps = plan.expand(plan.Protocol.model_validate(tomllib.loads(PROTOCOL)))
         if folder.exists():
-            writer = RunWriter.resume(folder, plan_steps)
+            writer = RunWriter.resume(folder, steps)
         else:
-            writer = create(folder, plan_steps)
-        stage, force, guard = self._opened()
-        camera = BenchCamera(self.clock, self.tip_mm)
-        for name, times_s in self.camera_faults.items():
-            setattr(camera, name, times_s)
+            # Not "simulated": what is says where its truth is, and here is none.
+            meta = {
+                "name": folder.name, "protocol": {"name": "bench"}, "rig_name": "bench",
+                "rig": {}, "sensor": {}, "camera": None, "simulated": False, "air": False,
+                "seed": 1, "versions": {},
+            }  # fmt: skip
+            writer = RunWriter.create(folder, meta, PROTOCOL.encode(), {"dots_mm": []}, steps)
+        stage = GrblStage(self.link.url, self.clock, FRAME)
+        guard = ForceGuard(stage, GuardLimits((GUARD_N,) * 3), self.clock)
+        force = BenchForce(self.box, self.clock)
+        camera = BenchCamera(self.clock, self.tip_mm, self.camera_faults)
         try:
-            devices = Devices(
-                self.clock, stage, camera, force, lambda name: None,
-                guard=guard,
-            )  # fmt: skip
-            Runner(devices, writer, progress).run(plan_steps)
-            writer.close({"frames": sum(step.frames for step in plan_steps)})
+            devices = Devices(self.clock, stage, camera, force, lambda name: None, guard=guard)
+            Runner(devices, writer, progress).run(steps)
+            writer.close({"frames": sum(step.frames for step in steps)})
         except BaseException:
             writer.abandon()
             raise
@@ -134,21 +137,6 @@ class FaultBench:
             force.close()
             camera.close()
             stage.close()
-
-    def armed(self) -> tuple[GrblStage, BenchForce, ForceGuard]:
-        """Stage, sensor and guard by themselves: homed, tared, above the face."""
-        stage, force, guard = self._opened()
-        stage.connect()
-        stage.home()
-        stage.start_move((0.0, 0.0, 1.0), 1200.0)
-        stage.wait()
-        force.begin("armed")
-        return stage, force, guard
-
-    def _opened(self) -> tuple[GrblStage, BenchForce, ForceGuard]:
-        stage = GrblStage(self.link.url, self.clock, FRAME)
-        guard = ForceGuard(stage, GuardLimits((GUARD_N,) * 3), self.clock)
-        return stage, BenchForce(self.box, self.clock), guard
 
     def _wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """(n, 6) N, N mm: a Hertzian press, and friction that follows the drag."""
@@ -161,11 +149,26 @@ class FaultBench:
         return out
 
 
-def create(folder: Path, plan_steps: Sequence[plan.Step]) -> RunWriter:
-    """A new run folder of the short protocol."""
-    # Not "simulated": what is says where its truth is, and here is none.
-    meta = {
-        "name": folder.name, "protocol": {"name": "bench"}, "rig_name": "bench", "rig": {},
-        "sensor": {}, "camera": None, "simulated": False, "air": False, "seed": 1, "versions": {},
-    }  # fmt: skip
-    return RunWriter.create(folder, meta, PROTOCOL.encode(), {"dots_mm": []}, plan_steps)
+def kill_after(folder: Path, seconds: float) -> float | None:
+    """Go on with the run of a folder in a process and SIGKILL that after so long; None.
+
+    Ended before, the seconds that it took, from its first word on.
+    """
+    with subprocess.Popen(
+        [sys.executable, "-m", __name__, str(folder)], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        began_s = time.monotonic()
+        try:
+            process.wait(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return None
+        return time.monotonic() - began_s
+
+
+if __name__ == "__main__":
+    bench = FaultBench()
+    print("begins", flush=True)  # so that whoever kills it knows when it lives
+    bench.run(Path(sys.argv[1]))

@@ -100,49 +100,35 @@ class BenchFeed:
         """As Feed."""
 
 
-class BenchCamera:
+class BenchCamera(StreamCamera):
     """The real camera on that feed, which gives an image as soon as one is asked for.
 
-    stalled_s, hung_s: from then until then no image comes, or the same one over and over.
+    faults: "stalled", "hung": from that time on (s) no image comes, or the same one over and over.
     """
 
-    def __init__(self, clock: VirtualClock, tip_mm: Place) -> None:
-        self._clock = clock
-        self._feed = BenchFeed(clock, tip_mm)
-        self._camera = StreamCamera(self._feed, clock)
-        self._feed.tell()
-        self._camera.capture()  # it is up: the first image may take longer than all others
-        self.stalled_s = self.hung_s = (math.inf, math.inf)
-        self.first_bad_ns = 0
+    first_bad_ns = 0
+
+    def __init__(self, clock: VirtualClock, tip_mm: Place, faults: Mapping[str, float]) -> None:
+        self.feed, self.clock, self.faults = BenchFeed(clock, tip_mm), clock, faults
+        super().__init__(self.feed, clock)
+        self.feed.tell()
+        super().capture()  # it is up: the first image may take longer than all others
 
     def begin(self, stream: str) -> None:
         """Of a press."""
-        self._feed.press(stream)
-        self._camera.begin(stream)
+        self.feed.press(stream)
+        super().begin(stream)
 
     def capture(self) -> CameraFrame:
         """The next image. What the camera waits in vain on the wall clock passes on the bench's."""
-        stalled, hung = (
-            a <= self._clock.now_s() < b for a, b in (self.stalled_s, self.hung_s)
-        )  # fmt: skip
+        now_s = self.clock.now_s()
+        stalled, hung = (self.faults.get(k, math.inf) <= now_s for k in ("stalled", "hung"))
         if (stalled or hung) and not self.first_bad_ns:
-            self.first_bad_ns = self._clock.now_ns()
+            self.first_bad_ns = self.clock.now_ns()
         if not stalled:
-            self._feed.tell(hung)
+            self.feed.tell(hung)
         try:
-            return self._camera.capture()
+            return super().capture()
         except SensorError:
-            self._clock.sleep_s(self._camera.timeout_s)
+            self.clock.sleep_s(self.timeout_s)
             raise
-
-    def end(self, frames: Mapping[str, float]) -> None:
-        """Of a press."""
-        self._camera.end(frames)
-
-    def identity(self) -> dict[str, Any]:
-        """Of the camera."""
-        return self._camera.identity()
-
-    def close(self) -> None:
-        """End its thread."""
-        self._camera.close()
