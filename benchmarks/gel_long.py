@@ -99,8 +99,9 @@ def _sharp() -> list[Case]:
         tips = (down(4.0), (2.0, 0.0, 4.0))
         head = f"{name}, friction 0.5, 4 mm deep, dragged 2 mm"
         out += [
-            Case(f"{head}: cone", "right or refused", partial(checks.law, checks.cone_excess, half, 0.5, tips), 5e-3,
-                 "of the bound", "t"),
+            Case(f"{head}: cone", "right or refused",
+                 partial(checks.law, checks.cone_excess, half, 0.5, tips), 5e-3, "of the bound",
+                 "t"),
             Case(f"{head}: base carries the force", "right or refused",
                  partial(checks.law, checks.imbalance, half, 0.5, tips), 1e-6, "of the force", "t"),
         ]  # fmt: skip

@@ -11,31 +11,29 @@ from typing import Any
 import numpy as np
 
 from ..aliases import Array, Progress
+from ..analysis.force import fit, gather
 from ..analysis.shape.ball import calibrate_depth
 from ..analysis.view import view_of
 from ..measure.flow import FlowState
 from ..measure.flow.fused import to_full, which
-from ..measure.force import ForceModel, make_features
-from ..measure.pipeline import Calibration, Measurement, Pipeline, Result
+from ..measure.pipeline import Calibration, Measurement, Pipeline
 from .benchmark_scene import FRAMES, PATTERNS, PROTOCOL, RIG, BenchmarkScene, scene
 from .scenes import machine
 
 PACED_HZ = 60.0
-CASES: dict[str, tuple[str, ...]] = {
-    "everything": ("flow", "shape", "contacts", "force", "traction"),
-    "force": ("force",),
-    "track": ("flow",),
-    "farneback": ("flow",),
+# case: outputs, tracker
+CASES: dict[str, tuple[tuple[str, ...], str]] = {
+    "everything": (("flow", "shape", "contacts", "force", "traction"), "fused"),
+    "force": (("force",), "fused"),
+    "track": (("flow",), "fused"),
+    "farneback": (("flow",), "farneback-paper/composed"),
 }
-TRACKERS = {"farneback": "farneback-paper/composed"}
 _FORCE = "inverse"
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_FITTED = 5  # every so many frames are fitted
 
 
 def run_benchmark(
     patterns: Sequence[str] = tuple(PATTERNS),
-    cases: Sequence[str] = tuple(CASES),
     frames: int = FRAMES,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -59,23 +57,26 @@ def run_benchmark(
             "load_average": {"before": _load()},
         }
         for pattern in patterns:
-            found[pattern] = _pattern(scene(pattern, progress), cases, frames)
+            found[pattern] = _pattern(scene(pattern, progress), frames)
         found["load_average"]["after"] = _load()
     finally:
         cv2.setNumThreads(before)
     return found
 
 
-def _pattern(given: BenchmarkScene, cases: Sequence[str], frames: int) -> dict[str, Any]:
-    raw = given.raw[:frames]
-    view, models = view_of(given.run), _calibrations(given)
-    judged: dict[str, dict[str, float]] = {}
+def _pattern(given: BenchmarkScene, frames: int) -> dict[str, Any]:
+    raw, view = given.raw[:frames], view_of(given.run)
+    # By these frames themselves: for their time, not for their error.
+    models: list[Calibration] = [
+        fit(gather([given.run], [_FORCE]), _FORCE), calibrate_depth(given.run.folder).model,
+    ]  # fmt: skip
+    judged = {
+        tracker: _judged(given, tracker, frames)
+        for tracker in dict.fromkeys(tracker for _, tracker in CASES.values())
+    }
     rows = {}
-    for case in cases:
-        tracker = TRACKERS.get(case, "fused")
-        if tracker not in judged:
-            judged[tracker] = _judged(given, tracker, frames)
-        measurement = Measurement(view, CASES[case], models, flow=tracker)
+    for case, (outputs, tracker) in CASES.items():
+        measurement = Measurement(view, outputs, models, flow=tracker)
         rows[case] = {
             **_rate(measurement, raw),
             **_latency(measurement, raw),
@@ -84,22 +85,6 @@ def _pattern(given: BenchmarkScene, cases: Sequence[str], frames: int) -> dict[s
             "stages": list(measurement.stages),
         }
     return rows
-
-
-def _calibrations(given: BenchmarkScene) -> list[Calibration]:
-    """Of force and depth, by these frames themselves: for their time, not for their error."""
-    view = view_of(given.run)
-    features = make_features(_FORCE, view)
-    measurement = Measurement(view, ("flow",), every=features.every)
-    numbers, wrenches = [], []
-    for k, (raw, wrench) in enumerate(zip(given.raw, given.wrench, strict=True)):
-        flow = measurement.update(raw).flow
-        assert flow is not None, "it was asked for"
-        if k % _FITTED == 0:
-            numbers.append(features.of(flow))
-            wrenches.append(wrench)
-    force, _ = ForceModel.fit(features, np.array(numbers), np.array(wrenches))
-    return [force, calibrate_depth(given.run.folder).model]
 
 
 def _rate(measurement: Measurement, raw: list[Array]) -> dict[str, float]:
@@ -140,33 +125,29 @@ def _paced(pipeline: Pipeline, raw: list[Array]) -> None:
 
 def _judged(given: BenchmarkScene, tracker: str, frames: int) -> dict[str, float]:
     measurement = Measurement(given.run.camera, ("observation",), flow=tracker)
-    parts: list[Array] = []
+    parts: list[Array] = []  # (3, n) at the moving pixels: error in mm, whether known, confident
     peaks_mm = [0.0]
     for k, raw in enumerate(given.raw[:frames]):
-        result = measurement.update(raw)
-        if k in given.truth:
-            parts.append(_at_moving(given, k, result))
-            peaks_mm.append(given.truth[k].peak_mm or 0.0)
-    error_mm, known, confident = np.concatenate(parts, axis=1).mean(axis=1).tolist()
+        seen = measurement.update(raw).observation
+        assert seen is not None, "it was asked for"
+        if (true := given.truth.get(k)) is None:
+            continue
+        h, w = true.moving.shape
+        off_px = np.linalg.norm(to_full(seen.flow_px, (h, w)) - true.flow_px, axis=-1)
+        known, confident = (
+            np.kron(mask, np.ones((2, 2), bool))[:h, :w]
+            for mask in ((seen.state > FlowState.LOST) & seen.visible, seen.confident)
+        )
+        figures = (off_px * given.run.camera.mm_per_px, known, confident)
+        parts.append(np.stack([part[true.moving] for part in figures]).astype(float))
+        peaks_mm.append(true.peak_mm or 0.0)
+    error_mm, coverage, sure = np.concatenate(parts, axis=1).mean(axis=1).tolist()
     return {
         "mean_error_mm": error_mm,
-        "coverage": known,
-        "confident": confident,
+        "coverage": coverage,
+        "confident": sure,
         "true_motion_mm": max(peaks_mm),
     }
-
-
-def _at_moving(given: BenchmarkScene, k: int, result: Result) -> Array:
-    """(3, n) at the moving visible pixels: error in mm, whether known, whether confident."""
-    true, seen = given.truth[k], result.observation
-    assert seen is not None, "it was asked for"
-    shape = true.moving.shape
-    off = to_full(seen.flow_px, shape) - true.flow_px
-    errors = np.linalg.norm(off, axis=-1) * given.run.camera.mm_per_px
-    known = (seen.state > FlowState.LOST) & seen.visible
-    masks = (np.kron(mask, np.ones((2, 2), bool))[: shape[0], : shape[1]] for mask in
-             (known, seen.confident))  # fmt: skip
-    return np.stack([part[true.moving] for part in (errors, *masks)]).astype(float)
 
 
 def _about(frames: int) -> dict[str, Any]:

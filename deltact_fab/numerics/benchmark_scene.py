@@ -30,14 +30,13 @@ _DRAWN_BY = ("virtual.devices", "virtual.presses", "imaging", "patterns.raster")
 class BenchmarkScene:
     """One pattern's frames in memory, as a camera gives them, and what is true of them.
 
-    raw: FRAMES images (h, w, 3) uint8. truth: of every JUDGED-th frame, by its number. wrench
-    (FRAMES, 6): N and N mm, as the force sensor gave it. run: the record.
+    run: the record. raw: FRAMES images (h, w, 3) uint8. truth: of every JUDGED-th frame, by its
+    number.
     """
 
     run: Run
     raw: list[Array]
     truth: dict[int, TrueFrame]
-    wrench: Array
 
 
 def scene(pattern: str, progress: Progress | None = None) -> BenchmarkScene:
@@ -56,27 +55,18 @@ def scene(pattern: str, progress: Progress | None = None) -> BenchmarkScene:
             shutil.rmtree(old, ignore_errors=True)
     protocol = _protocol(home, name, *PATTERNS[pattern])
     if not (folder.is_dir() and record.open(folder).finished):
-        experiment.run(
-            experiment.RunRequest(str(protocol), RIG, folder, seed=0, progress=progress),
-            resume=True,
-        )
+        request = experiment.RunRequest(str(protocol), RIG, folder, seed=0, progress=progress)
+        experiment.run(request, resume=True)
     run = record.open(folder)
     frames, truth = run.frames().iloc[:FRAMES], run.truth()
     assert truth is not None, "the virtual rig writes it"
     seen = seen_by(run.camera)
     whole = np.ones_like(seen)  # there are no dots
-    names = [f"{part}_n" for part in ("fx", "fy", "fz")] + [
-        f"{part}_nmm" for part in ("tx", "ty", "tz")
-    ]
-    return BenchmarkScene(
-        run,
-        [run.raw(file) for file in frames["file"]],
-        {
-            k: TrueFrame.read(truth, frames["frame_id"][k], whole, seen, run.camera.mm_per_px)
-            for k in range(JUDGED, len(frames), JUDGED)
-        },
-        frames[names].to_numpy(float),
-    )
+    judged = {
+        k: TrueFrame.read(truth, frames["frame_id"][k], whole, seen, run.camera.mm_per_px)
+        for k in range(JUDGED, len(frames), JUDGED)
+    }
+    return BenchmarkScene(run, [run.raw(file) for file in frames["file"]], judged)
 
 
 def _protocol(home: Path, name: str, patch_mm: float, r: float) -> Path:

@@ -61,7 +61,7 @@ def costs(measure: bool = False, progress: Progress | None = None) -> list[dict[
         held = _measured(progress or (lambda done, total, what: None))
         cache.put(KIND, key, held)
     missing = "not measured on this machine; `deltact-fab numerics` does"
-    return held or [_row(layer, note=missing) for layer in LAYERS]
+    return held or [_row(layer, missing) for layer in LAYERS]
 
 
 def _measured(progress: Progress) -> list[dict[str, Any]]:
@@ -76,22 +76,17 @@ def _measured(progress: Progress) -> list[dict[str, Any]]:
     rows = []
     for layer, (_, with_it, without) in LAYERS.items():
         if with_it not in least:
-            rows.append(_row(layer, note="is not installed here"))
+            rows.append(_row(layer, "is not installed here"))
             continue
         a, b = least[with_it], least[without]
         note = f"wall {a['wall_s']:.2f} s with, {b['wall_s']:.2f} s without; least of {REPEATS}"
-        saved = (a[k] - b[k] for k in ("seconds", "megabytes", "modules"))
-        rows.append(_row(layer, *saved, note=note))
+        saved = [a[k] - b[k] for k in ("seconds", "megabytes", "modules")]
+        rows.append(_row(layer, note, *saved))
     return rows
 
 
-def _row(
-    layer: str,
-    seconds: float | None = None,
-    megabytes: float | None = None,
-    modules: float | None = None,
-    note: str = "",
-) -> dict[str, Any]:
+def _row(layer: str, note: str, *saved: float) -> dict[str, Any]:
+    seconds, megabytes, modules = saved or (None, None, None)
     return {"layer": layer, "seconds": seconds, "megabytes": megabytes, "modules": modules,
             "about": LAYERS[layer][0], "note": note}  # fmt: skip
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks import gel_press as evidence
 from deltact_fab.numerics.engine import Flagged
 from deltact_fab.numerics.engines import gel_press, gel_run, gel_scene
 from deltact_fab.numerics.engines.gel_press import PressSetup
@@ -18,7 +19,7 @@ def test_extrapolation_removes_an_error_of_second_order() -> None:
     off = np.random.default_rng(1).standard_normal((5, 4, 2))
     cells = (0.75, 0.5)
     found = gel_press.extrapolated(
-        [40 + 3 * h**2 for h in cells], [field + off * h**2 for h in cells], cells[0] / cells[1]
+        [40 + 3 * h**2 for h in cells], [field + off * h**2 for h in cells], cells
     )
     assert found.normal_n == pytest.approx(40, rel=1e-12)
     assert np.abs(found.in_plane_mm - field).max() < 1e-12
@@ -28,7 +29,8 @@ def test_extrapolation_removes_an_error_of_second_order() -> None:
 
 def test_a_quarter_is_the_whole() -> None:
     one, four = (
-        gel_run.solve(PressSetup("hyperelastic", 2.0, 0.0, 2.5, p)) for p in ("quarter", "whole")
+        gel_run.solve(setup("hyperelastic", 2.0, 0.0, 2.5))
+        for setup in (PressSetup, evidence.WholePress)
     )
     truth = gel_press.PressReference(four.normal_n, four.in_plane_mm, 0.0, 0.0)
     force, in_plane = gel_press.errors(one, truth)
@@ -81,14 +83,22 @@ def test_shear_beyond_the_cone_is_seen() -> None:
 
 
 @pytest.mark.parametrize(
-    "what",
+    ("depth_mm", "quick"),
     [
-        pytest.param(what, marks=pytest.mark.slow if what[2] else pytest.mark.evidence)
+        pytest.param(*what, marks=pytest.mark.slow if what[1] else pytest.mark.evidence)
         for what in gel_press.OWN_ERROR
     ],
 )
-def test_a_reference_is_as_good_as_it_says(what: tuple[float, float, bool]) -> None:
-    truth = gel_press.reference(*what)
-    force, in_plane = gel_press.OWN_ERROR[what]
+def test_a_reference_is_as_good_as_it_says(depth_mm: float, quick: bool) -> None:
+    truth = gel_press.reference(depth_mm, quick)
+    force, in_plane = gel_press.OWN_ERROR[depth_mm, quick]
     assert truth.force_error <= force * 1.1
     assert truth.in_plane_error <= in_plane * 1.1
+
+
+@pytest.mark.evidence
+def test_a_reference_with_friction_is_as_good_as_it_says() -> None:
+    for (depth_mm, friction), (force, in_plane) in evidence.OWN_ERROR.items():
+        truth = evidence.reference(depth_mm, friction)
+        assert truth.force_error <= force * 1.1
+        assert truth.in_plane_error <= in_plane * 1.1

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from ...aliases import Image
-from ...measure.flow import FLOW_METHODS, PAPER, REFERENCES, FlowMethod, FlowTracker, named_tracker
+from ...measure.flow import FLOW_METHODS, PAPER, REFERENCES, FlowMethod, named_tracker
 from ...measure.flow.fused import Plane
 from ...virtual.picture import TOLERANCE_PX
 from ..engine import Case, CurveSetting, Engine, Work
@@ -80,11 +80,6 @@ def _accuracy(method: str, scratch: Path) -> float:
     return pair.mean_error_mm(found(method, pair))
 
 
-def _blank(scratch: Path) -> float:
-    shape = scene(scratch, "press").last.shape
-    return float(np.abs(FlowTracker().update(np.full(shape, 90, np.uint8)).flow_px).max())
-
-
 def _threads(method: str, scratch: Path) -> float:
     """Mean difference of the flows on one and on two threads over the moving pixels, mm."""
     pair = scene(scratch, "press")
@@ -101,20 +96,17 @@ def _star(figure: int, scratch: Path) -> float:
 
 
 def cases(quick: bool) -> Sequence[Case]:
-    """What may not be answered silently: no texture, no relation, too much motion."""
+    """What may not be answered silently: no relation, too much motion."""
     methods = ("fused", "dis-fast") if quick else FLOW_METHODS
     out = [
-        Case("a first image without texture", "refused", _blank, says="texture"),
         *(Case(f"{method}: press", "right", partial(_accuracy, method), 0.03, "mm")
           for method in methods),
-        *flow_hard.unrelated(quick),
+        *flow_hard.cases(quick),
     ]  # fmt: skip
     if quick:
         return out
     return [
         *out,
-        *flow_hard.spoilt(),
-        *flow_hard.far(),
         Case("fused: star on the pattern, noise", "right", partial(_star, 0), NOISE_PX, "px"),
         Case("fused: star on the pattern, 10 % loss", "right", partial(_star, 1), LOSS_PX, "px"),
         *(Case(f"{method}: two threads against one", "right", partial(_threads, method), 0.002,

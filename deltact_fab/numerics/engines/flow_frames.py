@@ -57,10 +57,6 @@ class FlowSequence(NamedTuple):
         """The frame with all of the motion."""
         return self.images[-1]
 
-    def every(self, step: int) -> FlowSequence:
-        """The same motion in fewer frames."""
-        return self._replace(images=self.images[::step])
-
     def seen(self) -> NDArray[np.bool_]:
         """Pixels (h, w) that are still in view in the last frame."""
         h, w = self.truth_px.shape[:2]

@@ -15,16 +15,12 @@ from functools import partial
 from pathlib import Path
 
 from ...aliases import Point
-from ...elasticity.material import GelMaterial
-from ...gel.level import Reach
-from ...gel.open import open_contact
-from ...shapes import SkinDimensions
-from ...shapes.indenter import parse
+from ...gel.level import Level
 from ..engine import Case, CurveSetting, Engine, Work
 from . import gel_scene as checks
-from .gel_press import FINE, OWN_ERROR, QUICK_FINE, Level, PressSetup, errors, reference
+from .gel_press import FINE, OWN_ERROR, QUICK_FINE, PressSetup, errors, reference
 from .gel_run import solve
-from .gel_scene import SPHERE, GelCase, down, solved
+from .gel_scene import GelCase, down, solved
 
 FORCE, IN_PLANE = "% of the force", "mm rms over the face"
 
@@ -46,33 +42,20 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
 
 
 def _setting(run: PressSetup, unit: str, quick: bool) -> CurveSetting:
-    coarse, fine, *_ = QUICK_FINE if quick else FINE[run.friction == 0]
+    what = "force" if unit == FORCE else "in plane"
+    coarse, fine = QUICK_FINE if quick else FINE
     return CurveSetting(
-        case=f"{run.case}: {'force' if unit == FORCE else 'in plane'}",
-        series=run.series,
-        name=run.name,
-        unit=unit,
-        reference=f"hyperelastic, quarter, {coarse:g} and {fine:g} mm extrapolated",
-        reference_error=OWN_ERROR[run.depth_mm, run.friction, quick][unit == IN_PLANE],
-        build=partial(_build, run, unit, quick),
-        kind="self-test",
-    )
+        f"{run.case}: {what}", run.series, run.name, unit,
+        f"hyperelastic, quarter, {coarse:g} and {fine:g} mm extrapolated",
+        OWN_ERROR[run.depth_mm, quick][unit == IN_PLANE], partial(_build, run, unit, quick),
+        "self-test",
+    )  # fmt: skip
 
 
 def _build(run: PressSetup, unit: str, quick: bool, scratch: Path) -> Work:
-    truth = reference(run.depth_mm, run.friction, quick)
-    return Work(
-        partial(solve, run), lambda answer: abs(errors(answer, truth)[int(unit == IN_PLANE)])
-    )
-
-
-def opened(depth_mm: float, reach_mm: float) -> None:
-    """Through the interface of all levels, which knows the thickness."""
-    contact = open_contact(
-        SkinDimensions(), GelMaterial(), parse(SPHERE), level="hyperelastic",
-        reach=Reach(deepest_mm=reach_mm),
-    )  # fmt: skip
-    list(contact.path(contact.rest(), down(depth_mm)))
+    truth = reference(run.depth_mm, quick)
+    place = int(unit == IN_PLANE)
+    return Work(partial(solve, run), lambda answer: abs(errors(answer, truth)[place]))
 
 
 def cases(quick: bool) -> Sequence[Case]:
@@ -100,13 +83,6 @@ def cases(quick: bool) -> Sequence[Case]:
         *out,
         Case("10 mm in one increment, friction 0: against 10", "right",
              partial(checks.one_increment, coarse, 10.0), 1e-6, "of the force"),
-        *(
-            Case(f"depth {depth:g} of 12 mm, {how}", "refused",
-                 partial(checks.run, partial(opened, depth, reach)),
-                 says="below the gel's thickness")
-            for depth in (12.0, 13.0)
-            for how, reach in (("announced", depth), ("unannounced", 2.0))
-        ),
     ]  # fmt: skip
 
 

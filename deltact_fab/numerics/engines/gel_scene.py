@@ -78,18 +78,13 @@ class FiniteSolution:
         """Force of the whole indenter at the end, positive when pressed."""
         return -self.last.force_n[2] * self.press.mesh.copies
 
-    @property
-    def iterations(self) -> int:
-        """Of the whole path."""
-        return sum(s.diagnostics.iterations for s in self.states)
-
     def note(self) -> str:
         """Force, penetration and what it took."""
         d = [s.diagnostics for s in self.states]
         return (
             f"{self.normal_n:.4g} N, {d[-1].penetration_mm:.2g} mm inside, "
             f"stretch {d[-1].most_stretch:.3g}, least J {min(x.least_j for x in d):.2g}, "
-            f"{self.iterations} iterations, {sum(x.cuts for x in d)} cuts"
+            f"{sum(x.iterations for x in d)} iterations, {sum(x.cuts for x in d)} cuts"
         )
 
 

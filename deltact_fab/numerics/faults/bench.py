@@ -30,7 +30,8 @@ from ...virtual import wire
 from ...virtual.clock import VirtualClock
 from ...virtual.faulty_controller import NoisyController
 from ...virtual.netft import NetFTBox
-from .sensors import BenchCamera, BenchForce, WatchedFaults
+from ...virtual.rig import VirtualForce
+from .sensors import BenchCamera, WatchedFaults
 
 PROTOCOL = """
 name = "bench"
@@ -123,7 +124,7 @@ class FaultBench:
             writer = RunWriter.create(folder, meta, PROTOCOL.encode(), {"dots_mm": []}, steps)
         stage = GrblStage(self.link.url, self.clock, FRAME)
         guard = ForceGuard(stage, GuardLimits((GUARD_N,) * 3), self.clock)
-        force = BenchForce(self.box, self.clock)
+        force = VirtualForce(self.box, self.clock, None)
         camera = BenchCamera(self.clock, self.tip_mm, self.camera_faults)
         try:
             devices = Devices(self.clock, stage, camera, force, lambda name: None, guard=guard)

@@ -1,4 +1,4 @@
-"""The bench's force box and camera, real clients above them, and what goes wrong with either."""
+"""The bench's camera, the real client above it, and what goes wrong with it or the force box."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from ...aliases import Image
 from ...errors import SensorError
 from ...rig.camera.stream import ArrivedImage, StreamCamera
-from ...rig.force.netft import NetFTSensor
 from ...rig.interface import CameraFrame
 from ...virtual.clock import VirtualClock
-from ...virtual.netft import BoxFaults, Datagram, LockstepLink, NetFTBox
+from ...virtual.netft import BoxFaults, Datagram
 from ...virtual.seeds import stream_number
 
 Place = Callable[[], tuple[float, float, float]]
@@ -37,19 +36,6 @@ class WatchedFaults(BoxFaults):
         return super().datagrams(t_ns, records)
 
 
-class BenchForce(NetFTSensor):
-    """The real client; a press starts the box's noise anew, as a press that is done again must."""
-
-    def __init__(self, box: NetFTBox, clock: VirtualClock) -> None:
-        super().__init__(LockstepLink(box), clock)
-        self._box = box
-
-    def begin(self, stream: str) -> None:
-        """Re-seed, then tare."""
-        self._box.reseed(stream_number(stream))
-        super().begin(stream)
-
-
 class BenchFeed:
     """A feed of 32 x 24 pixels: an image depends on the press, its number there and the tip.
 
@@ -64,7 +50,6 @@ class BenchFeed:
         self._clock = clock
         self._tip_mm = tip_mm
         self._told = threading.Semaphore(0)
-        self._number = 0
         self._press, self._k = "", 0
         self._last: Image | None = None
         self.hangs = False
