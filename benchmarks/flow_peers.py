@@ -20,9 +20,7 @@ from deltact_fab.numerics.engines.flow import found, tracked
 from deltact_fab.numerics.engines.flow_frames import (
     CAMERA,
     COARSE,
-    SCENES,
     SEED,
-    STAR,
     FlowSequence,
     Vectors,
     bump,
@@ -31,12 +29,15 @@ from deltact_fab.numerics.engines.flow_frames import (
     pressed,
 )
 from deltact_fab.numerics.stability import plain
+from deltact_fab.study.star import Star
 
 from . import peer
 
 PEERS = {"pyvale": "pyvale_flow.py", "al-dic": "al_dic_flow.py"}
 MARGIN_PX = 32  # no correlator answers nearer to the border
 REPEATS = 3
+# v = 0.5 cos(2 pi y / p(x)) px, p from 10 to 300 px, as of the DIC Challenge 2.0.
+STAR = Star(CAMERA.width_px, CAMERA.height_px)
 _short = partial(bump, 22.0, 90.0, 90.0)
 
 
@@ -81,7 +82,7 @@ class Question(NamedTuple):
 STARS = {
     "speckle": Question(speckle_star, 16, 4),
     "three chips": Question(partial(in_plane, COARSE, STAR.motion, mosaic=False), 16, 4),
-    "Bayer mosaic": Question(SCENES["star"], 16, 4),
+    "Bayer mosaic": Question(partial(in_plane, COARSE, STAR.motion), 16, 4),
 }
 MOTIONS = {
     "press": Question(pressed, 40),

@@ -41,7 +41,8 @@ def cases() -> list[Case]:
              partial(one_increment_of_the_level, 10.0, 2.0), 0.1, force),
         Case("10 mm deep: finer mesh", "right", partial(checks.finer, coarse, 1.0, (down(10.0),)),
              3.0, percent),
-        Case("10 mm deep: work of the indenter", "right", partial(checks.work, coarse, 10.0), 0.5,
+        Case("10 mm deep: work of the indenter", "right", partial(
+             checks.law, checks.work_error_percent, coarse, 1.0, (down(10.0),)), 0.5,
              "% of the energy"),
         Case("four corners, sphere:10 at 14, 13 mm, 3 mm deep", "right",
              partial(gel_checks.corners, corner, (14.0, 13.0), 3.0), 1e-6, force),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import tempfile
 import time
@@ -51,6 +49,8 @@ class Numerics:
         Raises InputError when the folder cannot be made, RunFailed when the disk refuses and
         MissingLibrary, after all but the page, without the extra `report`.
         """
+        import pandas as pd
+
         from ..files import write_whole
         from ..report import numerics_page
 
@@ -59,12 +59,13 @@ class Numerics:
         except OSError as why:
             raise InputError(f"{out}: cannot be made: {why.strerror}") from why
         data = self.as_dict()
-        tables = {name: data[name] for name in ("curves", "stability", "scenes")}
+        tables = {name: pd.DataFrame(data[name], dtype=object)
+                  for name in ("curves", "stability", "scenes") if data[name]}  # fmt: skip
         for table in self.tables:
-            rows = [dict(zip(table["columns"], row, strict=True)) for row in table["rows"]]
-            tables[f"table-{table['title'].lower().replace(' ', '-')}"] = rows
+            name = f"table-{table['title'].lower().replace(' ', '-')}"
+            tables[name] = pd.DataFrame(table["rows"], columns=table["columns"])
         files = {"numerics.json": json.dumps(data, indent=1, allow_nan=False) + "\n"}
-        files |= {f"{name}.csv": _csv(rows) for name, rows in tables.items() if rows}
+        files |= {f"{name}.csv": table.to_csv(index=False) for name, table in tables.items()}
         for name, text in files.items():
             write_whole(out / name, text.encode())
         page = out / "numerics.html"
@@ -118,11 +119,3 @@ def run(
         tables=tables,
         scenes=costs,
     )
-
-
-def _csv(rows: Rows) -> str:
-    out = io.StringIO()
-    writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return out.getvalue()

@@ -23,7 +23,7 @@ from typing import Any
 
 from .. import cache, digest
 from ..aliases import Progress
-from .memory import peak_resident_mb
+from .work_precision import peak_resident_mb
 from .worker import answers
 
 REPEATS = 3
@@ -65,7 +65,10 @@ def costs(measure: bool = False, progress: Progress | None = None) -> list[dict[
 
 
 def _measured(progress: Progress) -> list[dict[str, Any]]:
-    here = [name for name, work in PROBES.items() if _installed(work)]
+    here = [
+        name for name, work in PROBES.items()
+        if work.func is not _imports or all(find_spec(m.partition(".")[0]) for m in work.args)
+    ]  # fmt: skip
     runs: dict[str, list[dict[str, float]]] = {name: [] for name in here}
     for i in range(REPEATS):
         for j, name in enumerate(here):
@@ -112,10 +115,6 @@ def probe(name: str) -> Iterator[dict[str, float]]:
 def _imports(*modules: str, folder: Path) -> None:
     for module in modules:
         importlib.import_module(module)
-
-
-def _installed(work: partial[None]) -> bool:
-    return work.func is not _imports or all(find_spec(m.partition(".")[0]) for m in work.args)
 
 
 def _plan(channels: tuple[str, ...], sheared: bool, **more: Any) -> dict[str, Any]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -11,7 +13,6 @@ from typing import Any
 from ..errors import RunFailed
 from .engine import CurveSetting
 from .engines import load
-from .memory import peak_resident_mb, reset_peak_mb
 from .stability import plain
 from .worker import WorkerDied, answers
 
@@ -80,12 +81,35 @@ def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
             and (r["cpu_s"], r["error"]) != cost
             for r in here
         )
-        out.append(
-            {
-                **row,
-                "baseline": f"{here[0]['series']}, {here[0]['setting']}",
-                "times_as_fast": here[0]["cpu_s"] / row["cpu_s"] if row["cpu_s"] else math.inf,
-                "pareto": not beaten,
-            }
-        )
+        out.append(row | {
+            "baseline": f"{here[0]['series']}, {here[0]['setting']}",
+            "times_as_fast": here[0]["cpu_s"] / row["cpu_s"] if row["cpu_s"] else math.inf,
+            "pareto": not beaten,
+        })  # fmt: skip
     return out
+
+
+# -- memory, by the standard library ---------------------------------------------------------------
+
+
+def reset_peak_mb() -> float:
+    """Start the record of the peak anew where the system can, and return the memory held now."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+        return _status_mb("VmRSS:")
+    return peak_resident_mb()
+
+
+def peak_resident_mb() -> float:
+    """Largest resident memory since `reset_peak_mb`; since the start where that cannot be reset."""
+    with contextlib.suppress(OSError):
+        return _status_mb("VmHWM:")
+    import resource
+
+    unit = 1024 * 1024 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+
+def _status_mb(key: str) -> float:
+    words = Path("/proc/self/status").read_text().split()
+    return int(words[words.index(key) + 1]) / 1024

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from deltact_fab.imaging import ImageSensor
-from deltact_fab.measure.flow import FlowTracker
+from deltact_fab.measure.flow import FLOW_METHODS, FlowTracker
 from deltact_fab.numerics.engines import flow, flow_frames, flow_hard
-from deltact_fab.numerics.engines.flow_frames import CAMERA, STAR, FlowSequence, Vectors
+from deltact_fab.numerics.engines.flow_frames import CAMERA, FlowSequence, Vectors
 from deltact_fab.numerics.stability import judge
+from deltact_fab.study.star import Star
+
+STAR = Star(CAMERA.width_px, CAMERA.height_px)
 
 
 def pixels() -> tuple[flow_frames.Field, flow_frames.Field]:
@@ -86,6 +89,18 @@ def test_a_drawn_frame_moves_as_it_is_told(tmp_path: Path) -> None:
     # The same against a truth that is 2 px elsewhere: every confident pixel is wrong.
     false = FlowSequence(given.images, given.truth_px + np.float32(2))
     assert flow_hard.judged(FlowTracker(), list(given.images), false).wrong == 1
+
+
+@pytest.mark.slow
+def test_two_threads_find_what_one_finds(tmp_path: Path) -> None:
+    pair = flow_frames.scene(tmp_path, "press")
+    for method in FLOW_METHODS:
+        flows = []
+        for n in (2, 1):
+            cv2.setNumThreads(n)
+            flows.append(flow.found(method, pair))
+        off_mm = np.hypot(*np.moveaxis(flows[1] - flows[0], -1, 0)) * flow_frames.MM_PER_PX
+        assert off_mm[pair.moving()].mean(dtype=np.float64) < 0.002, method
 
 
 @pytest.mark.slow

@@ -75,9 +75,10 @@ def test_distance_to_the_law_of_the_printed_algorithm() -> None:
 
 
 def test_a_tampered_state_breaks_the_laws_of_contact() -> None:
-    from deltact_fab.numerics.engines.layer import pressed, violation
+    from deltact_fab.numerics.engines.layer import SCENE, pressed, violation
 
-    contact, before, state = pressed((0.0, 0.0, 1.2), (0.3, 0.0, 1.2), spacing_mm=0.5)
+    scene = replace(SCENE, spacing_mm=0.5)
+    contact, before, state = pressed(scene, 0.3, (0.0, 0.0, 1.2), (0.3, 0.0, 1.2))
     assert violation(contact, before, state) < 1e-5
     harder = replace(state, pressure_mpa=state.pressure_mpa * 1.01)
     assert violation(contact, before, harder) > 1e-3

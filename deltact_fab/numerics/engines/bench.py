@@ -55,14 +55,11 @@ def _cell(fault: FaultKind, moment: str, scratch: Path) -> tuple[float, str]:
         raise Wrong(f"{cell.wrong}; {cell.outcome}")
     if cell.outcome == "success":
         return 0.0, "success"
-    raise RunFailed(f"{NAMED}: {cell.outcome}{_measured(cell)}")
-
-
-def _measured(cell: FaultOutcome) -> str:
-    if cell.travel_mm is None:
-        return " [nothing moved]"
-    allowed = f" of {cell.allowed_mm:.3f} allowed" if cell.allowed_mm is not None else ""
-    return f" [{cell.travel_mm:.3f} mm{allowed}, known after {cell.known_s:.3f} s]"
+    told = "nothing moved"
+    if cell.travel_mm is not None:
+        allowed = f" of {cell.allowed_mm:.3f} allowed" if cell.allowed_mm is not None else ""
+        told = f"{cell.travel_mm:.3f} mm{allowed}, known after {cell.known_s:.3f} s"
+    raise RunFailed(f"{NAMED}: {cell.outcome} [{told}]")
 
 
 def _killed(number: int, scratch: Path) -> tuple[float, str]:
@@ -100,20 +97,16 @@ def cases(quick: bool) -> Sequence[Case]:
     """A cell each, and the kills; a quick run has a few."""
     out = []
     for fault in FAULTS:
-        for moment in fault.at:
-            if quick and (fault.name, moment) not in QUICK:
-                continue
-            ways = [w for w, may in (("right", fault.success), ("refused", fault.says)) if may]
-            out.append(
-                Case(f"{fault.name}: {moment}", " or ".join(ways),  # type: ignore[arg-type]
-                     partial(_cell, fault, moment), 0.0, "", NAMED)
-            )  # fmt: skip
-    for number in range(0 if quick else KILLS):
-        out.append(
-            Case(f"kill -9, {number + 1} of {KILLS}", "right", partial(_killed, number), 0.0,
-                 "rows lost or doubled")
-        )  # fmt: skip
-    return out
+        ways = [w for w, may in (("right", fault.success), ("refused", fault.says)) if may]
+        out += [
+            Case(f"{fault.name}: {moment}", " or ".join(ways),  # type: ignore[arg-type]
+                 partial(_cell, fault, moment), 0.0, "", NAMED)
+            for moment in fault.at if not quick or (fault.name, moment) in QUICK
+        ]  # fmt: skip
+    return out + [
+        Case(f"kill -9, {number + 1} of {KILLS}", "right", partial(_killed, number), 0.0,
+             "rows lost or doubled") for number in range(0 if quick else KILLS)
+    ]  # fmt: skip
 
 
 def tables(scratch: Path) -> Sequence[dict[str, Any]]:

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from ...aliases import Image
@@ -19,11 +18,10 @@ from ...measure.flow.fused import Plane
 from ...virtual.picture import TOLERANCE_PX
 from ..engine import Case, CurveSetting, Engine, Work
 from . import flow_hard
-from .flow_frames import MM_PER_PX, STAR, FlowSequence, Vectors, scene
+from .flow_frames import MM_PER_PX, FlowSequence, Vectors, scene
 
 PRESS = "sphere:10, 1.2 mm deep and 1.5 mm of shear"
 FAR = "121 px in ten frames, det F from .3 to 2"
-NOISE_PX, LOSS_PX = 0.02, 38.0  # of the fused steps, star on the sensor's pattern
 
 
 def tracked(image: Image) -> Image:
@@ -80,37 +78,13 @@ def _accuracy(method: str, scratch: Path) -> float:
     return pair.mean_error_mm(found(method, pair))
 
 
-def _threads(method: str, scratch: Path) -> float:
-    """Mean difference of the flows on one and on two threads over the moving pixels, mm."""
-    pair = scene(scratch, "press")
-    flows = []
-    for n in (2, 1):
-        cv2.setNumThreads(n)
-        flows.append(found(method, pair))
-    moved = np.hypot(*np.moveaxis(flows[1] - flows[0], -1, 0))[pair.moving()]
-    return float(moved.mean(dtype=np.float64) * MM_PER_PX)
-
-
-def _star(figure: int, scratch: Path) -> float:
-    return STAR.figures(found("fused", scene(scratch, "star")))[figure]
-
-
 def cases(quick: bool) -> Sequence[Case]:
     """What may not be answered silently: no relation, too much motion."""
     methods = ("fused", "dis-fast") if quick else FLOW_METHODS
-    out = [
+    return [
         *(Case(f"{method}: press", "right", partial(_accuracy, method), 0.03, "mm")
           for method in methods),
         *flow_hard.cases(quick),
-    ]  # fmt: skip
-    if quick:
-        return out
-    return [
-        *out,
-        Case("fused: star on the pattern, noise", "right", partial(_star, 0), NOISE_PX, "px"),
-        Case("fused: star on the pattern, 10 % loss", "right", partial(_star, 1), LOSS_PX, "px"),
-        *(Case(f"{method}: two threads against one", "right", partial(_threads, method), 0.002,
-               "mm") for method in methods),
     ]  # fmt: skip
 
 

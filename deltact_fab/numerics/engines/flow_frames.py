@@ -22,7 +22,6 @@ from ...optics import Pinhole, SurfaceLattice, axes_mm
 from ...patterns.raster import albedo
 from ...patterns.recipe import PatternRecipe, load_recipe
 from ...shapes import SensorDimensions
-from ...study.star import Star
 from ...virtual.picture import MARGIN_PX, FrameRenderer, Geometry, Texture
 from ...virtual.scene import LatticeCrop
 
@@ -32,8 +31,6 @@ Motion = Callable[[Field, Field], Field]
 SENSOR = SensorDimensions()
 CAMERA = Pinhole.of(SENSOR)
 MM_PER_PX = CAMERA.mm_per_px
-STAR = Star(CAMERA.width_px, CAMERA.height_px)
-"""v = 0.5 cos(2 pi y / p(x)) px, p from 10 to 300 px, as of the DIC Challenge 2.0."""
 MOVING_MM = 0.1  # as in the tracking error
 SEED = 11
 DOTS = load_recipe("dense-with-dots")
@@ -158,7 +155,6 @@ def pressed(mosaic: bool = True) -> FlowSequence:
 
 SCENES: dict[str, Callable[[], FlowSequence]] = {
     "press": pressed,
-    "star": partial(in_plane, COARSE, STAR.motion),
     "far": partial(in_plane, COARSE, far, 10),
     "far, fine": partial(in_plane, FINE, far, 10),
     "near": partial(in_plane, COARSE, near, 4),

@@ -88,15 +88,13 @@ def cases(quick: bool) -> Sequence[Case]:
 
 def of_nu(nus: Sequence[float]) -> list[Case]:
     """Presses to 5 mm at these Poisson's ratios, against a finer mesh and the energy stored."""
-    finer = [
-        Case(f"nu {nu:g} to 5 mm: finer mesh", "right",
-             partial(checks.finer, GelCase(nu=nu), 0.5, (down(5.0),)), 1.0, "% of the force")
-        for nu in nus
-    ]  # fmt: skip
-    return finer + [
-        Case(f"nu {nu:g} to 5 mm: work of the indenter", "right",
-             partial(checks.work, GelCase(nu=nu), 5.0), 0.5, "% of the energy")
-        for nu in nus
+    work = partial(checks.law, checks.work_error_percent)
+    judges = (("finer mesh", checks.finer, 1.0, "% of the force"),
+              ("work of the indenter", work, 0.5, "% of the energy"))  # fmt: skip
+    return [
+        Case(f"nu {nu:g} to 5 mm: {name}", "right",
+             partial(judge, GelCase(nu=nu), 0.5, (down(5.0),)), bound, unit)
+        for name, judge, bound, unit in judges for nu in nus
     ]  # fmt: skip
 
 
@@ -114,10 +112,9 @@ def of_friction(frictions: Sequence[float]) -> list[Case]:
     ]  # fmt: skip
 
 
-def _refused(name: str, says: str, scene: GelCase, *tips: Point, step_mm: float = 1.0) -> Case:
-    return Case(
-        name, "refused", partial(checks.run, partial(solved, scene, step_mm, *tips)), says=says
-    )
+def _refused(name: str, says: str, scene: GelCase, tip: Point) -> Case:
+    call = partial(checks.run, partial(solved, scene, 1.0, tip))
+    return Case(name, "refused", call, says=says)
 
 
 ENGINE = Engine(

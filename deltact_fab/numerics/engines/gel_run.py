@@ -36,7 +36,6 @@ def solve_auto(run: PressSetup) -> GelAnswer:
 
 def solve_linear(run: PressSetup) -> GelAnswer:
     """By the layer or the block, on a grid of the run's spacing."""
-    assert run.level in ("layer", "block")
     skin, material, indenter = SkinDimensions(), GelMaterial(friction=run.friction), parse(SPHERE)
     choice = pick(skin, material, indenter, Reach(deepest_mm=run.depth_mm), level=run.level,
                   spacing_mm=run.spacing_mm)  # fmt: skip

@@ -32,13 +32,12 @@ FINER = 1.5  # ratio of the mesh that a force is held against
 
 @dataclass(frozen=True)
 class GelCase:
-    """One indenter on one gel with its mesh; hashable, so that what is solved is solved once."""
+    """One indenter on one gel with its mesh or grid; hashable: what is solved is solved once."""
 
     indenter: str = SPHERE
     spacing_mm: float = 1.5
     friction: float = 0.0
     nu: float = 0.49
-    modulus_mpa: float = 0.56
     side_mm: tuple[float, float] = (36.0, 34.0)
     thickness_mm: float = 12.0
     focus: Box | None = FOCUS
@@ -50,11 +49,14 @@ class GelCase:
         proud = self.thickness_mm / 2
         return SkinDimensions(*self.side_mm, self.thickness_mm, min(2.0, proud / 2), proud)
 
+    def material(self) -> GelMaterial:
+        """Of the default modulus: another one scales the forces and nothing else."""
+        return GelMaterial(poisson=self.nu, friction=self.friction)
+
     def press(self) -> FinitePress:
         """The scene's solver, without history."""
         mesh = block_mesh(self.skin(), self.spacing_mm, self.focus, self.mirrors)
-        material = GelMaterial(self.modulus_mpa, self.nu, self.friction)
-        return FinitePress(mesh, material, parse(self.indenter), solver=self.solver)
+        return FinitePress(mesh, self.material(), parse(self.indenter), solver=self.solver)
 
     def finer(self) -> GelCase:
         """The same on a finer mesh."""
@@ -144,7 +146,7 @@ def energy_nmm(press: FinitePress, state: FiniteState) -> float:
     return bulk + press.surface.evaluate(u, tip, tangent=False).energy_nmm
 
 
-def work_error(found: FiniteSolution) -> float:
+def work_error_percent(found: FiniteSolution) -> float:
     """Work of a frictionless straight press by Simpson's rule over the energy stored, less 1."""
     depth = np.array([s.tip_mm[2] for s in found.states])
     force = np.array([-s.force_n[2] for s in found.states])
@@ -154,7 +156,7 @@ def work_error(found: FiniteSolution) -> float:
     weight = np.full(n + 1, 2.0)
     weight[1::2], weight[[0, -1]] = 4.0, 1.0
     work = float(weight @ force) * (depth[-1] - depth[0]) / n / 3
-    return work / energy_nmm(found.press, found.last) - 1
+    return 100 * (work / energy_nmm(found.press, found.last) - 1)
 
 
 # -- what a case computes: the figure that is held to a bound, and a note -------------------------
@@ -180,17 +182,11 @@ def finer(
     return 100 * (found.normal_n / fine.normal_n - 1), found.note()
 
 
-def work(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
-    """Work of a press in ten steps over the energy stored, less 1, in %."""
-    found = solved(scene, depth_mm / 10, down(depth_mm))
-    return 100 * work_error(found), found.note()
-
-
 def law(
     of: Callable[[FiniteSolution], float], scene: GelCase, step_mm: float,
     tips: tuple[Point, ...], scratch: Path,
 ) -> tuple[float, str]:  # fmt: skip
-    """`cone_excess` or `imbalance` of a path."""
+    """`cone_excess`, `imbalance` or `work_error_percent` of a path."""
     found = trusted(solved(scene, step_mm, *tips))
     return of(found), found.note()
 

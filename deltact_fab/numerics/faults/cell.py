@@ -17,7 +17,6 @@ from typing import Any
 from ...errors import DeltactFabError
 from ...record import CLOCK_COLUMNS, PRESS_TABLES
 from ...record import open as open_run
-from ...virtual.motion import Segment
 from .bench import FaultBench
 from .disk import Disk
 from .kinds import BEFORE, DRAG, HOMING, PRESS, TRAVEL, WRITING, FaultKind
@@ -78,7 +77,16 @@ class Matrix:
         folder = disk.folder / "cell"
         shutil.copytree(self.begun, folder)
         try:
-            return self._cell(fault, moment, folder, disk)
+            bench, at_s = FaultBench(disk.fill), self.at_s[moment]
+            fault.strike(bench, at_s)
+            found = FaultOutcome(fault.name, moment, ended(bench, folder))
+            ended_ns = bench.clock.now_ns()
+            disk.free()
+            bench.clock.sleep_s(60.0)  # all rests, and silence is over
+            if found.outcome != "success":
+                found = travelled(bench, fault, found, at_s, ended_ns)
+            wrong = misjudged(fault, found) or self.resumed(bench, folder, found.outcome)
+            return replace(found, wrong=wrong)
         finally:
             disk.free()
             shutil.rmtree(folder)
@@ -108,18 +116,6 @@ class Matrix:
                     return f"a committed row of {table} is lost or changed: {row[0]}"
         return ""
 
-    def _cell(self, fault: FaultKind, moment: str, folder: Path, disk: Disk) -> FaultOutcome:
-        bench, at_s = FaultBench(disk.fill), self.at_s[moment]
-        fault.strike(bench, at_s)
-        found = FaultOutcome(fault.name, moment, ended(bench, folder))
-        ended_ns = bench.clock.now_ns()
-        disk.free()
-        bench.clock.sleep_s(60.0)  # all rests, and silence is over
-        if found.outcome != "success":
-            found = travelled(bench, fault, found, at_s, ended_ns)
-        wrong = misjudged(fault, found) or self.resumed(bench, folder, found.outcome)
-        return replace(found, wrong=wrong)
-
     def resumed(self, bench: FaultBench, folder: Path, outcome: str) -> str:
         """The fault is gone; the same board, as it was left, serves another session: what is wrong
         with the record then."""
@@ -141,23 +137,21 @@ class Matrix:
         bench.run(folder)
         run = open_run(folder)
         began_ns = next(t for t, who, data in bench.trace if who == "host" and data == b"$H\n")
-        events = run.events()
-        homed_s = max(events[events["kind"] == "homed"]["t_s"].tolist())
-        steps = {str(row["step_id"]): row for _, row in run.steps().iterrows()}
-        frames = {str(row["frame_id"]): row for _, row in run.frames().iterrows()}
+        events, steps = run.events(), run.steps().set_index("step_id").to_dict("index")
+        frames_s = run.frames().set_index("frame_id")["t_s"].to_dict()
+        shutil.rmtree(folder)
 
         def within(step: str) -> float:
             row = steps[f"{SECOND}/{step}"]
             return float(row["t_start_s"] + row["planned_s"] * ELAPSED)
 
-        shutil.rmtree(folder)
         return {
             HOMING: began_ns / 1e9 + 0.3,  # Z is on its way up, at full speed
-            BEFORE: homed_s,
+            BEFORE: float(events[events["kind"] == "homed"]["t_s"].max()),
             TRAVEL: within("rest"),
             PRESS: within("d1.50/press"),
             DRAG: within("d1.50/shear-x-"),
-            WRITING: float(frames[f"{SECOND}/d1.50/shear-x-#001"]["t_s"]),
+            WRITING: float(frames_s[f"{SECOND}/d1.50/shear-x-#001"]),
         }
 
 
@@ -219,15 +213,13 @@ def travelled(
         way = [math.dist(s.position_mm(max(known_ns, s.start_ns)), s.end_mm) for s in moved]
         most = speed**2 / (2 * accel) + speed * REACTION_S + ROUNDING_MM if fault.carries else None
         found = replace(found, travel_mm=sum(way), allowed_mm=most)
-    if fault.carries and not all(rises(s) for s in later):
+    rises = all(
+        s.end_mm[2] > s.start_mm[2] and math.dist(s.start_mm[:2], s.end_mm[:2]) < ROUNDING_MM
+        for s in later
+    )
+    if fault.carries and not rises:
         return replace(found, wrong="it moved again after the stop, and not straight up")
     return found
-
-
-def rises(segment: Segment) -> bool:
-    """Whether a piece leads straight up, but for a motor step."""
-    (x, y, z), (u, v, w) = segment.start_mm, segment.end_mm
-    return w > z and math.hypot(u - x, v - y) < ROUNDING_MM
 
 
 def rows(folder: Path) -> Rows:

@@ -12,10 +12,8 @@ GARBAGE = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # a line of it, and mo
 FORCE_N = 30.0  # over the guard's 20 N, within the sensor's range
 
 # What the moments of a session are called, in order.
-HOMING, BEFORE, TRAVEL, PRESS, DRAG, WRITING = (
-    "homing", "before the first move", "travel", "press", "drag", "writing",
-)  # fmt: skip
-MOMENTS = (HOMING, BEFORE, TRAVEL, PRESS, DRAG, WRITING)
+MOMENTS = ("homing", "before the first move", "travel", "press", "drag", "writing")
+HOMING, BEFORE, TRAVEL, PRESS, DRAG, WRITING = MOMENTS
 Strike = Callable[[FaultBench, float], None]
 
 
