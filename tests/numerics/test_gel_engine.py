@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from deltact_fab.numerics.engine import Flagged
 from deltact_fab.numerics.engines import gel_press, gel_run, gel_scene
 from deltact_fab.numerics.engines.gel_press import PressSetup
 from deltact_fab.numerics.engines.gel_scene import FiniteSolution, GelCase
+
+SLOW = pytest.mark.slow
 
 
 def test_extrapolation_removes_an_error_of_second_order() -> None:
@@ -83,22 +86,14 @@ def test_shear_beyond_the_cone_is_seen() -> None:
 
 
 @pytest.mark.parametrize(
-    ("depth_mm", "quick"),
+    ("of", "what", "own"),
     [
-        pytest.param(*what, marks=pytest.mark.slow if what[1] else pytest.mark.evidence)
-        for what in gel_press.OWN_ERROR
+        pytest.param(of, *item, marks=SLOW if item[0][1] is True else pytest.mark.evidence)
+        for of, table in ((gel_press.reference, gel_press.OWN_ERROR),
+                          (evidence.reference, evidence.OWN_ERROR)) for item in table.items()
     ],
-)
-def test_a_reference_is_as_good_as_it_says(depth_mm: float, quick: bool) -> None:
-    truth = gel_press.reference(depth_mm, quick)
-    force, in_plane = gel_press.OWN_ERROR[depth_mm, quick]
-    assert truth.force_error <= force * 1.1
-    assert truth.in_plane_error <= in_plane * 1.1
-
-
-@pytest.mark.evidence
-def test_a_reference_with_friction_is_as_good_as_it_says() -> None:
-    for (depth_mm, friction), (force, in_plane) in evidence.OWN_ERROR.items():
-        truth = evidence.reference(depth_mm, friction)
-        assert truth.force_error <= force * 1.1
-        assert truth.in_plane_error <= in_plane * 1.1
+)  # fmt: skip
+def test_a_reference_is_as_good_as_it_says(of: Any, what: tuple[Any, ...], own: Any) -> None:
+    truth = of(*what)
+    assert truth.force_error <= own[0] * 1.1
+    assert truth.in_plane_error <= own[1] * 1.1

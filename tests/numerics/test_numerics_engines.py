@@ -8,10 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from deltact_fab.elasticity.layer import BondedLayer
+from deltact_fab.elasticity.material import GelMaterial
+from deltact_fab.gel.linear.contact import LayerContact
 from deltact_fab.numerics.engine import Case, Engine
 from deltact_fab.numerics.engines import REGISTRY, load
 from deltact_fab.numerics.stability import judge
 from deltact_fab.patterns.laws import patches
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.shapes.indenter import parse
 
 
 @pytest.mark.parametrize("quick", [True, False])
@@ -85,3 +90,16 @@ def test_a_tampered_state_breaks_the_laws_of_contact() -> None:
     dragged = replace(state, shear_mpa=state.shear_mpa * 1.02)
     assert violation(contact, before, dragged) > 1e-3
     assert violation(contact, contact.rest((0.0, 0.0, 1.2)), state) > 1e-3
+
+
+def test_another_modulus_scales_the_layers_forces_and_nothing_else() -> None:
+    found = []
+    for modulus_mpa in (0.56e-3, 0.56, 560.0):
+        layer = BondedLayer.for_skin(SkinDimensions(), GelMaterial(modulus_mpa), spacing_mm=0.5)
+        contact = LayerContact(layer, parse("sphere:10"))
+        *_, pressed = contact.path(contact.rest(), (0.0, 0.0, 1.2), 0.6)
+        *_, sheared = contact.path(pressed, (0.3, 0.0, 1.2), 0.3)
+        found.append((np.array(sheared.force_n) / modulus_mpa, sheared.iterations))
+    assert len({iterations for _, iterations in found}) == 1
+    for force, _ in found[1:]:
+        np.testing.assert_allclose(force, found[0][0], rtol=1e-9, atol=1e-9)

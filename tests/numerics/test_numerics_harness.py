@@ -79,8 +79,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def test_verdicts(toy: str, tmp_path: Path) -> None:
-    engine = engines.load(toy)
-    rows = list(stability.measure("toy", toy, engine.cases(True), tmp_path, True))
+    rows = list(stability.measure("toy", toy, engines.load(toy).cases(True), tmp_path, True))
     assert {r["case"]: r["outcome"] for r in rows} == {
         "good": "right",
         "off": "wrong",
@@ -109,9 +108,8 @@ def test_a_case_that_kills_or_hangs_is_wrong_and_the_rest_go_on(toy: str, tmp_pa
 
 
 def test_times_memory_and_threads_of_a_setting(toy: str, tmp_path: Path) -> None:
-    engine = engines.load(toy)
-    rows = list(work_precision.measure("toy", toy, engine.curves(True), tmp_path, True))
-    small, large = rows
+    settings = engines.load(toy).curves(True)
+    small, large = rows = list(work_precision.measure("toy", toy, settings, tmp_path, True))
     # The error is 1/n only where one thread on one core was given.
     assert (small["error"], large["error"]) == (1.0, 0.5)
     for row in rows:
@@ -122,8 +120,7 @@ def test_times_memory_and_threads_of_a_setting(toy: str, tmp_path: Path) -> None
 
 
 def test_a_setting_that_fails_is_named(toy: str, tmp_path: Path) -> None:
-    engine = engines.load(toy)
-    setting, _ = engine.curves(True)
+    setting, _ = engines.load(toy).curves(True)
     wrong = type(setting)(**{**setting.__dict__, "name": "n = 0"})
     with pytest.raises(RunFailed, match=r"toy: toy \| s \| n = 0"):
         list(work_precision.measure("toy", toy, [wrong], tmp_path, True))
