@@ -18,10 +18,11 @@ from deltact_fab.aliases import Field, Index
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.gel.finite import FinitePress
 from deltact_fab.gel.finite.surface import HARDENING, HARDEST, SHALLOW
-from deltact_fab.numerics.engines.gel_press import GelAnswer, PressSetup, prepared
+from deltact_fab.numerics.engines.gel_press import GelAnswer, prepared
 from deltact_fab.shapes import SphereTip
 
 from . import peer
+from .gel_press import WholePress
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,7 @@ def felupe_press(
     return peer.ask("felupe", "felupe_press.py", given, threads, timeout_s)
 
 
-class FelupeRun(PressSetup):
+class FelupeRun(WholePress):
     """The same press, solved by felupe."""
 
     @property

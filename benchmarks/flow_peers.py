@@ -18,23 +18,54 @@ from deltact_fab.errors import RunFailed
 from deltact_fab.measure.flow import FLOW_METHODS
 from deltact_fab.numerics.engines.flow import found, tracked
 from deltact_fab.numerics.engines.flow_frames import (
+    CAMERA,
     COARSE,
-    SCENES,
-    STAR,
+    SEED,
     FlowSequence,
     Vectors,
     bump,
     far,
     in_plane,
+    pressed,
 )
 from deltact_fab.numerics.stability import plain
+from deltact_fab.study.star import Star
 
 from . import peer
 
 PEERS = {"pyvale": "pyvale_flow.py", "al-dic": "al_dic_flow.py"}
 MARGIN_PX = 32  # no correlator answers nearer to the border
 REPEATS = 3
+# v = 0.5 cos(2 pi y / p(x)) px, p from 10 to 300 px, as of the DIC Challenge 2.0.
+STAR = Star(CAMERA.width_px, CAMERA.height_px)
 _short = partial(bump, 22.0, 90.0, 90.0)
+
+
+def speckle_star() -> FlowSequence:
+    """The star on grey speckle, without printer, lens and mosaic, with the Challenge's noise.
+
+    Speckle and noise as measured on its image "Star, noise": 118 +- 38 grey levels, correlation
+    exp(-(d / 2.74 px)^2), noise of variance 0.5 + 0.031 x grey level.
+    """
+    rng = np.random.default_rng(SEED)
+    w, h, fine = CAMERA.width_px, CAMERA.height_px, 4
+    size = (h + 16) * fine, (w + 16) * fine
+    white = rng.standard_normal(size, dtype=np.float32)
+    field = cv2.GaussianBlur(white, (0, 0), 1.37 * fine)
+    level = 118 + 55 * np.tanh(field / field.std())
+    x, y = np.meshgrid(np.arange(float(w)), np.arange(float(h)))
+    truth = STAR.motion(x, y)
+    back = y.copy()
+    for _ in range(30):  # the slope is .31 at most
+        back = y - STAR.motion(x, back)[..., 1]
+    images = []
+    columns = ((x + 8.5) * fine - 0.5).astype(np.float32)
+    for rows in (y, back):
+        at = ((rows + 8.5) * fine - 0.5).astype(np.float32)
+        seen = cv2.remap(level, columns, at, cv2.INTER_CUBIC)
+        noisy = seen + np.sqrt(0.5 + 0.031 * seen) * rng.standard_normal(seen.shape)
+        images.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+    return FlowSequence(np.stack(images), truth.astype(np.float32))
 
 
 class Question(NamedTuple):
@@ -49,13 +80,13 @@ class Question(NamedTuple):
 
 
 STARS = {
-    "speckle": Question(SCENES["star: speckle"], 16, 4),
-    "three chips": Question(SCENES["star: coarse, three chips"], 16, 4),
-    "Bayer mosaic": Question(SCENES["star: coarse"], 16, 4),
+    "speckle": Question(speckle_star, 16, 4),
+    "three chips": Question(partial(in_plane, COARSE, STAR.motion, mosaic=False), 16, 4),
+    "Bayer mosaic": Question(partial(in_plane, COARSE, STAR.motion), 16, 4),
 }
 MOTIONS = {
-    "press": Question(SCENES["press"], 40),
-    "press, three chips": Question(SCENES["press, three chips"], 40),
+    "press": Question(pressed, 40),
+    "press, three chips": Question(partial(pressed, mosaic=False), 40),
     "22 px": Question(partial(in_plane, COARSE, _short), 32),
     "22 px, three chips": Question(partial(in_plane, COARSE, _short, mosaic=False), 32),
     "121 px": Question(partial(in_plane, COARSE, far), 128),

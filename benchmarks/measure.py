@@ -10,16 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from deltact_fab.numerics.engine import Case
-from deltact_fab.numerics.engines.gel_press import (
-    FINE,
-    GelAnswer,
-    PressSetup,
-    errors,
-    reference,
-    solve_finite,
-)
-from deltact_fab.numerics.memory import peak_resident_mb, reset_peak_mb
+from deltact_fab.numerics.engines import gel_press
+from deltact_fab.numerics.engines.gel_press import GelAnswer, PressSetup, errors, solve_finite
 from deltact_fab.numerics.stability import judge
+from deltact_fab.numerics.work_precision import peak_resident_mb, reset_peak_mb
+
+from .gel_press import FINE, STEPS_MM, reference
 
 
 def case_row(case: Case) -> dict[str, Any]:
@@ -31,9 +27,9 @@ def case_row(case: Case) -> dict[str, Any]:
 def reference_row(depth_mm: float, friction: float) -> dict[str, Any]:
     """A reference of the curves, and what it says of its own error."""
     truth = reference(depth_mm, friction)
-    coarse, fine, step, _ = FINE[friction == 0]
+    cells_mm, step = (FINE, STEPS_MM[0]) if friction else (gel_press.FINE, 1.0)
     return {
-        "depth_mm": depth_mm, "friction": friction, "meshes_mm": [coarse, fine], "step_mm": step,
+        "depth_mm": depth_mm, "friction": friction, "meshes_mm": list(cells_mm), "step_mm": step,
         "normal_n": truth.normal_n, "own_force_percent": truth.force_error,
         "own_in_plane_mm": truth.in_plane_error,
     }  # fmt: skip

@@ -18,7 +18,7 @@ from typing import Any
 
 from deltact_fab.cad.design import load_design
 from deltact_fab.jobs import each
-from deltact_fab.numerics.memory import peak_resident_mb, reset_peak_mb
+from deltact_fab.numerics.work_precision import peak_resident_mb, reset_peak_mb
 from deltact_fab.patterns.series.job import recipes
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol

@@ -64,8 +64,7 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     from .numerics.scenes import costs
     from .report.page import write
 
-    layer_costs = [cost.as_dict() for cost in costs()]
-    page = write(out / "run", out / "report.html", tracking, found, parts, layer_costs, shape)
+    page = write(out / "run", out / "report.html", tracking, found, parts, costs(), shape)
     seconds = time.monotonic() - started
     (out / MARKER).write_text(json.dumps({"seed": seed, "finished": True}) + "\n")
     say(f"report: {page} ({seconds:.0f} s in all)")

@@ -8,6 +8,17 @@ import click
 
 from .options import ENGINE_NAME, JSON, out_folder
 
+# Heads and keys of the rows.
+CURVES = {
+    "engine": "engine", "case": "case", "series": "series", "setting": "setting", "cpu_s": "cpu_s",
+    "to, s": "cpu_most_s", "wall_s": "wall_s", "compile_s": "compile_s", "peak_mb": "peak_mb",
+    "error": "error", "unit": "unit", "reference": "reference", "of the reference":
+    "reference_error", "times as fast": "times_as_fast", "as": "baseline", "pareto": "pareto",
+}  # fmt: skip
+CASES = ("engine", "outcome", "case", "expectation", "figure", "bound", "unit")
+COSTS = {"layer": "layer", "CPU seconds": "seconds", "MB": "megabytes", "modules": "modules",
+         "note": "note"}  # fmt: skip
+
 
 @click.command(epilog="Example: deltact-fab numerics layer --quick")
 @click.argument("engines", nargs=-1, metavar="[ENGINE]...", type=ENGINE_NAME)
@@ -37,36 +48,20 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None, as_json: b
     if as_json:
         echo_json(found.as_dict())
     else:
-        echo_table(
-            ("engine", "case", "series", "setting", "threads", "cpu_s", "to, s", "wall_s",
-             "compile_s", "peak_mb", "error", "unit", "reference", "of the reference",
-             "times as fast", "as", "pareto"),
-            [(r.engine, r.case, r.series, r.setting, r.threads, r.cpu_s, r.cpu_most_s,
-              r.wall_s, r.compile_s, r.peak_mb, r.error, r.unit,
-              f"{r.kind}: {r.reference}", r.reference_error, r.times_as_fast, r.baseline,
-              "*" if r.pareto else "")
-             for r in found.curves],
-            names=4,
-        )  # fmt: skip
+        told = [{**row, "reference": f"{row['kind']}: {row['reference']}",
+                 "pareto": "*" if row["pareto"] else ""} for row in found.curves]  # fmt: skip
+        echo_table(tuple(CURVES), [[r[k] for k in CURVES.values()] for r in told], names=4)
         click.echo()
-        echo_table(
-            ("engine", "outcome", "case", "expectation", "figure", "bound", "unit"),
-            [(r.engine, r.outcome, r.case, r.expectation, r.figure, r.bound, r.unit)
-             for r in found.stability],
-            names=3,
-        )  # fmt: skip
+        echo_table(CASES, [[row[k] for k in CASES] for row in found.stability], names=3)
         for table in found.tables:
             click.echo(f"\n{table['title']}: {table['note']}")
             echo_table(table["columns"], table["rows"])
         click.echo("\nwhat leaving a layer out of a scene saves")
-        echo_table(
-            ("layer", "CPU seconds", "MB", "modules", "note"),
-            [(r.layer, r.seconds, r.megabytes, r.modules, r.note) for r in found.scenes],
-        )
+        echo_table(tuple(COSTS), [[row[k] for k in COSTS.values()] for row in found.scenes])
         if files:
             click.echo("\nwritten: " + ", ".join(str(f) for f in files))
     for row in found.wrong:
-        said = row.note or f"{row.figure} over {row.bound} {row.unit}"
-        click.echo(f"deltact-fab: wrong: {row.engine}: {row.case}: {said}", err=True)
+        said = row["note"] or f"{row['figure']} over {row['bound']} {row['unit']}"
+        click.echo(f"deltact-fab: wrong: {row['engine']}: {row['case']}: {said}", err=True)
     if found.wrong:
         raise click.exceptions.Exit(1)

@@ -177,7 +177,7 @@ def _layer_costs(found: StudyResult) -> list[dict[str, Any]]:
         return []
     from ..numerics.scenes import costs
 
-    return [cost.as_dict() for cost in costs()]
+    return costs()
 
 
 @contextmanager

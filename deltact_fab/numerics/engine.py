@@ -31,9 +31,9 @@ class CurveSetting:
     case: what is computed; one panel a case. series, name: how it is set; a series is joined by a
     line. unit: of the error. reference: what the error is against; reference_error: its own error
     in the same unit. build: called in a fresh process with a scratch folder that all settings of
-    one command share. threads: given to every library. kind: independent where the reference is a
-    closed form, another method's or a truth whose model the estimator does not share; a self-test
-    where they share it or it is our own solver, finer. A case's first setting is its baseline.
+    one command share. kind: independent where the reference is a closed form, another method's or a
+    truth whose model the estimator does not share; a self-test where they share it or it is our own
+    solver, finer. A case's first setting is its baseline.
     """
 
     case: str
@@ -43,13 +43,12 @@ class CurveSetting:
     reference: str
     reference_error: float
     build: Callable[[Path], Work]
-    threads: int = 1
     kind: Literal["independent", "self-test"] = "independent"
 
     @property
     def key(self) -> str:
         """Unique among the settings of an engine."""
-        return f"{self.case} | {self.series} | {self.name} | {self.threads}"
+        return f"{self.case} | {self.series} | {self.name}"
 
 
 @dataclass(frozen=True)
@@ -73,30 +72,20 @@ class Case:
             raise ValueError(f"case {self.name!r}: expectation {self.expectation!r} needs a bound")
 
 
-@dataclass(frozen=True)
-class EngineTable:
-    """Figures of an engine that are neither a curve nor a case."""
-
-    title: str
-    note: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Any, ...], ...]
-
-
-def _no_tables(scratch: Path) -> Sequence[EngineTable]:
+def _none(_: Any) -> Sequence[Any]:
     return ()
 
 
 @dataclass(frozen=True)
 class Engine:
-    """name: as typed. curves, cases: called with `quick`, a few seconds' worth instead of all.
+    """title, about: for the page. curves, cases: called with `quick`, a few seconds' worth.
 
-    tables: left out of a quick run; called with the scratch folder.
+    tables: figures that are neither: dicts of title, note, columns and rows; left out of a quick
+    run, called with the scratch folder when the cases are done.
     """
 
-    name: str
     title: str
     about: str
-    curves: Callable[[bool], Sequence[CurveSetting]]
     cases: Callable[[bool], Sequence[Case]]
-    tables: Callable[[Path], Sequence[EngineTable]] = _no_tables
+    curves: Callable[[bool], Sequence[CurveSetting]] = _none
+    tables: Callable[[Path], Sequence[dict[str, Any]]] = _none

@@ -2,53 +2,46 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from ..aliases import Progress
-from ..errors import InputError, RunFailed
+from ..errors import InputError
 from . import scenes, stability, work_precision
 from .engines import REGISTRY, check_names, load
-from .process import WorkerDied, answers
-from .scenes import LayerCost
-from .stability import StabilityRow
-from .work_precision import CurveRow
+
+Rows = list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
 class Numerics:
-    """What `run` found. engines: name, title and about of each, in order; tables: plain rows."""
+    """What `run` found, as plain rows.
 
-    engines: list[dict[str, str]]
-    curves: list[CurveRow]
-    stability: list[StabilityRow]
-    tables: list[dict[str, Any]]
-    scenes: list[LayerCost]
-    meta: dict[str, Any] = field(default_factory=dict)
+    engines: name, title and about of each, in order. curves: as `work_precision` has them;
+    stability: as `stability.judge`; scenes: as `scenes.costs`. tables: engine, title, note,
+    columns and rows.
+    """
+
+    meta: dict[str, Any]
+    engines: Rows
+    curves: Rows
+    stability: Rows
+    tables: Rows
+    scenes: Rows
 
     @property
-    def wrong(self) -> list[StabilityRow]:
+    def wrong(self) -> Rows:
         """The rows that fail the command."""
-        return [row for row in self.stability if row.outcome == "wrong"]
+        return [row for row in self.stability if row["outcome"] == "wrong"]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, as `numerics --json` prints it."""
-        return {
-            "meta": self.meta,
-            "engines": self.engines,
-            "curves": [row.as_dict() for row in self.curves],
-            "stability": [row.as_dict() for row in self.stability],
-            "tables": self.tables,
-            "scenes": [row.as_dict() for row in self.scenes],
-            "wrong": len(self.wrong),
-        }
+        return {**asdict(self), "wrong": len(self.wrong)}
 
     def save(self, out: Path) -> list[Path]:
         """Write numerics.json, the tables as CSV and numerics.html; returns the files.
@@ -56,6 +49,8 @@ class Numerics:
         Raises InputError when the folder cannot be made, RunFailed when the disk refuses and
         MissingLibrary, after all but the page, without the extra `report`.
         """
+        import pandas as pd
+
         from ..files import write_whole
         from ..report import numerics_page
 
@@ -64,19 +59,18 @@ class Numerics:
         except OSError as why:
             raise InputError(f"{out}: cannot be made: {why.strerror}") from why
         data = self.as_dict()
-        files = {"numerics.json": json.dumps(data, indent=1, allow_nan=False) + "\n"}
-        for name in ("curves", "stability", "scenes"):
-            if data[name]:
-                files[f"{name}.csv"] = _csv(data[name])
+        tables = {name: pd.DataFrame(data[name], dtype=object)
+                  for name in ("curves", "stability", "scenes") if data[name]}  # fmt: skip
         for table in self.tables:
-            rows = [dict(zip(table["columns"], row, strict=True)) for row in table["rows"]]
-            files[f"table-{_slug(table['title'])}.csv"] = _csv(rows)
+            name = f"table-{table['title'].lower().replace(' ', '-')}"
+            tables[name] = pd.DataFrame(table["rows"], columns=table["columns"])
+        files = {"numerics.json": json.dumps(data, indent=1, allow_nan=False) + "\n"}
+        files |= {f"{name}.csv": table.to_csv(index=False) for name, table in tables.items()}
         for name, text in files.items():
             write_whole(out / name, text.encode())
-        written = [out / name for name in files]
         page = out / "numerics.html"
         numerics_page.write(data, page)
-        return [*written, page]
+        return [*(out / name for name in files), page]
 
 
 def run(
@@ -87,66 +81,41 @@ def run(
     quick: a few settings and cases a engine, and the scenes' cost only when it is known already.
     Raises InputError for an unknown engine, RunFailed when a setting cannot be timed.
     """
+    from ..experiment import versions
+
     started = time.monotonic()
     tell = progress or (lambda done, total, what: None)
-    chosen = check_names(tuple(names))
-    engines = {name: load(REGISTRY[name]) for name in chosen}
-    settings = {name: list(e.curves(quick)) for name, e in engines.items()}
-    cases = {name: list(e.cases(quick)) for name, e in engines.items()}
-    total = sum(map(len, settings.values())) + sum(map(len, cases.values())) + len(engines)
-    done = 0
-    curves: list[CurveRow] = []
-    judged: list[StabilityRow] = []
-    tables: list[dict[str, Any]] = []
+    engines = {name: load(REGISTRY[name]) for name in check_names(tuple(names))}
+    plans = {name: (e.curves(quick), e.cases(quick)) for name, e in engines.items()}
+    total = sum(len(settings) + len(cases) for settings, cases in plans.values())
+    curves: Rows = []
+    judged: Rows = []
+    tables: Rows = []
     with tempfile.TemporaryDirectory(prefix="deltact-fab-") as folder:
         scratch = Path(folder)
         for name, engine in engines.items():
-            module = REGISTRY[name]
-            for row in work_precision.measure(engine, module, settings[name], scratch, quick):
+            settings, cases = plans[name]
+            place = name, REGISTRY[name]
+            for row in work_precision.measure(*place, settings, scratch, quick):
                 curves.append(row)
-                done += 1
-                tell(done, total, f"{name}: {row.setting}")
-            for verdict in stability.run(engine, module, cases[name], scratch, quick):
-                judged.append(verdict)
-                done += 1
-                tell(done, total, f"{name}: {verdict.case}")
-            done += 1
-            tell(done, total, name)
-            if quick:
-                continue
-            job = {"kind": "tables", "module": module, "threads": 1, "quick": quick,
-                   "scratch": folder}  # fmt: skip
-            try:
-                tables += [{"engine": name, **t} for t in answers(job)]
-            except WorkerDied as why:
-                raise RunFailed(f"numerics: {name}: tables: {why}") from why
+                tell(len(curves) + len(judged), total, f"{name}: {row['setting']}")
+            for row in stability.measure(*place, cases, scratch, quick):
+                judged.append(row)
+                tell(len(curves) + len(judged), total, f"{name}: {row['case']}")
+            if not quick:
+                tables += [{"engine": name, **table} for table in engine.tables(scratch)]
         # The bench has no scene: its table is not to wait for what others leave out.
-        costs = scenes.costs(measure=not quick and chosen != ("bench",), progress=tell)
-    from ..experiment import versions
-
+        costs = scenes.costs(measure=not quick and list(engines) != ["bench"], progress=tell)
     return Numerics(
-        engines=[{"name": e.name, "title": e.title, "about": e.about} for e in engines.values()],
-        curves=work_precision.compared(curves),
-        stability=judged,
-        tables=tables,
-        scenes=costs,
         meta={
             "quick": quick,
             "seconds": time.monotonic() - started,
             "machine": scenes.machine(),
             "versions": versions(),
         },
+        engines=[{"name": n, "title": e.title, "about": e.about} for n, e in engines.items()],
+        curves=work_precision.compared(curves),
+        stability=judged,
+        tables=tables,
+        scenes=costs,
     )
-
-
-def _csv(rows: list[dict[str, Any]]) -> str:
-    out = io.StringIO()
-    writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return out.getvalue()
-
-
-def _slug(title: str) -> str:
-    words = "".join(c if c.isalnum() else " " for c in title.lower()).split()
-    return "-".join(words[:5])

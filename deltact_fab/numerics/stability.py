@@ -4,82 +4,52 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from ..errors import DeltactFabError
-from .engine import Case, Engine
-from .process import SILENCE_S, WorkerDied, answers
+from .engine import Case
+from .engines import load
+from .worker import SILENCE_S, WorkerDied, answers
 
 
-@dataclass(frozen=True)
-class StabilityRow:
-    """One case: figure within bound is `right`; `wrong` stays in the table and fails the command.
-
-    note: what the engine said, or what the figure does not show.
-    """
-
-    engine: str
-    case: str
-    expectation: str
-    bound: float | None
-    figure: float | None
-    unit: str
-    outcome: Literal["right", "refused", "wrong"]
-    note: str
-    seconds: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data, in the order of the CSV."""
-        return asdict(self)
-
-
-def run(
-    engine: Engine,
+def measure(
+    name: str,
     module: str,
-    cases: list[Case],
+    cases: Sequence[Case],
     scratch: Path,
     quick: bool,
     silence_s: float = SILENCE_S,
-) -> Iterator[StabilityRow]:
+) -> Iterator[dict[str, Any]]:
     """Judge the cases in one worker; one that takes the worker down is wrong, the rest go on."""
     done = 0
     while done < len(cases):
-        job = {
-            "kind": "cases",
-            "module": module,
-            "first": done,
-            "threads": 1,
-            "scratch": str(scratch),
-            "quick": quick,
-        }
+        end = "the worker ended early"
+        found = answers(judged, module, str(scratch), quick, done, silence_s=silence_s)
         try:
-            for found in answers(job, silence_s):
+            for row in found:
                 done += 1
-                yield StabilityRow(engine=engine.name, **found)
-            if done < len(cases):
-                raise WorkerDied("the worker ended early")
+                yield {"engine": name, **row}
         except WorkerDied as why:
-            if done < len(cases):
-                case = cases[done]
-                done += 1
-                yield StabilityRow(
-                    engine=engine.name,
-                    case=case.name,
-                    expectation=case.expectation,
-                    bound=case.bound,
-                    figure=None,
-                    unit=case.unit,
-                    outcome="wrong",
-                    note=f"the process died: {why}",
-                    seconds=0.0,
-                )
+            end = str(why)
+        if done < len(cases):
+            row = _row(cases[done], "wrong", None, f"the process died: {end}")
+            done += 1
+            yield {"engine": name, **row}
+
+
+def judged(module: str, scratch: str, quick: bool, first: int) -> Iterator[dict[str, Any]]:
+    """The rows of a module's cases from the first on, in the worker."""
+    for case in load(module).cases(quick)[first:]:
+        yield judge(case, Path(scratch))
 
 
 def judge(case: Case, scratch: Path) -> dict[str, Any]:
-    """One row of the stability table: what was expected, what came, and the verdict."""
+    """One row of the table: what was expected, the figure, the outcome, and what was said.
+
+    Outcome: right, refused or wrong. Seconds: wall clock.
+    """
     start_s = time.perf_counter()
     figure: float | None = None
     note = ""
@@ -98,21 +68,19 @@ def judge(case: Case, scratch: Path) -> dict[str, Any]:
         came = "right" if within else "off"
     if came == "refused" and case.says not in note:
         came, note = "off", f"refused for another reason: {note}"
-    wanted = case.expectation.split(" or ")
+    outcome = came if came in case.expectation.split(" or ") else "wrong"
+    return _row(case, outcome, plain(figure), note, time.perf_counter() - start_s)
+
+
+def _row(
+    case: Case, outcome: str, figure: float | None, note: str, seconds: float = 0.0
+) -> dict[str, Any]:
     return {
-        "case": case.name,
-        "expectation": case.expectation,
-        "bound": case.bound,
-        "unit": case.unit,
-        "figure": plain(figure),
-        "outcome": came if came in wanted else "wrong",
-        "note": note,
-        "seconds": time.perf_counter() - start_s,
-    }
+        "case": case.name, "expectation": case.expectation, "bound": case.bound, "figure": figure,
+        "unit": case.unit, "outcome": outcome, "note": note, "seconds": seconds,
+    }  # fmt: skip
 
 
-def plain(value: Any) -> Any:
+def plain(figure: float | None) -> float | None:
     """JSON knows no NaN: a figure that is none is null."""
-    if hasattr(value, "item"):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return None if figure is None or not math.isfinite(figure) else float(figure)

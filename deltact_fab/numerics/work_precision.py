@@ -2,108 +2,114 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+import sys
+import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..errors import RunFailed
-from .engine import CurveSetting, Engine
-from .process import WorkerDied, answers
+from .engine import CurveSetting
+from .engines import load
+from .stability import plain
+from .worker import WorkerDied, answers
 
-
-@dataclass(frozen=True)
-class CurveRow:
-    """One point. cpu_s, cpu_most_s: best and slowest of `repeats` after one warm-up call.
-
-    All threads' together. wall_s: best. compile_s: CPU time of the warm-up beyond the best
-    (compiling, plans, caches). peak_mb: memory above what libraries and inputs hold. error,
-    reference_error: in `unit`. kind: of the reference. times_as_fast: CPU time of the baseline, the
-    first setting of the case, over its own. pareto: no setting of the case takes less CPU time and
-    is nearer.
-    """
-
-    engine: str
-    case: str
-    series: str
-    setting: str
-    threads: int
-    cpu_s: float
-    cpu_most_s: float
-    wall_s: float
-    compile_s: float
-    peak_mb: float
-    error: float | None
-    unit: str
-    reference: str
-    reference_error: float
-    repeats: int
-    kind: str = "independent"
-    baseline: str = ""
-    times_as_fast: float = 1.0
-    pareto: bool = False
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data, in the order of the CSV."""
-        return asdict(self)
+REPEATS = 5
+MAX_REPEATS = 25
+LONG_ENOUGH_S = 0.3  # with five repeats done, no more are added past this
 
 
 def measure(
-    engine: Engine, module: str, settings: list[CurveSetting], scratch: Path, quick: bool
-) -> Iterator[CurveRow]:
+    name: str, module: str, settings: Sequence[CurveSetting], scratch: Path, quick: bool
+) -> Iterator[dict[str, Any]]:
     """Time settings one after the other. Raises RunFailed naming a setting that failed."""
     for setting in settings:
-        job = {
-            "kind": "curve",
-            "module": module,
-            "key": setting.key,
-            "threads": setting.threads,
-            "scratch": str(scratch),
-            "quick": quick,
-        }
         try:
-            (found,) = answers(job)
+            (row,) = answers(timed, module, str(scratch), quick, setting.key)
         except WorkerDied as why:
-            raise RunFailed(f"numerics: {engine.name}: {setting.key}: {why}") from why
-        yield CurveRow(
-            engine=engine.name,
-            case=setting.case,
-            series=setting.series,
-            setting=setting.name,
-            threads=setting.threads,
-            unit=setting.unit,
-            reference=setting.reference,
-            reference_error=setting.reference_error,
-            kind=setting.kind,
-            **found,
-        )
+            raise RunFailed(f"numerics: {name}: {setting.key}: {why}") from why
+        yield {"engine": name, **row}
 
 
-def compared(rows: list[CurveRow]) -> list[CurveRow]:
-    """The rows beside the first of their case, and with their front marked, case by case."""
-    first: dict[tuple[str, str], CurveRow] = {}
+def timed(module: str, scratch: str, quick: bool, key: str) -> Iterator[dict[str, Any]]:
+    """The row of one setting of a module, in its worker; the warm-up call is apart.
+
+    cpu_s, cpu_most_s: best and slowest of `repeats`, for whatever else is at work only ever adds.
+    wall_s: best. compile_s: CPU time of the warm-up beyond the best (compiling, plans, caches).
+    peak_mb: memory above what libraries and inputs hold. error, reference_error: in `unit`. kind:
+    of the reference.
+    """
+    setting = next(s for s in load(module).curves(quick) if s.key == key)
+    work = setting.build(Path(scratch))
+    before_mb = reset_peak_mb()
+    start_s = time.process_time()
+    result = work.run()
+    first_s = time.process_time() - start_s
+    wall_s: list[float] = []
+    cpu_s: list[float] = []
+    while len(cpu_s) < REPEATS or (sum(cpu_s) < LONG_ENOUGH_S and len(cpu_s) < MAX_REPEATS):
+        start_s, start_cpu_s = time.perf_counter(), time.process_time()
+        result = work.run()
+        wall_s.append(time.perf_counter() - start_s)
+        cpu_s.append(time.process_time() - start_cpu_s)
+    peak_mb = peak_resident_mb() - before_mb
+    yield {
+        "case": setting.case, "series": setting.series, "setting": setting.name,
+        "cpu_s": min(cpu_s), "cpu_most_s": max(cpu_s), "wall_s": min(wall_s),
+        "compile_s": max(0.0, first_s - min(cpu_s)), "peak_mb": max(0.0, peak_mb),
+        "error": plain(work.error(result)), "unit": setting.unit, "reference": setting.reference,
+        "reference_error": setting.reference_error, "repeats": len(cpu_s), "kind": setting.kind,
+    }  # fmt: skip
+
+
+def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The rows beside the first of their case, and with their front marked.
+
+    times_as_fast: CPU time of the baseline, the first setting of the case, over its own. pareto: no
+    setting of the case takes less CPU time and is nearer.
+    """
+    out = []
     for row in rows:
-        first.setdefault((row.engine, row.case), row)
-    return [
-        replace(
-            row,
-            baseline=f"{base.series}, {base.setting}",
-            times_as_fast=base.cpu_s / row.cpu_s if row.cpu_s else math.inf,
-            pareto=not _dominated(row, rows),
+        here = [r for r in rows if (r["engine"], r["case"]) == (row["engine"], row["case"])]
+        cost = row["cpu_s"], row["error"]
+        beaten = row["error"] is None or any(
+            r["error"] is not None
+            and r["cpu_s"] <= row["cpu_s"]
+            and r["error"] <= row["error"]
+            and (r["cpu_s"], r["error"]) != cost
+            for r in here
         )
-        for row in rows
-        for base in [first[row.engine, row.case]]
-    ]
+        out.append(row | {
+            "baseline": f"{here[0]['series']}, {here[0]['setting']}",
+            "times_as_fast": here[0]["cpu_s"] / row["cpu_s"] if row["cpu_s"] else math.inf,
+            "pareto": not beaten,
+        })  # fmt: skip
+    return out
 
 
-def _dominated(row: CurveRow, rows: list[CurveRow]) -> bool:
-    if row.error is None:
-        return True
-    for other in rows:
-        if (other.engine, other.case) != (row.engine, row.case) or other.error is None:
-            continue
-        no_worse = other.cpu_s <= row.cpu_s and other.error <= row.error
-        if no_worse and (other.cpu_s, other.error) != (row.cpu_s, row.error):
-            return True
-    return False
+# -- memory, by the standard library ---------------------------------------------------------------
+
+
+def reset_peak_mb() -> float:
+    """Start the record of the peak anew where the system can, and return the memory held now."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+        return _status_mb("VmRSS:")
+    return peak_resident_mb()
+
+
+def peak_resident_mb() -> float:
+    """Largest resident memory since `reset_peak_mb`; since the start where that cannot be reset."""
+    with contextlib.suppress(OSError):
+        return _status_mb("VmHWM:")
+    import resource
+
+    unit = 1024 * 1024 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+
+def _status_mb(key: str) -> float:
+    words = Path("/proc/self/status").read_text().split()
+    return int(words[words.index(key) + 1]) / 1024

@@ -82,7 +82,8 @@ def test_a_row_depends_on_its_own_level_and_an_edit_elsewhere_leaves_it() -> Non
     assert "gel/press.py" not in picked
     energy = rows["stability: edges, no friction, 4 mm deep: work but for jumps"]
     assert "gel/level_selection.py" not in of(energy)
-    assert "gel/level_selection.py" in of(rows["stability: depth 12 of 12 mm, announced"])
+    level = rows["stability: 10 mm in one increment, friction 0.5: against 10"]
+    assert "gel/level_selection.py" in of(level)
 
 
 def test_a_key_holds_arguments_and_bounds() -> None:

@@ -23,7 +23,7 @@ def shifted() -> FlowSequence:
     moved = np.fft.ifft2(np.fft.fft2(rest) * turn).real
     truth = np.broadcast_to(SHIFT_PX, (256, 320, 2)).astype(np.float32)
     images = np.stack([rest, moved]).clip(0, 255).astype(np.uint8)
-    return FlowSequence(images, truth, np.array([0.0, 1.0]))
+    return FlowSequence(images, truth)
 
 
 @pytest.mark.parametrize("method", flow_peers.PEERS)

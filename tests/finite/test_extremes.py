@@ -8,15 +8,11 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.numerics.engine import Case
-from deltact_fab.numerics.engines.gel import full_cases
+from deltact_fab.numerics.engines.gel import cases
 from deltact_fab.numerics.stability import judge
 
-CHEAP = (
-    "depth 13 of 12 mm, announced",
-    "depth 13 of 12 mm, unannounced",
-    "nu 0.5",
-)
-TABLE = {case.name: case for case in full_cases()}
+CHEAP = ("depth NaN", "nu 0.5")
+TABLE = {case.name: case for case in cases(False)}
 
 
 def test_the_cheap_ones_are_in_the_table() -> None:

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -15,7 +16,6 @@ from click.testing import CliRunner
 from deltact_fab.cli.numerics import numerics
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.numerics import engines, harness, scenes, stability, work_precision
-from deltact_fab.numerics.work_precision import CurveRow
 
 TOY = """
 import os, time
@@ -62,7 +62,7 @@ def cases(quick):
         ]
     return out
 
-ENGINE = Engine("toy", "Toy", "for the test", curves, cases)
+ENGINE = Engine("Toy", "for the test", cases, curves)
 """
 
 
@@ -79,9 +79,8 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def test_verdicts(toy: str, tmp_path: Path) -> None:
-    engine = engines.load(toy)
-    rows = list(stability.run(engine, toy, list(engine.cases(True)), tmp_path, True))
-    assert {r.case: r.outcome for r in rows} == {
+    rows = list(stability.measure("toy", toy, engines.load(toy).cases(True), tmp_path, True))
+    assert {r["case"]: r["outcome"] for r in rows} == {
         "good": "right",
         "off": "wrong",
         "nan": "wrong",
@@ -92,57 +91,53 @@ def test_verdicts(toy: str, tmp_path: Path) -> None:
         "refuses what it should answer": "wrong",
         "crashes": "wrong",
     }
-    by_name = {r.case: r for r in rows}
-    assert by_name["good"].figure == -0.5
-    assert by_name["good"].note == "a note"
-    assert by_name["nan"].figure is None
-    assert "ZeroDivisionError" in by_name["crashes"].note
+    by_name = {r["case"]: r for r in rows}
+    assert by_name["good"]["figure"] == -0.5
+    assert by_name["good"]["note"] == "a note"
+    assert by_name["nan"]["figure"] is None
+    assert "ZeroDivisionError" in by_name["crashes"]["note"]
 
 
 def test_a_case_that_kills_or_hangs_is_wrong_and_the_rest_go_on(toy: str, tmp_path: Path) -> None:
-    engine = engines.load(toy)
-    cases = list(engine.cases(False))
-    rows = list(stability.run(engine, toy, cases, tmp_path, False, silence_s=2.0))
-    assert [r.case for r in rows] == [c.name for c in cases]
-    assert [r.outcome for r in rows] == ["right", "wrong", "wrong", "right"]
-    assert "exit 9" in rows[1].note
-    assert "no answer for 2 s" in rows[2].note
+    cases = engines.load(toy).cases(False)
+    rows = list(stability.measure("toy", toy, cases, tmp_path, False, silence_s=2.0))
+    assert [r["case"] for r in rows] == [c.name for c in cases]
+    assert [r["outcome"] for r in rows] == ["right", "wrong", "wrong", "right"]
+    assert "exit 9" in rows[1]["note"]
+    assert "no answer for 2 s" in rows[2]["note"]
 
 
 def test_times_memory_and_threads_of_a_setting(toy: str, tmp_path: Path) -> None:
-    engine = engines.load(toy)
-    rows = list(work_precision.measure(engine, toy, list(engine.curves(True)), tmp_path, True))
-    small, large = rows
+    settings = engines.load(toy).curves(True)
+    small, large = rows = list(work_precision.measure("toy", toy, settings, tmp_path, True))
     # The error is 1/n only where one thread on one core was given.
-    assert (small.error, large.error) == (1.0, 0.5)
+    assert (small["error"], large["error"]) == (1.0, 0.5)
     for row in rows:
-        assert row.repeats >= 5
-        assert row.compile_s > 0.12
-        assert row.cpu_s <= row.cpu_most_s < 0.1
-    assert large.peak_mb > 35 > small.peak_mb
+        assert row["repeats"] >= 5
+        assert row["compile_s"] > 0.12
+        assert row["cpu_s"] <= row["cpu_most_s"] < 0.1
+    assert large["peak_mb"] > 35 > small["peak_mb"]
 
 
 def test_a_setting_that_fails_is_named(toy: str, tmp_path: Path) -> None:
-    engine = engines.load(toy)
-    (setting, _) = engine.curves(True)
+    setting, _ = engines.load(toy).curves(True)
     wrong = type(setting)(**{**setting.__dict__, "name": "n = 0"})
     with pytest.raises(RunFailed, match=r"toy: toy \| s \| n = 0"):
-        list(work_precision.measure(engine, toy, [wrong], tmp_path, True))
+        list(work_precision.measure("toy", toy, [wrong], tmp_path, True))
 
 
 def test_pareto_front() -> None:
-    def row(case: str, cpu_s: float, error: float | None) -> CurveRow:
+    def row(case: str, cpu_s: float, error: float | None) -> dict[str, Any]:
         # A setting that waited for the processor is not slower for it.
-        return CurveRow("e", case, "s", "n", 1, cpu_s, 9, 9 / cpu_s, 0, 0, error, "mm", "truth",
-                        0, 5)  # fmt: skip
+        return {"engine": "e", "case": case, "series": "s", "setting": "n", "cpu_s": cpu_s,
+                "wall_s": 9 / cpu_s, "error": error}  # fmt: skip
 
     rows = [row("a", 1, 4), row("a", 2, 2), row("a", 3, 3), row("a", 4, 1), row("a", 0.5, None),
             row("b", 9, 9)]  # fmt: skip
-    marks = [r.pareto for r in work_precision.compared(rows)]
-    assert marks == [True, True, False, True, False, True]
-    ratios = [r.times_as_fast for r in work_precision.compared(rows)]
-    assert ratios == [1, 0.5, pytest.approx(1 / 3), 0.25, 2, 1]
-    assert {r.baseline for r in work_precision.compared(rows)} == {"s, n"}
+    found = work_precision.compared(rows)
+    assert [r["pareto"] for r in found] == [True, True, False, True, False, True]
+    assert [r["times_as_fast"] for r in found] == [1, 0.5, pytest.approx(1 / 3), 0.25, 2, 1]
+    assert {r["baseline"] for r in found} == {"s, n"}
 
 
 def test_a_wrong_row_fails_the_command_and_stays_in_every_file(toy: str, tmp_path: Path) -> None:
@@ -161,7 +156,7 @@ def test_a_wrong_row_fails_the_command_and_stays_in_every_file(toy: str, tmp_pat
     header, *lines = (out / "curves.csv").read_text().splitlines()
     assert len(lines) == 2
     for column in ("cpu_s", "cpu_most_s", "wall_s", "compile_s", "peak_mb", "error", "unit",
-                   "reference", "reference_error", "repeats", "threads"):  # fmt: skip
+                   "reference", "reference_error", "repeats"):  # fmt: skip
         assert column in header.split(",")
 
 
@@ -193,26 +188,26 @@ def test_everything_end_to_end(
 ) -> None:
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
     found = harness.run(quick=quick)
-    assert [f"{r.engine}: {r.case}: {r.note or r.figure}" for r in found.wrong] == []
-    assert {r.engine for r in found.stability} == set(engines.REGISTRY)
-    assert {r.engine for r in found.curves} == set(engines.REGISTRY) - {"bench"}
+    assert found.wrong == []
+    assert {r["engine"] for r in found.stability} == set(engines.REGISTRY)
+    assert {r["engine"] for r in found.curves} == set(engines.REGISTRY) - {"bench"}
 
 
 @pytest.mark.slow
 def test_what_the_layers_cost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
     monkeypatch.setattr(scenes, "REPEATS", 1)
-    costs = {c.layer: c for c in scenes.costs(measure=True)}
-    assert costs["camera, picture, printer"].seconds > 0
-    assert costs["camera, picture, printer"].megabytes > 50
-    assert costs["cadquery"].modules > 100
+    costs = {c["layer"]: c for c in scenes.costs(measure=True)}
+    assert costs["camera, picture, printer"]["seconds"] > 0
+    assert costs["camera, picture, printer"]["megabytes"] > 50
+    assert costs["cadquery"]["modules"] > 100
     # Friction is the dear one; what of the flow is believed, sampling the face and a Prony series
     # are within the noise.
-    assert costs["finite-strain gel"].seconds > 0.1
-    assert costs["its friction and shear"].seconds > 0.1
-    assert costs["confidence map"].seconds is not None
-    assert costs["its surface field"].seconds is not None
-    assert costs["its viscosity"].seconds is not None
+    assert costs["finite-strain gel"]["seconds"] > 0.1
+    assert costs["its friction and shear"]["seconds"] > 0.1
+    assert costs["confidence map"]["seconds"] is not None
+    assert costs["its surface field"]["seconds"] is not None
+    assert costs["its viscosity"]["seconds"] is not None
 
 
 # -- scenes ------------------------------------------------------------------------------------
@@ -225,26 +220,23 @@ def test_costs_are_measured_once_and_never_without_being_asked(
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
     layer = {"report libraries": scenes.LAYERS["report libraries"]}
     monkeypatch.setattr(scenes, "LAYERS", layer)
-    monkeypatch.setattr(scenes, "_CHANNELS", {})
-    monkeypatch.setattr(scenes, "_GELS", {})
-    monkeypatch.setattr(scenes, "_FLOWS", {})
-    imports = {name: scenes._IMPORTS[name] for name in ("empty", "report")}
-    monkeypatch.setattr(scenes, "_IMPORTS", imports)
+    probes = {name: scenes.PROBES[name] for name in ("empty", "report")}
+    monkeypatch.setattr(scenes, "PROBES", probes)
     monkeypatch.setattr(scenes, "REPEATS", 1)
 
     (before,) = scenes.costs()
-    assert before.seconds is None
-    assert "not measured on this machine" in before.note
+    assert before["seconds"] is None
+    assert "not measured on this machine" in before["note"]
     (measured,) = scenes.costs(measure=True)
-    assert measured.seconds is not None
-    assert measured.seconds > 0
-    assert measured.modules is not None
-    assert measured.modules > 200
-    assert measured.megabytes is not None
-    assert measured.megabytes > 10
+    assert measured["seconds"] is not None
+    assert measured["seconds"] > 0
+    assert measured["modules"] is not None
+    assert measured["modules"] > 200
+    assert measured["megabytes"] is not None
+    assert measured["megabytes"] > 10
 
     monkeypatch.setattr(scenes, "_measured", lambda progress: pytest.fail("measured again"))
     assert scenes.costs()[0] == measured
     assert scenes.costs(measure=True)[0] == measured
     monkeypatch.setattr(scenes, "machine", lambda: {"processor": "another"})
-    assert scenes.costs()[0].seconds is None
+    assert scenes.costs()[0]["seconds"] is None

@@ -1,4 +1,4 @@
-"""The registered engines. One line here and a module with `ENGINE` is all that a new one needs."""
+"""The registered engines. One name here and a module with `ENGINE` is all that a new one needs."""
 
 from __future__ import annotations
 
@@ -7,15 +7,10 @@ import importlib
 from ...errors import InputError, did_you_mean
 from ..engine import Engine
 
-# A module, imported only when it is asked for: an engine needs libraries that another does not.
+# Modules, imported only when asked for: an engine needs libraries that another does not.
 REGISTRY = {
-    "pattern": "deltact_fab.numerics.engines.pattern",
-    "flow": "deltact_fab.numerics.engines.flow",
-    "layer": "deltact_fab.numerics.engines.layer",
-    "gel": "deltact_fab.numerics.engines.gel",
-    "lens": "deltact_fab.numerics.engines.lens",
-    "measure": "deltact_fab.numerics.engines.measure",
-    "bench": "deltact_fab.numerics.engines.bench",
+    name: f"{__name__}.{name}"
+    for name in ("pattern", "flow", "layer", "gel", "lens", "measure", "bench")
 }
 
 

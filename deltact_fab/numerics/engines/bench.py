@@ -10,17 +10,18 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Sequence
-from contextlib import suppress
+from dataclasses import asdict
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...errors import RunFailed
-from ..engine import Case, CurveSetting, Engine, EngineTable
+from ..engine import Case, Engine
+from ..faults.bench import FaultBench, kill_after
 from ..faults.cell import FaultOutcome, Matrix
 from ..faults.disk import Disk, small_disk
-from ..faults.killed import kill_after
 from ..faults.kinds import DRAG, FAULTS, MOMENTS, PRESS, TRAVEL, FaultKind
 
 KILLS = 20
@@ -49,19 +50,16 @@ def _cell(fault: FaultKind, moment: str, scratch: Path) -> tuple[float, str]:
     else:
         cell = made.cell(fault, moment, Disk(made.folder, False))
     with (scratch / CELLS).open("a") as out:
-        out.write(json.dumps(cell.as_dict()) + "\n")
+        out.write(json.dumps(asdict(cell)) + "\n")
     if cell.wrong:
         raise Wrong(f"{cell.wrong}; {cell.outcome}")
     if cell.outcome == "success":
         return 0.0, "success"
-    raise RunFailed(f"{NAMED}: {cell.outcome}{_measured(cell)}")
-
-
-def _measured(cell: FaultOutcome) -> str:
-    if cell.travel_mm is None:
-        return " [nothing moved]"
-    allowed = f" of {cell.allowed_mm:.3f} allowed" if cell.allowed_mm is not None else ""
-    return f" [{cell.travel_mm:.3f} mm{allowed}, known after {cell.known_s:.3f} s]"
+    told = "nothing moved"
+    if cell.travel_mm is not None:
+        allowed = f" of {cell.allowed_mm:.3f} allowed" if cell.allowed_mm is not None else ""
+        told = f"{cell.travel_mm:.3f} mm{allowed}, known after {cell.known_s:.3f} s"
+    raise RunFailed(f"{NAMED}: {cell.outcome} [{told}]")
 
 
 def _killed(number: int, scratch: Path) -> tuple[float, str]:
@@ -76,7 +74,7 @@ def _killed(number: int, scratch: Path) -> tuple[float, str]:
             if kill_after(folder, after_s) is not None:
                 after_s *= 0.7  # it was over: the machine is less busy than when that was timed
                 continue
-            if wrong := made.resumed_from_disk(folder):
+            if wrong := made.resumed(FaultBench(), folder, "killed"):
                 raise Wrong(f"killed after {after_s:.2f} s: {wrong}")
             return 0.0, f"killed after {after_s:.2f} s"
         finally:
@@ -99,61 +97,42 @@ def cases(quick: bool) -> Sequence[Case]:
     """A cell each, and the kills; a quick run has a few."""
     out = []
     for fault in FAULTS:
-        for moment in fault.at:
-            if quick and (fault.name, moment) not in QUICK:
-                continue
-            ways = [w for w, may in (("right", fault.success), ("refused", fault.says)) if may]
-            out.append(
-                Case(f"{fault.name}: {moment}", " or ".join(ways),  # type: ignore[arg-type]
-                     partial(_cell, fault, moment), 0.0, "", NAMED)
-            )  # fmt: skip
-    for number in range(0 if quick else KILLS):
-        out.append(
-            Case(f"kill -9, {number + 1} of {KILLS}", "right", partial(_killed, number), 0.0,
-                 "rows lost or doubled")
-        )  # fmt: skip
-    return out
+        ways = [w for w, may in (("right", fault.success), ("refused", fault.says)) if may]
+        out += [
+            Case(f"{fault.name}: {moment}", " or ".join(ways),  # type: ignore[arg-type]
+                 partial(_cell, fault, moment), 0.0, "", NAMED)
+            for moment in fault.at if not quick or (fault.name, moment) in QUICK
+        ]  # fmt: skip
+    return out + [
+        Case(f"kill -9, {number + 1} of {KILLS}", "right", partial(_killed, number), 0.0,
+             "rows lost or doubled") for number in range(0 if quick else KILLS)
+    ]  # fmt: skip
 
 
-def curves(quick: bool) -> Sequence[CurveSetting]:
-    """None: nothing is solved here."""
-    return ()
-
-
-def tables(scratch: Path) -> Sequence[EngineTable]:
+def tables(scratch: Path) -> Sequence[dict[str, Any]]:
     """Faults by moments, as the cases found them."""
-    path = scratch / CELLS
-    if not path.exists():
-        for case in cases(False):
-            if not case.name.startswith("kill"):
-                with suppress(RunFailed, Wrong):
-                    case.check(scratch)
     found = {}
-    for line in path.read_text().splitlines():
+    path = scratch / CELLS
+    for line in path.read_text().splitlines() if path.exists() else ():
         cell = FaultOutcome(**json.loads(line))
         found[cell.fault, cell.moment] = cell.says
-    rows = tuple((f.name, *(found.get((f.name, m), "-") for m in MOMENTS)) for f in FAULTS)
-    return (
-        EngineTable(
-            "Faults by moments",
-            "What a run ends in, and how far the carriage goes after the error: from when the "
-            "fault had come to the host, or from the stop byte where that had to wait for a "
-            "time-out (*), to rest. Travel at 600 mm/min, press and drag at 60, 50 mm/s2: braking "
-            "takes 0.77 to 1.0 and 0.01 mm, 10 ms of motion are 0.1 and 0.01 mm. A cable that is "
-            "out carries no byte, and the move goes on to its end (+). Every run goes on with "
-            "--resume, on the same board, to the same images.",
-            ("fault", *MOMENTS),
-            rows,
-        ),
-    )
+    return [{
+        "title": "Faults by moments",
+        "note": "What a run ends in, and how far the carriage goes after the error: from when the "
+        "fault had come to the host, or from the stop byte where that had to wait for a "
+        "time-out (*), to rest. Travel at 600 mm/min, press and drag at 60, 50 mm/s2: braking "
+        "takes 0.77 to 1.0 and 0.01 mm, 10 ms of motion are 0.1 and 0.01 mm. A cable that is "
+        "out carries no byte, and the move goes on to its end (+). Every run goes on with "
+        "--resume, on the same board, to the same images.",
+        "columns": ["fault", *MOMENTS],
+        "rows": [[f.name, *(found.get((f.name, m), "-") for m in MOMENTS)] for f in FAULTS],
+    }]  # fmt: skip
 
 
 ENGINE = Engine(
-    "bench",
     "The bench under faults",
     "The real host, force client, camera, runner and record on a simulated controller in lockstep: "
     "what each fault does at each moment of a run.",
-    curves,
     cases,
-    tables,
+    tables=tables,
 )

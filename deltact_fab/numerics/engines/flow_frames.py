@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -22,7 +22,6 @@ from ...optics import Pinhole, SurfaceLattice, axes_mm
 from ...patterns.raster import albedo
 from ...patterns.recipe import PatternRecipe, load_recipe
 from ...shapes import SensorDimensions
-from ...study.star import Star
 from ...virtual.picture import MARGIN_PX, FrameRenderer, Geometry, Texture
 from ...virtual.scene import LatticeCrop
 
@@ -32,8 +31,6 @@ Motion = Callable[[Field, Field], Field]
 SENSOR = SensorDimensions()
 CAMERA = Pinhole.of(SENSOR)
 MM_PER_PX = CAMERA.mm_per_px
-STAR = Star(CAMERA.width_px, CAMERA.height_px)
-"""v = 0.5 cos(2 pi y / p(x)) px, p from 10 to 300 px, as of the DIC Challenge 2.0."""
 MOVING_MM = 0.1  # as in the tracking error
 SEED = 11
 DOTS = load_recipe("dense-with-dots")
@@ -45,40 +42,26 @@ FINE = PatternRecipe(law="algorithm1", seed=101, patch_mm=0.075, r=0.6)
 class FlowSequence(NamedTuple):
     """A sequence and its truth.
 
-    images: (n, h, w, 3) BGR or (n, h, w) grey, the first at rest. truth_px: (h, w, 2) of the last.
-    parts: (n,) the shares of it that the frames have.
+    images: (n, h, w, 3) BGR or (n, h, w) grey, the first at rest, the others equal parts of the
+    motion. truth_px: (h, w, 2) of the last.
     """
 
     images: Image
     truth_px: Vectors
-    parts: Field
 
     @property
     def last(self) -> Image:
         """The frame with all of the motion."""
         return self.images[-1]
 
-    def every(self, step: int) -> FlowSequence:
-        """The same motion in fewer frames."""
-        return self._replace(images=self.images[::step], parts=self.parts[::step])
-
-    def nodes(self, step: int = 1) -> FlowSequence:
-        """The truth of every step-th node of the half grid, the middle of four pixels."""
-        half = cv2.resize(self.truth_px, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        return self._replace(truth_px=np.asarray(half[::step, ::step], np.float32))
-
     def seen(self) -> NDArray[np.bool_]:
-        """Points (h, w) that are still in view in the last frame."""
-        rows, columns = self.images.shape[1:3]
+        """Pixels (h, w) that are still in view in the last frame."""
         h, w = self.truth_px.shape[:2]
-        step = columns // w
-        first = 0.0 if step == 1 else 0.5
-        at = np.meshgrid(first + step * np.arange(w), first + step * np.arange(h))
-        x, y = (g + self.truth_px[..., i] for i, g in enumerate(at))
-        return np.asarray((x >= 0) & (x <= columns - 1) & (y >= 0) & (y <= rows - 1))
+        x, y = np.moveaxis(self.truth_px, -1, 0) + np.meshgrid(np.arange(w), np.arange(h))
+        return np.asarray((x >= 0) & (x <= w - 1) & (y >= 0) & (y <= h - 1))
 
     def moving(self) -> NDArray[np.bool_]:
-        """Points that are judged: a true motion of at least 0.1 mm that stays in view."""
+        """Pixels that are judged: a true motion of at least 0.1 mm that stays in view."""
         size = np.hypot(*np.moveaxis(self.truth_px, -1, 0)) * MM_PER_PX
         return np.asarray(self.seen() & (size >= MOVING_MM))
 
@@ -87,7 +70,7 @@ class FlowSequence(NamedTuple):
         return np.hypot(*np.moveaxis(flow_px - self.truth_px, -1, 0))
 
     def mean_error_mm(self, flow_px: Vectors) -> float:
-        """Mean endpoint error over the moving points, mm at rest."""
+        """Mean endpoint error over the moving pixels, mm at rest."""
         return float(self.error_px(flow_px)[self.moving()].mean(dtype=np.float64) * MM_PER_PX)
 
 
@@ -117,9 +100,9 @@ def drawn(
     picture = FrameRenderer(Geometry(CAMERA, lattice), texture, sensor or ImageSensor())
     inner = slice(MARGIN_PX, -MARGIN_PX)
     truth = np.ascontiguousarray(picture.geometry.forward_px(displacement_mm)[inner, inner])
-    parts = np.arange(n_frames + 1) / n_frames
-    images = [picture.render(displacement_mm * part if part else None, rng) for part in parts]
-    return FlowSequence(np.stack(images), truth, parts)
+    images = [picture.render(displacement_mm * (k / n_frames) if k else None, rng)
+              for k in range(n_frames + 1)]  # fmt: skip
+    return FlowSequence(np.stack(images), truth)
 
 
 def in_plane(
@@ -154,68 +137,25 @@ far: Motion = partial(bump, 121.0, 105.0, 73.5)
 near: Motion = partial(bump, 12.0, 90.0, 90.0)
 
 
-def speckle_star() -> FlowSequence:
-    """The star on grey speckle, without printer, lens and mosaic, with the Challenge's noise.
-
-    Speckle and noise as measured on its image "Star, noise": 118 +- 38 grey levels, correlation
-    exp(-(d / 2.74 px)^2), noise of variance 0.5 + 0.031 x grey level.
-    """
-    rng = np.random.default_rng(SEED)
-    w, h, fine = CAMERA.width_px, CAMERA.height_px, 4
-    size = (h + 16) * fine, (w + 16) * fine
-    white = rng.standard_normal(size, dtype=np.float32)
-    field = cv2.GaussianBlur(white, (0, 0), 1.37 * fine)
-    level = 118 + 55 * np.tanh(field / field.std())
-    x, y = np.meshgrid(np.arange(float(w)), np.arange(float(h)))
-    truth = STAR.motion(x, y)
-    back = y.copy()
-    for _ in range(30):  # the slope is .31 at most
-        back = y - STAR.motion(x, back)[..., 1]
-    images = []
-    columns = ((x + 8.5) * fine - 0.5).astype(np.float32)
-    for rows in (y, back):
-        at = ((rows + 8.5) * fine - 0.5).astype(np.float32)
-        seen = cv2.remap(level, columns, at, cv2.INTER_CUBIC)
-        noisy = seen + np.sqrt(0.5 + 0.031 * seen) * rng.standard_normal(seen.shape)
-        images.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
-    return FlowSequence(np.stack(images), truth.astype(np.float32), np.array([0.0, 1.0]))
-
-
-def _on_the_gel(make: Callable[[Any], Field], mosaic: bool = True) -> FlowSequence:
+def pressed(mosaic: bool = True) -> FlowSequence:
+    """A press with shear on the layer."""
     from ...elasticity.layer import BondedLayer
-
-    layer = BondedLayer.for_skin(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
-    view, margin_mm = SENSOR.optics.view_mm, MARGIN_PX * MM_PER_PX
-    crop = LatticeCrop(layer.x_mm, layer.y_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
-    return drawn(DOTS, crop.lattice, crop(make(layer)).astype(np.float64),
-                 sensor=ImageSensor(mosaic=mosaic))  # fmt: skip
-
-
-def _pressed(layer: Any) -> Field:
     from ...gel.level import follow
     from ...gel.linear.contact import LayerContact
     from ...shapes.indenter import parse
 
+    layer = BondedLayer.for_skin(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
     contact = LayerContact(layer, parse("sphere:10"))
-    *_, pressed = follow(contact, contact.rest(), (0.0, 0.0, 1.2), 0.3)
-    *_, sheared = follow(contact, pressed, (1.5, 0.0, 1.2), 0.3)
-    return sheared.displacement_mm
-
-
-def _slid(shift_mm: tuple[float, float], width_mm: float, layer: Any) -> Field:
-    """A Gaussian shift with 1 mm of depth at its centre, (ny, nx, 3)."""
-    xx, yy = np.meshgrid(layer.x_mm, layer.y_mm)
-    b = np.exp(-(xx**2 + yy**2) / (2 * width_mm**2))
-    return np.stack([shift_mm[0] * b, shift_mm[1] * b, -b], axis=-1)
+    *_, down = follow(contact, contact.rest(), (0.0, 0.0, 1.2), 0.3)
+    *_, sheared = follow(contact, down, (1.5, 0.0, 1.2), 0.3)
+    view, margin_mm = SENSOR.optics.view_mm, MARGIN_PX * MM_PER_PX
+    crop = LatticeCrop(layer.x_mm, layer.y_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
+    return drawn(DOTS, crop.lattice, crop(sheared.displacement_mm).astype(np.float64),
+                 sensor=ImageSensor(mosaic=mosaic))  # fmt: skip
 
 
 SCENES: dict[str, Callable[[], FlowSequence]] = {
-    "press": partial(_on_the_gel, _pressed),
-    "press, three chips": partial(_on_the_gel, _pressed, mosaic=False),
-    "slide": partial(_on_the_gel, partial(_slid, (2.7, 1.35), 5.0)),
-    "star: speckle": speckle_star,
-    "star: coarse": partial(in_plane, COARSE, STAR.motion),
-    "star: coarse, three chips": partial(in_plane, COARSE, STAR.motion, mosaic=False),
+    "press": pressed,
     "far": partial(in_plane, COARSE, far, 10),
     "far, fine": partial(in_plane, FINE, far, 10),
     "near": partial(in_plane, COARSE, near, 4),

@@ -7,25 +7,19 @@ of evidence depends on is read off the imports: the other levels stand in `gel_r
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from ... import cache
 from ...aliases import Field
-from ...elasticity.material import GelMaterial
-from ...gel.finite import FinitePress, block_mesh
+from ...gel.finite import FinitePress
 from ...gel.finite.field import FaceLattice, whole_wrench
-from ...gel.finite.linear import Name
-from ...shapes import SkinDimensions
-from ...shapes.indenter import parse
-from .gel_scene import FOCUS
+from ...gel.level import Level
+from .gel_scene import SPHERE, GelCase
 
-Part = Literal["quarter", "whole", "even"]
-
-INDENTER = "sphere:15"
 LATTICE_MM = 0.5
 
 
@@ -33,41 +27,40 @@ LATTICE_MM = 0.5
 class PressSetup:
     """One way to compute the press.
 
-    spacing_mm: of a grid or of cells; of `auto`, whose it is to choose, 0. part: of the block that
-    is meshed; `even`: whole, cells of one size. step_mm: increments of the finite-strain level.
+    spacing_mm: of a grid or of cells; of `auto`, whose it is to choose, 0. step_mm: increments of
+    the finite-strain level.
     """
 
-    level: Literal["layer", "block", "hyperelastic", "auto"]
+    level: Level
     depth_mm: float
     friction: float
     spacing_mm: float = 0.0
-    part: Part = "quarter"
-    solver: Name = "auto"
     step_mm: float = 1.0
     tolerance: float = 0.03
 
     @property
+    def scene(self) -> GelCase:
+        """A quarter of the block at finite strain."""
+        return GelCase(SPHERE, self.spacing_mm, self.friction)
+
+    @property
     def series(self) -> str:
         """As the curve is called."""
-        if self.level == "auto":
-            return "auto, by tolerance, estimate included"
-        if self.level != "hyperelastic":
-            return self.level
-        part = {"even": "whole, cells of one size"}.get(self.part, self.part)
-        return f"hyperelastic, {part}" + ("" if self.solver == "auto" else f", {self.solver}")
+        told = {"auto": "auto, by tolerance, estimate included",
+                "hyperelastic": "hyperelastic, quarter"}  # fmt: skip
+        return told.get(self.level, self.level)
 
     @property
     def name(self) -> str:
         """As the point on the curve is called."""
-        return (
-            f"tolerance {self.tolerance:g}" if self.level == "auto" else f"{self.spacing_mm:g} mm"
-        )
+        auto = self.level == "auto"
+        return f"tolerance {self.tolerance:g}" if auto else f"{self.spacing_mm:g} mm"
 
     @property
     def case(self) -> str:
         """What is computed."""
         friction = f"friction {self.friction:g}" if self.friction else "no friction"
-        return f"{INDENTER} pressed {self.depth_mm:g} mm, {friction}"
+        return f"{SPHERE} pressed {self.depth_mm:g} mm, {friction}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,23 +76,14 @@ class GelAnswer:
     inner_s: float | None = None
 
 
-def lattice_mm(skin: SkinDimensions) -> tuple[Field, Field]:
-    """x (nx,) and y (ny,), as `open.contact_of` lays them."""
-    counts = [math.ceil(half / LATTICE_MM - 1e-9) for half in skin.opening_half_mm]
-    axes: list[Field] = [
-        np.arange(-n, n + 1, dtype=np.float64) * (half / n)
-        for n, half in zip(counts, skin.opening_half_mm, strict=True)
-    ]
-    return axes[0], axes[1]
-
-
 def prepared(run: PressSetup) -> tuple[FinitePress, FaceLattice]:
-    """Its mesh with the solver, and the lattice on it."""
-    skin, material = SkinDimensions(), GelMaterial(friction=run.friction)
-    focus = None if run.part == "even" else FOCUS
-    mesh = block_mesh(skin, run.spacing_mm, focus, (run.part == "quarter",) * 2)
-    press = FinitePress(mesh, material, parse(INDENTER), solver=run.solver)
-    return press, FaceLattice(mesh, *lattice_mm(skin))
+    """Its mesh with the solver, and the lattice on it, laid as `open.contact_of` lays it."""
+    press = run.scene.press()
+    x, y = (
+        np.linspace(-half, half, 2 * math.ceil(half / LATTICE_MM - 1e-9) + 1)
+        for half in run.scene.skin().opening_half_mm
+    )
+    return press, FaceLattice(press.mesh, x, y)
 
 
 def solve_finite(run: PressSetup) -> GelAnswer:
@@ -133,28 +117,25 @@ class PressReference:
     in_plane_error: float
 
 
-# Coarser and finer cells, steps, and steps of a second run on the coarser cells: friction remembers
-# its path, and how finely that is cut is a first-order error of its own.
-FINE: dict[bool, tuple[float, float, float, float | None]] = {
-    True: (0.75, 0.5, 1.0, None),  # without friction
-    False: (1.0, 0.75, 0.25, 0.125),
-}
-QUICK_FINE = (1.5, 1.0, 1.0, None)
+FINE, QUICK_FINE = (0.75, 0.5), (1.5, 1.0)  # coarser and finer cells
 # What `reference` says of itself, measured; a slow test holds it to that.
-OWN_ERROR: dict[tuple[float, float, bool], tuple[float, float]] = {
-    # (depth, friction, quick): % of the force, mm rms in plane
-    (2.0, 0.0, True): (0.24, 0.0042),
-    (2.0, 0.0, False): (0.17, 0.0015),
-    (5.0, 0.0, False): (0.08, 0.005),
-    (5.0, 0.5, False): (0.9, 0.018),
+OWN_ERROR = {
+    # (depth, quick): % of the force, mm rms in plane
+    (2.0, True): (0.24, 0.0042),
+    (2.0, False): (0.17, 0.0015),
+    (5.0, False): (0.08, 0.005),
 }
 
 
-def reference(depth_mm: float, friction: float, quick: bool = False) -> PressReference:
-    """Extrapolated from two meshes of a quarter, and two steps; kept in the user's cache."""
-    coarse, fine, step, half = QUICK_FINE if quick else FINE[friction == 0]
-    made = [(coarse, step), (fine, step), *([] if half is None else [(coarse, half)])]
-    runs = [PressSetup("hyperelastic", depth_mm, friction, h, step_mm=s) for h, s in made]
+def reference(depth_mm: float, quick: bool = False) -> PressReference:
+    """Extrapolated from two meshes of a quarter, without friction."""
+    cells = QUICK_FINE if quick else FINE
+    return extrapolated(*solved(PressSetup("hyperelastic", depth_mm, 0.0, h) for h in cells), cells)
+
+
+def solved(runs: Iterable[PressSetup]) -> tuple[list[float], list[Field]]:
+    """Normal forces and in-plane displacements at finite strain; kept in the user's cache."""
+    runs = list(runs)
     key = cache.key("numerics.engines.gel_press", runs=runs, lattice=LATTICE_MM)
     held = cache.get("gel-reference", key)
     if held is None:
@@ -164,23 +145,17 @@ def reference(depth_mm: float, friction: float, quick: bool = False) -> PressRef
             "in_plane_mm": [a.in_plane_mm.tolist() for a in answers],
         }
         cache.put("gel-reference", key, held)
-    fields = [np.array(u) for u in held["in_plane_mm"]]
-    return extrapolated(held["normal_n"], fields, coarse / fine)
+    return held["normal_n"], [np.array(u) for u in held["in_plane_mm"]]
 
 
 def extrapolated(
-    normal_n: Sequence[float], in_plane_mm: Sequence[Field], ratio: float
+    normal_n: Sequence[float], in_plane_mm: Sequence[Field], cells_mm: tuple[float, float]
 ) -> PressReference:
-    """From a coarser and a finer mesh, their cells in this ratio, and, where there is a third, the
-    coarser one in half the steps. Its error: how far it lies from the finer mesh."""
-    weight = 1 / (ratio**2 - 1)
+    """From a coarser and a finer mesh. Its error: how far it lies from the finer one."""
+    weight = 1 / ((cells_mm[0] / cells_mm[1]) ** 2 - 1)
     force = normal_n[1] + weight * (normal_n[1] - normal_n[0])
     u = in_plane_mm[1] + weight * (in_plane_mm[1] - in_plane_mm[0])
-    if len(normal_n) > 2:
-        force += 2 * (normal_n[2] - normal_n[0])
-        u = u + 2 * (in_plane_mm[2] - in_plane_mm[0])
-    off = rms_mm(u - in_plane_mm[1])
-    return PressReference(force, u, 100 * abs(force / normal_n[1] - 1), off)
+    return PressReference(force, u, 100 * abs(force / normal_n[1] - 1), rms_mm(u - in_plane_mm[1]))
 
 
 def rms_mm(off: Field) -> float:

@@ -10,7 +10,8 @@ from ...gel.open import contact_of
 from ...gel.press import press
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
-from .gel_press import INDENTER, LATTICE_MM, GelAnswer, PressSetup, solve_finite
+from .gel_press import LATTICE_MM, GelAnswer, PressSetup, solve_finite
+from .gel_scene import SPHERE
 
 
 def solve(run: PressSetup) -> GelAnswer:
@@ -22,7 +23,7 @@ def solve(run: PressSetup) -> GelAnswer:
 
 def solve_auto(run: PressSetup) -> GelAnswer:
     """As `gel press` does it, with its estimate."""
-    material, indenter = GelMaterial(friction=run.friction), parse(INDENTER)
+    material, indenter = GelMaterial(friction=run.friction), parse(SPHERE)
     found = press(SkinDimensions(), material, indenter, (0.0, 0.0), run.depth_mm,
                   tolerance=run.tolerance)  # fmt: skip
     if found.result["force_n"] is None:
@@ -35,8 +36,7 @@ def solve_auto(run: PressSetup) -> GelAnswer:
 
 def solve_linear(run: PressSetup) -> GelAnswer:
     """By the layer or the block, on a grid of the run's spacing."""
-    assert run.level in ("layer", "block")
-    skin, material, indenter = SkinDimensions(), GelMaterial(friction=run.friction), parse(INDENTER)
+    skin, material, indenter = SkinDimensions(), GelMaterial(friction=run.friction), parse(SPHERE)
     choice = pick(skin, material, indenter, Reach(deepest_mm=run.depth_mm), level=run.level,
                   spacing_mm=run.spacing_mm)  # fmt: skip
     contact = contact_of(skin, material, indenter, choice, LATTICE_MM)

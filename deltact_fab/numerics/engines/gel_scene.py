@@ -32,13 +32,12 @@ FINER = 1.5  # ratio of the mesh that a force is held against
 
 @dataclass(frozen=True)
 class GelCase:
-    """One indenter on one gel with its mesh; hashable, so that what is solved is solved once."""
+    """One indenter on one gel with its mesh or grid; hashable: what is solved is solved once."""
 
     indenter: str = SPHERE
     spacing_mm: float = 1.5
     friction: float = 0.0
     nu: float = 0.49
-    modulus_mpa: float = 0.56
     side_mm: tuple[float, float] = (36.0, 34.0)
     thickness_mm: float = 12.0
     focus: Box | None = FOCUS
@@ -50,11 +49,14 @@ class GelCase:
         proud = self.thickness_mm / 2
         return SkinDimensions(*self.side_mm, self.thickness_mm, min(2.0, proud / 2), proud)
 
+    def material(self) -> GelMaterial:
+        """Of the default modulus: another one scales the forces and nothing else."""
+        return GelMaterial(poisson=self.nu, friction=self.friction)
+
     def press(self) -> FinitePress:
         """The scene's solver, without history."""
         mesh = block_mesh(self.skin(), self.spacing_mm, self.focus, self.mirrors)
-        material = GelMaterial(self.modulus_mpa, self.nu, self.friction)
-        return FinitePress(mesh, material, parse(self.indenter), solver=self.solver)
+        return FinitePress(mesh, self.material(), parse(self.indenter), solver=self.solver)
 
     def finer(self) -> GelCase:
         """The same on a finer mesh."""
@@ -78,18 +80,13 @@ class FiniteSolution:
         """Force of the whole indenter at the end, positive when pressed."""
         return -self.last.force_n[2] * self.press.mesh.copies
 
-    @property
-    def iterations(self) -> int:
-        """Of the whole path."""
-        return sum(s.diagnostics.iterations for s in self.states)
-
     def note(self) -> str:
         """Force, penetration and what it took."""
         d = [s.diagnostics for s in self.states]
         return (
             f"{self.normal_n:.4g} N, {d[-1].penetration_mm:.2g} mm inside, "
             f"stretch {d[-1].most_stretch:.3g}, least J {min(x.least_j for x in d):.2g}, "
-            f"{self.iterations} iterations, {sum(x.cuts for x in d)} cuts"
+            f"{sum(x.iterations for x in d)} iterations, {sum(x.cuts for x in d)} cuts"
         )
 
 
@@ -149,7 +146,7 @@ def energy_nmm(press: FinitePress, state: FiniteState) -> float:
     return bulk + press.surface.evaluate(u, tip, tangent=False).energy_nmm
 
 
-def work_error(found: FiniteSolution) -> float:
+def work_error_percent(found: FiniteSolution) -> float:
     """Work of a frictionless straight press by Simpson's rule over the energy stored, less 1."""
     depth = np.array([s.tip_mm[2] for s in found.states])
     force = np.array([-s.force_n[2] for s in found.states])
@@ -159,7 +156,7 @@ def work_error(found: FiniteSolution) -> float:
     weight = np.full(n + 1, 2.0)
     weight[1::2], weight[[0, -1]] = 4.0, 1.0
     work = float(weight @ force) * (depth[-1] - depth[0]) / n / 3
-    return work / energy_nmm(found.press, found.last) - 1
+    return 100 * (work / energy_nmm(found.press, found.last) - 1)
 
 
 # -- what a case computes: the figure that is held to a bound, and a note -------------------------
@@ -185,47 +182,13 @@ def finer(
     return 100 * (found.normal_n / fine.normal_n - 1), found.note()
 
 
-def work(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
-    """Work of a press in ten steps over the energy stored, less 1, in %."""
-    found = solved(scene, depth_mm / 10, down(depth_mm))
-    return 100 * work_error(found), found.note()
-
-
-def scaled(factor: float, what: str, scratch: Path) -> tuple[float, str]:
-    """Another modulus scales the force and nothing else: error of that, or more iterations."""
-    scene = GelCase(spacing_mm=2.0, friction=0.5, mirrors=(False, True))
-    tips = (down(3.0), (1.0, 0.0, 3.0))
-    one, other = (solved(replace(scene, modulus_mpa=e), 1.0, *tips) for e in (0.56, 0.56 * factor))
-    note = f"{one.iterations} and {other.iterations} iterations"
-    if what == "iterations":
-        return other.iterations - one.iterations, note
-    f, g = np.array(one.last.force_n), np.array(other.last.force_n) / factor
-    return float(np.abs(g - f).max() / np.abs(f).max()), note
-
-
-def cone(
-    scene: GelCase, step_mm: float, tips: tuple[Point, ...], scratch: Path
-) -> tuple[float, str]:
-    """`cone_excess` at the end of a path."""
+def law(
+    of: Callable[[FiniteSolution], float], scene: GelCase, step_mm: float,
+    tips: tuple[Point, ...], scratch: Path,
+) -> tuple[float, str]:  # fmt: skip
+    """`cone_excess`, `imbalance` or `work_error_percent` of a path."""
     found = trusted(solved(scene, step_mm, *tips))
-    return cone_excess(found), found.note()
-
-
-def balance(
-    scene: GelCase, step_mm: float, tips: tuple[Point, ...], scratch: Path
-) -> tuple[float, str]:
-    """`imbalance` along a path."""
-    found = trusted(solved(scene, step_mm, *tips))
-    return imbalance(found), found.note()
-
-
-def stick(scratch: Path) -> tuple[float, str]:
-    """Friction so high that nothing slips: ten times as high must change nothing."""
-    scene = GelCase(spacing_mm=2.0, mirrors=(False, True))
-    tips = (down(3.0), (1.0, 0.0, 3.0))
-    a, b = (solved(replace(scene, friction=mu), 1.0, *tips) for mu in (100.0, 1000.0))
-    f, g = np.array(a.last.force_n), np.array(b.last.force_n)
-    return float(np.abs(f - g).max() / np.abs(f).max()), a.note()
+    return of(found), found.note()
 
 
 def one_increment(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
@@ -233,44 +196,6 @@ def one_increment(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float
     one = solved(scene, depth_mm, down(depth_mm))
     many = solved(scene, depth_mm / 10, down(depth_mm))
     return one.normal_n / many.normal_n - 1, one.note()
-
-
-def unloaded(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
-    """What is left of the displacement after a press, let go in one step."""
-    found = solved(scene, 1.0, down(depth_mm))
-    free = found.press.solve(found.last, down(0.0))
-    return float(np.abs(free.displacement_mm).max()), found.note()
-
-
-def same(one: GelCase, two: GelCase, scratch: Path) -> float:
-    """Force of two scenes 3 mm deep, one over the other, less 1."""
-    a, b = (solved(s, 1.0, down(3.0)) for s in (one, two))
-    return a.normal_n / b.normal_n - 1
-
-
-def depth_zero(scratch: Path) -> float:
-    """Displacement and force of a touch."""
-    press = GelCase(spacing_mm=3.0).press()
-    state = press.solve(press.rest(), down(0.0))
-    return float(np.abs(state.displacement_mm).max() + np.abs(state.force_n).max())
-
-
-def drag(
-    scene: GelCase, depth_mm: float, by_mm: float, axis: int, scratch: Path
-) -> tuple[float, str]:
-    """Drags to + and to - along an axis across which the indenter is symmetric, in steps of 0.5 mm:
-    worst difference of the forces, mirrored, over the largest."""
-    forces, notes = [], []
-    for sign in (1.0, -1.0):
-        tip = [0.0, 0.0, depth_mm]
-        tip[axis] = sign * by_mm
-        found = trusted(solved(scene, 0.5, down(depth_mm), (tip[0], tip[1], tip[2])))
-        mirror = np.ones(3)
-        mirror[axis] = sign
-        forces.append([np.array(s.force_n) * mirror for s in found.states])
-        notes.append(found.note())
-    a, b = (np.array(f) for f in forces)
-    return float(np.abs(a - b).max() / np.abs(a).max()), "; ".join(notes)
 
 
 def run(call: Callable[[], Any], scratch: Path) -> float:

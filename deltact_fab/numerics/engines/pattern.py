@@ -9,7 +9,6 @@ Algorithm 1, for any sampler. A perfect sampler shows 1.36/sqrt(N) in one sample
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -19,15 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Field
-from ...errors import RunFailed
 from ...patterns.laws import patches
 from ...patterns.recipe import recipe_from_options
 from ..engine import Case, CurveSetting, Engine, Work
 
 SEED = 20210
-MAX_TRIES = 20_000
 CURVE_TRIES = 10**7  # the tail is heavy even where it ends: 58 tries on average at r = .1
-PAPER_N = 466
 
 
 def distance_to_law(values: NDArray[Any], r: float, levels: int | None) -> float:
@@ -78,12 +74,12 @@ def violations(values: NDArray[Any], r: float, levels: int = patches.FILE_LEVELS
     return sum(int((np.abs(np.diff(signed, axis=axis)) < step).sum()) for axis in (0, 1))
 
 
-def _uniforms(n: int) -> Field:
-    return np.random.default_rng(SEED).random((n, n, 3))
+def _uniforms(rows: int, columns: int) -> Field:
+    return np.random.default_rng(SEED).random((rows, columns, 3))
 
 
 def _by_levels(fill: Callable[..., Any], n: int, r: float, scratch: Path) -> Work:
-    uniforms = _uniforms(n)
+    uniforms = _uniforms(n, n)
     return Work(
         lambda: fill(uniforms, r), lambda values: distance_to_law(values, r, patches.FILE_LEVELS)
     )
@@ -101,143 +97,65 @@ def _by_rejection(n: int, r: float, scratch: Path) -> Work:
 
 def curves(quick: bool) -> Sequence[CurveSetting]:
     """Exact, patch by patch, and the printed algorithm where it ends (r <= 1/4)."""
-    out = []
-    for r in (0.1,) if quick else (0.1, 0.6):
-        kinds: list[tuple[str, Callable[[int, float, Path], Work], tuple[int, ...]]] = [
-            ("exact, by anti-diagonals", partial(_by_levels, patches.fill), (30, 100, 466, 1000)),
-            ("exact, patch by patch", partial(_by_levels, patches.fill_row_major), (10, 30, 100)),
-        ]
-        if r <= 0.25:
-            kinds.append(("as printed (rejection)", _by_rejection, (10, 30, 100)))
-        for series, build, sizes in kinds:
-            for n in sizes[1:2] if quick else sizes:
-                out.append(
-                    CurveSetting(
-                        case=f"law of Algorithm 1 at r = {r:g}, n x n patches",
-                        series=series,
-                        name=f"n = {n}",
-                        unit="K-S distance",
-                        reference="uniform conditional shares (the law itself)",
-                        reference_error=1.36 / math.sqrt(3 * n * n),
-                        build=partial(build, n, r),
-                    )
-                )
-    return out
+    kinds: tuple[tuple[str, Callable[[int, float, Path], Work], tuple[int, ...], float], ...] = (
+        ("exact, by anti-diagonals", partial(_by_levels, patches.fill), (30, 100, 466, 1000), 1.0),
+        ("exact, patch by patch", partial(_by_levels, patches.fill_row_major), (10, 30, 100), 1.0),
+        ("as printed (rejection)", _by_rejection, (10, 30, 100), 0.25),
+    )
+    return [
+        CurveSetting(
+            f"law of Algorithm 1 at r = {r:g}, n x n patches", series, f"n = {n}", "K-S distance",
+            "uniform conditional shares (the law itself)", 1.36 / math.sqrt(3 * n * n),
+            partial(build, n, r),
+        )
+        for r in ((0.1,) if quick else (0.1, 0.6))
+        for series, build, sizes, most_r in kinds if r <= most_r
+        for n in (sizes[1:2] if quick else sizes)
+    ]  # fmt: skip
 
 
-def _broken(rows: int, columns: int, r: float, scratch: Path) -> tuple[float, str]:
-    uniforms = np.random.default_rng(SEED).random((rows, columns, 3))
+def _broken(uniforms: Field, r: float, scratch: Path) -> tuple[float, str]:
     drawn = patches.fill(uniforms, r)
     note = f"least difference {patches.least_difference(drawn)} levels" if drawn.size > 3 else ""
-    bad = violations(drawn, r) + int((drawn < 0).sum()) + int((drawn > 255).sum())
-    return bad, note
-
-
-def _at_the_ends(r: float, scratch: Path) -> float:
-    ends = np.array([0.0, np.nextafter(1.0, 0.0)])
-    uniforms = np.random.default_rng(SEED).choice(ends, (60, 60, 3))
-    drawn = patches.fill(uniforms, r)
-    return violations(drawn, r) + int((drawn < 0).sum()) + int((drawn > 255).sum())
+    return violations(drawn, r) + int(((drawn < 0) | (drawn > 255)).sum()), note
 
 
 def _law(r: float, scratch: Path) -> float:
-    n = 200
-    found = distance_to_law(patches.fill(_uniforms(n), r), r, patches.FILE_LEVELS)
-    return found * math.sqrt(3 * n * n)
+    uniforms = _uniforms(200, 200)
+    found = distance_to_law(patches.fill(uniforms, r), r, patches.FILE_LEVELS)
+    return found * math.sqrt(uniforms.size)
 
 
-def _recipe(scratch: Path, **options: float) -> float:
-    recipe = recipe_from_options(None, options["d"], options["r"], options.get("size_mm"))
-    return float(violations(patches.draw_patches(recipe), options["r"]))
-
-
-def _papers_size(scratch: Path) -> float:
-    uniforms = _uniforms(PAPER_N)
-    best_s = math.inf
-    for _ in range(5):
-        start_s = time.process_time()
-        patches.fill(uniforms, 0.6)
-        best_s = min(best_s, time.process_time() - start_s)
-    return best_s
-
-
-def _hang_share(r: float, repeats: int, scratch: Path) -> tuple[float, str]:
-    """First draws of the printed algorithm that no second patch can answer, against P.
-
-    Counted on the draw itself (a channel within (1 - s, s)): a bound on the tries could not tell a
-    hang from bad luck.
-    """
-    first, s = np.random.default_rng(SEED).random((repeats, 3)), math.sqrt(r)
-    stuck = int(((first > 1 - s) & (first < s)).any(axis=1).sum())
-    p = patches.hang_probability(r)
-    deviation = math.sqrt(p * (1 - p) / repeats)
-    note = f"measured {stuck / repeats:.3f} of {repeats} draws, P = {p:.3f}"
-    return (stuck / repeats - p) / deviation, note
-
-
-def _hangs_elsewhere(r: float, repeats: int, scratch: Path) -> tuple[float, str]:
-    """Draws of 1 x 2 patches by the printed algorithm that hang though an answer exists, or end
-    though none does. Answers of less than one try in a thousand are left out: that is bad luck."""
-    rng, s = np.random.default_rng(SEED), math.sqrt(r)
-    wrong = judged = hung = 0
-    for _ in range(repeats):
-        found = patches.fill_by_rejection(rng, 1, 2, r, MAX_TRIES)
-        first = found.values[0, 0]
-        room = np.maximum(first - s, 0.0) + np.maximum(1 - s - first, 0.0)
-        chance = float(room.prod())
-        if 0 < chance < 1e-3:
-            continue
-        judged += 1
-        hung += found.hung
-        wrong += found.hung != (chance == 0.0)
-    return wrong, f"{judged} draws judged, {hung} hung"
-
-
-def _as_printed(r: float, scratch: Path) -> float:
-    found = patches.fill_by_rejection(np.random.default_rng(4), 6, 6, r, MAX_TRIES)
-    if found.hung_at is not None:
-        raise RunFailed(f"no colour after {MAX_TRIES} tries at patch {found.hung_at}")
-    return float(found.hung)
+def _recipe(d: float, r: float, scratch: Path) -> float:
+    return float(violations(patches.draw_patches(recipe_from_options(None, d, r, 35.0)), r))
 
 
 def cases(quick: bool) -> Sequence[Case]:
-    """Ends of r, of the uniforms and of the sizes; what must be refused; the hang of the paper."""
-    side, broken = 100 if quick else PAPER_N, "broken pairs"
-    repeats, draws = (2000, 60) if quick else (20_000, 300)
-    sizes = [(side, side, r) for r in (0.0, 1e-12, 0.2500001, 0.9999)]
-    sizes += [(rows, columns, 0.6) for rows, columns in ((1, 1), (1, 500), (500, 1))]
+    """Ends of r, of the uniforms and of the sizes; what must be refused."""
+    side, broken = 100 if quick else 466, "broken pairs"
+    sizes = [(side, side, r) for r in (1e-12, 0.2500001, 0.9999)]
+    sizes += [(1, 1, 0.6), (1, 500, 0.6)]
+    ends = np.random.default_rng(SEED).choice([0.0, np.nextafter(1.0, 0.0)], (60, 60, 3))
     out = [
-        *(Case(f"{m} x {n} patches, r = {r!r}", "right", partial(_broken, m, n, r), 0, broken)
-          for m, n, r in sizes),
-        *(Case(f"uniforms of 0 and 1 - 2^-53 only, r = {r:g}", "right", partial(_at_the_ends, r), 0,
-               broken) for r in (0.1, 0.6)),
+        *(Case(f"{m} x {n} patches, r = {r!r}", "right", partial(_broken, _uniforms(m, n), r), 0,
+               broken) for m, n, r in sizes),
+        *(Case(f"uniforms of 0 and 1 - 2^-53 only, r = {r:g}", "right", partial(_broken, ends, r),
+               0, broken) for r in (0.1, 0.6)),
         # sqrt(N) D of a perfect sampler is over 1.95 once in a thousand samples; the seed is fixed.
         *(Case(f"law at r = {r!r}, 200 x 200", "right", partial(_law, r), 1.95, "sqrt(N) D")
           for r in (0.0, 0.1, 0.2500001, 0.6, 0.9)),
-        Case("r = 1", "refused", partial(_recipe, d=0.5, r=1.0), says="r: Input should be"),
-        Case("r = NaN", "refused", partial(_recipe, d=0.5, r=math.nan), says="r"),
-        Case("2001 x 2001 patches", "refused", partial(_recipe, d=35 / 2001, r=0.1), says="2000"),
-        Case(f"printed algorithm, r = 0.6, {MAX_TRIES} tries a patch", "refused",
-             partial(_as_printed, 0.6), says="no colour"),
-        Case("466 x 466 patches, r = 0.6", "right", _papers_size, 0.2, "CPU s"),
-        *(Case(f"share of first patches that no second one can answer, against P, r = {r:g}",
-               "right", partial(_hang_share, r, repeats), 4.0, "deviations") for r in (0.3, 0.8)),
-        *(Case(f"printed algorithm, 1 x 2: hangs where no answer exists and nowhere else, "
-               f"r = {r:g}", "right", partial(_hangs_elsewhere, r, draws), 0, "draws")
-          for r in (0.3, 0.6)),
+        Case("r = NaN", "refused", partial(_recipe, 0.5, math.nan), says="r"),
+        Case("2001 x 2001 patches", "refused", partial(_recipe, 35 / 2001, 0.1), says="2000"),
     ]  # fmt: skip
     if not quick:
-        out.append(
-            Case("2000 x 2000 patches, r = 0.6", "right",
-                 partial(_recipe, d=35 / 2000, r=0.6, size_mm=35.0), 0, broken)
-        )  # fmt: skip
+        out.append(Case("2000 x 2000 patches, r = 0.6", "right", partial(_recipe, 35 / 2000, 0.6),
+                        0, broken))  # fmt: skip
     return out
 
 
 ENGINE = Engine(
-    "pattern",
     "Pattern sampler",
     "Algorithm 1: exact sampling by anti-diagonals and patch by patch, and rejection as printed.",
-    curves,
     cases,
+    curves,
 )

@@ -1,33 +1,43 @@
 """A cheap bench in lockstep: real host, force client, guard, runner and record; no gel is solved.
 
 A board outlives the sessions that drive it, as on a table: what a fault leaves it in is what the
-next session finds.
+next session finds. `python -m deltact_fab.numerics.faults.bench RUN` is one session in a process.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
+import subprocess
+import sys
+import threading
+import time
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...aliases import Image
+from ...errors import SensorError
 from ...optics import StageFrame
 from ...protocols import plan
 from ...record import RunWriter
+from ...rig.camera.stream import ArrivedImage, StreamCamera
 from ...rig.config import ForceConfig
 from ...rig.force.guard import ForceGuard, GuardLimits
+from ...rig.interface import CameraFrame
 from ...rig.job import Devices
 from ...rig.run.runner import Runner
 from ...rig.stage.grbl import GrblStage
 from ...virtual import wire
 from ...virtual.clock import VirtualClock
 from ...virtual.faulty_controller import NoisyController
-from ...virtual.netft import NetFTBox
-from .sensors import BenchCamera, BenchForce, WatchedFaults
+from ...virtual.netft import BoxFaults, Datagram, NetFTBox
+from ...virtual.rig import VirtualForce
+from ...virtual.seeds import stream_number
 
 PROTOCOL = """
 name = "bench"
@@ -54,17 +64,113 @@ GUARD_N = 20.0
 RADIUS_MM = 3.0
 HERTZ = 4 / 3 * 0.75 * RADIUS_MM**0.5  # N / mm^1.5: of a sphere on a soft half-space
 _NUMBER = itertools.count(1)
+Place = Callable[[], tuple[float, float, float]]
 
 
-def steps() -> list[plan.Step]:
-    """Of the short protocol: two presses."""
-    return plan.expand(plan.Protocol.model_validate(tomllib.loads(PROTOCOL)))
+class WatchedFaults(BoxFaults):
+    """Notes when the first record was taken that tells of something wrong, or does not come."""
+
+    limit_counts = math.inf
+    first_bad_ns = 0
+
+    def datagrams(self, t_ns: NDArray[np.int64], records: NDArray[Any]) -> list[Datagram]:
+        """As a box's faults make them."""
+        wrong = self.silent or self.error or self.saturated or self.late_s or self.drop_every
+        bad = np.abs(records["counts"][:, :3]).max(axis=1) > self.limit_counts
+        if (wrong or bad.any()) and not self.first_bad_ns:
+            self.first_bad_ns = int(t_ns[0 if wrong else bad.argmax()])
+        return super().datagrams(t_ns, records)
+
+
+class BenchFeed:
+    """A feed of 32 x 24 pixels: an image depends on the press, its number there and the tip.
+
+    It gives an image when it is told to, which makes a camera's thread repeatable.
+    """
+
+    name = "bench"
+    stamps = "sender"
+    check = "its cable"
+
+    def __init__(self, clock: VirtualClock, tip_mm: Place) -> None:
+        self._clock = clock
+        self._tip_mm = tip_mm
+        self._told = threading.Semaphore(0)
+        self._press, self._k = "", 0
+        self._last: Image | None = None
+        self.hangs = False
+
+    def press(self, name: str) -> None:
+        """Another press begins."""
+        self._press, self._k = name, 0
+
+    def tell(self, hangs: bool = False) -> None:
+        """One image; hangs: from now on the last one, over and over."""
+        self.hangs = hangs
+        self._told.release()
+
+    def next(self, timeout_s: float) -> ArrivedImage | None:
+        """As rig.camera.stream.Feed."""
+        if not self.hangs and not self._told.acquire(timeout=timeout_s):
+            return None
+        if self.hangs and self._last is not None:
+            threading.Event().wait(0.01)
+            return ArrivedImage(self._last, self._clock.now_s())
+        self._k += 1
+        seed = [stream_number(self._press), self._k]
+        image = np.random.default_rng(seed).integers(0, 200, (24, 32, 3), np.uint8)
+        image[0, :3, 0] = [round(200 + 20 * p) % 256 for p in self._tip_mm()]
+        self._last = image
+        return ArrivedImage(image, self._clock.now_s())
+
+    def identity(self) -> dict[str, Any]:
+        """As Feed."""
+        return {"kind": "bench"}
+
+    def close(self) -> None:
+        """As Feed."""
+
+
+class BenchCamera(StreamCamera):
+    """The real camera on that feed, which gives an image as soon as one is asked for.
+
+    faults: "stalled", "hung": from that time on (s) no image comes, or the same one over and over.
+    """
+
+    first_bad_ns = 0
+
+    def __init__(self, clock: VirtualClock, tip_mm: Place, faults: Mapping[str, float]) -> None:
+        self.feed, self.clock, self.faults = BenchFeed(clock, tip_mm), clock, faults
+        super().__init__(self.feed, clock)
+        self.feed.tell()
+        super().capture()  # it is up: the first image may take longer than all others
+
+    def begin(self, stream: str) -> None:
+        """Of a press."""
+        self.feed.press(stream)
+        super().begin(stream)
+
+    def capture(self) -> CameraFrame:
+        """The next image. What the camera waits in vain on the wall clock passes on the bench's."""
+        now_s = self.clock.now_s()
+        stalled, hung = (self.faults.get(k, math.inf) <= now_s for k in ("stalled", "hung"))
+        if (stalled or hung) and not self.first_bad_ns:
+            self.first_bad_ns = self.clock.now_ns()
+        if not stalled:
+            self.feed.tell(hung)
+        try:
+            return super().capture()
+        except SensorError:
+            self.clock.sleep_s(self.timeout_s)
+            raise
 
 
 class FaultBench:
     """Board, force box and camera on one virtual clock; each session opens them anew."""
 
-    def __init__(self) -> None:
+    def __init__(self, fill_disk: Callable[[], None] = lambda: None) -> None:
+        """fill_disk: fills the one that the run is on, for the fault that does."""
+        self.fill_disk = fill_disk
         self.clock = VirtualClock()
         self.trace: list[wire.Exchange] = []
         self.board = NoisyController(None, self.clock, start_mm=(-6.0, -6.0, -6.0))
@@ -76,7 +182,7 @@ class FaultBench:
         self.box = NetFTBox(FORCE, self.clock, 1, self._wrenches, 0.01)
         self.box.faults = self.box_faults = WatchedFaults()
         self.box_faults.limit_counts = GUARD_N * self.box.settings().counts_per_n
-        self.camera_faults: dict[str, tuple[float, float]] = {}  # stalled_s or hung_s
+        self.camera_faults: dict[str, float] = {}  # stalled or hung: from that time on, s
         self._camera_bad_ns = 0
         self.clock.sleep_s(2.0)  # the board is up
 
@@ -110,22 +216,25 @@ class FaultBench:
 
     def run(self, folder: Path, progress: Any = None) -> None:
         """One session: begin the run of that folder, or go on with it. Raises what the run does."""
-        plan_steps = steps()
+        steps = plan.expand(plan.Protocol.model_validate(tomllib.loads(PROTOCOL)))
         if folder.exists():
-            writer = RunWriter.resume(folder, plan_steps)
+            writer = RunWriter.resume(folder, steps)
         else:
-            writer = create(folder, plan_steps)
-        stage, force, guard = self._opened()
-        camera = BenchCamera(self.clock, self.tip_mm)
-        for name, times_s in self.camera_faults.items():
-            setattr(camera, name, times_s)
+            # Not "simulated": what is says where its truth is, and here is none.
+            meta = {
+                "name": folder.name, "protocol": {"name": "bench"}, "rig_name": "bench",
+                "rig": {}, "sensor": {}, "camera": None, "simulated": False, "air": False,
+                "seed": 1, "versions": {},
+            }  # fmt: skip
+            writer = RunWriter.create(folder, meta, PROTOCOL.encode(), {"dots_mm": []}, steps)
+        stage = GrblStage(self.link.url, self.clock, FRAME)
+        guard = ForceGuard(stage, GuardLimits((GUARD_N,) * 3), self.clock)
+        force = VirtualForce(self.box, self.clock, None)
+        camera = BenchCamera(self.clock, self.tip_mm, self.camera_faults)
         try:
-            devices = Devices(
-                self.clock, stage, camera, force, lambda name: None,
-                guard=guard,
-            )  # fmt: skip
-            Runner(devices, writer, progress).run(plan_steps)
-            writer.close({"frames": sum(step.frames for step in plan_steps)})
+            devices = Devices(self.clock, stage, camera, force, lambda name: None, guard=guard)
+            Runner(devices, writer, progress).run(steps)
+            writer.close({"frames": sum(step.frames for step in steps)})
         except BaseException:
             writer.abandon()
             raise
@@ -134,21 +243,6 @@ class FaultBench:
             force.close()
             camera.close()
             stage.close()
-
-    def armed(self) -> tuple[GrblStage, BenchForce, ForceGuard]:
-        """Stage, sensor and guard by themselves: homed, tared, above the face."""
-        stage, force, guard = self._opened()
-        stage.connect()
-        stage.home()
-        stage.start_move((0.0, 0.0, 1.0), 1200.0)
-        stage.wait()
-        force.begin("armed")
-        return stage, force, guard
-
-    def _opened(self) -> tuple[GrblStage, BenchForce, ForceGuard]:
-        stage = GrblStage(self.link.url, self.clock, FRAME)
-        guard = ForceGuard(stage, GuardLimits((GUARD_N,) * 3), self.clock)
-        return stage, BenchForce(self.box, self.clock), guard
 
     def _wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """(n, 6) N, N mm: a Hertzian press, and friction that follows the drag."""
@@ -161,11 +255,26 @@ class FaultBench:
         return out
 
 
-def create(folder: Path, plan_steps: Sequence[plan.Step]) -> RunWriter:
-    """A new run folder of the short protocol."""
-    # Not "simulated": what is says where its truth is, and here is none.
-    meta = {
-        "name": folder.name, "protocol": {"name": "bench"}, "rig_name": "bench", "rig": {},
-        "sensor": {}, "camera": None, "simulated": False, "air": False, "seed": 1, "versions": {},
-    }  # fmt: skip
-    return RunWriter.create(folder, meta, PROTOCOL.encode(), {"dots_mm": []}, plan_steps)
+def kill_after(folder: Path, seconds: float) -> float | None:
+    """Go on with the run of a folder in a process and SIGKILL that after so long; None.
+
+    Ended before, the seconds that it took, from its first word on.
+    """
+    with subprocess.Popen(
+        [sys.executable, "-m", __name__, str(folder)], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        began_s = time.monotonic()
+        try:
+            process.wait(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return None
+        return time.monotonic() - began_s
+
+
+if __name__ == "__main__":
+    bench = FaultBench()
+    print("begins", flush=True)  # so that whoever kills it knows when it lives
+    bench.run(Path(sys.argv[1]))

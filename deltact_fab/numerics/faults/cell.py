@@ -10,14 +10,13 @@ import shutil
 import sqlite3
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ...errors import DeltactFabError
 from ...record import CLOCK_COLUMNS, PRESS_TABLES
 from ...record import open as open_run
-from ...virtual.motion import Segment
 from .bench import FaultBench
 from .disk import Disk
 from .kinds import BEFORE, DRAG, HOMING, PRESS, TRAVEL, WRITING, FaultKind
@@ -43,22 +42,15 @@ class FaultOutcome:
     travel_mm: float | None = None
     allowed_mm: float | None = None
     known_s: float | None = None
-    lifted: bool = False
     wrong: str = ""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
 
     @property
     def says(self) -> str:
         """The cell of the table."""
         what = "success" if self.outcome == "success" else "error"
         if self.travel_mm is not None:
-            mark = "" if not self.known_s else "*"
-            what += f" {self.travel_mm:.2f} mm{mark}"
-        if self.allowed_mm is None and self.travel_mm is not None:
-            what += "+"
+            what += f" {self.travel_mm:.2f} mm{'*' * bool(self.known_s)}"
+            what += "+" * (self.allowed_mm is None)
         return f"WRONG: {what}" if self.wrong else what
 
 
@@ -69,10 +61,10 @@ class Matrix:
         self.folder = folder
         self._undisturbed = folder / "undisturbed"
         self.begun = folder / "begun"
-        bench = FaultBench()
-        bench.run(self._undisturbed)
+        FaultBench().run(self._undisturbed)
         self.whole = rows(self._undisturbed)
-        self._begin(FaultBench())
+        # A run that was stopped in its second press.
+        assert ended(FaultBench(), self.begun, _stop) != "success"
         # The press that was cut off is done again whole: none of its rows is to be kept.
         self.committed = {
             table: [row for row in part if not str(row[0]).startswith(SECOND)]
@@ -85,14 +77,19 @@ class Matrix:
         folder = disk.folder / "cell"
         shutil.copytree(self.begun, folder)
         try:
-            return self._cell(fault, moment, folder, disk)
+            bench, at_s = FaultBench(disk.fill), self.at_s[moment]
+            fault.strike(bench, at_s)
+            found = FaultOutcome(fault.name, moment, ended(bench, folder))
+            ended_ns = bench.clock.now_ns()
+            disk.free()
+            bench.clock.sleep_s(60.0)  # all rests, and silence is over
+            if found.outcome != "success":
+                found = travelled(bench, fault, found, at_s, ended_ns)
+            wrong = misjudged(fault, found) or self.resumed(bench, folder, found.outcome)
+            return replace(found, wrong=wrong)
         finally:
             disk.free()
             shutil.rmtree(folder)
-
-    def resumed_from_disk(self, folder: Path) -> str:
-        """Go on with what a killed process left; what is wrong with that."""
-        return self._resumed(FaultBench(), folder, "killed")
 
     def wrong(self, folder: Path, tables: Sequence[str] = PRESS_TABLES) -> str:
         """What of a finished record is not as in the undisturbed one, "" if nothing is."""
@@ -119,64 +116,18 @@ class Matrix:
                     return f"a committed row of {table} is lost or changed: {row[0]}"
         return ""
 
-    def _cell(self, fault: FaultKind, moment: str, folder: Path, disk: Disk) -> FaultOutcome:
-        bench, at_s = FaultBench(), self.at_s[moment]
-        fault.strike(bench, disk, at_s)
-        outcome = "success"
-        try:
-            bench.run(folder)
-        except DeltactFabError as why:
-            outcome = " ".join(str(why).split())
-        ended_ns = bench.clock.now_ns()
-        disk.free()
-        bench.clock.sleep_s(60.0)  # all rests, and silence is over
-        found = FaultOutcome(fault.name, moment, outcome)
-        wrong = ""
-        if outcome != "success":
-            named = any(words in outcome for words in fault.says)
-            wrong = "" if named else "another error than the fault's"
-            found = travelled(bench, fault, found, at_s, ended_ns)
-            wrong = wrong or found.wrong
-            if not wrong and fault.carries and found.travel_mm is not None:
-                assert found.allowed_mm is not None
-                if found.travel_mm > found.allowed_mm:
-                    wrong = f"{found.travel_mm:.2f} mm of travel, {found.allowed_mm:.2f} allowed"
-            limit_s = (fault.within_s or 0.0) + (HOMING_S if moment == HOMING else 0.0)
-            moved = found.travel_mm is not None
-            if not wrong and moved and found.known_s is not None and found.known_s > limit_s:
-                wrong = f"known after {found.known_s:.2f} s, {limit_s:g} expected"
-        elif not fault.success:
-            wrong = "success, and an error was due"
-        wrong = wrong or self._resumed(bench, folder, outcome)
-        return FaultOutcome(**{**found.as_dict(), "wrong": wrong})
-
-    def _resumed(self, bench: FaultBench, folder: Path, outcome: str) -> str:
-        """The fault is gone; the same board, as it was left, serves another session."""
-        before = self.committed
-        if lost := self.lost(folder, before):
+    def resumed(self, bench: FaultBench, folder: Path, outcome: str) -> str:
+        """The fault is gone; the same board, as it was left, serves another session: what is wrong
+        with the record then."""
+        if lost := self.lost(folder, self.committed):
             return lost
         if outcome != "success":
             bench.mend()
-            try:
-                bench.run(folder)
-            except DeltactFabError as why:
-                return f"cannot be resumed: {' '.join(str(why).split())}"
+            if (again := ended(bench, folder)) != "success":
+                return f"cannot be resumed: {again}"
         # A run that bore the fault may have its times and samples moved by it; not its images.
         tables = () if outcome == "success" else PRESS_TABLES
-        return self.lost(folder, before) or self.wrong(folder, tables)
-
-    def _begin(self, bench: FaultBench) -> None:
-        """A run that was stopped in its second press."""
-
-        def stop(done: int, total: int, what: str) -> None:
-            if what.startswith(SECOND):
-                raise KeyboardInterrupt
-
-        try:
-            bench.run(self.begun, stop)
-        except DeltactFabError:
-            return
-        raise AssertionError("it was to be stopped")
+        return self.lost(folder, self.committed) or self.wrong(folder, tables)
 
     def _moments(self) -> dict[str, float]:
         """When they are in the session of a cell, in which nothing goes wrong."""
@@ -186,24 +137,52 @@ class Matrix:
         bench.run(folder)
         run = open_run(folder)
         began_ns = next(t for t, who, data in bench.trace if who == "host" and data == b"$H\n")
-        events = run.events()
-        homed_s = max(events[events["kind"] == "homed"]["t_s"].tolist())
-        steps = {str(row["step_id"]): row for _, row in run.steps().iterrows()}
-        frames = {str(row["frame_id"]): row for _, row in run.frames().iterrows()}
+        events, steps = run.events(), run.steps().set_index("step_id").to_dict("index")
+        frames_s = run.frames().set_index("frame_id")["t_s"].to_dict()
+        shutil.rmtree(folder)
 
         def within(step: str) -> float:
             row = steps[f"{SECOND}/{step}"]
             return float(row["t_start_s"] + row["planned_s"] * ELAPSED)
 
-        shutil.rmtree(folder)
         return {
             HOMING: began_ns / 1e9 + 0.3,  # Z is on its way up, at full speed
-            BEFORE: homed_s,
+            BEFORE: float(events[events["kind"] == "homed"]["t_s"].max()),
             TRAVEL: within("rest"),
             PRESS: within("d1.50/press"),
             DRAG: within("d1.50/shear-x-"),
-            WRITING: float(frames[f"{SECOND}/d1.50/shear-x-#001"]["t_s"]),
+            WRITING: float(frames_s[f"{SECOND}/d1.50/shear-x-#001"]),
         }
+
+
+def ended(bench: FaultBench, folder: Path, progress: Any = None) -> str:
+    """What a session ends in: "success" or its error."""
+    try:
+        bench.run(folder, progress)
+    except DeltactFabError as why:
+        return " ".join(str(why).split())
+    return "success"
+
+
+def _stop(done: int, total: int, what: str) -> None:
+    if what.startswith(SECOND):
+        raise KeyboardInterrupt
+
+
+def misjudged(fault: FaultKind, found: FaultOutcome) -> str:
+    """What of an end is not as the fault lets it be, "" if all is."""
+    if found.outcome == "success":
+        return "" if fault.success else "success, and an error was due"
+    if not any(words in found.outcome for words in fault.says):
+        return "another error than the fault's"
+    if found.wrong or found.travel_mm is None or found.known_s is None:
+        return found.wrong
+    if found.allowed_mm is not None and found.travel_mm > found.allowed_mm:
+        return f"{found.travel_mm:.2f} mm of travel, {found.allowed_mm:.2f} allowed"
+    limit_s = (fault.within_s or 0.0) + (HOMING_S if found.moment == HOMING else 0.0)
+    if found.known_s > limit_s:
+        return f"known after {found.known_s:.2f} s, {limit_s:g} expected"
+    return ""
 
 
 def travelled(
@@ -226,33 +205,21 @@ def travelled(
     pieces = [s for s in segments if s.end_ns > max(known_ns, s.start_ns)]
     moved = [s for s in pieces if s.block in begun]
     later = [s for s in pieces if s.block not in begun]
-    made = {**found.as_dict(), "known_s": (known_ns - at_ns) / 1e9, "lifted": bool(later)}
+    found = replace(found, known_s=(known_ns - at_ns) / 1e9)
     if moved:
         blocks = {s.block for s in moved}
-        speed = max(top_mm_s(s) for s in segments if s.block in blocks)
-        accel = min(s.accel_mm_s2 for s in moved)
-        made["travel_mm"] = sum(length_mm(s, known_ns) for s in moved)
-        if fault.carries:
-            made["allowed_mm"] = speed**2 / (2 * accel) + speed * REACTION_S + ROUNDING_MM
-    if fault.carries and not all(rises(s) for s in later):
-        made["wrong"] = "it moved again after the stop, and not straight up"
-    return FaultOutcome(**made)
-
-
-def rises(segment: Segment) -> bool:
-    """Whether a piece leads straight up, but for a motor step."""
-    (x, y, z), (u, v, w) = segment.start_mm, segment.end_mm
-    return w > z and math.hypot(u - x, v - y) < ROUNDING_MM
-
-
-def length_mm(segment: Segment, from_ns: int) -> float:
-    """Way along a piece from a time on."""
-    return math.dist(segment.position_mm(max(from_ns, segment.start_ns)), segment.end_mm)
-
-
-def top_mm_s(segment: Segment) -> float:
-    """The highest speed of a piece."""
-    return max((speed for _, _, speed, _ in segment.phases), default=0.0)
+        speeds = [phase[2] for s in segments if s.block in blocks for phase in s.phases]
+        speed, accel = max(speeds, default=0.0), min(s.accel_mm_s2 for s in moved)
+        way = [math.dist(s.position_mm(max(known_ns, s.start_ns)), s.end_mm) for s in moved]
+        most = speed**2 / (2 * accel) + speed * REACTION_S + ROUNDING_MM if fault.carries else None
+        found = replace(found, travel_mm=sum(way), allowed_mm=most)
+    rises = all(
+        s.end_mm[2] > s.start_mm[2] and math.dist(s.start_mm[:2], s.end_mm[:2]) < ROUNDING_MM
+        for s in later
+    )
+    if fault.carries and not rises:
+        return replace(found, wrong="it moved again after the stop, and not straight up")
+    return found
 
 
 def rows(folder: Path) -> Rows:
@@ -261,12 +228,9 @@ def rows(folder: Path) -> Rows:
     path = (folder / "journal.sqlite").absolute()
     with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as db:
         for table in PRESS_TABLES:
-            names = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
-            keep = sorted(
-                (n for n in names if n not in CLOCK_COLUMNS),
-                key=lambda n: n not in ("frame_id", "step_id"),
-            )
-            out[table] = db.execute(
-                f"SELECT {','.join(keep)} FROM {table} ORDER BY 1, 2"
-            ).fetchall()
+            columns = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
+            kept = [c for c in columns if c not in CLOCK_COLUMNS]
+            kept.sort(key=lambda c: c not in ("frame_id", "step_id"))
+            query = f"SELECT {','.join(kept)} FROM {table} ORDER BY 1, 2"
+            out[table] = db.execute(query).fetchall()
     return out

@@ -10,11 +10,6 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ...virtual.clock import VirtualClock
-
 
 class Disk:
     """folder: where runs are kept. A file in it takes all room, or no file may grow any more."""
@@ -24,21 +19,13 @@ class Disk:
         self._mounted = mounted
         self._limits = resource.getrlimit(resource.RLIMIT_FSIZE)
 
-    def fill_at(self, clock: VirtualClock, at_s: float) -> None:
-        """From that time on nothing more can be written."""
-
-        def once(t_ns: NDArray[np.int64]) -> None:
-            ticks.cancel()
-            self._fill()
-
-        ticks = clock.every(1 / (at_s - clock.now_s()), once)
-
     def free(self) -> None:
         """There is room again."""
         resource.setrlimit(resource.RLIMIT_FSIZE, self._limits)
         (self.folder / "filler").unlink(missing_ok=True)
 
-    def _fill(self) -> None:
+    def fill(self) -> None:
+        """From now on nothing more can be written."""
         if not self._mounted:
             # What the system says then is another word for the same: the file may not grow.
             signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -6,18 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .bench import FaultBench
-from .disk import Disk
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 GARBAGE = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # a line of it, and more before the next
 FORCE_N = 30.0  # over the guard's 20 N, within the sensor's range
 
 # What the moments of a session are called, in order.
-HOMING, BEFORE, TRAVEL, PRESS, DRAG, WRITING = (
-    "homing", "before the first move", "travel", "press", "drag", "writing",
-)  # fmt: skip
-MOMENTS = (HOMING, BEFORE, TRAVEL, PRESS, DRAG, WRITING)
-Strike = Callable[[FaultBench, Disk, float], None]
+MOMENTS = ("homing", "before the first move", "travel", "press", "drag", "writing")
+HOMING, BEFORE, TRAVEL, PRESS, DRAG, WRITING = MOMENTS
+Strike = Callable[[FaultBench, float], None]
 
 
 @dataclass(frozen=True)
@@ -40,78 +37,58 @@ class FaultKind:
     """Whether a stop byte can reach the board; else the move goes on to its target."""
 
 
-def _cut(line: bytes) -> bytes:
-    return line[: len(line) // 2]
-
-
-def _board(kind: str) -> Strike:
-    return lambda bench, disk, at_s: bench.board.fault(kind, at_s)  # type: ignore[arg-type]
-
-
-def _invent(words: bytes) -> Strike:
-    return lambda bench, disk, at_s: bench.board.invent(words, at_s)
-
-
-def _silence(for_s: float) -> Strike:
-    return lambda bench, disk, at_s: bench.board.lose(at_s=at_s, for_s=for_s)
-
-
-def _unplug(for_s: float) -> Strike:
-    return lambda bench, disk, at_s: bench.link.unplug(for_s, at_s)
-
-
 def _box(field: str, value: float, for_s: float = 1e6) -> Strike:
-    def strike(bench: FaultBench, disk: Disk, at_s: float) -> None:
+    def strike(bench: FaultBench, at_s: float) -> None:
         bench.at(at_s, lambda: setattr(bench.box_faults, field, value))
         bench.at(at_s + for_s, lambda: setattr(bench.box_faults, field, 0))
 
     return strike
 
 
-def _camera(field: str, for_s: float = 1e6) -> Strike:
-    return lambda bench, disk, at_s: bench.camera_faults.update({field: (at_s, at_s + for_s)})
-
-
-def _push(bench: FaultBench, disk: Disk, at_s: float) -> None:
+def _push(bench: FaultBench, at_s: float) -> None:
     bench.extra_n = (at_s * 1e9, FORCE_N)
 
 
 SENSED = (BEFORE, TRAVEL, PRESS, DRAG, WRITING)
 FAULTS: tuple[FaultKind, ...] = (
-    FaultKind("lost ok",
-          lambda b, d, at_s: b.board.lose(b"ok", at_s, most=1),
-          ("no answer to $",), success=True, within_s=0.6),
-    FaultKind("doubled ok",
-          lambda b, d, at_s: b.board.change(lambda s: s + s, b"ok", at_s), (), success=True),
-    FaultKind("false banner", _invent(BANNER), ("restarted",)),
-    FaultKind("false alarm", _invent(b"ALARM:3\r\n"), ("ALARM:3",)),
-    FaultKind("garbage, 0xFF and NUL", _invent(GARBAGE), ("no answer to", "not understood"),
-          success=True, within_s=1.2),
+    FaultKind("lost ok", lambda b, at_s: b.board.lose(b"ok", at_s, most=1),
+              ("no answer to $",), success=True, within_s=0.6),
+    FaultKind("doubled ok", lambda b, at_s: b.board.change(lambda s: s + s, b"ok", at_s), (),
+              success=True),
+    FaultKind("false banner", lambda b, at_s: b.board.invent(BANNER, at_s), ("restarted",)),
+    FaultKind("false alarm", lambda b, at_s: b.board.invent(b"ALARM:3\r\n", at_s), ("ALARM:3",)),
+    FaultKind("garbage, 0xFF and NUL", lambda b, at_s: b.board.invent(GARBAGE, at_s),
+              ("no answer to", "not understood"), success=True, within_s=1.2),
     FaultKind("half lines",
-          lambda b, d, at_s: b.board.change(_cut, b"", at_s, most=3),
-          ("no answer to",), success=True, within_s=1.2),
-    FaultKind("limit switch", _board("limit"), ("ALARM:1",)),
-    FaultKind("soft limit", _board("soft limit"), ("ALARM:2",)),
-    FaultKind("safety door", _board("door"), ("Door", "door", "ALARM:6", "ALARM:7"), success=True),
-    FaultKind("reboot", _board("reboot"), ("restarted", "no answer to"), within_s=1.2),
-    FaultKind("unplugged for 0.5 s", _unplug(0.5), ("the link is lost",), success=True,
-          within_s=0.7),
-    FaultKind("unplugged for good", _unplug(1e9), ("the link is lost",), carries=False),
-    FaultKind("silent for 1 s", _silence(1.0), ("no answer to",), success=True, within_s=1.2),
-    FaultKind("silent for 30 s", _silence(30.0), ("no answer to",), within_s=1.2),
-    FaultKind("disk full", lambda b, d, at_s: d.fill_at(b.clock, at_s),
-          ("No space left", "disk is full", "disk I/O error"), within_s=3.0),
+              lambda b, at_s: b.board.change(lambda s: s[: len(s) // 2], b"", at_s, most=3),
+              ("no answer to",), success=True, within_s=1.2),
+    FaultKind("limit switch", lambda b, at_s: b.board.fault("limit", at_s), ("ALARM:1",)),
+    FaultKind("soft limit", lambda b, at_s: b.board.fault("soft limit", at_s), ("ALARM:2",)),
+    FaultKind("safety door", lambda b, at_s: b.board.fault("door", at_s),
+              ("Door", "door", "ALARM:6", "ALARM:7"), success=True),
+    FaultKind("reboot", lambda b, at_s: b.board.fault("reboot", at_s),
+              ("restarted", "no answer to"), within_s=1.2),
+    FaultKind("unplugged for 0.5 s", lambda b, at_s: b.link.unplug(0.5, at_s),
+              ("the link is lost",), success=True, within_s=0.7),
+    FaultKind("unplugged for good", lambda b, at_s: b.link.unplug(1e9, at_s),
+              ("the link is lost",), carries=False),
+    FaultKind("silent for 1 s", lambda b, at_s: b.board.lose(at_s=at_s, for_s=1.0),
+              ("no answer to",), success=True, within_s=1.2),
+    FaultKind("silent for 30 s", lambda b, at_s: b.board.lose(at_s=at_s, for_s=30.0),
+              ("no answer to",), within_s=1.2),
+    FaultKind("disk full", lambda b, at_s: b.at(at_s, b.fill_disk),
+              ("No space left", "disk is full", "disk I/O error"), within_s=3.0),
     FaultKind("force over the limit", _push, ("over the guard's",), at=SENSED),
     FaultKind("force silent", _box("silent", True), ("no sample within",), within_s=0.2, at=SENSED),
     FaultKind("force late by 0.15 s", _box("late_s", 0.15), ("no sample within", "late"),
-          within_s=0.2, at=SENSED, success=True),
+              within_s=0.2, at=SENSED, success=True),
     FaultKind("force late by 0.03 s", _box("late_s", 0.03), ("late",), at=SENSED, success=True),
     FaultKind("force faulted", _box("error", True), ("fault, status word",), at=SENSED),
     FaultKind("force saturated", _box("saturated", True), ("saturated",), at=SENSED),
     FaultKind("force gaps of 20 ms", _box("silent", True, 0.02), ("missing",), success=True,
-          at=SENSED),
-    FaultKind("camera stalled", _camera("stalled_s"), ("stalled, no image within",), within_s=1.2,
-          at=SENSED),
-    FaultKind("camera repeating", _camera("hung_s"), ("the same image over and over",),
-          within_s=1.2, at=SENSED),
+              at=SENSED),
+    FaultKind("camera stalled", lambda b, at_s: b.camera_faults.update(stalled=at_s),
+              ("stalled, no image within",), within_s=1.2, at=SENSED),
+    FaultKind("camera repeating", lambda b, at_s: b.camera_faults.update(hung=at_s),
+              ("the same image over and over",), within_s=1.2, at=SENSED),
 )  # fmt: skip
