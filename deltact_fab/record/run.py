@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, RunFailed
 from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
 from . import notes
-from .files import FORMAT, flat_file, lattice_file, pattern_file, run_file, summary_file
+from .files import FORMAT, flat_file, kept, lattice_file
 from .images import decode, encode_png
 from .journal import misfits
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
@@ -39,8 +39,8 @@ class Run:
             what = "not a run folder (no run.json)" if folder.exists() else "no such folder"
             raise InputError(f"{folder}: {what}")
         self.folder = folder
-        self.meta: dict[str, Any] = run_file(folder)
-        self.pattern: dict[str, Any] = pattern_file(folder)
+        self.meta: dict[str, Any] = kept(folder, "run.json")
+        self.pattern: dict[str, Any] = kept(folder, "pattern.json")
         self.format = int(self.meta["format"])
         """Of the folder; 2: force and pose stand with the frames; up to 3: settled is not kept."""
         self._sound = False
@@ -222,7 +222,7 @@ class Run:
         if not self.finished:
             return {}
         try:
-            return summary_file(self.folder)
+            return kept(self.folder, "summary.json")
         except InputError as why:
             raise RunFailed(str(why)) from why
 

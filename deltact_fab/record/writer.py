@@ -19,10 +19,10 @@ from ..errors import InputError, RunFailed
 from ..files import making, sync_folder, write_whole
 from ..optics import FlatField
 from ..protocols.plan import Step
-from .files import FORMAT, flat_file, image_file, json_bytes, truth_file, written
+from .check import RunVerdict, judge, unsound
+from .files import FORMAT, flat_file, frame_id_of, image_file, json_bytes, truth_file, written
 from .images import image_format, ready, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
-from .kept_presses import frame_id_of, judged
 from .pipeline import TableRow, WriterThreads
 from .run import Run
 from .streams import Chunk, pack
@@ -128,7 +128,14 @@ class RunWriter:
         writer = cls(folder, steps, image_format(run.meta))
         try:
             with journal_errors(folder):
-                writer.kept, writer.redone = judged(writer._db, run, steps, progress)
+                for line in unsound(writer._db):
+                    raise sqlite3.DatabaseError(line)
+                verdict = RunVerdict(folder)
+                for found in judge(run, writer._db, steps, verdict, progress):
+                    if found.kind == "damaged":
+                        writer.redone.setdefault(found.where, found.text)
+                writer.redone |= verdict.open
+                writer.kept = frozenset(verdict.sound)
                 writer._clear()
         except BaseException:
             writer.abandon()
@@ -158,10 +165,7 @@ class RunWriter:
         row: TableRow = {
             "frame_id": frame_id,
             "seq": self._frames_before[step.id] + k,
-            "step_id": step.id,
-            "press": step.press,
-            "indenter": step.indenter,
-            "kind": step.kind,
+            **_named(step),
             "k": k,
             "settled": step.settled and k == step.frames,
             "file": None,
@@ -198,10 +202,7 @@ class RunWriter:
         x_mm, y_mm, z_mm = step.target_mm
         row: TableRow = {
             "seq": self._step_seq[step.id],
-            "step_id": step.id,
-            "press": step.press,
-            "indenter": step.indenter,
-            "kind": step.kind,
+            **_named(step),
             "x_mm": x_mm,
             "y_mm": y_mm,
             "z_mm": z_mm,
@@ -267,21 +268,8 @@ class RunWriter:
         self._claim.close()
 
     def _samples(self, step: Step, chunks: Iterable[Chunk]) -> list[tuple[str, TableRow]]:
-        rows: list[tuple[str, TableRow]] = []
-        for chunk in chunks:
-            columns, data = pack(chunk)
-            row: TableRow = {
-                "seq": self._step_seq[step.id],
-                "stream": chunk.stream,
-                "press": step.press,
-                "step_id": step.id,
-                "n": len(chunk),
-                "origin_s": chunk.origin_s,
-                "columns": columns,
-                "data": data,
-            }
-            rows.append(("samples", row))
-        return rows
+        place = {"seq": self._step_seq[step.id], "press": step.press, "step_id": step.id}
+        return [("samples", {**place, **pack(chunk)}) for chunk in chunks]
 
     def _clear(self) -> None:
         """Remove all but the kept presses: rows first, for a file without a row is cleared again.
@@ -311,6 +299,15 @@ class RunWriter:
                     path.unlink()
                 except OSError as why_not:
                     raise RunFailed(f"{path}: cannot be removed: {why_not.strerror}") from why_not
+
+
+def _named(step: Step) -> TableRow:
+    return {
+        "step_id": step.id,
+        "press": step.press,
+        "indenter": step.indenter,
+        "kind": step.kind,
+    }
 
 
 def _event(kind: str, text: str, t_s: float | None = None, step: Step | None = None) -> TableRow:
