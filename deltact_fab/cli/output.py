@@ -10,7 +10,7 @@ import signal
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
@@ -36,14 +36,19 @@ def echo_json(data: Any) -> None:
     click.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
+def echo_result(data: Any, lines: Iterable[str], as_json: bool) -> None:
+    """Print what a command found: as JSON for a program, or as lines for a reader."""
+    if as_json:
+        echo_json(data)
+        return
+    for line in lines:
+        click.echo(line)
+
+
 def echo_written(file: Path, as_json: bool, then: str = "") -> None:
     """Say which file was written and, if it is to be changed, what to run then."""
-    if as_json:
-        echo_json({"file": str(file)})
-    elif then:
-        click.echo(f"{file}: written; change it, then `deltact-fab {then}`")
-    else:
-        click.echo(f"written: {file}")
+    told = f"{file}: written; change it, then `deltact-fab {then}`" if then else f"written: {file}"
+    echo_result({"file": str(file)}, [told], as_json)
 
 
 def echo_rows(columns: Sequence[str], rows: Sequence[Sequence[Any]], as_json: bool) -> None:

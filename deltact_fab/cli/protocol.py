@@ -73,19 +73,17 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_j
     For a real rig, peak forces that are not known yet are solved once, which takes minutes.
     """
     from ..experiment import RunRequest
-    from .output import echo_json, progress
+    from .output import echo_result, progress
 
     with progress("check") as report:
         asked = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
         rows = asked.checks()
-    if as_json:
-        echo_json([r.as_dict() for r in rows])
-    else:
-        for row in rows:
-            click.echo(row.line() + ("" if row.ok and not row.warns else f"  at {row.where}"))
-        if not air and all(r.ok for r in rows) and not any("force" in r.name for r in rows):
-            click.echo(UNSOLVED)
-    raise click.exceptions.Exit(0 if all(r.ok for r in rows) else 1)
+    good = all(r.ok for r in rows)
+    lines = [r.line() + ("" if r.ok and not r.warns else f"  at {r.where}") for r in rows]
+    if good and not air and not any("force" in r.name for r in rows):
+        lines.append(UNSOLVED)
+    echo_result([r.as_dict() for r in rows], lines, as_json)
+    raise click.exceptions.Exit(0 if good else 1)
 
 
 @protocol.command()

@@ -35,10 +35,8 @@ def list_(as_json: bool) -> None:
     rows = []
     for name in catalog.names("protocols/rigs"):
         bench = config.load(name)[0]
-        measures = {"camera": bench.camera is not None, "force": bench.force is not None}
-        if bench.kind == "virtual":
-            measures["camera"] = True
-        rows.append((name, bench.kind, [what for what, there in measures.items() if there]))
+        camera = ["camera"] if bench.camera is not None or bench.kind == "virtual" else []
+        rows.append((name, bench.kind, camera + (["force"] if bench.force is not None else [])))
     echo_rows(("rig", "kind", "measures"), rows, as_json)
 
 
@@ -101,7 +99,7 @@ def photograph(
     from ..rig import config
     from ..virtual.photographs import take
     from .calibrate import board_named
-    from .output import echo_json
+    from .output import echo_result
 
     bench, path = config.load(name)
     if isinstance(bench, config.GrblConfig):
@@ -115,10 +113,8 @@ def photograph(
         if bench.camera is None:
             raise InputError(f"{path}: camera: missing table; without one there is no image")
         taken = by_camera(bench.camera, path.parent, out, contact, ask)
-        if as_json:
-            echo_json({"simulated": False, "files": [str(f) for f in taken]})
-        else:
-            click.echo("\n".join(map(str, taken)))
+        paths = [str(file) for file in taken]
+        echo_result({"simulated": False, "files": paths}, paths, as_json)
         return
     if bench.virtual.lens is None:
         raise InputError(f"{path}: a virtual rig with [virtual.lens] is needed, as fisheye")
@@ -136,12 +132,9 @@ def photograph(
         air_board=None if air_board is None else board_named(air_board, "--air-board"),
         seed=seed,
     )
-    if as_json:
-        echo_json({"simulated": True, "seed": seed, "files": [str(f) for f in files]})
-        return
-    for file in files:
-        click.echo(file)
-    click.echo(f"simulated, seed {seed}; the true lens is in {out / 'truth'}")
+    paths = [str(file) for file in files]
+    told = f"simulated, seed {seed}; the true lens is in {out / 'truth'}"
+    echo_result({"simulated": True, "seed": seed, "files": paths}, [*paths, told], as_json)
 
 
 @rig.command(epilog="Example: deltact-fab rig new bench")
@@ -157,22 +150,21 @@ def new(name: str, out: Path | None, as_json: bool) -> None:
     from dataclasses import asdict
 
     from ..lab import rig as write
-    from .output import echo_json
+    from .output import echo_result
 
     found = write(name, out)
-    if as_json:
-        echo_json({**asdict(found), "file": str(found.file)})
-        return
+    lines = []
     for what, devices in (("port", found.ports), ("camera", found.cameras)):
         for number, device in enumerate(devices):
             use = "used" if number == 0 else "in a comment"
-            click.echo(f"{what} {device.name}: {device.text or 'no name'} ({use})")
+            lines.append(f"{what} {device.name}: {device.text or 'no name'} ({use})")
         if not devices:
-            click.echo(f"no {what} was found: the file has an example in its place")
-    click.echo(
+            lines.append(f"no {what} was found: the file has an example in its place")
+    lines.append(
         f"{found.file}: written; fill in what it lists under MEASURE, then "
         f"`deltact-fab rig check {name if out is None else out}`"
     )
+    echo_result({**asdict(found), "file": str(found.file)}, lines, as_json)
 
 
 @rig.command()
@@ -189,7 +181,7 @@ def check(name: str, seconds: float, as_json: bool) -> None:
     from ..errors import InputError
     from ..rig import config
     from ..rig.check import check as look
-    from .output import echo_json
+    from .output import echo_result
 
     bench, path = config.load(name)
     if not isinstance(bench, config.GrblConfig):
@@ -200,10 +192,8 @@ def check(name: str, seconds: float, as_json: bool) -> None:
         if not as_json:
             click.echo(row.line())
     failed = sum(row.verdict == "FAIL" for row in rows)
-    if as_json:
-        echo_json({"rig": str(path), "ok": not failed, "rows": [row._asdict() for row in rows]})
-    else:
-        click.echo(f"{path}: {f'{failed} to put right' if failed else 'ready'}")
+    data = {"rig": str(path), "ok": not failed, "rows": [row._asdict() for row in rows]}
+    echo_result(data, [f"{path}: {f'{failed} to put right' if failed else 'ready'}"], as_json)
     raise click.exceptions.Exit(1 if failed else 0)
 
 

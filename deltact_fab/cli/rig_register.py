@@ -47,7 +47,7 @@ def register(
     from ..rig import config
     from ..rig.tool import session
     from ..rig.tool.operator import TerminalOperator
-    from .output import echo_json
+    from .output import echo_result
 
     bench, path = config.load(name)
     if not isinstance(bench, config.GrblConfig):
@@ -59,16 +59,12 @@ def register(
     with session.homed(bench, path, operator, tip_is_clear) as devices:
         found = session.register_face(devices, asked, operator)
     session.write(found, path, out)
-    if as_json:
-        echo_json(
-            {
-                "file": str(out),
-                "origin_machine_mm": list(found.frame.origin_machine_mm),
-                "angle_deg": found.frame.angle_deg,
-                "tilt_deg": list(found.frame.tilt_deg),
-                "residual_mm": found.residual_mm,
-                "touches": [touch.as_dict() for touch, _ in found.touches],
-            }
-        )
-        return
-    click.echo(f"{out}: {found.line()}")
+    data = {
+        "file": str(out),
+        "origin_machine_mm": list(found.frame.origin_machine_mm),
+        "angle_deg": found.frame.angle_deg,
+        "tilt_deg": list(found.frame.tilt_deg),
+        "residual_mm": found.residual_mm,
+        "touches": [touch.as_dict() for touch, _ in found.touches],
+    }
+    echo_result(data, [f"{out}: {found.line()}"], as_json)

@@ -33,10 +33,6 @@ class Damage:
     where: str
     text: str
 
-    def line(self) -> str:
-        """One line for a person."""
-        return f"{self.kind}  {self.where}: {self.text}"
-
 
 @dataclass
 class RunVerdict:
@@ -67,18 +63,22 @@ class RunVerdict:
         """Nothing is damaged, and a finished run has all of its plan."""
         return not self.problems
 
-    def line(self) -> str:
-        """The verdict in a line."""
+    def lines(self) -> Iterator[str]:
+        """The verdict, then a line for each press that is not complete and each problem."""
         said = "whole" if self.whole else f"DAMAGED: {len(self.problems)} problems"
         end = "finished" if self.finished else "unfinished"
         if self.being_written:
             end = "being written now"
         lost = f" ({self.lost_frames} lost while it ran)" if self.lost_frames else ""
-        return (
+        yield (
             f"{self.folder}: {said} ({end}): {self.whole_presses} of {self.presses} presses whole, "
             f"{self.found_frames} of {self.frames} frames{lost}, {self.images} images, "
             f"format {self.format}"
         )
+        for press, why in self.open.items():
+            yield f"open  {press}: {why}; `run --resume` repeats it"
+        for problem in self.problems:
+            yield f"{problem.kind}  {problem.where}: {problem.text}"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
