@@ -102,8 +102,9 @@ def check(folder: Path, progress: Progress | None = None) -> RunVerdict:
     verdict.format, verdict.finished = run.format, run.finished
     verdict.being_written = being_written(folder)
     add = verdict.problems.append
-    for number in notes.damaged_lines(folder):
-        add(Damage("damaged", "notes.jsonl", f"line {number} is no note"))
+    for number, note in notes.lines(folder):
+        if note is None:
+            add(Damage("damaged", "notes.jsonl", f"line {number} is no note"))
     steps: list[Step] = []
     if run.format not in WITHOUT_PLAN:
         try:

@@ -107,38 +107,37 @@ def misfits(db: sqlite3.Connection, of_today: bool) -> Iterator[str]:
     SQLite stores them all the same, and only what computes with them would fail. of_today: in this
     version's format, so that a column or the first event may be found missing.
     """
+    have = _columns(db)
     if of_today:
         with closing(sqlite3.connect(":memory:")) as empty:
             empty.executescript(SCHEMA)
-            lost = _columns(empty) - _columns(db)
-        have = {table for table, _ in _columns(db)}
-        for table in sorted({table for table, _ in lost} - have):
+            lost = sorted(_columns(empty).keys() - have.keys())
+        tables = {table for table, _ in have}
+        for table in sorted({table for table, _ in lost} - tables):
             yield f"no such table: {table}"
-        for table, column in sorted(lost):
-            if table in have:
+        for table, column in lost:
+            if table in tables:
                 yield f"{table}.{column}: no such column"
         if not lost and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
             yield "events: none; a run begins with one"
-    tables = db.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
-    for (table,) in tables:
-        for _, column, kind, needed, _, key in db.execute(f'PRAGMA table_info("{table}")'):
-            fits = _FITS.get(kind)
-            if fits is None:
-                continue
-            if not (needed or key):
-                fits = f"{{0}} IS NULL OR {fits}"
-            wrong = f"NOT coalesce({fits.format(chr(34) + column + chr(34))}, FALSE)"
-            count = db.execute(f'SELECT count(*) FROM "{table}" WHERE {wrong}').fetchone()[0]
-            if count:
-                yield f"{table}.{column}: {count} of its values are damaged"
+    for (table, column), (kind, needed) in have.items():
+        if (fits := _FITS.get(kind)) is None:
+            continue
+        if not needed:
+            fits = f"{{0}} IS NULL OR {fits}"
+        wrong = f"NOT coalesce({fits.format(chr(34) + column + chr(34))}, FALSE)"
+        count = db.execute(f'SELECT count(*) FROM "{table}" WHERE {wrong}').fetchone()[0]
+        if count:
+            yield f"{table}.{column}: {count} of its values are damaged"
 
 
-def _columns(db: sqlite3.Connection) -> set[tuple[str, str]]:
+def _columns(db: sqlite3.Connection) -> dict[tuple[str, str], tuple[str, bool]]:
+    """Of every column, by its table and name, the type and whether it must have a value."""
     query = (
-        "SELECT t.name, c.name FROM sqlite_master t, pragma_table_info(t.name) c "
-        "WHERE t.type = 'table'"
+        'SELECT t.name, c.name, c.type, c."notnull" OR c.pk '
+        "FROM sqlite_master t, pragma_table_info(t.name) c WHERE t.type = 'table'"
     )
-    return set(db.execute(query))
+    return {(table, column): (kind, needed) for table, column, kind, needed in db.execute(query)}
 
 
 _FITS = {

@@ -112,7 +112,8 @@ class Run:
         """One row an operator's note, in the order of writing: wall_s of the day, text."""
         import pandas as pd
 
-        return pd.DataFrame(notes.read(self.folder), columns=["wall_s", "text"])
+        kept = [note for _, note in notes.lines(self.folder) if note is not None]
+        return pd.DataFrame(kept, columns=["wall_s", "text"])
 
     def steps(self, press: str | None = None) -> pd.DataFrame:
         """One row a finished step (of one press)."""
@@ -271,21 +272,19 @@ class Run:
             begun_s = table.groupby("press")["t_s"].transform("first")
             table = table.assign(t_press_s=table["t_s"] - begun_s, **dict.fromkeys(more))
             return table[["press", "step_id", "t_s", "t_press_s", *names, *more]]
-        parts = []
-        for of_press, step_id, chunk in self._chunks(stream, press):
-            t_press_s = chunk.t_press_s()
-            parts.append(
-                pd.DataFrame(
-                    {
-                        "press": of_press,
-                        "step_id": step_id,
-                        "t_s": chunk.origin_s + t_press_s,
-                        "t_press_s": t_press_s,
-                        **{name: chunk.values(name) for name in names},
-                        **{name: chunk.columns[name] for name in more},
-                    }
-                )
+        parts = [
+            pd.DataFrame(
+                {
+                    "press": of_press,
+                    "step_id": step_id,
+                    "t_s": chunk.origin_s + chunk.t_press_s(),
+                    "t_press_s": chunk.t_press_s(),
+                    **{name: chunk.values(name) for name in names},
+                    **{name: chunk.columns[name] for name in more},
+                }
             )
+            for of_press, step_id, chunk in self._chunks(stream, press)
+        ]
         if not parts:
             return pd.DataFrame(columns=["press", "step_id", "t_s", "t_press_s", *names, *more])
         return pd.concat(parts, ignore_index=True)

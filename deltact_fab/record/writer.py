@@ -8,6 +8,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing, suppress
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +51,8 @@ class RunWriter:
         self.failed: Callable[[RunFailed], None] = lambda why: None
         """Told at once, from another thread, when the disk refuses; the next call raises it too."""
         self._step_seq = {step.id: n for n, step in enumerate(steps, start=1)}
-        self._frames_before = {}
-        frames = 0
-        for step in steps:
-            self._frames_before[step.id] = frames
-            frames += step.frames
+        before = accumulate((step.frames for step in steps), initial=0)
+        self._frames_before = {step.id: n for step, n in zip(steps, before, strict=False)}
         self._claim = claim(folder)
         try:
             self._db = connect(folder)
@@ -284,11 +282,11 @@ class RunWriter:
             query = "SELECT coalesce(sum(missed), 0) FROM steps"
             self.missed = self._db.execute(query).fetchone()[0]
             kept_frames = self._db.execute("SELECT count(*) FROM frames").fetchone()[0]
-            again = "; ".join(f"{press}: {text}" for press, text in self.redone.items())
             count = "SELECT count(*) FROM events WHERE kind = 'session'"
             self.session = 1 + self._db.execute(count).fetchone()[0]
             text = f"resumed: {kept_frames} frames kept"
-            text = f"{text}; done again: {again}" if again else text
+            again = "; ".join(f"{press}: {why}" for press, why in self.redone.items())
+            text += f"; done again: {again}" if again else ""
             insert(self._db, "events", _event("session", text))
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}
