@@ -114,10 +114,7 @@ def check(folder: Path, progress: Progress | None = None) -> RunVerdict:
     try:
         with run.reader() as db:
             db.execute("BEGIN")  # one moment of a run that goes on
-            broken = [Damage("damaged", "journal.sqlite", line) for line in unsound(db)]
-            verdict.problems += broken
-            if not broken:
-                verdict.problems += judge(run, db, steps, verdict, progress)
+            verdict.problems += judge(run, db, steps, verdict, progress)
     except RunFailed as why:
         add(Damage("damaged", "journal.sqlite", str(why)))
     if run.finished and steps:
@@ -153,13 +150,6 @@ def require_whole(run: Run, progress: Progress | None = None) -> None:
         )
 
 
-def unsound(db: sqlite3.Connection) -> Iterator[str]:
-    """What SQLite finds wrong with the journal's file, its indices and its unique ids."""
-    for (line,) in db.execute("PRAGMA integrity_check"):
-        if line != "ok":
-            yield line
-
-
 def judge(
     run: Run,
     db: sqlite3.Connection,
@@ -169,8 +159,13 @@ def judge(
 ) -> Iterator[Damage]:
     """What is wrong with rows and files; counts, whole and open presses go into the verdict.
 
-    steps: of the plan; none where it is not known, and rows are held against files only.
+    steps: of the plan; none where it is not known, and rows are held against files only. Of a
+    journal whose file or indices are broken nothing else is said.
     """
+    broken = [line for (line,) in db.execute("PRAGMA integrity_check") if line != "ok"]
+    if broken:
+        yield from (Damage("damaged", "journal.sqlite", line) for line in broken)
+        return
     done = {row[0]: row[1:] for row in db.execute("SELECT step_id, seq, press FROM steps")}
     found: dict[str, FileAndHash] = {}
     placed: dict[str, tuple[Any, ...]] = {}
@@ -224,7 +219,7 @@ def _lost(
     run: Run, db: sqlite3.Connection, steps: Sequence[Step], found: Container[str]
 ) -> set[str]:
     """Ids of frames that did not come, as many as their steps say: counted, and no damage."""
-    if run.format is None or run.format < 5:
+    if run.format < 5:
         return set()
     missed = dict(db.execute("SELECT step_id, missed FROM steps"))
     lost: set[str] = set()

@@ -171,15 +171,14 @@ class WriterThreads:
     def _commit(self, batch: Sequence[_Entry]) -> None:
         """Commit what comes before the first entry that failed; of the rest only the history."""
         whole: list[_Entry] = []
-        for entry in batch if not self._cut else ():
-            try:
+        try:
+            for entry in batch if not self._cut else ():
                 if entry.digest is not None:
                     entry.rows[0][1][SHA256] = entry.digest.result()
-            except BaseException as why:
-                self._cut = True
-                self._fail(why)
-                break
-            whole.append(entry)
+                whole.append(entry)
+        except BaseException as why:
+            self._cut = True
+            self._fail(why)
         rest = batch[len(whole) :]
         try:
             if any(entry.digest is not None for entry in whole):

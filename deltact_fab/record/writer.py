@@ -20,9 +20,9 @@ from ..errors import InputError, RunFailed
 from ..files import making, sync_folder, write_whole
 from ..optics import FlatField
 from ..protocols.plan import Step
-from .check import RunVerdict, judge, unsound
+from .check import RunVerdict, judge
 from .files import FORMAT, flat_file, frame_id_of, image_file, json_bytes, truth_file, written
-from .images import image_format, ready, require
+from .images import encode, image_format, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
 from .pipeline import TableRow, WriterThreads
 from .run import Run
@@ -126,10 +126,10 @@ class RunWriter:
         writer = cls(folder, steps, image_format(run.meta))
         try:
             with journal_errors(folder):
-                for line in unsound(writer._db):
-                    raise sqlite3.DatabaseError(line)
                 verdict = RunVerdict(folder)
                 for found in judge(run, writer._db, steps, verdict, progress):
+                    if found.where == "journal.sqlite":
+                        raise sqlite3.DatabaseError(found.text)
                     if found.kind == "damaged":
                         writer.redone.setdefault(found.where, found.text)
                 writer.redone |= verdict.open
@@ -224,8 +224,8 @@ class RunWriter:
         self._writing.put([("events", _event(kind, text, t_s, step))], history=True)
 
     def ready(self) -> None:
-        """Load what writing images needs, so that the first one does not wait for it."""
-        ready(self.image_format)
+        """Load what writing images needs: doing so keeps all other threads waiting for a while."""
+        encode(np.zeros((8, 8, 3), np.uint8), self.image_format)
 
     def flush(self) -> None:
         """Wait until all is committed. Raises RunFailed, as all that writes does after a failure.

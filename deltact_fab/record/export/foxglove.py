@@ -16,6 +16,9 @@ from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ...aliases import Progress
 from ..images import encode_png
 from ..run import Run
@@ -167,7 +170,7 @@ def _stamp(time_ns: int) -> dict[str, int]:
 
 
 def _frames(run: Run, table: pd.DataFrame) -> Iterator[Message]:
-    for row in table.to_dict("records"):
+    for _, row in table.iterrows():
         time_ns = int(row[LINE])
         told: dict[str, Any] = {
             "timestamp": _stamp(time_ns),
@@ -196,8 +199,8 @@ def _png(run: Run, file: str) -> bytes:
 
 
 def _poses(table: pd.DataFrame) -> Iterator[Message]:
-    at_m = (table[[*POSE_COLUMNS]].to_numpy(float) / 1e3).tolist()
-    for time_ns, position in zip(table[LINE].tolist(), at_m, strict=True):
+    at_m = table[[*POSE_COLUMNS]].to_numpy(float) / 1e3
+    for time_ns, position in zip(map(int, table[LINE]), at_m, strict=True):
         orientation = {"x": 0, "y": 0, "z": 0, "w": 1}
         pose = {"position": _vector(position), "orientation": orientation}
         message = {"timestamp": _stamp(time_ns), "frame_id": SENSOR, "pose": pose}
@@ -205,19 +208,19 @@ def _poses(table: pd.DataFrame) -> Iterator[Message]:
 
 
 def _wrenches(table: pd.DataFrame) -> Iterator[Message]:
-    values = (table[[*FORCE_COLUMNS]].to_numpy(float) / (1, 1, 1, 1e3, 1e3, 1e3)).tolist()
-    saturated = table["saturated"].fillna(False).tolist()
-    for time_ns, wrench, over in zip(table[LINE].tolist(), values, saturated, strict=True):
+    values = table[[*FORCE_COLUMNS]].to_numpy(float) / (1, 1, 1, 1e3, 1e3, 1e3)
+    saturated = table["saturated"].fillna(False).to_numpy(bool)
+    for time_ns, wrench, over in zip(map(int, table[LINE]), values, saturated, strict=True):
         message = {
             "header": {"stamp": _stamp(time_ns), "frame_id": SENSOR},
             "wrench": {"force": _vector(wrench[:3]), "torque": _vector(wrench[3:])},
-            "saturated": over,
+            "saturated": bool(over),
         }
         yield time_ns, "/force/wrench", message
 
 
-def _vector(values: list[float]) -> dict[str, float]:
-    return dict(zip("xyz", values, strict=True))
+def _vector(values: NDArray[np.float64]) -> dict[str, float]:
+    return dict(zip("xyz", values.tolist(), strict=True))
 
 
 def _events(run: Run, line: TimeLine) -> Iterator[Message]:
