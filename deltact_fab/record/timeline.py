@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,12 @@ from .run import Run
 
 @dataclass(frozen=True)
 class TimeLine:
-    """offsets_ns: of each session; sessions: of each press and each event's seq, from 0."""
+    """offsets_ns: of each session; sessions: of each press and each event's seq, from 0.
 
+    presses: all that have rows, changes of the indenter among them, in the order they were begun.
+    """
+
+    presses: tuple[str, ...]
     offsets_ns: tuple[int, ...]
     press_session: dict[str, int]
     event_session: dict[int, int]
@@ -34,7 +39,7 @@ class TimeLine:
         """The time line of a run. Raises RunFailed for a journal that cannot be read."""
         with run.reader() as db:
             rows = db.execute(
-                "SELECT press, min(a), max(b), max(wall_s), min(wall_s - b) FROM ("
+                "SELECT press, min(a), max(b), max(wall_s), min(wall_s - b), min(wall_s) FROM ("
                 "SELECT press, t_start_s a, t_end_s b, wall_s FROM steps UNION ALL "
                 "SELECT press, t_s, t_s, wall_s FROM frames) GROUP BY press ORDER BY max(wall_s)"
             ).fetchall()
@@ -53,7 +58,7 @@ class TimeLine:
                 press_session[press] = at  # the last one: a press may be done again
             if t_s is not None:
                 spans[at].append((t_s, t_s, wall_s - t_s))
-        for press, first_s, last_s, wall_s, over_s in rows:
+        for press, first_s, last_s, wall_s, over_s, _ in rows:
             if run.format == 2:  # knows no sessions: each press by itself
                 begun.append(wall_s)
                 press_session[press] = len(begun) - 1
@@ -67,7 +72,8 @@ class TimeLine:
             first_s, last_s = min(first for first, _, _ in span), max(last for _, last, _ in span)
             offsets[at] = max(to_ns(span[0][2]), end_ns - to_ns(first_s))
             end_ns = offsets[at] + to_ns(last_s)
-        return cls(tuple(offsets), press_session, event_session)
+        presses = tuple(row[0] for row in sorted(rows, key=itemgetter(5)))
+        return cls(presses, tuple(offsets), press_session, event_session)
 
     def of_press_ns(self, press: str, t_s: NDArray[np.float64] | float) -> NDArray[np.int64]:
         """Times of the rig's clock in a press, on the line."""

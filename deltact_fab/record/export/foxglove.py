@@ -24,7 +24,7 @@ from ..images import encode_png
 from ..run import Run
 from ..streams import FORCE_COLUMNS, POSE_COLUMNS
 from ..timeline import TimeLine
-from .tables import LINE, described, events, of_press, presses
+from .tables import LINE, described, events, of_press
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -154,14 +154,13 @@ def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
 
 def _presses(run: Run, line: TimeLine, progress: Progress) -> Iterator[Message]:
     """All messages of each press in order of time; of images only one is held at once."""
-    names = presses(run)
-    for number, press in enumerate(names, start=1):
+    for number, press in enumerate(line.presses, start=1):
         frames, pose, force = (
             of_press(run, line, name, press).sort_values(LINE, kind="stable")
             for name in ("frames", "pose", "force")
         )
         yield from merge(_frames(run, frames), _poses(pose), _wrenches(force), key=itemgetter(0))
-        progress(number, len(names), press)
+        progress(number, len(line.presses), press)
 
 
 def _stamp(time_ns: int) -> dict[str, int]:

@@ -20,16 +20,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def presses(run: Run) -> list[str]:
-    """All presses that have rows, in the plan's order; changes of the indenter among them."""
-    with run.reader() as db:
-        rows = db.execute(
-            "SELECT press FROM (SELECT press, wall_s FROM steps UNION ALL SELECT press, wall_s "
-            "FROM frames) GROUP BY press ORDER BY min(wall_s)"
-        )
-        return [press for (press,) in rows]
-
-
 def described(run: Run) -> dict[str, Any]:
     """What every export says of the run it is of."""
     keys = ("name", "rig_name", "simulated", "air", "seed", "format", "versions")
@@ -205,7 +195,7 @@ def _parquet(
 def write(run: Run, folder: Path, form: str, progress: Progress) -> dict[str, int]:
     """Write all tables into a new folder; return how many rows each has. Raises RunFailed."""
     folder.mkdir()
-    about, line, names = described(run), TimeLine.of(run), presses(run)
+    about, line = described(run), TimeLine.of(run)
     rows = dict.fromkeys(TABLES, 0)
     with ExitStack() as opened:
         writers = {}
@@ -218,10 +208,10 @@ def write(run: Run, folder: Path, form: str, progress: Progress) -> dict[str, in
             writers[name](table)
             rows[name] += len(table)
 
-        for number, press in enumerate(names, start=1):
+        for number, press in enumerate(line.presses, start=1):
             for name in ("frames", "force", "pose", "steps"):
                 add(name, of_press(run, line, name, press))
-            progress(number, len(names), press)
+            progress(number, len(line.presses), press)
         add("events", events(run, line))
     (folder / "README.md").write_text(_readme(about, rows, form), encoding="utf-8")
     (folder / "run.json").write_bytes(json_bytes({**run.meta, "summary": run.summary()}))
