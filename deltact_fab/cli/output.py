@@ -12,6 +12,7 @@ import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import zip_longest
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -87,8 +88,7 @@ def _echo_part(
             textwrap.wrap(row[i], widths[i]) or [""] if len(row[i]) > widths[i] else [row[i]]
             for i in part
         ]
-        for n in range(max(map(len, wrapped))):
-            words = [lines[n] if n < len(lines) else "" for lines in wrapped]
+        for words in zip_longest(*wrapped, fillvalue=""):
             line = _GAP.join(
                 word.rjust(widths[i]) if right[i] else word.ljust(widths[i])
                 for word, i in zip(words, part, strict=True)
