@@ -9,16 +9,16 @@ import platform
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from . import cache
 from .errors import DeltactFabError
 from .extras import EXTRAS
-from .rig.devices import FoundDevice, cameras, ports
+from .rig.devices import cameras, ports
 
 State = Literal["ok", "missing", "broken"]
 PACKAGE = "deltact-fab"
@@ -43,10 +43,6 @@ class InstalledItem:
     brings: str = ""
     get: str = ""
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
-        return asdict(self)
-
     def line(self) -> str:
         """As a person reads it."""
         tail = f"; for {self.brings}" if self.brings else ""
@@ -54,29 +50,16 @@ class InstalledItem:
         return f"{self.state:<8}{self.group:<9}{self.name:<32}{self.text}{tail}"
 
 
-def look(deep: bool = False, folder: Path = Path()) -> list[InstalledItem]:
+def look(deep: bool = False) -> list[InstalledItem]:
     """Everything, in order. Fast: no large package is imported, unless deep asks for it."""
-    return [
-        *_python(),
-        *_packages(deep),
-        *_system(),
-        *_devices(),
-        *_disk(folder),
-    ]
+    found = f"{platform.python_version()} {sys.executable}"
+    python = InstalledItem(NEEDED, "python", "ok", found)
+    return [python, *_packages(deep), *_system(), *_devices(), *_disk()]
 
 
 def is_broken(findings: list[InstalledItem]) -> bool:
     """Whether the core cannot work as it is."""
     return any(f.group == NEEDED and f.state != "ok" for f in findings)
-
-
-def _python() -> Iterator[InstalledItem]:
-    found = platform.python_version()
-    good = sys.version_info >= (3, 11)
-    get = "" if good else "install Python 3.11 or newer"
-    yield InstalledItem(
-        NEEDED, "python", "ok" if good else "broken", f"{found} {sys.executable}", get=get
-    )
 
 
 def _packages(deep: bool) -> Iterator[InstalledItem]:
@@ -103,8 +86,8 @@ def required(line: str) -> tuple[str, str]:
 
 def _package(name: str, group: str, line: str, deep: bool) -> InstalledItem:
     brings = "" if group == NEEDED else EXTRAS[group]
-    what = name if group == NEEDED else f"'{PACKAGE}[{group}]'"
-    get = f"pip install {what}"
+    get = "pip install " + (name if group == NEEDED else f"'{PACKAGE}[{group}]'")
+    again = f"pip install --force-reinstall {name}"
     if "platform_machine" in line and platform.machine() not in line:
         return InstalledItem(
             group, name, "ok", f"not made for {platform.machine()}, and not needed"
@@ -119,7 +102,6 @@ def _package(name: str, group: str, line: str, deep: bool) -> InstalledItem:
     except (ImportError, ValueError):
         there = False
     if not there:
-        again = f"pip install --force-reinstall {name}"
         return InstalledItem(group, name, "broken", f"{version}, without {module}", brings, again)
     if deep:
         try:
@@ -128,7 +110,6 @@ def _package(name: str, group: str, line: str, deep: bool) -> InstalledItem:
             return InstalledItem(group, name, "broken", f"{version}: {why}", brings)
         except Exception as why:  # whatever a broken package raises
             fault = " ".join(f"{version}: {type(why).__name__}: {why}".split())
-            again = f"pip install --force-reinstall {name}"
             return InstalledItem(group, name, "broken", fault, brings, again)
     return InstalledItem(group, name, "ok", version)
 
@@ -167,34 +148,26 @@ def _system() -> Iterator[InstalledItem]:
 
 
 def _devices() -> Iterator[InstalledItem]:
-    yield from _plugged("serial port", ports, "a stage or a scale", _may_use)
-    yield from _plugged("camera", cameras, "`measure`, `rig photograph`", _may_use)
+    for what, find, brings, group in (
+        ("serial port", ports, "a stage or a scale", "dialout"),
+        ("camera", cameras, "`measure`, `rig photograph`", "video"),
+    ):
+        try:
+            devices = find()
+        except ImportError:
+            continue  # the package's own row says that it is missing
+        if not devices:
+            yield InstalledItem("device", what, "missing", "none is plugged in", brings)
+        for device in devices:
+            if os.access(device.name, os.R_OK | os.W_OK):
+                yield InstalledItem("device", device.name, "ok", device.text or what)
+            else:
+                yield InstalledItem("device", device.name, "broken", "no permission", brings,
+                              f"sudo usermod -aG {group} $USER, then log in again")  # fmt: skip
 
 
-def _plugged(
-    what: str, find: Callable[[], list[FoundDevice]], brings: str, may: Callable[[str], bool]
-) -> Iterator[InstalledItem]:
-    try:
-        devices = find()
-    except ImportError:
-        return  # the package's own row says that it is missing
-    if not devices:
-        yield InstalledItem("device", what, "missing", "none is plugged in", brings)
-    for device in devices:
-        if may(device.name):
-            yield InstalledItem("device", device.name, "ok", device.text or what)
-        else:
-            group = "dialout" if what == "serial port" else "video"
-            yield InstalledItem("device", device.name, "broken", "no permission", brings,
-                          f"sudo usermod -aG {group} $USER, then log in again")  # fmt: skip
-
-
-def _may_use(name: str) -> bool:
-    return os.access(name, os.R_OK | os.W_OK)
-
-
-def _disk(folder: Path) -> Iterator[InstalledItem]:
-    free_gb = shutil.disk_usage(folder).free / 1e9
+def _disk() -> Iterator[InstalledItem]:
+    free_gb = shutil.disk_usage(Path()).free / 1e9
     low = free_gb < MIN_FREE_GB
     yield InstalledItem("disk", "this folder", "missing" if low else "ok", f"{free_gb:.1f} GB free",
                   f"runs of up to {MIN_FREE_GB:g} GB" if low else "")  # fmt: skip

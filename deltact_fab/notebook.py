@@ -9,7 +9,8 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from html import escape
-from itertools import pairwise
+
+import numpy as np
 
 WIDTH_PX, HEIGHT_PX, MARGIN_PX = 300, 170, 34
 
@@ -57,21 +58,15 @@ def _on_white(kind: str, data: bytes, height_px: int) -> str:
 
 def plot(x: Sequence[float], y: Sequence[float], x_label: str, y_label: str) -> str:
     """A line over axes that are labelled at their ends; values that are not finite are left out."""
-    points = [(a, b) for a, b in zip(x, y, strict=True) if abs(a) + abs(b) < float("inf")]
+    points = np.column_stack((x, y)).astype(float)
+    points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 2:
         return ""
-    (x0, x1), (y0, y1) = ((min(v), max(v)) for v in zip(*points, strict=True))
-    wide, high = WIDTH_PX - 2 * MARGIN_PX, HEIGHT_PX - 2 * MARGIN_PX
-    place = [
-        (
-            MARGIN_PX + wide * (a - x0) / ((x1 - x0) or 1),
-            HEIGHT_PX - MARGIN_PX - high * (b - y0) / ((y1 - y0) or 1),
-        )
-        for a, b in points
-    ]
-    line = " ".join(
-        f"L{b[0]:.1f},{b[1]:.1f}" for a, b in pairwise(place) if abs(a[0] - b[0]) + abs(a[1] - b[1])
-    )
+    (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
+    share = (points - (x0, y0)) / ((x1 - x0) or 1, (y1 - y0) or 1)
+    size_px = WIDTH_PX - 2 * MARGIN_PX, HEIGHT_PX - 2 * MARGIN_PX
+    place = share * (1, -1) * size_px + (MARGIN_PX, HEIGHT_PX - MARGIN_PX)
+    line = " ".join(f"{a:.1f},{b:.1f}" for a, b in place)
     bottom, right = HEIGHT_PX - MARGIN_PX, WIDTH_PX - MARGIN_PX
 
     def word(at_x: float, at_y: float, text: str, anchor: str) -> str:
@@ -91,6 +86,5 @@ def plot(x: Sequence[float], y: Sequence[float], x_label: str, y_label: str) -> 
         "<g fill='currentColor' font-size='11' font-family='system-ui,sans-serif'>"
         f"{words}</g><path fill='none' stroke='currentColor' stroke-opacity='.4' "
         f"d='M{MARGIN_PX},{MARGIN_PX}V{bottom}H{right}'/>"
-        f"<path fill='none' stroke='#2f7fd6' stroke-width='1.6' "
-        f"d='M{place[0][0]:.1f},{place[0][1]:.1f} {line}'/></svg>"
+        f"<polyline fill='none' stroke='#2f7fd6' stroke-width='1.6' points='{line}'/></svg>"
     )

@@ -154,7 +154,7 @@ def test_the_true_flow_is_that_of_what_each_pixel_really_sees(run: Path) -> None
     assert np.abs(lands_px - px).max() > 10
     np.testing.assert_allclose(flow[px[:, 1], px[:, 0]], lands_px - px, atol=1e-3)
     np.testing.assert_allclose(truth.points_px(frame_id, at_mm), lands_px - px, atol=1e-9)
-    in_plane = truth.in_plane_mm(frame_id)
+    in_plane = truth.flow_and_in_plane(frame_id)[1]
     np.testing.assert_allclose(in_plane[px[:, 1], px[:, 0]], u_mm[:, :2], atol=1e-12)
 
 

@@ -16,18 +16,15 @@ def doctor(deep: bool, as_json: bool) -> None:
     Looks at Python, the packages of the core and of each extra, system libraries, serial ports,
     cameras, disk and cache. Nothing is opened or changed. Exit code 1 when the core is broken.
     """
+    from dataclasses import asdict
+
     from ..doctor import is_broken, look
-    from .output import echo_json
+    from .output import echo_result
 
     findings = look(deep)
     broken = is_broken(findings)
-    if as_json:
-        echo_json({"ok": not broken, "findings": [f.as_dict() for f in findings]})
-    else:
-        for finding in findings:
-            click.echo(finding.line())
-        absent = sum(f.state != "ok" for f in findings)
-        click.echo(
-            f"the core is {'broken' if broken else 'complete'}; {absent} things are not there"
-        )
+    absent = sum(f.state != "ok" for f in findings)
+    verdict = f"the core is {'broken' if broken else 'complete'}; {absent} things are not there"
+    data = {"ok": not broken, "findings": [asdict(f) for f in findings]}
+    echo_result(data, [*(f.line() for f in findings), verdict], as_json)
     raise click.exceptions.Exit(1 if broken else 0)

@@ -20,10 +20,8 @@ def init(folder: Path, as_json: bool) -> None:
     files.
     """
     from ..lab import init as write
-    from .output import echo_json
+    from .output import echo_result
 
     files = write(folder)
-    if as_json:
-        echo_json([str(file) for file in files])
-        return
-    click.echo(f"{folder}: {len(files)} files written; `cd {folder}`, then see README.md")
+    told = f"{folder}: {len(files)} files written; `cd {folder}`, then see README.md"
+    echo_result([str(file) for file in files], [told], as_json)

@@ -14,46 +14,42 @@ from .group import CommandGroup
 
 PROGRAM = "deltact-fab"
 
-# title: {name: (module, attribute, line of help)}; a noun's module is imported only when it is
-# used, so that `--help` stays fast whatever the nouns need.
+# title: {name: line of help}; a noun stands in the module of its name, which is imported only when
+# it is used, so that `--help` stays fast whatever the nouns need.
 SECTIONS = {
     "Begin": {
-        "init": ("init", "init", "Make a working folder with files of your own."),
-        "demo": ("demo", "demo", "The whole chain on the virtual rig, up to its report."),
-        "doctor": ("doctor", "doctor", "What is installed, what is missing, how to get it."),
-        "schema": ("schema", "schema", "Every key of every kind of file, explained."),
-        "completion": ("completion", "completion", "Completion of commands and names in a shell."),
+        "init": "Make a working folder with files of your own.",
+        "demo": "The whole chain on the virtual rig, up to its report.",
+        "doctor": "What is installed, what is missing, how to get it.",
+        "schema": "Every key of every kind of file, explained.",
+        "completion": "Completion of commands and names in a shell.",
     },
     "Make a sensor": {
-        "cad": ("cad", "cad", "Parts: design, check, export, order, assemble."),
-        "pattern": ("pattern", "pattern", "Pattern stickers: design, inspect, print."),
+        "cad": "Parts: design, check, export, order, assemble.",
+        "pattern": "Pattern stickers: design, inspect, print.",
     },
     "Run experiments": {
-        "protocol": ("protocol", "protocol", "Indentation experiments: write, check, look at."),
-        "rig": ("rig", "rig", "Benches: describe, check, drive by hand."),
-        "run": ("run", "run", "Carry out a protocol on a rig and record it."),
-        "record": ("record", "record", "Recorded runs: verify, look at, annotate, export."),
+        "protocol": "Indentation experiments: write, check, look at.",
+        "rig": "Benches: describe, check, drive by hand.",
+        "run": "Carry out a protocol on a rig and record it.",
+        "record": "Recorded runs: verify, look at, annotate, export.",
     },
     "Calibrate and measure": {
-        "calibrate": ("calibrate", "calibrate", "Calibrate the lens on images of boards."),
-        "calibrate-depth": (
-            "calibrate_depth",
-            "calibrate_depth",
-            "Calibrate depth on one press of a ball.",
-        ),
-        "measure": ("measure", "measure", "Shape, force and contact, live."),
+        "calibrate": "Calibrate the lens on images of boards.",
+        "calibrate-depth": "Calibrate depth on one press of a ball.",
+        "measure": "Shape, force and contact, live.",
     },
     "Analyse": {
-        "analyze": ("analyze", "analyze", "Tracking error, force and shape of recorded runs."),
-        "report": ("report", "report", "Write one offline page about a run."),
-        "study": ("study", "study", "The paper's experiments, and better ones."),
+        "analyze": "Tracking error, force and shape of recorded runs.",
+        "report": "Write one offline page about a run.",
+        "study": "The paper's experiments, and better ones.",
     },
     "Simulate": {
-        "gel": ("gel", "gel", "Gel mechanics: press, fit, solve ahead of a run."),
-        "numerics": ("numerics", "numerics", "Accuracy, speed and hard cases of the solvers."),
+        "gel": "Gel mechanics: press, fit, solve ahead of a run.",
+        "numerics": "Accuracy, speed and hard cases of the solvers.",
     },
 }
-COMMANDS = {name: entry for section in SECTIONS.values() for name, entry in section.items()}
+COMMANDS = {name: text for section in SECTIONS.values() for name, text in section.items()}
 
 
 class LazyGroup(CommandGroup):
@@ -65,8 +61,8 @@ class LazyGroup(CommandGroup):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        module, attribute, _ = COMMANDS[cmd_name]
-        command = getattr(importlib.import_module(f"deltact_fab.cli.{module}"), attribute)
+        noun = cmd_name.replace("-", "_")
+        command = getattr(importlib.import_module(f"deltact_fab.cli.{noun}"), noun)
         assert isinstance(command, click.Command)
         return command
 
@@ -74,9 +70,7 @@ class LazyGroup(CommandGroup):
         widest = max(map(len, COMMANDS))
         for title, commands in SECTIONS.items():
             with formatter.section(title):
-                formatter.write_dl(
-                    [(name.ljust(widest), entry[2]) for name, entry in commands.items()]
-                )
+                formatter.write_dl([(name.ljust(widest), text) for name, text in commands.items()])
 
 
 @click.group(

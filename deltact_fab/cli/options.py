@@ -6,6 +6,7 @@ stdout in place of the lines for a reader; whatever else is said goes to stderr.
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -95,40 +96,18 @@ class Named(click.ParamType):
         return paths + [CompletionItem(name) for name in names]
 
 
-def _catalogue(kind: str) -> Named:
-    def known() -> list[str]:
-        from .. import catalog
-
-        return catalog.names(kind)
-
-    return Named(known)
+def _of(module: str, names: Callable[[Any], Iterable[str]], files: bool = False) -> Named:
+    """Names that a module knows, which is imported when a shell completes."""
+    return Named(lambda: names(importlib.import_module(f"deltact_fab.{module}")), files)
 
 
-def _parts() -> list[str]:
-    from ..cad import registry
-
-    return [*registry.GROUPS, *(part.name for part in registry.listed())]
-
-
-def _kinds() -> list[str]:
-    from ..schema import KINDS
-
-    return list(KINDS)
-
-
-def _engines() -> list[str]:
-    from ..numerics.engines import REGISTRY
-
-    return list(REGISTRY)
-
-
-DESIGN_NAME = _catalogue("cad")
-PATTERN_NAME = _catalogue("patterns")
-PROTOCOL_NAME = _catalogue("protocols")
-RIG_NAME = _catalogue("protocols/rigs")
-PART_NAME = Named(_parts, files=False)
-KIND_NAME = Named(_kinds, files=False)
-ENGINE_NAME = Named(_engines, files=False)
+DESIGN_NAME = _of("catalog", lambda catalog: catalog.names("cad"), files=True)
+PATTERN_NAME = _of("catalog", lambda catalog: catalog.names("patterns"), files=True)
+PROTOCOL_NAME = _of("catalog", lambda catalog: catalog.names("protocols"), files=True)
+RIG_NAME = _of("catalog", lambda catalog: catalog.names("protocols/rigs"), files=True)
+PART_NAME = _of("cad.registry", lambda cad: [*cad.GROUPS, *(part.name for part in cad.listed())])
+KIND_NAME = _of("schema", lambda schema: schema.KINDS)
+ENGINE_NAME = _of("numerics.engines", lambda engines: engines.REGISTRY)
 
 DESIGN = click.option(
     "--design",

@@ -10,8 +10,9 @@ import signal
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import zip_longest
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -36,14 +37,19 @@ def echo_json(data: Any) -> None:
     click.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
+def echo_result(data: Any, lines: Iterable[str], as_json: bool) -> None:
+    """Print what a command found: as JSON for a program, or as lines for a reader."""
+    if as_json:
+        echo_json(data)
+        return
+    for line in lines:
+        click.echo(line)
+
+
 def echo_written(file: Path, as_json: bool, then: str = "") -> None:
     """Say which file was written and, if it is to be changed, what to run then."""
-    if as_json:
-        echo_json({"file": str(file)})
-    elif then:
-        click.echo(f"{file}: written; change it, then `deltact-fab {then}`")
-    else:
-        click.echo(f"written: {file}")
+    told = f"{file}: written; change it, then `deltact-fab {then}`" if then else f"written: {file}"
+    echo_result({"file": str(file)}, [told], as_json)
 
 
 def echo_rows(columns: Sequence[str], rows: Sequence[Sequence[Any]], as_json: bool) -> None:
@@ -82,8 +88,7 @@ def _echo_part(
             textwrap.wrap(row[i], widths[i]) or [""] if len(row[i]) > widths[i] else [row[i]]
             for i in part
         ]
-        for n in range(max(map(len, wrapped))):
-            words = [lines[n] if n < len(lines) else "" for lines in wrapped]
+        for words in zip_longest(*wrapped, fillvalue=""):
             line = _GAP.join(
                 word.rjust(widths[i]) if right[i] else word.ljust(widths[i])
                 for word, i in zip(words, part, strict=True)

@@ -75,19 +75,17 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_j
     from dataclasses import asdict
 
     from ..experiment import RunRequest
-    from .output import echo_json, progress
+    from .output import echo_result, progress
 
     with progress("check") as report:
         asked = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
         rows = asked.checks()
-    if as_json:
-        echo_json([asdict(r) for r in rows])
-    else:
-        for row in rows:
-            click.echo(row.line() + ("" if row.ok and not row.warns else f"  at {row.where}"))
-        if not air and all(r.ok for r in rows) and not any("force" in r.name for r in rows):
-            click.echo(UNSOLVED)
-    raise click.exceptions.Exit(0 if all(r.ok for r in rows) else 1)
+    good = all(r.ok for r in rows)
+    lines = [r.line() + ("" if r.ok and not r.warns else f"  at {r.where}") for r in rows]
+    if good and not air and not any("force" in r.name for r in rows):
+        lines.append(UNSOLVED)
+    echo_result([asdict(r) for r in rows], lines, as_json)
+    raise click.exceptions.Exit(0 if good else 1)
 
 
 @protocol.command()
@@ -104,6 +102,7 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
 
     from ..experiment import RunRequest
     from ..preflight import PAPER_REMARK
+    from ..units import duration
     from .output import echo_json, echo_table, progress
 
     with progress("peak forces") as report:
@@ -131,18 +130,16 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
         ("step", "kind", "x_mm", "y_mm", "z_mm", "feed_mm_min", "frames"),
         [(s.id, s.kind, *s.target_mm, s.feed_mm_min, s.frames) for s in steps],
     )
-    minutes, seconds = divmod(round(estimate.seconds), 60)
     click.echo(
         f"\n{estimate.steps} steps, {estimate.presses} presses, {estimate.frames} frames "
         f"({estimate.settled} settled, up to {estimate.between_frames_mm:.2g} mm of the tip's way "
-        f"between two), {minutes} min {seconds} s of motion and settling, "
+        f"between two), {duration(estimate.seconds)} of motion and settling, "
         f"about {estimate.disk_mb:.0f} MB"
     )
     if peaks is None or findings is None:
-        click.echo(UNSOLVED)
-        click.echo(PAPER_REMARK)
-        return
-    _echo_peaks(peaks, findings)
+        click.echo(f"{UNSOLVED}\n{PAPER_REMARK}")
+    else:
+        _echo_peaks(peaks, findings)
 
 
 def _echo_peaks(peaks: Sequence[Peak], findings: Sequence[str]) -> None:
@@ -154,18 +151,13 @@ def _echo_peaks(peaks: Sequence[Peak], findings: Sequence[str]) -> None:
         groups.setdefault((peak.indenter, peak.depth_mm), []).append(peak)
     rows = []
     for (indenter, depth_mm), group in groups.items():
-        normal = max(p.normal_n for p in group)
+        worst = max(group, key=lambda p: p.normal_n)
         side = max(p.tangential_n for p in group)
         high = group[0].high.normal_n / group[0].normal_n
-        worst = max(group, key=lambda p: p.normal_n)
-        rows.append(
-            (indenter, depth_mm, normal, high * normal, side, high * side, worst.level)
-        )  # fmt: skip
+        loads = (worst.normal_n, high * worst.normal_n, side, high * side)
+        rows.append((indenter, depth_mm, *loads, worst.level))
     click.echo("\npeak forces in N, expected and with the gel's modulus twice as high:")
-    echo_table(
-        ("indenter", "depth_mm", "normal", "high", "tangential", "high", "from"),
-        rows,
-    )
+    echo_table(("indenter", "depth_mm", "normal", "high", "tangential", "high", "from"), rows)
     for reason in dict.fromkeys(f"{p.indenter}: {p.reason}" for p in peaks if p.reason):
         click.echo(f"upper estimate, {reason}")
     for line in findings:

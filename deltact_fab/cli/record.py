@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -30,18 +31,11 @@ def check(run: Path, as_json: bool) -> None:
     lacks is no damage. Nothing is changed. Exit code 1 on damage.
     """
     from ..record import check as verify
-    from .output import echo_json, progress
+    from .output import echo_result, progress
 
     with progress("check") as bar:
         verdict = verify(run, bar)
-    if as_json:
-        echo_json(verdict.as_dict())
-    else:
-        click.echo(verdict.line())
-        for press, why in verdict.open.items():
-            click.echo(f"open  {press}: {why}; `run --resume` repeats it")
-        for problem in verdict.problems:
-            click.echo(problem.line())
+    echo_result(verdict.as_dict(), verdict.lines(), as_json)
     raise click.exceptions.Exit(0 if verdict.whole else 1)
 
 
@@ -52,38 +46,10 @@ def show(run: Path, as_json: bool) -> None:
     """Describe RUN: protocol, specimen, rig, counts, events, registration, notes."""
     from ..record import about
     from ..record import open as open_run
-    from .output import echo_json
+    from .output import echo_result
 
     data = about(open_run(run))
-    if as_json:
-        echo_json(data)
-        return
-    simulated = f" (simulated, seed {data['seed']})" if data["simulated"] else ""
-    air = " in air" if data["air"] else ""
-    click.echo(f"{run}: {data['protocol']} on {data['rig']}{simulated}{air}, {data['state']}")
-    if data["description"]:
-        click.echo(f"  {data['description']}")
-    specimen = data["specimen"] or {}
-    serial = f", serial number {specimen['serial']}" if specimen.get("serial") else ""
-    click.echo(f"  specimen: {specimen.get('design')}, {specimen.get('pattern')}{serial}")
-    if data["begun_s"] is not None:
-        click.echo(f"  begun {_day(data['begun_s'])}, last event {_day(data['ended_s'])}")
-    click.echo(
-        f"  {data['presses']} presses, {data['steps']} steps, {data['frames']} frames "
-        f"({data['images']} images), sessions: {data['sessions']}, format {data['format']}"
-    )
-    for kind, count in data["events"].items():
-        click.echo(f"  event {kind}: {count}")
-    face = data["registration"]
-    by = face["registration"] or "the rig file, not registered"
-    at = ", ".join(f"{p:g}" for p in face["origin_machine_mm"])
-    click.echo(f"  face at machine {at} mm, by {by}")
-    for line in data["indenters"]:
-        click.echo(f"  indenter: {line}")
-    for text in data["remarks"]:
-        click.echo(f"  remark: {text}")
-    for note in data["notes"]:
-        click.echo(_note(note))
+    echo_result(data, _described(data), as_json)
 
 
 @record.command()
@@ -93,13 +59,10 @@ def show(run: Path, as_json: bool) -> None:
 def note(run: Path, text: str, as_json: bool) -> None:
     """Add the remark TEXT to RUN, during the run or later."""
     from ..record import add_note
-    from .output import echo_json
+    from .output import echo_result
 
     added = add_note(run, text)
-    if as_json:
-        echo_json(added)
-    else:
-        click.echo(_note(added))
+    echo_result(added, [_note(added)], as_json)
 
 
 @record.command(epilog="Example: deltact-fab record export smoke-run --format csv --out tables")
@@ -119,7 +82,7 @@ def export(run: Path, form: str, folder: Path | None, file: Path | None, as_json
     """
     from ..record import open as open_run
     from ..record.export import export as write
-    from .output import echo_json, progress
+    from .output import echo_result, progress
 
     out, other = (file, folder) if form == "mcap" else (folder, file)
     if out is None or other is not None:
@@ -127,10 +90,33 @@ def export(run: Path, form: str, folder: Path | None, file: Path | None, as_json
         raise click.UsageError(f"--format {form}: {right} says where it goes")
     with progress("export") as bar:
         rows = write(open_run(run), form, out, bar)
-    if as_json:
-        echo_json({"out": str(out), "format": form, "rows": rows})
-    else:
-        click.echo(f"{out}: " + ", ".join(f"{n} {name}" for name, n in rows.items()))
+    told = f"{out}: " + ", ".join(f"{n} {name}" for name, n in rows.items())
+    echo_result({"out": str(out), "format": form, "rows": rows}, [told], as_json)
+
+
+def _described(data: dict[str, Any]) -> Iterator[str]:
+    simulated = f" (simulated, seed {data['seed']})" if data["simulated"] else ""
+    air = " in air" if data["air"] else ""
+    yield f"{data['folder']}: {data['protocol']} on {data['rig']}{simulated}{air}, {data['state']}"
+    if data["description"]:
+        yield f"  {data['description']}"
+    specimen = data["specimen"] or {}
+    serial = f", serial number {specimen['serial']}" if specimen.get("serial") else ""
+    yield f"  specimen: {specimen.get('design')}, {specimen.get('pattern')}{serial}"
+    if data["begun_s"] is not None:
+        yield f"  begun {_day(data['begun_s'])}, last event {_day(data['ended_s'])}"
+    yield (
+        f"  {data['presses']} presses, {data['steps']} steps, {data['frames']} frames "
+        f"({data['images']} images), sessions: {data['sessions']}, format {data['format']}"
+    )
+    yield from (f"  event {kind}: {count}" for kind, count in data["events"].items())
+    face = data["registration"]
+    by = face["registration"] or "the rig file, not registered"
+    at = ", ".join(f"{p:g}" for p in face["origin_machine_mm"])
+    yield f"  face at machine {at} mm, by {by}"
+    yield from (f"  indenter: {line}" for line in data["indenters"])
+    yield from (f"  remark: {text}" for text in data["remarks"])
+    yield from map(_note, data["notes"])
 
 
 def _note(note: dict[str, Any]) -> str:

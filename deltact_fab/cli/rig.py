@@ -1,4 +1,4 @@
-"""`deltact-fab rig`: describe benches, check them, drive a stage, photograph boards."""
+"""`deltact-fab rig`: describe benches, check, register, drive by hand, photograph boards."""
 
 from __future__ import annotations
 
@@ -10,8 +10,18 @@ import click
 
 from . import rig_stage
 from .group import CommandGroup
-from .options import DESIGN, JSON, NEW_FILE, RIG_NAME, Finite, out_folder, seed
-from .rig_register import register
+from .options import (
+    DESIGN,
+    JSON,
+    NEW_FILE,
+    RIG_NAME,
+    TIP_IS_CLEAR,
+    Finite,
+    Point,
+    out_file,
+    out_folder,
+    seed,
+)
 
 RIG = click.argument("name", metavar="RIG", type=RIG_NAME)
 
@@ -35,10 +45,8 @@ def list_(as_json: bool) -> None:
     rows = []
     for name in catalog.names("protocols/rigs"):
         bench = config.load(name)[0]
-        measures = {"camera": bench.camera is not None, "force": bench.force is not None}
-        if bench.kind == "virtual":
-            measures["camera"] = True
-        rows.append((name, bench.kind, [what for what, there in measures.items() if there]))
+        camera = ["camera"] if bench.camera is not None or bench.kind == "virtual" else []
+        rows.append((name, bench.kind, camera + (["force"] if bench.force is not None else [])))
     echo_rows(("rig", "kind", "measures"), rows, as_json)
 
 
@@ -101,7 +109,7 @@ def photograph(
     from ..rig import config
     from ..virtual.photographs import take
     from .calibrate import board_named
-    from .output import echo_json
+    from .output import echo_result
 
     bench, path = config.load(name)
     if isinstance(bench, config.GrblConfig):
@@ -115,10 +123,8 @@ def photograph(
         if bench.camera is None:
             raise InputError(f"{path}: camera: missing table; without one there is no image")
         taken = by_camera(bench.camera, path.parent, out, contact, ask)
-        if as_json:
-            echo_json({"simulated": False, "files": [str(f) for f in taken]})
-        else:
-            click.echo("\n".join(map(str, taken)))
+        paths = [str(file) for file in taken]
+        echo_result({"simulated": False, "files": paths}, paths, as_json)
         return
     if bench.virtual.lens is None:
         raise InputError(f"{path}: a virtual rig with [virtual.lens] is needed, as fisheye")
@@ -136,12 +142,9 @@ def photograph(
         air_board=None if air_board is None else board_named(air_board, "--air-board"),
         seed=seed,
     )
-    if as_json:
-        echo_json({"simulated": True, "seed": seed, "files": [str(f) for f in files]})
-        return
-    for file in files:
-        click.echo(file)
-    click.echo(f"simulated, seed {seed}; the true lens is in {out / 'truth'}")
+    paths = [str(file) for file in files]
+    told = f"simulated, seed {seed}; the true lens is in {out / 'truth'}"
+    echo_result({"simulated": True, "seed": seed, "files": paths}, [*paths, told], as_json)
 
 
 @rig.command(epilog="Example: deltact-fab rig new bench")
@@ -157,22 +160,21 @@ def new(name: str, out: Path | None, as_json: bool) -> None:
     from dataclasses import asdict
 
     from ..lab import rig as write
-    from .output import echo_json
+    from .output import echo_result
 
     found = write(name, out)
-    if as_json:
-        echo_json({**asdict(found), "file": str(found.file)})
-        return
+    lines = []
     for what, devices in (("port", found.ports), ("camera", found.cameras)):
         for number, device in enumerate(devices):
             use = "used" if number == 0 else "in a comment"
-            click.echo(f"{what} {device.name}: {device.text or 'no name'} ({use})")
+            lines.append(f"{what} {device.name}: {device.text or 'no name'} ({use})")
         if not devices:
-            click.echo(f"no {what} was found: the file has an example in its place")
-    click.echo(
+            lines.append(f"no {what} was found: the file has an example in its place")
+    lines.append(
         f"{found.file}: written; fill in what it lists under MEASURE, then "
         f"`deltact-fab rig check {name if out is None else out}`"
     )
+    echo_result({**asdict(found), "file": str(found.file)}, lines, as_json)
 
 
 @rig.command()
@@ -189,7 +191,7 @@ def check(name: str, seconds: float, as_json: bool) -> None:
     from ..errors import InputError
     from ..rig import config
     from ..rig.check import check as look
-    from .output import echo_json
+    from .output import echo_result
 
     bench, path = config.load(name)
     if not isinstance(bench, config.GrblConfig):
@@ -200,11 +202,70 @@ def check(name: str, seconds: float, as_json: bool) -> None:
         if not as_json:
             click.echo(row.line())
     failed = sum(row.verdict == "FAIL" for row in rows)
-    if as_json:
-        echo_json({"rig": str(path), "ok": not failed, "rows": [row._asdict() for row in rows]})
-    else:
-        click.echo(f"{path}: {f'{failed} to put right' if failed else 'ready'}")
+    data = {"rig": str(path), "ok": not failed, "rows": [row._asdict() for row in rows]}
+    echo_result(data, [f"{path}: {f'{failed} to put right' if failed else 'ready'}"], as_json)
     raise click.exceptions.Exit(1 if failed else 0)
+
+
+@click.command()
+@RIG
+@click.option("--indenter", default="sphere:10", show_default=True, metavar="sphere:MM",
+              help="The ball that is mounted.")  # fmt: skip
+@click.option("--by", type=click.Choice(["force", "hand"]), show_default="as the rig file says",
+              help="How a touch is felt.")  # fmt: skip
+@click.option("--at", "at", multiple=True, type=Point(), metavar="X,Y",
+              help="Where to touch the face, mm; give at least three.")  # fmt: skip
+@click.option("--jig", is_flag=True,
+              help="Find position and rotation too, from the sides of [touch.jig].")  # fmt: skip
+@DESIGN
+@TIP_IS_CLEAR
+@out_file("Registration to write, .toml.", required=True)
+@JSON
+def register(
+    name: str,
+    indenter: str,
+    by: str | None,
+    at: tuple[tuple[float, float], ...],
+    jig: bool,
+    design: str,
+    tip_is_clear: bool,
+    out: Path,
+    as_json: bool,
+) -> None:
+    """Find where the face of the sensor is by touching it with a ball.
+
+    The rig homes, and the ball touches the face at several places; height and tilt of the face are
+    written to a file. Without --at it touches four places, so that the file can say how flat they
+    are. With --jig the ball then touches the sides of a block around the sensor, which give the
+    sideways position of the face and its rotation. Name the file as `registration` under [stage] of
+    the rig file.
+    """
+    from ..cad.design import load_design
+    from ..errors import InputError
+    from ..rig import config
+    from ..rig.tool import session
+    from ..rig.tool.operator import TerminalOperator
+    from .output import echo_result
+
+    bench, path = config.load(name)
+    if not isinstance(bench, config.GrblConfig):
+        raise InputError(f"{path}: kind: only a real rig is registered; this one is {bench.kind!r}")
+    if not out.parent.is_dir():
+        raise InputError(f"{out.parent}: no such folder")
+    asked = session.wanted(bench, path, load_design(design), indenter, at, by, jig)
+    operator = TerminalOperator()
+    with session.homed(bench, path, operator, tip_is_clear) as devices:
+        found = session.register_face(devices, asked, operator)
+    session.write(found, path, out)
+    data = {
+        "file": str(out),
+        "origin_machine_mm": list(found.frame.origin_machine_mm),
+        "angle_deg": found.frame.angle_deg,
+        "tilt_deg": list(found.frame.tilt_deg),
+        "residual_mm": found.residual_mm,
+        "touches": [touch.as_dict() for touch, _ in found.touches],
+    }
+    echo_result(data, [f"{out}: {found.line()}"], as_json)
 
 
 def _rows(table: dict[str, Any], before: str) -> Iterator[tuple[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -49,11 +49,11 @@ def probe(rig: str, as_json: bool) -> None:
     from dataclasses import asdict
 
     from ..errors import StageError
-    from .output import echo_json
+    from .output import echo_result
 
     config, stage = _stage(rig)
     refused = ""
-    with _closing(stage):
+    with closing(stage):
         try:
             stage.connect()
         except StageError as why:
@@ -62,14 +62,11 @@ def probe(rig: str, as_json: bool) -> None:
             refused = str(why)
         state = _state(stage, config)
         identity = stage.identity()
-    if as_json:
-        rows = [asdict(row) for row in stage.judged]
-        echo_json({"ok": not refused, "settings": rows, "state": state, "stage": identity})
-    else:
-        click.echo(f"{identity['port']}: {identity['banner'] or 'no banner: it did not restart'}")
-        for line in (*identity["info"], *(row.line() for row in stage.judged)):
-            click.echo(f"  {line}")
-        _echo_state(state)
+    rows = [asdict(row) for row in stage.judged]
+    data = {"ok": not refused, "settings": rows, "state": state, "stage": identity}
+    banner = f"{identity['port']}: {identity['banner'] or 'no banner: it did not restart'}"
+    facts = (f"  {line}" for line in (*identity["info"], *(row.line() for row in stage.judged)))
+    echo_result(data, [banner, *facts, _in_words(state)], as_json)
     if refused:
         raise StageError(refused)
 
@@ -79,15 +76,9 @@ def probe(rig: str, as_json: bool) -> None:
 @JSON
 def status(rig: str, as_json: bool) -> None:
     """Say what the stage is doing and where it is. Nothing moves."""
-    from .output import echo_json
-
     config, stage = _stage(rig)
     with _connected(stage):
-        state = _state(stage, config)
-    if as_json:
-        echo_json(state)
-    else:
-        _echo_state(state)
+        _tell(stage, config, as_json)
 
 
 @click.command()
@@ -108,13 +99,11 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
     from ..rig.stage.by_hand import stopped_by_ctrl_c
     from ..rig.tool.homing import home_safely
     from ..rig.tool.operator import TerminalOperator
-    from .output import echo_json
+    from .output import echo_result
 
     config, stage = _stage(rig)
-    if not (
-        yes
-        or click.confirm("homing moves every axis to its end switch; is the path clear?", err=True)
-    ):
+    question = "homing moves every axis to its end switch; is the path clear?"
+    if not (yes or click.confirm(question, err=True)):
         raise RunFailed("not homed")
     with _connected(stage):
         with _felt(stage, config) as (force, guard):
@@ -126,11 +115,8 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
                 )  # fmt: skip
         seconds = time.monotonic() - start_s
         state = _state(stage, config)
-    if as_json:
-        echo_json({"how": how, "seconds": seconds, "state": state})
-        return
-    click.echo(f"{how}; homed in {seconds:.1f} s")
-    _echo_state(state)
+    told = [f"{how}; homed in {seconds:.1f} s", _in_words(state)]
+    echo_result({"how": how, "seconds": seconds, "state": state}, told, as_json)
 
 
 @click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig jog bench 0 0 5")
@@ -169,7 +155,7 @@ def jog(
         _count(stage)
         with by_hand.stopped_by_ctrl_c(stage):
             by_hand.jog(stage, by_mm, feed, most_mm=most, clearance_mm=clearance, into_gel=into_gel)
-        _done(stage, config, as_json)
+        _tell(stage, config, as_json)
 
 
 @click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig goto bench 0 0 10 --home")
@@ -218,7 +204,7 @@ def goto(
             else:
                 _count(stage)
             by_hand.goto(stage, target_mm, feed, clearance_mm=clearance, into_gel=into_gel)
-        _done(stage, config, as_json)
+        _tell(stage, config, as_json)
 
 
 @click.command()
@@ -230,16 +216,13 @@ def reset(rig: str, as_json: bool) -> None:
     For one that answers nothing else after an alarm, or that sleeps. All motion stops at once, and
     the position is lost.
     """
-    from .output import echo_json
+    from .output import echo_result
 
     _, stage = _stage(rig)
-    with _closing(stage):
+    with closing(stage):
         stage.reset()
         banner = stage.banner
-    if as_json:
-        echo_json({"banner": banner})
-    else:
-        click.echo(f"{banner}; its position is lost: home next")
+    echo_result({"banner": banner}, [f"{banner}; its position is lost: home next"], as_json)
 
 
 COMMANDS = (probe, status, home, jog, goto, reset)
@@ -259,16 +242,8 @@ def _stage(name: str) -> tuple[GrblConfig, GrblStage]:
 
 
 @contextmanager
-def _closing(stage: GrblStage) -> Iterator[None]:
-    try:
-        yield
-    finally:
-        stage.close()
-
-
-@contextmanager
 def _connected(stage: GrblStage) -> Iterator[None]:
-    with _closing(stage):
+    with closing(stage):
         stage.connect()
         yield
 
@@ -308,20 +283,17 @@ def _state(stage: GrblStage, config: GrblConfig) -> dict[str, Any]:
     }
 
 
-def _echo_state(state: dict[str, Any]) -> None:
+def _in_words(state: dict[str, Any]) -> str:
     from ..rig.stage.by_hand import in_words
     from ..rig.stage.grbl_messages import state_in_words
 
     machine = ", ".join(f"{p:.3f}" for p in state["machine_mm"])
     where = "locked: home first" if state["sensor_mm"] is None else in_words(state["sensor_mm"])
-    click.echo(f"{state_in_words(state['state'])}, {where}; machine {machine}")
+    return f"{state_in_words(state['state'])}, {where}; machine {machine}"
 
 
-def _done(stage: GrblStage, config: GrblConfig, as_json: bool) -> None:
-    from .output import echo_json
+def _tell(stage: GrblStage, config: GrblConfig, as_json: bool) -> None:
+    from .output import echo_result
 
     state = _state(stage, config)
-    if as_json:
-        echo_json(state)
-    else:
-        _echo_state(state)
+    echo_result(state, [_in_words(state)], as_json)

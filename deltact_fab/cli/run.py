@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ def run(
     nothing and records nothing.
     """
     from .. import experiment
-    from .output import echo_json, progress
+    from .output import echo_result, progress
 
     if out is None and not dry_run:
         raise click.UsageError("Missing option '--out': the folder of the new run.")
@@ -77,37 +78,35 @@ def run(
                 live=lambda it: report(it.done, it.total, it.line()),
             )  # fmt: skip
     if dry_run:
-        echo_json(found) if as_json else _tell_dry_run(found, protocol, rig_name)
-        return
-    if as_json:
-        echo_json(summary)
-        return
+        echo_result(found, _dry_run_lines(found, protocol, rig_name), as_json)
+    else:
+        echo_result(summary, _run_lines(summary, out), as_json)
+
+
+def _run_lines(summary: dict[str, Any], out: Path | None) -> Iterator[str]:
     if summary["already_finished"]:
-        click.echo(f"{out}: finished before, {summary['frames']} frames; nothing was changed")
+        yield f"{out}: finished before, {summary['frames']} frames; nothing was changed"
         return
     if summary["sessions"] > 1:
-        click.echo(f"{out}: resumed, {summary['kept_frames']} frames kept")
+        yield f"{out}: resumed, {summary['kept_frames']} frames kept"
         for press, why in summary["redone"].items():
-            click.echo(f"  done again: {press}: {why}")
-    click.echo(
+            yield f"  done again: {press}: {why}"
+    yield (
         f"{out}: {summary['frames']} frames of {summary['protocol']} on {summary['rig']}"
         f"{' (simulated)' if summary['simulated'] else ''}{' in air' if summary['air'] else ''}, "
-        f"seed {seed}: "
+        f"seed {summary['seed']}: "
         f"{summary['rig_seconds']:.1f} s of rig time in {summary['wall_seconds']:.1f} s"
     )
-    for kind, n in summary["frame_counts"].items():
-        click.echo(f"  {kind}: {n}")
-    for line in summary["left_out"]:
-        click.echo(f"  left out: {line}")
+    yield from (f"  {kind}: {n}" for kind, n in summary["frame_counts"].items())
+    yield from (f"  left out: {line}" for line in summary["left_out"])
 
 
-def _tell_dry_run(found: dict[str, Any], protocol: str, rig_name: str) -> None:
+def _dry_run_lines(found: dict[str, Any], protocol: str, rig_name: str) -> Iterator[str]:
     from ..units import duration
 
-    click.echo(
+    yield (
         f"{protocol} on {rig_name}: {found['steps']} steps, {found['presses']} presses, "
         f"{found['frames']} frames, about {duration(found['seconds'])}, {found['disk_mb']:.0f} MB; "
         "nothing was moved or recorded"
     )
-    for line in (*found["devices"], *found["notes"]):
-        click.echo(f"  {line}")
+    yield from (f"  {line}" for line in (*found["devices"], *found["notes"]))

@@ -18,11 +18,11 @@ docs/decisions/0005-resume.md, 0012-streams.md and 0032-runner.md.
 
 from __future__ import annotations
 
-from .check import RunVerdict, check, require_whole
+from .check import check, require_whole
 from .conditions import require_same
 from .description import about
-from .files import FORMAT, image_file, lattice_file, lens_file, truth_file
-from .images import FORMATS, decode, encode, encode_png, image_format, rate_held_hz
+from .files import lattice_file, lens_file, truth_file
+from .images import decode, encode_png, image_format, rate_held_hz
 from .images import require as require_format
 from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
 from .notes import add as add_note
@@ -34,22 +34,17 @@ from .writer import RunWriter
 
 __all__ = [
     "CLOCK_COLUMNS",
-    "FORMAT",
-    "FORMATS",
     "PRESS_TABLES",
     "WALL_COLUMNS",
     "Chunk",
     "Run",
     "RunTruth",
-    "RunVerdict",
     "RunWriter",
     "about",
     "add_note",
     "check",
     "decode",
-    "encode",
     "encode_png",
-    "image_file",
     "image_format",
     "lattice_file",
     "lens_file",

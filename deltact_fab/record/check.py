@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import hashlib
 import sqlite3
-from collections.abc import Container, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+import zipfile
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from .. import catalog
 from ..aliases import Progress
 from ..errors import DeltactFabError, InputError, RunFailed
 from ..protocols.plan import Protocol, Step, expand
 from . import notes
-from .files import truth_file, written
+from .files import frame_id_of, lattice_file, lens_file, truth_file, written
 from .journal import being_written
-from .kept_presses import FileAndHash, by_press, damages, frame_id_of, frame_ids, unsound
 from .run import Run
 
+FileAndHash = tuple[str | None, str | None]
 WITHOUT_PLAN = (2, 3)  # formats whose protocols this version does not expand any more
 
 
@@ -29,18 +33,15 @@ class Damage:
     where: str
     text: str
 
-    def line(self) -> str:
-        """One line for a person."""
-        return f"{self.kind}  {self.where}: {self.text}"
-
 
 @dataclass
 class RunVerdict:
     """What was found in a run folder; it is whole when there is no problem.
 
     presses, frames: planned; whole_presses: complete, every hash right; lost_frames: that did not
-    come when they were wanted, as the run itself counted. open: presses that an
-    unfinished run has begun and not completed, with the reason: no damage, `--resume` does them.
+    come when they were wanted, as the run itself counted. sound: whole presses and changes of the
+    indenter, by name, which `--resume` keeps. open: presses that an unfinished run has begun and
+    not completed, with the reason: no damage, `--resume` does them.
     """
 
     folder: Path
@@ -53,6 +54,7 @@ class RunVerdict:
     found_frames: int = 0
     lost_frames: int = 0
     images: int = 0
+    sound: list[str] = field(default_factory=list)
     open: dict[str, str] = field(default_factory=dict)
     problems: list[Damage] = field(default_factory=list)
 
@@ -61,27 +63,26 @@ class RunVerdict:
         """Nothing is damaged, and a finished run has all of its plan."""
         return not self.problems
 
-    def line(self) -> str:
-        """The verdict in a line."""
+    def lines(self) -> Iterator[str]:
+        """The verdict, then a line for each press that is not complete and each problem."""
         said = "whole" if self.whole else f"DAMAGED: {len(self.problems)} problems"
         end = "finished" if self.finished else "unfinished"
         if self.being_written:
             end = "being written now"
         lost = f" ({self.lost_frames} lost while it ran)" if self.lost_frames else ""
-        return (
+        yield (
             f"{self.folder}: {said} ({end}): {self.whole_presses} of {self.presses} presses whole, "
             f"{self.found_frames} of {self.frames} frames{lost}, {self.images} images, "
             f"format {self.format}"
         )
+        for press, why in self.open.items():
+            yield f"open  {press}: {why}; `run --resume` repeats it"
+        for problem in self.problems:
+            yield f"{problem.kind}  {problem.where}: {problem.text}"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
-        return {
-            **{k: v for k, v in vars(self).items() if k not in ("folder", "problems")},
-            "folder": str(self.folder),
-            "whole": self.whole,
-            "problems": [vars(problem) for problem in self.problems],
-        }
+        return {**asdict(self), "folder": str(self.folder), "whole": self.whole}
 
 
 def check(folder: Path, progress: Progress | None = None) -> RunVerdict:
@@ -101,21 +102,19 @@ def check(folder: Path, progress: Progress | None = None) -> RunVerdict:
     verdict.format, verdict.finished = run.format, run.finished
     verdict.being_written = being_written(folder)
     add = verdict.problems.append
-    for number in notes.damaged_lines(folder):
-        add(Damage("damaged", "notes.jsonl", f"line {number} is no note"))
+    for number, note in notes.lines(folder):
+        if note is None:
+            add(Damage("damaged", "notes.jsonl", f"line {number} is no note"))
     steps: list[Step] = []
     if run.format not in WITHOUT_PLAN:
         try:
-            steps = planned(run)
+            steps = _planned(run)
         except InputError as why:
             add(Damage("damaged", "protocol.toml", str(why)))
     try:
         with run.reader() as db:
             db.execute("BEGIN")  # one moment of a run that goes on
-            broken = [Damage("damaged", "journal.sqlite", line) for line in unsound(db)]
-            verdict.problems += broken
-            if not broken:
-                verdict.problems += _judge(run, db, steps, verdict, progress)
+            verdict.problems += judge(run, db, steps, verdict, progress)
     except RunFailed as why:
         add(Damage("damaged", "journal.sqlite", str(why)))
     if run.finished and steps:
@@ -123,7 +122,7 @@ def check(folder: Path, progress: Progress | None = None) -> RunVerdict:
     return verdict
 
 
-def planned(run: Run) -> list[Step]:
+def _planned(run: Run) -> list[Step]:
     """The steps that the run's protocol becomes.
 
     Raises InputError when protocol.toml cannot be read or says something else than run.json.
@@ -151,14 +150,22 @@ def require_whole(run: Run, progress: Progress | None = None) -> None:
         )
 
 
-def _judge(
+def judge(
     run: Run,
     db: sqlite3.Connection,
     steps: Sequence[Step],
     verdict: RunVerdict,
     progress: Progress | None,
 ) -> Iterator[Damage]:
-    """steps: of the plan; none where it is not known, and rows are held against files only."""
+    """What is wrong with rows and files; counts, whole and open presses go into the verdict.
+
+    steps: of the plan; none where it is not known, and rows are held against files only. Of a
+    journal whose file or indices are broken nothing else is said.
+    """
+    broken = [line for (line,) in db.execute("PRAGMA integrity_check") if line != "ok"]
+    if broken:
+        yield from (Damage("damaged", "journal.sqlite", line) for line in broken)
+        return
     done = {row[0]: row[1:] for row in db.execute("SELECT step_id, seq, press FROM steps")}
     found: dict[str, FileAndHash] = {}
     placed: dict[str, tuple[Any, ...]] = {}
@@ -166,10 +173,12 @@ def _judge(
         "SELECT frame_id, file, sha256, seq, step_id, press, k FROM frames ORDER BY seq"
     ):
         found[frame_id], placed[frame_id] = (file, digest), tuple(place)
+    ids: dict[str, list[str]] = {}
+    for step in steps:
+        ids.setdefault(step.press, []).extend([*_frame_ids(step), step.id])
     if steps:
         yield from _differences(steps, done, placed)
-    ids = {press: frame_ids(part) + [s.id for s in part] for press, part in by_press(steps).items()}
-    if not steps:
+    else:
         for frame_id, (_, _, press, _) in placed.items():
             ids.setdefault(press, []).append(frame_id)
     changes = {step.press for step in steps if step.kind == "change"}
@@ -181,38 +190,42 @@ def _judge(
     checked = 0
     for press, part in ids.items():
         missing = [i for i in part if not (i in found or i in done or i in lost)]
+        lacks = f"not in the journal: {len(missing)} of {len(part)} frames and steps, from "
         if missing and not run.finished:  # a resume does it again, whatever is there of it
             if len(missing) < len(part):
-                verdict.open[press] = _lacks(missing, part)
+                verdict.open[press] = lacks + missing[0]
             continue
         if missing:
-            yield Damage("missing", press, _lacks(missing, part))
+            yield Damage("missing", press, lacks + missing[0])
         frames = {i: found[i] for i in part if i in found}
-        lines = list(damages(run, press, frames))
+        lines = list(_damages(run, press, frames))
         yield from (Damage("damaged", press, line) for line in lines)
-        verdict.whole_presses += not missing and not lines and press not in changes
+        if not missing and not lines:
+            verdict.sound.append(press)
         checked += len(frames)
         if progress is not None and frames:
             progress(checked, len(found), f"checking {press}")
+    verdict.whole_presses = len(set(verdict.sound) - changes)
     if run.finished:  # what a cut-off press left is cleared by the resume
         yield from _strays(run, {file for file, _ in found.values() if file}, ids)
+
+
+def _frame_ids(step: Step) -> list[str]:
+    """Ids of the frames of a step, in order of capture."""
+    return [frame_id_of(step, k) for k in range(1, step.frames + 1)]
 
 
 def _lost(
     run: Run, db: sqlite3.Connection, steps: Sequence[Step], found: Container[str]
 ) -> set[str]:
     """Ids of frames that did not come, as many as their steps say: counted, and no damage."""
-    if run.format is None or run.format < 5:
+    if run.format < 5:
         return set()
     missed = dict(db.execute("SELECT step_id, missed FROM steps"))
     lost: set[str] = set()
     for step in steps:
-        lost.update([i for i in frame_ids([step]) if i not in found][: missed.get(step.id, 0)])
+        lost.update([i for i in _frame_ids(step) if i not in found][: missed.get(step.id, 0)])
     return lost
-
-
-def _lacks(missing: Sequence[str], part: Sequence[str]) -> str:
-    return f"not in the journal: {len(missing)} of {len(part)} frames and steps, from {missing[0]}"
 
 
 def _differences(
@@ -224,19 +237,58 @@ def _differences(
     wanted_steps = {step.id: (n, step.press) for n, step in enumerate(steps, start=1)}
     wanted_frames: dict[str, tuple[Any, ...]] = {}
     for step in steps:
-        for k in range(1, step.frames + 1):
-            place = (len(wanted_frames) + 1, step.id, step.press, k)
-            wanted_frames[frame_id_of(step, k)] = place
-    for what, wanted, rows in (
-        ("step", wanted_steps, done),
-        ("frame", wanted_frames, placed),
-    ):
+        for k, frame_id in enumerate(_frame_ids(step), start=1):
+            wanted_frames[frame_id] = (len(wanted_frames) + 1, step.id, step.press, k)
+    for what, wanted, rows in (("step", wanted_steps, done), ("frame", wanted_frames, placed)):
         for row_id, place in rows.items():
             if row_id not in wanted:
                 yield Damage("extra", row_id, f"a {what} that the protocol does not have")
             elif place != wanted[row_id]:
                 text = f"the {what} stands at {place}, the protocol has it at {wanted[row_id]}"
                 yield Damage("differs", row_id, text)
+
+
+def _damages(run: Run, press: str, frames: Mapping[str, FileAndHash]) -> Iterator[str]:
+    """What is wrong with the files of a press whose rows are all there, a line each."""
+    drawn = False
+    for file, digest in frames.values():
+        if file is None:
+            continue
+        drawn = True
+        try:
+            data = (run.folder / file).read_bytes()
+        except OSError as why:
+            yield f"{file}: {why.strerror}"
+            continue
+        if hashlib.sha256(data).hexdigest() != digest:
+            yield f"{file}: differs from its hash in the journal"
+    if run.format != 2:
+        for which in run.damaged_samples(press):
+            yield f"its samples are damaged: {which}"
+    if drawn and run.simulated:
+        yield from _truth_damages(run, press, list(frames))
+
+
+def _truth_damages(run: Run, press: str, frame_ids: list[str]) -> Iterator[str]:
+    needed = [lattice_file(run.folder)]
+    if (run.meta["camera"] or {}).get("model") == "rectified":
+        needed.append(lens_file(run.folder))
+    needed.append(truth_file(run.folder, press))
+    for path in needed:
+        if not path.is_file():
+            yield f"{path.relative_to(run.folder)}: its truth is missing"
+            return
+    name = needed[-1].relative_to(run.folder)
+    try:
+        with zipfile.ZipFile(needed[-1]) as packed:
+            bad = packed.testzip()
+        with np.load(needed[-1]) as data:
+            ids = data["frame_id"].tolist()
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as why:
+        yield f"{name}: its truth is damaged: {why}"
+        return
+    if bad is not None or ids != frame_ids:
+        yield f"{name}: its truth is damaged"
 
 
 def _strays(run: Run, named: Iterable[str], plan: Iterable[str]) -> Iterator[Damage]:

@@ -15,8 +15,14 @@ from typing_extensions import TypedDict  # pydantic: needed before Python 3.12
 
 from .. import catalog, reading
 from ..errors import InputError
+from ..protocols.plan import Step
 
 FORMAT = 5
+
+
+def frame_id_of(step: Step, k: int) -> str:
+    """Id of the k-th frame of a step, from 1."""
+    return f"{step.id}#{k:03d}"
 
 
 def image_file(frame_id: str, suffix: str = "png") -> str:
@@ -155,30 +161,19 @@ class Kept(dict[str, Any]):
         raise InputError(f"{self.source}: {key}: missing key")
 
 
-def run_file(folder: Path) -> dict[str, Any]:
-    """What run.json holds. Raises InputError naming file and key, then and for a missing key."""
-    path = folder / "run.json"
+_FILES = {"run.json": _RunFile, "pattern.json": _PatternFile, "summary.json": _SummaryFile}
+
+
+def kept(folder: Path, name: str) -> dict[str, Any]:
+    """What run.json, pattern.json or summary.json of a run holds.
+
+    Raises InputError naming file and key, then and for a missing key.
+    """
+    path = folder / name
     data = reading.json_object(path)
-    known = data.get("format")
-    if known not in (2, 3, 4, FORMAT) or isinstance(known, bool):
+    if name == "run.json" and (known := data.get("format")) not in (2, 3, 4, FORMAT):
         raise InputError(f"{path}: format: {known}, this version reads 2 to {FORMAT}")
-    return _kept(_RunFile, data, path)
-
-
-def pattern_file(folder: Path) -> dict[str, Any]:
-    """What pattern.json holds. Raises as `run_file` does."""
-    path = folder / "pattern.json"
-    return _kept(_PatternFile, reading.json_object(path), path)
-
-
-def summary_file(folder: Path) -> dict[str, Any]:
-    """What summary.json holds. Raises as `run_file` does."""
-    path = folder / "summary.json"
-    return _kept(_SummaryFile, reading.json_object(path), path)
-
-
-def _kept(kind: type, data: dict[str, Any], path: Path) -> dict[str, Any]:
-    catalog.validate(kind, data, str(path))
+    catalog.validate(_FILES[name], data, str(path))
     found: dict[str, Any] = _wrapped(data, str(path))
     return found
 

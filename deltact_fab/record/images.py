@@ -42,11 +42,6 @@ def require(suffix: str) -> None:
         _imagecodecs()
 
 
-def ready(suffix: str) -> None:
-    """Load what `encode` needs: doing so keeps all other threads waiting for a good while."""
-    encode(np.zeros((8, 8, 3), np.uint8), suffix)
-
-
 def encode(image: NDArray[np.uint8], suffix: str) -> bytes:
     """(h, w, 3) BGR to the bytes of a file, without loss. Raises RunFailed."""
     if suffix == "png":

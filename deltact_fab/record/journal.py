@@ -7,7 +7,7 @@ import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from ..errors import InputError, RunFailed
 
@@ -43,52 +43,37 @@ WALL_COLUMNS = ("wall_s",)  # the only columns in which two equal runs may diffe
 CLOCK_COLUMNS = (*WALL_COLUMNS, "t_s", "t_start_s", "t_end_s", "origin_s")
 
 
-class WriteLock:
-    """The right to write into a run folder; it ends with the process, however that dies."""
+def claim(folder: Path) -> BinaryIO:
+    """Claim a run folder until the file that this returns is closed, or the process dies.
 
-    def __init__(self, handle: int | None) -> None:
-        self._handle = handle
-
-    def close(self) -> None:
-        """Give it back."""
-        handle, self._handle = self._handle, None
-        if handle is not None:
-            os.close(handle)
-
-
-def claim(folder: Path) -> WriteLock:
-    """Claim a run folder. Raises InputError when another process has it."""
-    if os.name != "posix":
-        return WriteLock(None)
-    import fcntl
-
+    Raises InputError when another process has it.
+    """
     # On run.json, for a lock on the journal would disturb the locks of SQLite itself.
-    handle = os.open(folder / "run.json", os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as why:
-        os.close(handle)
-        raise InputError(f"{folder}: another process is writing this run") from why
-    except OSError:  # a file system without locks
-        os.close(handle)
-        return WriteLock(None)
-    return WriteLock(handle)
+    file = (folder / "run.json").open("rb")
+    if not _lock(file, shared=False):
+        file.close()
+        raise InputError(f"{folder}: another process is writing this run")
+    return file
 
 
 def being_written(folder: Path) -> bool:
     """Whether another process has the run claimed just now."""
-    if os.name != "posix":
-        return False
-    import fcntl
-
     with (folder / "run.json").open("rb") as file:
+        return not _lock(file, shared=True)
+
+
+def _lock(file: BinaryIO, shared: bool) -> bool:
+    """Lock a file until it is closed; False when another process has it. True without locks."""
+    if os.name == "posix":
+        import fcntl
+
         try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
         except BlockingIOError:
-            return True
-        except OSError:  # a file system without locks
             return False
-    return False
+        except OSError:  # a file system without locks
+            pass
+    return True
 
 
 def connect(folder: Path, new: bool = False) -> sqlite3.Connection:
@@ -122,38 +107,37 @@ def misfits(db: sqlite3.Connection, of_today: bool) -> Iterator[str]:
     SQLite stores them all the same, and only what computes with them would fail. of_today: in this
     version's format, so that a column or the first event may be found missing.
     """
+    have = _columns(db)
     if of_today:
         with closing(sqlite3.connect(":memory:")) as empty:
             empty.executescript(SCHEMA)
-            lost = _columns(empty) - _columns(db)
-        have = {table for table, _ in _columns(db)}
-        for table in sorted({table for table, _ in lost} - have):
+            lost = sorted(_columns(empty).keys() - have.keys())
+        tables = {table for table, _ in have}
+        for table in sorted({table for table, _ in lost} - tables):
             yield f"no such table: {table}"
-        for table, column in sorted(lost):
-            if table in have:
+        for table, column in lost:
+            if table in tables:
                 yield f"{table}.{column}: no such column"
         if not lost and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
             yield "events: none; a run begins with one"
-    tables = db.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
-    for (table,) in tables:
-        for _, column, kind, needed, _, key in db.execute(f'PRAGMA table_info("{table}")'):
-            fits = _FITS.get(kind)
-            if fits is None:
-                continue
-            if not (needed or key):
-                fits = f"{{0}} IS NULL OR {fits}"
-            wrong = f"NOT coalesce({fits.format(chr(34) + column + chr(34))}, FALSE)"
-            count = db.execute(f'SELECT count(*) FROM "{table}" WHERE {wrong}').fetchone()[0]
-            if count:
-                yield f"{table}.{column}: {count} of its values are damaged"
+    for (table, column), (kind, needed) in have.items():
+        if (fits := _FITS.get(kind)) is None:
+            continue
+        if not needed:
+            fits = f"{{0}} IS NULL OR {fits}"
+        wrong = f"NOT coalesce({fits.format(chr(34) + column + chr(34))}, FALSE)"
+        count = db.execute(f'SELECT count(*) FROM "{table}" WHERE {wrong}').fetchone()[0]
+        if count:
+            yield f"{table}.{column}: {count} of its values are damaged"
 
 
-def _columns(db: sqlite3.Connection) -> set[tuple[str, str]]:
+def _columns(db: sqlite3.Connection) -> dict[tuple[str, str], tuple[str, bool]]:
+    """Of every column, by its table and name, the type and whether it must have a value."""
     query = (
-        "SELECT t.name, c.name FROM sqlite_master t, pragma_table_info(t.name) c "
-        "WHERE t.type = 'table'"
+        'SELECT t.name, c.name, c.type, c."notnull" OR c.pk '
+        "FROM sqlite_master t, pragma_table_info(t.name) c WHERE t.type = 'table'"
     )
-    return set(db.execute(query))
+    return {(table, column): (kind, needed) for table, column, kind, needed in db.execute(query)}
 
 
 _FITS = {

@@ -33,16 +33,14 @@ def add(folder: Path, text: str) -> dict[str, Any]:
     path = notes_file(folder)
     new = not path.exists()
     try:
-        handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-        try:
-            size = os.fstat(handle).st_size
-            torn = size > 0 and _last_byte(path) != b"\n"  # by a process that died in the middle
+        with path.open("a+b", buffering=0) as file:
+            end = file.seek(0, os.SEEK_END)
+            file.seek(max(end - 1, 0))
+            torn = file.read(1) not in (b"", b"\n")  # by a process that died in the middle
             data = b"\n" * torn + json.dumps(note).encode() + b"\n"
-            if os.write(handle, data) != len(data):
+            if file.write(data) != len(data):
                 raise RunFailed(f"{path}: cannot be written: the disk is full")
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+            os.fsync(file.fileno())
         if new:
             sync_folder(folder)
     except OSError as why:
@@ -60,31 +58,19 @@ def usable(text: str) -> str:
     return text
 
 
-def read(folder: Path) -> list[dict[str, Any]]:
-    """All notes of a run in the order of writing. A line that is damaged is left out."""
-    return [note for _, note in _lines(folder) if note is not None]
+def lines(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
+    """Each line's number, from 1, and its note in the order of writing; None where it is damaged.
 
-
-def damaged_lines(folder: Path) -> list[int]:
-    """Numbers, from 1, of the lines that hold no note."""
-    return [number for number, note in _lines(folder) if note is None]
-
-
-def _lines(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
+    Raises RunFailed when they cannot be read.
+    """
     path = notes_file(folder)
     try:
-        lines = path.read_bytes().splitlines() if path.exists() else []
+        written = path.read_bytes().splitlines() if path.exists() else []
     except OSError as why:
         raise RunFailed(f"{path}: cannot be read: {why.strerror}") from why
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(written, start=1):
         try:
             note = reading.json_text(line.decode(), f"{path}:{number}")
             yield number, {"wall_s": float(note["wall_s"]), "text": str(note["text"])}
         except (InputError, ValueError, KeyError, TypeError):
             yield number, None
-
-
-def _last_byte(path: Path) -> bytes:
-    with path.open("rb") as file:
-        file.seek(-1, os.SEEK_END)
-        return file.read(1)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -155,43 +154,31 @@ class WriterThreads:
         self._failed(self.failure)
 
     def _run(self) -> None:
-        batch: list[_Entry] = []
-        due_s = 0.0
         while True:
             with self._changed:
-                left_s = due_s - time.monotonic() if batch else None
-                self._changed.wait_for(lambda: self._queue or self._hurry, left_s)
-                entry = self._queue.popleft() if self._queue else None
-                ending = self._ending and entry is None
-            if entry is not None:
+                self._changed.wait_for(lambda: self._queue or self._ending)
+                self._changed.wait_for(lambda: self._hurry or len(self._queue) >= BATCH, BATCH_S)
+                batch = [self._queue.popleft() for _ in range(min(BATCH, len(self._queue)))]
                 if not batch:
-                    due_s = time.monotonic() + BATCH_S
-                batch.append(entry)
-            if batch and (entry is None or len(batch) >= BATCH or time.monotonic() >= due_s):
-                self._commit(batch)
-                with self._changed:
-                    self._open -= len(batch)
-                    self._changed.notify_all()
-                batch = []
-            if entry is None:
-                with self._changed:
-                    if not self._queue:
-                        self._hurry = self._ending
-            if ending and not batch:
-                return
+                    return
+            self._commit(batch)
+            with self._changed:
+                self._open -= len(batch)
+                if not self._queue:
+                    self._hurry = self._ending
+                self._changed.notify_all()
 
     def _commit(self, batch: Sequence[_Entry]) -> None:
         """Commit what comes before the first entry that failed; of the rest only the history."""
         whole: list[_Entry] = []
-        for entry in batch if not self._cut else ():
-            try:
+        try:
+            for entry in batch if not self._cut else ():
                 if entry.digest is not None:
                     entry.rows[0][1][SHA256] = entry.digest.result()
-            except BaseException as why:
-                self._cut = True
-                self._fail(why)
-                break
-            whole.append(entry)
+                whole.append(entry)
+        except BaseException as why:
+            self._cut = True
+            self._fail(why)
         rest = batch[len(whole) :]
         try:
             if any(entry.digest is not None for entry in whole):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, RunFailed
 from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
 from . import notes
-from .files import FORMAT, flat_file, lattice_file, pattern_file, run_file, summary_file
+from .files import FORMAT, flat_file, kept, lattice_file
 from .images import decode, encode_png
 from .journal import misfits
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
@@ -39,8 +39,8 @@ class Run:
             what = "not a run folder (no run.json)" if folder.exists() else "no such folder"
             raise InputError(f"{folder}: {what}")
         self.folder = folder
-        self.meta: dict[str, Any] = run_file(folder)
-        self.pattern: dict[str, Any] = pattern_file(folder)
+        self.meta: dict[str, Any] = kept(folder, "run.json")
+        self.pattern: dict[str, Any] = kept(folder, "pattern.json")
         self.format = int(self.meta["format"])
         """Of the folder; 2: force and pose stand with the frames; up to 3: settled is not kept."""
         self._sound = False
@@ -112,7 +112,8 @@ class Run:
         """One row an operator's note, in the order of writing: wall_s of the day, text."""
         import pandas as pd
 
-        return pd.DataFrame(notes.read(self.folder), columns=["wall_s", "text"])
+        kept = [note for _, note in notes.lines(self.folder) if note is not None]
+        return pd.DataFrame(kept, columns=["wall_s", "text"])
 
     def steps(self, press: str | None = None) -> pd.DataFrame:
         """One row a finished step (of one press)."""
@@ -222,7 +223,7 @@ class Run:
         if not self.finished:
             return {}
         try:
-            return summary_file(self.folder)
+            return kept(self.folder, "summary.json")
         except InputError as why:
             raise RunFailed(str(why)) from why
 
@@ -271,21 +272,19 @@ class Run:
             begun_s = table.groupby("press")["t_s"].transform("first")
             table = table.assign(t_press_s=table["t_s"] - begun_s, **dict.fromkeys(more))
             return table[["press", "step_id", "t_s", "t_press_s", *names, *more]]
-        parts = []
-        for of_press, step_id, chunk in self._chunks(stream, press):
-            t_press_s = chunk.t_press_s()
-            parts.append(
-                pd.DataFrame(
-                    {
-                        "press": of_press,
-                        "step_id": step_id,
-                        "t_s": chunk.origin_s + t_press_s,
-                        "t_press_s": t_press_s,
-                        **{name: chunk.values(name) for name in names},
-                        **{name: chunk.columns[name] for name in more},
-                    }
-                )
+        parts = [
+            pd.DataFrame(
+                {
+                    "press": of_press,
+                    "step_id": step_id,
+                    "t_s": chunk.origin_s + chunk.t_press_s(),
+                    "t_press_s": chunk.t_press_s(),
+                    **{name: chunk.values(name) for name in names},
+                    **{name: chunk.columns[name] for name in more},
+                }
             )
+            for of_press, step_id, chunk in self._chunks(stream, press)
+        ]
         if not parts:
             return pd.DataFrame(columns=["press", "step_id", "t_s", "t_press_s", *names, *more])
         return pd.concat(parts, ignore_index=True)

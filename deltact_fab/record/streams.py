@@ -13,6 +13,7 @@ import json
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,15 +46,21 @@ class Chunk:
         return np.asarray(self.columns[name] / self.per_unit.get(name, 1.0), float)
 
 
-def pack(chunk: Chunk) -> tuple[str, bytes]:
-    """What the columns are, as JSON, and their bytes."""
+def pack(chunk: Chunk) -> dict[str, Any]:
+    """The columns of a journal's row that hold a chunk: what it is, as JSON, and its bytes."""
     heads, parts = [], []
     for name, column in chunk.columns.items():
         values = np.diff(column, prepend=0) if name == TIME else column
         little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
         heads.append([name, little.dtype.str, chunk.per_unit.get(name, 1.0)])
         parts.append(little.view(np.uint8).reshape(-1, little.itemsize).T.tobytes())
-    return json.dumps(heads), zlib.compress(b"".join(parts), LEVEL)
+    return {
+        "stream": chunk.stream,
+        "n": len(chunk),
+        "origin_s": chunk.origin_s,
+        "columns": json.dumps(heads),
+        "data": zlib.compress(b"".join(parts), LEVEL),
+    }
 
 
 def unpack(stream: str, origin_s: float, n: int, heads: str, data: bytes) -> Chunk:

@@ -11,7 +11,9 @@ those of the day, as exact as its clock was when the session began.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +24,12 @@ from .run import Run
 
 @dataclass(frozen=True)
 class TimeLine:
-    """offsets_ns: of each session; sessions: of each press and each event's seq, from 0."""
+    """offsets_ns: of each session; sessions: of each press and each event's seq, from 0.
 
+    presses: all that have rows, changes of the indenter among them, in the order they were begun.
+    """
+
+    presses: tuple[str, ...]
     offsets_ns: tuple[int, ...]
     press_session: dict[str, int]
     event_session: dict[int, int]
@@ -33,41 +39,41 @@ class TimeLine:
         """The time line of a run. Raises RunFailed for a journal that cannot be read."""
         with run.reader() as db:
             rows = db.execute(
-                "SELECT press, min(a), max(b), max(wall_s), min(wall_s - b) FROM ("
+                "SELECT press, min(a), max(b), max(wall_s), min(wall_s - b), min(wall_s) FROM ("
                 "SELECT press, t_start_s a, t_end_s b, wall_s FROM steps UNION ALL "
                 "SELECT press, t_s, t_s, wall_s FROM frames) GROUP BY press ORDER BY max(wall_s)"
             ).fetchall()
             what = "SELECT seq, kind, press, t_s, wall_s FROM events ORDER BY seq"
             events = [] if run.format == 2 else db.execute(what).fetchall()
-        sessions: list[_Session] = []
+        begun: list[float] = []  # the day's time of each session's first event
+        # Of each session: from, to by its clock, and the day's time over it.
+        spans: dict[int, list[tuple[float, float, float]]] = defaultdict(list)
         press_session: dict[str, int] = {}
         event_session: dict[int, int] = {}
         for seq, kind, press, t_s, wall_s in events:
-            if kind == "session" or not sessions:
-                sessions.append(_Session(wall_s))
-            at = event_session[seq] = len(sessions) - 1
+            if kind == "session" or not begun:
+                begun.append(wall_s)
+            at = event_session[seq] = len(begun) - 1
             if press is not None:
                 press_session[press] = at  # the last one: a press may be done again
             if t_s is not None:
-                sessions[at].take(t_s, t_s, wall_s - t_s)
-        for press, first_s, last_s, wall_s, over_s in rows:
+                spans[at].append((t_s, t_s, wall_s - t_s))
+        for press, first_s, last_s, wall_s, over_s, _ in rows:
             if run.format == 2:  # knows no sessions: each press by itself
-                sessions.append(_Session(wall_s))
-                press_session[press] = len(sessions) - 1
+                begun.append(wall_s)
+                press_session[press] = len(begun) - 1
             elif press not in press_session:  # a change of the indenter has no event of its own
-                begun = [n for n, session in enumerate(sessions) if session.wall_s <= wall_s]
-                press_session[press] = max(begun, default=0)
-            sessions[press_session[press]].take(first_s, last_s, over_s)
-        offsets: list[int] = []
+                earlier = [n for n, begun_s in enumerate(begun) if begun_s <= wall_s]
+                press_session[press] = max(earlier, default=0)
+            spans[press_session[press]].append((first_s, last_s, over_s))
+        offsets = [0] * len(begun)  # of a session that was over before its clock ran
         end_ns = 0
-        for session in sessions:
-            if math.isinf(session.first_s):  # it was over before its clock ran
-                offsets.append(0)
-                continue
-            offset_ns = max(to_ns(session.over_s), end_ns - to_ns(session.first_s))
-            offsets.append(offset_ns)
-            end_ns = offset_ns + to_ns(session.last_s)
-        return cls(tuple(offsets), press_session, event_session)
+        for at, span in sorted(spans.items()):
+            first_s, last_s = min(first for first, _, _ in span), max(last for _, last, _ in span)
+            offsets[at] = max(to_ns(span[0][2]), end_ns - to_ns(first_s))
+            end_ns = offsets[at] + to_ns(last_s)
+        presses = tuple(row[0] for row in sorted(rows, key=itemgetter(5)))
+        return cls(presses, tuple(offsets), press_session, event_session)
 
     def of_press_ns(self, press: str, t_s: NDArray[np.float64] | float) -> NDArray[np.int64]:
         """Times of the rig's clock in a press, on the line."""
@@ -79,18 +85,3 @@ class TimeLine:
         if t_s is None or math.isnan(t_s):
             return to_ns(wall_s)
         return to_ns(t_s) + self.offsets_ns[self.event_session[seq]]
-
-
-@dataclass
-class _Session:
-    """What its clock went through, and the day's time over it at its first event."""
-
-    wall_s: float
-    first_s: float = math.inf
-    last_s: float = -math.inf
-    over_s: float = math.nan
-
-    def take(self, first_s: float, last_s: float, over_s: float) -> None:
-        self.first_s, self.last_s = min(self.first_s, first_s), max(self.last_s, last_s)
-        if math.isnan(self.over_s):
-            self.over_s = over_s

@@ -39,7 +39,8 @@ class RunTruth:
 
     camera: CameraModel
     lattice: SurfaceLattice
-    frames: dict[str, tuple[str, float]]  # frame id -> (knot key "press:a:b", fraction)
+    frames: dict[str, tuple[str, int, int, float]]
+    """Of a frame by its id: the press, the knots before and after it, how far it is between."""
     folder: Path  # of the run
     lens: Fisheye | None = None
     """What the frames were drawn through; None: through the record's camera itself."""
@@ -74,26 +75,19 @@ class RunTruth:
         return np.asarray(first + fraction * (knots[b].astype(float) - first))
 
     def _place(self, frame_id: str) -> tuple[str, int, int, float]:
-        """The press of a frame, the knots before and after it, and how far it is between them."""
         if frame_id not in self.frames:
             raise RunFailed(
                 f"{self.folder}: no truth of frame {frame_id}: its press was cut off; finish the "
                 "run with --resume"
             )
-        key, fraction = self.frames[frame_id]
-        press, a, b = key.rsplit(":", 2)
-        return press, int(a), int(b), fraction
+        return self.frames[frame_id]
 
     def flow_px(self, frame_id: str) -> NDArray[np.float64]:
         """Projected displacement of what every pixel sees at rest, (h, w, 2) px."""
         return self._seen.flow_px(self.displacement_mm(frame_id))
 
-    def in_plane_mm(self, frame_id: str) -> NDArray[np.float64]:
-        """In-plane displacement of what every pixel sees at rest, (h, w, 2) mm: not projected."""
-        return self._seen.in_plane_mm(self.displacement_mm(frame_id))
-
     def flow_and_in_plane(self, frame_id: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """`flow_px` and `in_plane_mm`, for little more than the first."""
+        """`flow_px`, and the displacement in the plane, (h, w, 2) mm: not projected."""
         return self._seen.both(self.displacement_mm(frame_id))
 
     def points_px(self, frame_id: str, xy_mm: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -123,13 +117,17 @@ def load(
     folder: Path, camera: CameraModel, presses: Iterable[str], tractions: bool = False
 ) -> RunTruth:
     """The truth of all complete ones of these presses. Raises RunFailed when it is damaged."""
-    index = lattice_file(folder)
+    index, drawn = lattice_file(folder), lens_file(folder)
+    lens = None
     try:
         lattice = catalog.validate(SurfaceLattice, reading.json_object(index), str(index))
+        if isinstance(camera, Rectified):
+            lens = camera_from_dict(reading.json_object(drawn), str(drawn))
     except InputError as why:
         raise RunFailed(str(why)) from why
-    lens = _lens(lens_file(folder)) if isinstance(camera, Rectified) else None
-    frames: dict[str, tuple[str, float]] = {}
+    if not isinstance(lens, Fisheye | None):
+        raise RunFailed(f"{drawn}: model: not a lens that a virtual rig draws through")
+    frames: dict[str, tuple[str, int, int, float]] = {}
     for press in presses:
         path = truth_file(folder, press)
         if not path.is_file():
@@ -137,19 +135,8 @@ def load(
         with _reading(path) as data:
             rows = (data[name].tolist() for name in ("frame_id", "knots", "fraction"))
             for frame_id, (a, b), fraction in zip(*rows, strict=True):
-                frames[frame_id] = (f"{press}:{a}:{b}", fraction)
+                frames[frame_id] = (press, a, b, fraction)
     return RunTruth(camera, lattice, frames, folder, lens, tractions)
-
-
-def _lens(path: Path) -> Fisheye:
-    """The lens that the frames were drawn through. Raises RunFailed."""
-    try:
-        lens = camera_from_dict(reading.json_object(path), str(path))
-    except InputError as why:
-        raise RunFailed(str(why)) from why
-    if not isinstance(lens, Fisheye):
-        raise RunFailed(f"{path}: model: not a lens that a virtual rig draws through")
-    return lens
 
 
 @contextmanager

@@ -8,6 +8,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing, suppress
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,10 @@ from ..errors import InputError, RunFailed
 from ..files import making, sync_folder, write_whole
 from ..optics import FlatField
 from ..protocols.plan import Step
-from .files import FORMAT, flat_file, image_file, json_bytes, truth_file, written
-from .images import image_format, ready, require
+from .check import RunVerdict, judge
+from .files import FORMAT, flat_file, frame_id_of, image_file, json_bytes, truth_file, written
+from .images import encode, image_format, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
-from .kept_presses import frame_id_of, judged
 from .pipeline import TableRow, WriterThreads
 from .run import Run
 from .streams import Chunk, pack
@@ -50,11 +51,8 @@ class RunWriter:
         self.failed: Callable[[RunFailed], None] = lambda why: None
         """Told at once, from another thread, when the disk refuses; the next call raises it too."""
         self._step_seq = {step.id: n for n, step in enumerate(steps, start=1)}
-        self._frames_before = {}
-        frames = 0
-        for step in steps:
-            self._frames_before[step.id] = frames
-            frames += step.frames
+        before = accumulate((step.frames for step in steps), initial=0)
+        self._frames_before = {step.id: n for step, n in zip(steps, before, strict=False)}
         self._claim = claim(folder)
         try:
             self._db = connect(folder)
@@ -128,7 +126,14 @@ class RunWriter:
         writer = cls(folder, steps, image_format(run.meta))
         try:
             with journal_errors(folder):
-                writer.kept, writer.redone = judged(writer._db, run, steps, progress)
+                verdict = RunVerdict(folder)
+                for found in judge(run, writer._db, steps, verdict, progress):
+                    if found.where == "journal.sqlite":
+                        raise sqlite3.DatabaseError(found.text)
+                    if found.kind == "damaged":
+                        writer.redone.setdefault(found.where, found.text)
+                writer.redone |= verdict.open
+                writer.kept = frozenset(verdict.sound)
                 writer._clear()
         except BaseException:
             writer.abandon()
@@ -158,10 +163,7 @@ class RunWriter:
         row: TableRow = {
             "frame_id": frame_id,
             "seq": self._frames_before[step.id] + k,
-            "step_id": step.id,
-            "press": step.press,
-            "indenter": step.indenter,
-            "kind": step.kind,
+            **_named(step),
             "k": k,
             "settled": step.settled and k == step.frames,
             "file": None,
@@ -198,10 +200,7 @@ class RunWriter:
         x_mm, y_mm, z_mm = step.target_mm
         row: TableRow = {
             "seq": self._step_seq[step.id],
-            "step_id": step.id,
-            "press": step.press,
-            "indenter": step.indenter,
-            "kind": step.kind,
+            **_named(step),
             "x_mm": x_mm,
             "y_mm": y_mm,
             "z_mm": z_mm,
@@ -225,8 +224,8 @@ class RunWriter:
         self._writing.put([("events", _event(kind, text, t_s, step))], history=True)
 
     def ready(self) -> None:
-        """Load what writing images needs, so that the first one does not wait for it."""
-        ready(self.image_format)
+        """Load what writing images needs: doing so keeps all other threads waiting for a while."""
+        encode(np.zeros((8, 8, 3), np.uint8), self.image_format)
 
     def flush(self) -> None:
         """Wait until all is committed. Raises RunFailed, as all that writes does after a failure.
@@ -267,21 +266,8 @@ class RunWriter:
         self._claim.close()
 
     def _samples(self, step: Step, chunks: Iterable[Chunk]) -> list[tuple[str, TableRow]]:
-        rows: list[tuple[str, TableRow]] = []
-        for chunk in chunks:
-            columns, data = pack(chunk)
-            row: TableRow = {
-                "seq": self._step_seq[step.id],
-                "stream": chunk.stream,
-                "press": step.press,
-                "step_id": step.id,
-                "n": len(chunk),
-                "origin_s": chunk.origin_s,
-                "columns": columns,
-                "data": data,
-            }
-            rows.append(("samples", row))
-        return rows
+        place = {"seq": self._step_seq[step.id], "press": step.press, "step_id": step.id}
+        return [("samples", {**place, **pack(chunk)}) for chunk in chunks]
 
     def _clear(self) -> None:
         """Remove all but the kept presses: rows first, for a file without a row is cleared again.
@@ -296,11 +282,11 @@ class RunWriter:
             query = "SELECT coalesce(sum(missed), 0) FROM steps"
             self.missed = self._db.execute(query).fetchone()[0]
             kept_frames = self._db.execute("SELECT count(*) FROM frames").fetchone()[0]
-            again = "; ".join(f"{press}: {text}" for press, text in self.redone.items())
             count = "SELECT count(*) FROM events WHERE kind = 'session'"
             self.session = 1 + self._db.execute(count).fetchone()[0]
             text = f"resumed: {kept_frames} frames kept"
-            text = f"{text}; done again: {again}" if again else text
+            again = "; ".join(f"{press}: {why}" for press, why in self.redone.items())
+            text += f"; done again: {again}" if again else ""
             insert(self._db, "events", _event("session", text))
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}
@@ -311,6 +297,15 @@ class RunWriter:
                     path.unlink()
                 except OSError as why_not:
                     raise RunFailed(f"{path}: cannot be removed: {why_not.strerror}") from why_not
+
+
+def _named(step: Step) -> TableRow:
+    return {
+        "step_id": step.id,
+        "press": step.press,
+        "indenter": step.indenter,
+        "kind": step.kind,
+    }
 
 
 def _event(kind: str, text: str, t_s: float | None = None, step: Step | None = None) -> TableRow:

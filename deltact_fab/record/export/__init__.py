@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from ...aliases import Progress
@@ -12,23 +10,24 @@ from ...extras import require
 from ...files import disk_errors, whole
 from ..run import Run
 
-FORMATS = ("csv", "parquet", "mcap")
-WITH_EXTRA = {"parquet": "pyarrow", "mcap": "mcap"}
-"""What a format is written with, where that is a package of the extra `export`."""
+FORMATS = {"csv": (), "parquet": ("pyarrow",), "mcap": ("mcap",)}
+"""Each with what it is written with, where that is a package of the extra `export`."""
 
 
 def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> dict[str, int]:
     """Write a run to `out`, a new folder (csv, parquet) or file (mcap); return rows by table.
 
-    Of a run that was cut off, what it has. Raises InputError where `out` is there already or has no
-    folder, MissingLibrary without the extra `export`, RunFailed for a damaged run and a full disk.
+    form: one of FORMATS. Of a run that was cut off, what it has. Raises InputError where `out` is
+    there already or has no folder, MissingLibrary without the extra `export`, RunFailed for a
+    damaged run and a full disk.
     """
-    if form not in FORMATS:
-        raise InputError(f"--format: {form!r}; valid: {', '.join(FORMATS)}")
-    if form in WITH_EXTRA:
-        require("export", f"--format {form}", WITH_EXTRA[form])
-    with _new(out) as made:
-        report = progress or (lambda done, total, what: None)
+    require("export", f"--format {form}", *FORMATS[form])
+    if out.exists():
+        raise InputError(f"{out}: already there; name a new one")
+    if not out.absolute().parent.is_dir():
+        raise InputError(f"{out.parent}: no such folder")
+    report = progress or (lambda done, total, what: None)
+    with disk_errors(out), whole(out) as made:
         if form == "mcap":
             from .foxglove import write
 
@@ -36,14 +35,3 @@ def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> 
         from .tables import write as write_tables
 
         return write_tables(run, made, form, report)
-
-
-@contextmanager
-def _new(out: Path) -> Iterator[Path]:
-    """A temporary name beside `out`, which takes its place at the end, or is removed."""
-    if out.exists():
-        raise InputError(f"{out}: already there; name a new one")
-    if not out.absolute().parent.is_dir():
-        raise InputError(f"{out.parent}: no such folder")
-    with disk_errors(out), whole(out) as made:
-        yield made

@@ -11,16 +11,23 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterator
+from heapq import merge
+from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...aliases import Progress
 from ..images import encode_png
 from ..run import Run
+from ..streams import FORCE_COLUMNS, POSE_COLUMNS
 from ..timeline import TimeLine
-from .tables import LINE, described, events, of_press, presses
+from .tables import LINE, described, events, of_press
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CHUNK_BYTES = 4 * 1024 * 1024  # a frame of 1280 x 720 and what was felt with it
 SENSOR = "sensor"  # frame of reference: the sensor frame, z = 0 at the resting face
@@ -111,7 +118,7 @@ SCHEMAS = {
         line=_INTEGER,
     ),
 }
-Message = tuple[int, str, str]  # time, topic, JSON
+Message = tuple[int, str, dict[str, Any]]  # time, topic, what is said
 
 
 def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
@@ -121,7 +128,7 @@ def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
     """
     from mcap.writer import Writer
 
-    line, names = TimeLine.of(run), presses(run)
+    line = TimeLine.of(run)
     counts = dict.fromkeys(SCHEMAS, 0)
     with path.open("wb") as out:
         writer = Writer(out, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
@@ -133,15 +140,11 @@ def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
             channels[topic] = writer.register_channel(topic, "json", schema_id)
         said = {key: json.dumps(value) for key, value in described(run).items()}
         writer.add_metadata("deltact-fab", {**said, **ABOUT})
-        waiting = list(_events(run, line))  # few; each goes in where its time comes
-        for number, press in enumerate(names, start=1):
-            for time_ns, topic, text in _press(run, line, press):
-                while waiting and waiting[0][0] <= time_ns:
-                    _add(writer, channels, counts, waiting.pop(0))
-                _add(writer, channels, counts, (time_ns, topic, text))
-            progress(number, len(names), press)
-        for message in waiting:
-            _add(writer, channels, counts, message)
+        messages = merge(_events(run, line), _presses(run, line, progress), key=itemgetter(0))
+        for time_ns, topic, message in messages:
+            data = json.dumps(message, separators=(",", ":")).encode()
+            writer.add_message(channels[topic], time_ns, data, time_ns, counts[topic])
+            counts[topic] += 1
         for name, media_type in ATTACHED.items():
             if (run.folder / name).is_file():
                 writer.add_attachment(0, 0, name, media_type, (run.folder / name).read_bytes())
@@ -149,59 +152,44 @@ def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
     return counts
 
 
-def _add(writer: Any, channels: dict[str, int], counts: dict[str, int], message: Message) -> None:
-    time_ns, topic, text = message
-    writer.add_message(channels[topic], time_ns, text.encode(), time_ns, counts[topic])
-    counts[topic] += 1
+def _presses(run: Run, line: TimeLine, progress: Progress) -> Iterator[Message]:
+    """All messages of each press in order of time; of images only one is held at once."""
+    for number, press in enumerate(line.presses, start=1):
+        frames, pose, force = (
+            of_press(run, line, name, press).sort_values(LINE, kind="stable")
+            for name in ("frames", "pose", "force")
+        )
+        yield from merge(_frames(run, frames), _poses(pose), _wrenches(force), key=itemgetter(0))
+        progress(number, len(line.presses), press)
 
 
-def _press(run: Run, line: TimeLine, press: str) -> Iterator[Message]:
-    """All messages of a press in order of time; of images only one is held at once."""
-    frames = of_press(run, line, "frames", press)
-    pose = of_press(run, line, "pose", press)
-    force = of_press(run, line, "force", press)
-    sources = [
-        (frames[LINE].to_numpy(np.int64), lambda i: _frame(run, frames.iloc[i])),
-        (pose[LINE].to_numpy(np.int64), _poses(pose)),
-        (force[LINE].to_numpy(np.int64), _wrenches(force)),
-    ]
-    times = np.concatenate([t_ns for t_ns, _ in sources])
-    which = np.repeat(np.arange(len(sources)), [len(t_ns) for t_ns, _ in sources])
-    place = np.concatenate([np.arange(len(t_ns)) for t_ns, _ in sources])
-    for at in np.argsort(times, kind="stable").tolist():
-        time_ns = int(times[at])
-        for topic, text in sources[which[at]][1](int(place[at])):
-            yield time_ns, topic, text.replace(_STAMP, _stamp(time_ns), 1)
-
-
-_STAMP = '"STAMP"'  # where a message's time comes in
-
-
-def _stamp(time_ns: int) -> str:
+def _stamp(time_ns: int) -> dict[str, int]:
     sec, nsec = divmod(time_ns, 1_000_000_000)
-    return f'{{"sec":{sec},"nsec":{nsec}}}'
+    return {"sec": sec, "nsec": nsec}
 
 
-def _frame(run: Run, row: Any) -> list[tuple[str, str]]:
-    told = {
-        "timestamp": "STAMP",
-        "id": str(row["frame_id"]),
-        **{key: str(row[key]) for key in ("press", "step_id", "indenter", "kind")},
-        "k": int(row["k"]),
-        "settled": bool(row["settled"]),
-        "late": bool(row["late"]),
-        "dropped": int(row["dropped"]),
-    }
-    if not isinstance(row["file"], str):  # the scene had no image
-        return [("/camera/frame", json.dumps(told))]
-    told |= {"file": row["file"], "sha256": row["sha256"]}
-    image = {
-        "timestamp": "STAMP",
-        "frame_id": CAMERA,
-        "data": base64.b64encode(_png(run, row["file"])).decode(),
-        "format": "png",
-    }
-    return [("/camera/image", json.dumps(image)), ("/camera/frame", json.dumps(told))]
+def _frames(run: Run, table: pd.DataFrame) -> Iterator[Message]:
+    for _, row in table.iterrows():
+        time_ns = int(row[LINE])
+        told: dict[str, Any] = {
+            "timestamp": _stamp(time_ns),
+            "id": str(row["frame_id"]),
+            **{key: str(row[key]) for key in ("press", "step_id", "indenter", "kind")},
+            "k": int(row["k"]),
+            "settled": bool(row["settled"]),
+            "late": bool(row["late"]),
+            "dropped": int(row["dropped"]),
+        }
+        if isinstance(row["file"], str):  # else the scene had no image
+            told |= {"file": row["file"], "sha256": row["sha256"]}
+            image = {
+                "timestamp": told["timestamp"],
+                "frame_id": CAMERA,
+                "data": base64.b64encode(_png(run, row["file"])).decode(),
+                "format": "png",
+            }
+            yield time_ns, "/camera/image", image
+        yield time_ns, "/camera/frame", told
 
 
 def _png(run: Run, file: str) -> bytes:
@@ -209,49 +197,40 @@ def _png(run: Run, file: str) -> bytes:
     return run.data(file) if file.endswith(".png") else encode_png(run.raw(file))
 
 
-def _poses(table: Any) -> Any:
-    values = table[["x_mm", "y_mm", "z_mm"]].to_numpy(float) / 1e3
-
-    def message(i: int) -> list[tuple[str, str]]:
-        text = (
-            f'{{"timestamp":{_STAMP},"frame_id":"{SENSOR}","pose":{{"position":{_vector(values[i])}'
-            ',"orientation":{"x":0,"y":0,"z":0,"w":1}}}'
-        )
-        return [("/stage/pose", text)]
-
-    return message
+def _poses(table: pd.DataFrame) -> Iterator[Message]:
+    at_m = table[[*POSE_COLUMNS]].to_numpy(float) / 1e3
+    for time_ns, position in zip(map(int, table[LINE]), at_m, strict=True):
+        orientation = {"x": 0, "y": 0, "z": 0, "w": 1}
+        pose = {"position": _vector(position), "orientation": orientation}
+        message = {"timestamp": _stamp(time_ns), "frame_id": SENSOR, "pose": pose}
+        yield time_ns, "/stage/pose", message
 
 
-def _wrenches(table: Any) -> Any:
-    names = ["fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm"]
-    values = table[names].to_numpy(float) / (1, 1, 1, 1e3, 1e3, 1e3)
+def _wrenches(table: pd.DataFrame) -> Iterator[Message]:
+    values = table[[*FORCE_COLUMNS]].to_numpy(float) / (1, 1, 1, 1e3, 1e3, 1e3)
     saturated = table["saturated"].fillna(False).to_numpy(bool)
-
-    def message(i: int) -> list[tuple[str, str]]:
-        text = (
-            f'{{"header":{{"stamp":{_STAMP},"frame_id":"{SENSOR}"}},"wrench":{{"force":'
-            f'{_vector(values[i, :3])},"torque":{_vector(values[i, 3:])}}},"saturated":'
-            f"{'true' if saturated[i] else 'false'}}}"
-        )
-        return [("/force/wrench", text)]
-
-    return message
+    for time_ns, wrench, over in zip(map(int, table[LINE]), values, saturated, strict=True):
+        message = {
+            "header": {"stamp": _stamp(time_ns), "frame_id": SENSOR},
+            "wrench": {"force": _vector(wrench[:3]), "torque": _vector(wrench[3:])},
+            "saturated": bool(over),
+        }
+        yield time_ns, "/force/wrench", message
 
 
-def _vector(values: Any) -> str:
-    x, y, z = values.tolist()
-    return f'{{"x":{x},"y":{y},"z":{z}}}'
+def _vector(values: NDArray[np.float64]) -> dict[str, float]:
+    return dict(zip("xyz", values.tolist(), strict=True))
 
 
 def _events(run: Run, line: TimeLine) -> Iterator[Message]:
     for row in events(run, line).to_dict("records"):
-        text = {
-            "timestamp": "STAMP",
+        time_ns = int(row[LINE])
+        message = {
+            "timestamp": _stamp(time_ns),
             "level": LEVELS.get(row["kind"], 3),
             "message": str(row["text"]) or str(row["kind"]),
             "name": str(row["kind"]),
             "file": row["step_id"] if isinstance(row["step_id"], str) else "",
             "line": 0,
         }
-        time_ns = int(row[LINE])
-        yield time_ns, "/events", json.dumps(text).replace(_STAMP, _stamp(time_ns), 1)
+        yield time_ns, "/events", message

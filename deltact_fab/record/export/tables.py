@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,16 +18,6 @@ from ..timeline import TimeLine
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-def presses(run: Run) -> list[str]:
-    """All presses that have rows, in the plan's order; changes of the indenter among them."""
-    with run.reader() as db:
-        rows = db.execute(
-            "SELECT press FROM (SELECT press, wall_s FROM steps UNION ALL SELECT press, wall_s "
-            "FROM frames) GROUP BY press ORDER BY min(wall_s)"
-        )
-        return [press for (press,) in rows]
 
 
 def described(run: Run) -> dict[str, Any]:
@@ -161,14 +151,6 @@ def events(run: Run, line: TimeLine) -> pd.DataFrame:
     return _shaped("events", table.sort_values(LINE, kind="stable"))
 
 
-def chunks(run: Run, line: TimeLine, presses: list[str]) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Press, table and its rows, press by press; the events last, of no press."""
-    for press in presses:
-        for name in ("frames", "force", "pose", "steps"):
-            yield press, name, of_press(run, line, name, press)
-    yield "", "events", events(run, line)
-
-
 def _shaped(name: str, table: pd.DataFrame) -> pd.DataFrame:
     """Exactly the columns of `TABLES`; what older formats did not know is empty."""
     kinds: dict[str, Any] = {
@@ -177,64 +159,60 @@ def _shaped(name: str, table: pd.DataFrame) -> pd.DataFrame:
     return table.reindex(columns=list(kinds)).astype(kinds)
 
 
-class _Csv:
-    """One table as CSV: what is not known is empty; numbers have all their digits."""
-
-    def __init__(self, path: Path) -> None:
-        self._out = path.open("w", encoding="utf-8", newline="")
-        self._headed = False
-
-    def write(self, table: pd.DataFrame) -> None:
-        table.to_csv(self._out, index=False, header=not self._headed)
-        self._headed = True
-
-    def close(self) -> None:
-        self._out.close()
+@contextmanager
+def _csv(path: Path) -> Iterator[Callable[[pd.DataFrame], None]]:
+    """What adds rows to a CSV file: what is not known is empty; numbers have all their digits."""
+    with path.open("w", encoding="utf-8", newline="") as out:
+        yield lambda table: table.to_csv(out, index=False, header=out.tell() == 0)
 
 
-class _Parquet:
-    """One table as Parquet, a row group a press; units stand with the columns."""
+@contextmanager
+def _parquet(
+    path: Path, columns: list[TableColumn], about: dict[str, Any]
+) -> Iterator[Callable[[pd.DataFrame], None]]:
+    """What adds rows to a Parquet file, a row group a press; units stand with the columns."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
-    def __init__(self, path: Path, columns: list[TableColumn], about: dict[str, Any]) -> None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+    fields = []
+    for column in columns:
+        notes = {"unit": column.unit, "description": column.text}
+        kind = pa.timestamp("ns", tz="UTC") if column.name == LINE else column.kind
+        kind = pa.bool_() if kind == "bool" else kind
+        fields.append(pa.field(column.name, kind, metadata=notes))
+    text = {key: json.dumps(value) for key, value in about.items()}
+    schema = pa.schema(fields, metadata={"deltact-fab": json.dumps(about), **text})
 
-        fields = []
-        for column in columns:
-            notes = {"unit": column.unit, "description": column.text}
-            kind = pa.timestamp("ns", tz="UTC") if column.name == LINE else column.kind
-            kind = pa.bool_() if kind == "bool" else kind
-            fields.append(pa.field(column.name, kind, metadata=notes))
-        text = {key: json.dumps(value) for key, value in about.items()}
-        self._schema = pa.schema(fields, metadata={"deltact-fab": json.dumps(about), **text})
-        self._writer = pq.ParquetWriter(path, self._schema, compression="zstd")
+    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
 
-    def write(self, table: pd.DataFrame) -> None:
-        import pyarrow as pa
+        def add(table: pd.DataFrame) -> None:
+            made = pa.Table.from_pandas(table, schema, preserve_index=False)
+            writer.write_table(made.replace_schema_metadata(schema.metadata))
 
-        made = pa.Table.from_pandas(table, self._schema, preserve_index=False)
-        self._writer.write_table(made.replace_schema_metadata(self._schema.metadata))
-
-    def close(self) -> None:
-        self._writer.close()
+        yield add
 
 
 def write(run: Run, folder: Path, form: str, progress: Progress) -> dict[str, int]:
     """Write all tables into a new folder; return how many rows each has. Raises RunFailed."""
     folder.mkdir()
-    about, line, names = described(run), TimeLine.of(run), presses(run)
+    about, line = described(run), TimeLine.of(run)
     rows = dict.fromkeys(TABLES, 0)
     with ExitStack() as opened:
-        writers: dict[str, _Csv | _Parquet] = {}
+        writers = {}
         for name, columns in TABLES.items():
             path = folder / f"{name}.{form}"
-            writers[name] = _Csv(path) if form == "csv" else _Parquet(path, columns, about)
-            opened.callback(writers[name].close)
-        for press, name, table in chunks(run, line, names):
-            writers[name].write(table)
+            writer = _csv(path) if form == "csv" else _parquet(path, columns, about)
+            writers[name] = opened.enter_context(writer)
+
+        def add(name: str, table: pd.DataFrame) -> None:
+            writers[name](table)
             rows[name] += len(table)
-            if name == "steps":
-                progress(names.index(press) + 1, len(names), press)
+
+        for number, press in enumerate(line.presses, start=1):
+            for name in ("frames", "force", "pose", "steps"):
+                add(name, of_press(run, line, name, press))
+            progress(number, len(line.presses), press)
+        add("events", events(run, line))
     (folder / "README.md").write_text(_readme(about, rows, form), encoding="utf-8")
     (folder / "run.json").write_bytes(json_bytes({**run.meta, "summary": run.summary()}))
     return rows
