@@ -70,7 +70,9 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (home / "short.toml").write_text(PROTOCOL)
     for name, rig in (("marlin", "virtual"), ("bench", "grbl-bench")):
         text = (home / "protocols" / "rigs" / f"{rig}.toml").read_text()
-        (home / f"{name}.toml").write_text(text.replace("[stage]", '[stage]\nfirmware = "marlin"'))
+        (home / f"{name}.toml").write_text(
+            text.replace("\n[stage]", '\n[stage]\nfirmware = "marlin"')
+        )
     return home
 
 
