@@ -200,11 +200,9 @@ def run_presses(
 
 def meta_of(job: RigSetup, rig: RigConfig, rig_name: str) -> dict[str, Any]:
     """What `run.json` keeps: protocol, rig, sensor, camera, seed, versions."""
-    dumped = job.protocol.model_dump(mode="json")
-    dumped["channels"] = sorted(dumped["channels"])
     return {
         "name": job.folder.name,
-        "protocol": dumped,
+        "protocol": job.protocol.model_dump(mode="json"),
         "rig_name": rig_name,
         "rig": rig.recorded(),
         "sensor": asdict(job.sensor),

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_serializer, field_validator, model_validator
 
 from .. import catalog
 from ..aliases import Point
@@ -206,6 +206,11 @@ class Protocol(Table):
         if (count := presses * (4 + len(self.depths_mm) * (1 + legs))) > MAX_STEPS:
             raise ValueError(f"{count} steps; expected at most {MAX_STEPS}: split it")
         return self
+
+    @field_serializer("channels", when_used="json")
+    def _in_one_order(self, channels: frozenset[str]) -> list[str]:
+        """A set's own order differs from one process to the next, and results are kept by it."""
+        return sorted(channels)
 
     def _repr_html_(self) -> str:
         """For a notebook: what is pressed where, how deep, and the way of the tip's depth."""

@@ -36,7 +36,6 @@ def given(
     source: of the rig file. Where that names the file of a camera, it is read again by the job,
     from the same place.
     """
-    plain = protocol.model_dump(mode="json")
     beside = None
     if rig.camera is not None:
         kind = VirtualKind(rig, source)
@@ -47,7 +46,7 @@ def given(
             "flat": None if flat is None else hashlib.sha256(flat.png()).hexdigest(),
         }
     return {
-        "protocol": plain | {"channels": sorted(plain["channels"])},
+        "protocol": protocol.model_dump(mode="json"),
         # Of a design no more than a sensor is: what is built around it changes no point.
         "sensor": {f.name: asdict(getattr(sensor, f.name)) for f in fields(SensorDimensions)},
         "rig": rig.model_dump(mode="json"),

@@ -139,6 +139,14 @@ def test_outward_goes_away_from_the_centre_first() -> None:
     assert offsets == pytest.approx([-1.0, -2.0, 1.0, 2.0, 0.0])
 
 
+def test_what_is_kept_of_it_has_one_order_in_every_process() -> None:
+    protocol, _ = plan.load("smoke")
+    assert len(protocol.channels) > 1
+    told = [protocol.model_copy(update={"channels": order}).model_dump(mode="json")["channels"]
+            for order in itertools.permutations(protocol.channels)]  # fmt: skip
+    assert all(channels == sorted(protocol.channels) for channels in told)
+
+
 def test_smoke_is_what_the_issue_asks_for() -> None:
     protocol, _ = plan.load("smoke")
     assert protocol.indenters == ("sphere:10", "4dots")
