@@ -234,10 +234,15 @@ def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
 def test_a_lens_is_laid_out_once_and_only_where_the_rig_has_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    from deltact_fab import record
+
     calls = calls_of("tracking", tmp_path, monkeypatch, LENS)
     assert calls["raw view"] == 1
     assert calls["render"] == calls["frames"]
-    assert calls["rectify"] > 0  # its time, for the summary
+    assert calls["rectify"] == 0  # images are kept raw
+    run = record.open(tmp_path / "run")
+    run.image(run.frames()["file"].iloc[0])
+    assert calls["rectify"] == 1
     (tmp_path / "pinhole").mkdir()
     calls = calls_of("tracking", tmp_path / "pinhole", monkeypatch)
     assert calls["raw view"] == calls["maps"] == calls["rectify"] == 0

@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 78934,
+    ("deltact_fab", "lines"): 78936,
     ("deltact_fab", "files"): 604,
-    ("tests", "lines"): 45324,
+    ("tests", "lines"): 45337,
 }
 
 

@@ -53,7 +53,7 @@ def test_a_sudden_press_is_elastic_with_the_stiff_shear_modulus(friction):
     law = NeoHooke.of(SOFT)
     stiff = NeoHooke(law.mu_mpa * (1 + GEL.prony_sum), law.lambda_mpa)
     poisson = stiff.lambda_mpa / (2 * (stiff.lambda_mpa + stiff.mu_mpa))
-    elastic = pressing(GelMaterial(stiff.modulus_mpa, poisson), friction)
+    elastic = pressing(GelMaterial(2 * stiff.mu_mpa * (1 + poisson), poisson), friction)
     relaxing = pressing(GEL, friction)
     # Both press against the same penalty: that of the contact does not relax.
     elastic.surface = relaxing.surface
