@@ -144,14 +144,26 @@ def _run_on(
     # One queue for all that happens, so that it is heard in its order and in this thread.
     news: queue.SimpleQueue[Future[R] | tuple[int, Any]] = queue.SimpleQueue()
     futures: dict[Future[R], int] = {}
+    # Dask blames a worker's death on every job that waited there: each is tried once more alone.
+    blamed: list[int] = []
+    tried_alone: set[int] = set()
     first_failed = len(jobs)
     with messages.listening(None if told is None else lambda *said: news.put(said)) as name:
+
+        def submit(index: int) -> Future[R]:
+            future = executor.submit(_job, name, index, work, jobs[index])
+            futures[future] = index
+            return future
+
         try:
-            for index, job in enumerate(jobs):
-                futures[executor.submit(_job, name, index, work, job)] = index
-            for future in tuple(futures):
+            for future in [submit(index) for index in range(len(jobs))]:
                 future.add_done_callback(news.put)
-            while futures:
+            while futures or blamed:
+                if not futures:
+                    alone = blamed.pop(0)
+                    if alone < first_failed:
+                        submit(alone).add_done_callback(news.put)
+                    continue
                 item = _next(news, executor)
                 if not isinstance(item, Future):
                     assert told is not None
@@ -160,6 +172,10 @@ def _run_on(
                 # Let go of, so that no more results are held than the caller holds.
                 index = futures.pop(item)
                 if index > first_failed:
+                    continue
+                if index not in tried_alone and _was_killed(item):
+                    tried_alone.add(index)
+                    blamed.append(index)
                     continue
                 ended = _ended(index, item)
                 if until_failure and ended.error is not None:
@@ -182,6 +198,10 @@ def _next(news: queue.SimpleQueue[Any], executor: Executor) -> Any:
             check()
 
 
+def _was_killed(future: Future[R]) -> bool:
+    return not future.cancelled() and type(future.exception()).__name__ == "KilledWorker"
+
+
 def _ended(index: int, future: Future[R]) -> JobOutcome[R]:
     try:
         return JobOutcome(index, future.result())
@@ -190,8 +210,7 @@ def _ended(index: int, future: Future[R]) -> JobOutcome[R]:
     except CannotGoOn:
         raise
     except Exception as why:
-        if type(why).__name__ == "KilledWorker":
-            why = RunFailed(
-                "every worker that tried it died (out of memory, or killed); the cluster gave it up"
-            )
-        return JobOutcome(index, error=why)
+        killed = RunFailed(
+            "every worker that tried it died (out of memory, or killed); the cluster gave it up"
+        )
+        return JobOutcome(index, error=killed if _was_killed(future) else why)
