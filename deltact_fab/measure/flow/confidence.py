@@ -33,7 +33,8 @@ BORDER_PX = 3.0
 WINDOW_PX = 20
 SUPPORT_PX = 68
 SUPPORT_SHARE = 0.5
-TEXTURE_MIN = 4.0
+TEXTURE_MIN = 2.0
+FINE_PX = 19
 TEXTURED_SHARE = 0.5
 TRUSTED_SHARE = 0.25
 
@@ -85,9 +86,10 @@ class ConfidenceEstimator:
         self._window = (max(1, round(WINDOW_PX / _COARSE_PX)),) * 2
         self._fit = (max(1, round(FIT_PX / _COARSE_PX)),) * 2
         self._support = (max(1, round(SUPPORT_PX / _COARSE_PX)),) * 2
-        tracked = plane.small.astype(np.float32)
-        tracked = tracked - cv2.blur(tracked, (9, 9), borderType=_EDGE)
-        self.textured: Array = self._wide(self._around(tracked * tracked)) >= TEXTURE_MIN**2
+        fine = plane.gray.astype(np.float32)
+        fine -= cv2.blur(fine, (FINE_PX, FINE_PX), borderType=_EDGE)
+        contrast = self._around(shrunk(fine * fine, 2))
+        self.textured: Array = self._wide(contrast) >= TEXTURE_MIN**2
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
         if self.name == "colour":

@@ -7,8 +7,8 @@ gain and offset of the light are projected out, so a step is one warp, four prod
 window. The sums also give the local correlation, and with what the fit leaves the deviation that is
 to be expected.
 
-Grey images are tracked as they are, colour images in the green channel blurred by sigma 1: half
-of a Bayer sensor's pixels are green, and the blur takes the mosaic's pattern away.
+The luma is tracked, blurred by sigma 1: a camera that subsamples chroma leaves luma whole, and the
+blur takes the patterns of mosaic and compression away.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ...aliases import Array
 from ...errors import InputError
 from ..compose import shrunk
 from . import kernel_cv2
-from .image import MIN_SIDE_PX, Sampled, require_image
+from .image import MIN_SIDE_PX, Sampled, require_image, to_gray
 from .kernel_cv2 import MIN_VARIANCE, around
 
 STEPS = (6, 4, 2)  # on a quarter, half and the full size
@@ -37,12 +37,10 @@ _BEYOND_PX = 4  # pixels behind the last one that a warp may read
 _LIGHT_WINDOW = 11  # of 8 px: within it the light is alike
 _PRIOR = 0.02
 _DAMPING = 0.01  # grey levels^2 / px^2 a pixel, on the normal matrix
-# Steps and smoothing pass more noise than one fit does: by the transfer functions of window and
-# smoothing, after two steps on the full size.
-_GAIN = 1.24
-# The blur makes the noise of neighbours alike: the fit leaves less of it than it takes. Measured on
-# drawn frames: 2.1 to 2.4 through a Bayer mosaic, 1.5 to 2.1 without.
-_BLURRED_GAIN = 2.0
+# Steps and smoothing pass more noise than one fit does: 1.24 by the transfer functions of window
+# and smoothing, after two steps on the full size. The blur makes the noise of neighbours alike: the
+# fit leaves less of it than it takes, 2.1 to 2.4 through a Bayer mosaic, 1.5 to 2.1 without.
+NOISE_GAIN = 1.24 * 2.0
 
 
 @cache
@@ -67,9 +65,8 @@ class Plane:
     node.
     """
 
-    def __init__(self, gray: Array, blurred: bool = False) -> None:
+    def __init__(self, gray: Array) -> None:
         self.gray = gray
-        self.noise_gain = _GAIN * (_BLURRED_GAIN if blurred else 1.0)
         h, w = gray.shape
         self.shape = (h, w)
         block = 2**_LEVELS
@@ -88,19 +85,14 @@ class Plane:
 
         Raises InputError for another type or shape, and for sides below 64 px.
         """
-        require_image(image.green if isinstance(image, Sampled) else image)
+        require_image(image.luma if isinstance(image, Sampled) else image)
         if min(image.shape[:2]) < MIN_SIDE_PX:
             raise InputError(
                 f"flow: the image is {image.shape[:2]}; "
                 f"sides of {MIN_SIDE_PX} px or more are needed"
             )
-        if isinstance(image, Sampled):
-            green = image.green
-        elif image.ndim == 2:
-            return cls(np.array(image, order="C"))
-        else:
-            green = cv2.extractChannel(image, 1)
-        return cls(cv2.GaussianBlur(green, (0, 0), 1.0), blurred=True)
+        luma = image.luma if isinstance(image, Sampled) else to_gray(image)
+        return cls(cv2.GaussianBlur(luma, (0, 0), 1.0))
 
     def level(self, k: int) -> Array:
         """The image at 1 / 2^k of its size, padded to whole cells at every level."""
@@ -250,7 +242,7 @@ class RefinementReference:
         self, current: Plane, k: int, planes: Array, light: Array, last: bool
     ) -> tuple[Array, Array]:
         level, target = self._levels[k], current.target(k, self._by)
-        gain = self.plane.noise_gain if last else 0.0
+        gain = NOISE_GAIN if last else 0.0
         moved, told = self._by.step(
             target, level.cells, level.nodes, level.size_px, planes, light, gain
         )

@@ -16,17 +16,17 @@ MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
 class Sampled(NamedTuple):
     """All that the anchored tracker reads of a colour image, where the rest is not needed.
 
-    green (h, w) uint8: the channel that is tracked. nodes (hh, ww, 3) BGR uint8: one pixel a node
+    luma (h, w) uint8: what is tracked. nodes (hh, ww, 3) BGR uint8: one pixel a node
     of the half grid, hh = ceil(h / 2).
     """
 
-    green: Array
+    luma: Array
     nodes: Array
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """Of the image."""
-        return (*self.green.shape[:2], 3)
+        return (*self.luma.shape[:2], 3)
 
     @property
     def ndim(self) -> int:

@@ -16,7 +16,7 @@ from ...errors import InputError
 from ...optics import CameraModel, Rectified
 from ...shapes import SkinDimensions
 from ..compose import sample
-from ..flow import FlowTracker, PreparedImage, Sampled, named_tracker
+from ..flow import FlowTracker, PreparedImage, Sampled, named_tracker, to_gray
 from ..flow.fused import to_half
 from ..force import LocalFeatures, features_of
 from ..health import Health
@@ -46,15 +46,15 @@ class Rectifier:
         return np.asarray(self._camera.rectify(image)) if self._is_raw(image) else image  # type: ignore[attr-defined]
 
     def sampled(self, image: Array) -> Array | Sampled:
-        """What the tracker reads: a raw colour image's green, and all its channels at the nodes.
+        """What the tracker reads: a raw colour image's luma, and all its channels at the nodes.
 
-        Green is as in `view`. Blue and red, which only witness, are read once a node, which saves
+        Blue and red, which only witness, are read once a node, which saves
         half of the rectification. Raises as `view`.
         """
         if not self._is_raw(image) or image.ndim != 3 or image.dtype != np.uint8:
             return self.view(image)
-        green = cv2.remap(cv2.extractChannel(image, 1), *self._maps, cv2.INTER_CUBIC)
-        return Sampled(green, sample(image, self._nodes_px))
+        luma = cv2.remap(to_gray(image), *self._maps, cv2.INTER_CUBIC)
+        return Sampled(luma, sample(image, self._nodes_px))
 
     def _is_raw(self, image: Array) -> bool:
         camera, lens, size = self._camera, self._lens, image.shape[1::-1]
