@@ -7,8 +7,8 @@ gain and offset of the light are projected out, so a step is one warp, four prod
 window. The sums also give the local correlation, and with what the fit leaves the deviation that is
 to be expected.
 
-The luma is tracked, blurred by sigma 1: a camera that subsamples chroma leaves luma whole, and the
-blur takes the patterns of mosaic and compression away.
+What is tracked is green where it has fine detail of its own, else luma (see `image.tracked`), and
+blurred by sigma 1, which takes the patterns of mosaic and compression away.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ...aliases import Array
 from ...errors import InputError
 from ..compose import shrunk
 from . import kernel_cv2
-from .image import MIN_SIDE_PX, Sampled, require_image, to_gray
+from .image import MIN_SIDE_PX, Sampled, require_image, tracked
 from .kernel_cv2 import MIN_VARIANCE, around
 
 STEPS = (6, 4, 2)  # on a quarter, half and the full size
@@ -80,19 +80,21 @@ class Plane:
         self._targets: dict[tuple[str, int], Array] = {}
 
     @classmethod
-    def of(cls, image: Array | Sampled) -> Plane:
+    def of(cls, image: Array | Sampled, green: bool = False) -> Plane:
         """(h, w) grey or (h, w, 3) BGR uint8 to its plane, which shares no memory with it.
+
+        green: the channel that is tracked of BGR, else luma (see `image.tracked`).
 
         Raises InputError for another type or shape, and for sides below 64 px.
         """
-        require_image(image.luma if isinstance(image, Sampled) else image)
+        whole = image.tracked if isinstance(image, Sampled) else image
+        require_image(whole)
         if min(image.shape[:2]) < MIN_SIDE_PX:
             raise InputError(
                 f"flow: the image is {image.shape[:2]}; "
                 f"sides of {MIN_SIDE_PX} px or more are needed"
             )
-        luma = image.luma if isinstance(image, Sampled) else to_gray(image)
-        return cls(cv2.GaussianBlur(luma, (0, 0), 1.0))
+        return cls(cv2.GaussianBlur(tracked(whole, green), (0, 0), 1.0))
 
     def level(self, k: int) -> Array:
         """The image at 1 / 2^k of its size, padded to whole cells at every level."""

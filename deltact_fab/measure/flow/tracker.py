@@ -18,7 +18,7 @@ from .confidence import (
 )
 from .fill import filled
 from .fused import COARSE, Plane, RefinementReference, predict, to_full
-from .image import Sampled
+from .image import Sampled, has_fine_colour, require_image
 from .kernel_cv2 import within
 from .method import FLOW_METHODS, FUSED, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage, Sequence, TrackedFrame
@@ -101,7 +101,7 @@ class FlowTracker:
     def reset(self) -> None:
         """Forget everything: the next image is the first."""
         self._sequence: Sequence | None = None
-        self._frame = -1
+        self._frame, self._green = -1, False
 
     def update(self, image: Array) -> FlowObservation:
         """Follow one more image: (h, w, 3) BGR or (h, w) grey, uint8, like the first one.
@@ -121,8 +121,11 @@ class FlowTracker:
         Sampled: for the anchored reference only, and for all images of a sequence alike.
         """
         start_s = time.process_time()
-        plane = Plane.of(image)
         sequence = self._sequence
+        if sequence is None and not isinstance(image, Sampled):
+            require_image(image)
+            self._green = has_fine_colour(image)
+        plane = Plane.of(image, self._green)
         if sequence is None:
             sequence = self._begin(image, plane)
             self._sequence, self._frame = sequence, 0
