@@ -9,7 +9,7 @@ it with cv2.setNumThreads, and records it where bytes must repeat.
 """
 
 from .confidence import FlowState
-from .image import Sampled, has_fine_colour, to_gray, tracked
+from .image import Sampled, to_gray
 from .method import FLOW_METHODS, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage
 from .tracker import PAPER, REFERENCES, FlowTracker, named_tracker
@@ -25,8 +25,6 @@ __all__ = [
     "FlowTracker",
     "PreparedImage",
     "Sampled",
-    "has_fine_colour",
     "named_tracker",
     "to_gray",
-    "tracked",
 ]

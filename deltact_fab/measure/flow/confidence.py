@@ -34,6 +34,7 @@ WINDOW_PX = 20
 SUPPORT_PX = 68
 SUPPORT_SHARE = 0.5
 TEXTURE_MIN = 2.0
+"""Grey levels: rounding, noise and compression leave up to 1.9 in a picture of a plain face."""
 FINE_PX = 19
 TEXTURED_SHARE = 0.5
 TRUSTED_SHARE = 0.25
@@ -65,16 +66,18 @@ class ConfidenceEstimator:
     lands inside the image, and the flow around it does not squeeze areas below KEEP_DET. This
     asks little: a dense flow fits itself to noise, too.
 
-    Confident: kept, and a secondary match. Of a colour image the fit sees green alone, so red and
-    blue must correlate above CHROMA_MIN over WINDOW_PX. A grey image has no secondary match:
-    its one correlation must be above GREY_MIN. In both, the fit's own predicted deviation is
-    below DEVIATION_MAX_PX; of a flow that the fused steps found, together with what they have yet
-    to do around (root of the mean square over FIT_PX). It lands BORDER_PX or more from the
-    image's edge, where the fit's window is cut off, and of the textured nodes in SUPPORT_PX
-    around at least SUPPORT_SHARE agree.
+    Confident: kept, and a secondary match. Of a colour image the fit sees the luma, so red and
+    blue, which make little of it, must correlate above CHROMA_MIN over WINDOW_PX. A grey image has
+    no secondary match: its one correlation must be above GREY_MIN. In both, the fit's own predicted
+    deviation is below DEVIATION_MAX_PX; of a flow that the fused steps found, together with what
+    they have yet to do around (root of the mean square over FIT_PX). It lands BORDER_PX or more
+    from the image's edge, where the fit's window is cut off, and of the textured nodes in
+    SUPPORT_PX around at least SUPPORT_SHARE agree.
 
     A frame is trusted when TEXTURED_SHARE or more of the first image has a standard deviation of
-    TEXTURE_MIN grey levels, and TRUSTED_SHARE or more of that is confident now.
+    TEXTURE_MIN grey levels in detail finer than FINE_PX, at full size, where cells of 2 px still
+    show; and TRUSTED_SHARE or more of that is confident now. That detail is more than noise the
+    later images tell: correlation and deviation are relative to what does not return.
 
     image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same. secondary_match: False does
     without that of a colour image, as if it were grey.
@@ -88,8 +91,9 @@ class ConfidenceEstimator:
         self._support = (max(1, round(SUPPORT_PX / _COARSE_PX)),) * 2
         fine = plane.gray.astype(np.float32)
         fine -= cv2.blur(fine, (FINE_PX, FINE_PX), borderType=_EDGE)
-        contrast = self._around(shrunk(fine * fine, 2))
-        self.textured: Array = self._wide(contrast) >= TEXTURE_MIN**2
+        power = self._around(shrunk(fine * fine, 2))
+        self.contrast = float(np.sqrt(power.max()))
+        self.textured: Array = self._wide(power) >= TEXTURE_MIN**2
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
         if self.name == "colour":

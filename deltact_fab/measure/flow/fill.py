@@ -1,4 +1,4 @@
-"""What a lost part of the pattern most probably does: it moves as its neighbours do."""
+"""What neighbours say of a flow: where its own match is lost, and how much of it is noise."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from ..compose import shrunk
 CELL = 4  # nodes to a side of a cell
 WINDOWS = (5, 13, 33, 97)  # cells to a side
 ENOUGH = 0.15  # share of a window that must be known before it is believed alone
+NOISE_NODES = 13  # to a side of the window over which noise is told from motion
 SLOPES = 0.3  # cells^2: how far known cells must lie apart before their slope is believed
 
 
@@ -48,6 +49,23 @@ def filled(flow: Array, known: Array, kept: Array) -> Array:
     found[gone] = (told / np.maximum(done, 1e-6)).T
     out = cv2.resize(found, None, fx=CELL, fy=CELL, interpolation=cv2.INTER_LINEAR)[:h, :w]
     return cv2.copyTo(flow, kept.view(np.uint8), np.ascontiguousarray(out))
+
+
+def denoised(flow: Array, deviation_px: Array, kept: Array) -> Array:
+    """The flow (h, w, 2) float32 with less of its noise, which is white beside the motion.
+
+    Wiener's filter as Lee (1980) made it local: of what a node has over the mean of its window only
+    the share stays that is more than the noise, `deviation_px` (h, w) where it is `kept`. A mean
+    keeps a slope as it is, so only curvature is at stake: at rest the mean remains, and a dent of
+    some tenths of a pixel remains a dent.
+    """
+    mean, own = (NOISE_NODES, NOISE_NODES), cv2.BORDER_REFLECT
+    smooth = cv2.blur(flow, mean, borderType=own)
+    fine = flow - smooth
+    power = cv2.blur(np.einsum("hwc,hwc->hw", fine, fine), mean, borderType=own)
+    noise = cv2.blur(np.where(kept, deviation_px**2, np.float32(0)), mean, borderType=own)
+    share = np.maximum(1 - noise / np.maximum(power, np.float32(1e-12)), 0)
+    return np.asarray(smooth + share[..., None] * fine)
 
 
 def _planes(x: Array, y: Array, sums: Array) -> Array:

@@ -7,8 +7,8 @@ gain and offset of the light are projected out, so a step is one warp, four prod
 window. The sums also give the local correlation, and with what the fit leaves the deviation that is
 to be expected.
 
-What is tracked is green where it has fine detail of its own, else luma (see `image.tracked`), and
-blurred by sigma 1, which takes the patterns of mosaic and compression away.
+The luma is tracked, blurred by sigma 1: a camera that subsamples chroma leaves luma whole, and the
+blur takes the patterns of mosaic and compression away.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ...aliases import Array
 from ...errors import InputError
 from ..compose import shrunk
 from . import kernel_cv2
-from .image import MIN_SIDE_PX, Sampled, require_image, tracked
+from .image import MIN_SIDE_PX, Sampled, require_image, to_gray
 from .kernel_cv2 import MIN_VARIANCE, around
 
 STEPS = (6, 4, 2)  # on a quarter, half and the full size
@@ -34,6 +34,8 @@ _LEVELS = 3
 COARSE = 2 ** (_LEVELS - 1)
 """Nodes to a side of the grid that a refinement starts on."""
 _BEYOND_PX = 4  # pixels behind the last one that a warp may read
+_EVEN_PX = 41  # of the half-size image
+_EVEN_CONTRAST, _LEAST_CONTRAST = np.float32(40), np.float32(2)  # grey levels
 _LIGHT_WINDOW = 11  # of 8 px: within it the light is alike
 _PRIOR = 0.02
 _DAMPING = 0.01  # grey levels^2 / px^2 a pixel, on the normal matrix
@@ -62,7 +64,7 @@ class Plane:
     """The tracked channel of one image, made ready once: to be a reference or to be matched.
 
     gray (h, w) uint8: what is tracked. small (hh, ww) uint8: the same at half the size, a pixel a
-    node.
+    node, with brightness and contrast evened out: what `predict` matches.
     """
 
     def __init__(self, gray: Array) -> None:
@@ -76,25 +78,23 @@ class Plane:
             half = (level.shape[1] // 2, level.shape[0] // 2)
             level = cv2.resize(level, half, interpolation=cv2.INTER_AREA)
             self._levels.append(level)
-        self.small = np.ascontiguousarray(self._levels[1][: -(-h // 2), : -(-w // 2)])
+        self.small = _evened(self._levels[1][: -(-h // 2), : -(-w // 2)])
         self._targets: dict[tuple[str, int], Array] = {}
 
     @classmethod
-    def of(cls, image: Array | Sampled, green: bool = False) -> Plane:
+    def of(cls, image: Array | Sampled) -> Plane:
         """(h, w) grey or (h, w, 3) BGR uint8 to its plane, which shares no memory with it.
-
-        green: the channel that is tracked of BGR, else luma (see `image.tracked`).
 
         Raises InputError for another type or shape, and for sides below 64 px.
         """
-        whole = image.tracked if isinstance(image, Sampled) else image
+        whole = image.luma if isinstance(image, Sampled) else image
         require_image(whole)
         if min(image.shape[:2]) < MIN_SIDE_PX:
             raise InputError(
                 f"flow: the image is {image.shape[:2]}; "
                 f"sides of {MIN_SIDE_PX} px or more are needed"
             )
-        return cls(cv2.GaussianBlur(tracked(whole, green), (0, 0), 1.0))
+        return cls(cv2.GaussianBlur(to_gray(whole), (0, 0), 1.0))
 
     def level(self, k: int) -> Array:
         """The image at 1 / 2^k of its size, padded to whole cells at every level."""
@@ -303,6 +303,19 @@ def _resized(planes: Array, size: tuple[int, int], unit: float | None = None) ->
         cv2.resize(plane, size, into, interpolation=how)
     out *= np.float32(scale if unit is None else unit)
     return out
+
+
+def _evened(image: Array) -> Array:
+    """An image (h, w) uint8 less its local mean, over its local contrast, around 128.
+
+    Without it a gradient of light or a bright disc moves what DIS finds of a weak pattern all over
+    the face.
+    """
+    fine = image.astype(np.float32)
+    fine -= cv2.blur(fine, (_EVEN_PX, _EVEN_PX))
+    power = cv2.blur(fine * fine, (_EVEN_PX, _EVEN_PX))
+    fine *= _EVEN_CONTRAST / np.sqrt(np.maximum(power, _LEAST_CONTRAST**2))
+    return np.clip(fine + 128, 0, 255).astype(np.uint8)
 
 
 @lru_cache(maxsize=8)

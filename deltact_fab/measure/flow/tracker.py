@@ -16,13 +16,17 @@ from .confidence import (
     ConfidenceEstimator,
     FrameConfidence,
 )
-from .fill import filled
+from .fill import denoised, filled
 from .fused import COARSE, Plane, RefinementReference, predict, to_full
-from .image import Sampled, has_fine_colour, require_image
+from .image import Sampled
 from .kernel_cv2 import within
 from .method import FLOW_METHODS, FUSED, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage, Sequence, TrackedFrame
 from .renewed import Renewal, RenewedTracker
+
+DARK, BRIGHT = 25, 235  # grey levels: beyond them a pattern has no room
+LOST_SHARE = 0.1
+"""Of the nodes: where fewer agree, an image shows nothing of the reference."""
 
 
 class AnchoredTracker:
@@ -36,6 +40,7 @@ class AnchoredTracker:
         self._judge = judge
         self._before = reference.plane
         self._flow: Array = np.zeros((*reference.plane.small.shape, 2), np.float32)
+        self._lost = False
 
     def ahead(self, plane: Plane) -> Array:
         """The flow in px from the image before to this one, as far as one look shows: coarse."""
@@ -43,17 +48,28 @@ class AnchoredTracker:
         return shrunk(predict(before, plane), COARSE)
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
-        """Follow one more image."""
+        """Follow one more image.
+
+        One in which nothing agrees leaves no trace: what comes after it is looked for where the
+        face was last seen, and where it would be found from rest.
+        """
         assert ready.ahead_px is not None, "made by `ahead`"
         so_far = shrunk(self._flow, COARSE)
-        at = landing_px(so_far * np.float32(0.5 / COARSE))
-        start = so_far + sample(ready.ahead_px, at)
-        match = self._reference.refine(ready.plane, start)
-        kept, agreeing = self._judge.look(ready.secondary_match, match)
+        if self._lost:
+            starts = [so_far, shrunk(predict(self._reference.plane, ready.plane), COARSE)]
+        else:
+            at = landing_px(so_far * np.float32(0.5 / COARSE))
+            starts = [so_far + sample(ready.ahead_px, at)]
+        matches = [self._reference.refine(ready.plane, start) for start in starts]
+        seen = [(*self._judge.look(ready.secondary_match, match), match) for match in matches]
+        kept, agreeing, match = max(seen, key=lambda one: int(np.count_nonzero(one[1])))
         # Neighbours are asked only where they agree: a match that is kept and wrong would draw
         # others after it.
-        self._flow = filled(match.flow_px, agreeing, kept)
-        return TrackedFrame(self._flow, kept, agreeing, match=match)
+        flow = denoised(filled(match.flow_px, agreeing, kept), match.deviation_px, kept)
+        self._lost = np.count_nonzero(agreeing) < LOST_SHARE * agreeing.size
+        if not self._lost:
+            self._flow = flow
+        return TrackedFrame(flow, kept, agreeing, match=match)
 
 
 Reference = Literal["anchored", "composed", "summed", "static"]
@@ -101,7 +117,7 @@ class FlowTracker:
     def reset(self) -> None:
         """Forget everything: the next image is the first."""
         self._sequence: Sequence | None = None
-        self._frame, self._green = -1, False
+        self._frame = -1
 
     def update(self, image: Array) -> FlowObservation:
         """Follow one more image: (h, w, 3) BGR or (h, w) grey, uint8, like the first one.
@@ -121,11 +137,8 @@ class FlowTracker:
         Sampled: for the anchored reference only, and for all images of a sequence alike.
         """
         start_s = time.process_time()
+        plane = Plane.of(image)
         sequence = self._sequence
-        if sequence is None and not isinstance(image, Sampled):
-            require_image(image)
-            self._green = has_fine_colour(image)
-        plane = Plane.of(image, self._green)
         if sequence is None:
             sequence = self._begin(image, plane)
             self._sequence, self._frame = sequence, 0
@@ -166,9 +179,9 @@ class FlowTracker:
         judge = ConfidenceEstimator(image, plane, secondary_match=self.confidence)
         if not judge.textured.any():
             raise SensorError(
-                "flow: the first image has no texture anywhere (a standard deviation of "
-                f"{TEXTURE_MIN:g} grey levels): covered, dark, out of focus, "
-                "or no pattern"
+                "flow: the first image has no texture anywhere: its fine detail is "
+                f"{judge.contrast:.1f} grey levels strong, {TEXTURE_MIN:g} are needed; "
+                + _why_plain(plane.gray)
             )
         first = RefinementReference(plane)
         way: AnchoredTracker | RenewedTracker
@@ -257,6 +270,21 @@ def named_tracker(name: str, *, full: bool = True) -> FlowTracker:
             f"flow reference {kept!r} of {method!r}: not available; {did_you_mean(kept, known)}"
         )
     return FlowTracker(method, *REFERENCES[kept], full=full)
+
+
+def _why_plain(gray: Array) -> str:
+    """What an image (h, w) uint8 without fine detail shows."""
+    dark, light = (float(np.percentile(gray, p)) for p in (5, 95))
+    if light < DARK:
+        return (
+            f"it is dark (95 % of it below grey level {light:.0f}): is the light on, the lens open?"
+        )
+    if dark > BRIGHT:
+        return f"it is overexposed (95 % of it above grey level {dark:.0f}): less light or exposure"
+    return (
+        f"its light is right (grey levels {dark:.0f} to {light:.0f}): the view is covered, far out "
+        "of focus, or the skin has no pattern"
+    )
 
 
 def _pixels(nodes: Array, shape: tuple[int, int]) -> Array:

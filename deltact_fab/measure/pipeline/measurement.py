@@ -16,7 +16,7 @@ from ...errors import InputError
 from ...optics import CameraModel, Rectified
 from ...shapes import SkinDimensions
 from ..compose import sample
-from ..flow import FlowTracker, PreparedImage, Sampled, has_fine_colour, named_tracker, tracked
+from ..flow import FlowTracker, PreparedImage, Sampled, named_tracker, to_gray
 from ..flow.fused import to_half
 from ..force import LocalFeatures, features_of
 from ..health import Health
@@ -45,16 +45,16 @@ class Rectifier:
         """The whole rectified image (h, w[, 3]). Raises InputError for a size that is neither."""
         return np.asarray(self._camera.rectify(image)) if self._is_raw(image) else image  # type: ignore[attr-defined]
 
-    def sampled(self, image: Array, green: bool) -> Array | Sampled:
-        """What the tracker reads: of a raw colour image the tracked plane, the rest at the nodes.
+    def sampled(self, image: Array) -> Array | Sampled:
+        """What the tracker reads: a raw colour image's luma, and all its channels at the nodes.
 
-        Blue and red, which only witness, are read once a node, which saves half of the
-        rectification. green: see `tracked`. Raises as `view`.
+        Blue and red, which only witness, are read once a node, which saves
+        half of the rectification. Raises as `view`.
         """
         if not self._is_raw(image) or image.ndim != 3 or image.dtype != np.uint8:
             return self.view(image)
-        plane = cv2.remap(tracked(image, green), *self._maps, cv2.INTER_CUBIC)
-        return Sampled(plane, sample(image, self._nodes_px))
+        luma = cv2.remap(to_gray(image), *self._maps, cv2.INTER_CUBIC)
+        return Sampled(luma, sample(image, self._nodes_px))
 
     def _is_raw(self, image: Array) -> bool:
         camera, lens, size = self._camera, self._lens, image.shape[1::-1]
@@ -78,7 +78,6 @@ class Since:
 
     tracker: FlowTracker
     health: Health | None = None
-    green: bool | None = None
     begun: bool = False
 
 
@@ -177,12 +176,8 @@ class Measurement:
 
     def _ready(self, since: Since, image: Array) -> PreparedImage:
         tracker, rectify = since.tracker, self._rectify
-        if since.green is None:
-            since.green = has_fine_colour(image)
         anchored = tracker.reference == "anchored"
-        ready = tracker.prepare(
-            rectify.sampled(image, since.green) if anchored else rectify.view(image)
-        )
+        ready = tracker.prepare((rectify.sampled if anchored else rectify.view)(image))
         if not since.begun:
             since.health, since.begun = self._calibrated.health(rectify.view(image)), True
         return ready

@@ -1,0 +1,129 @@
+"""The flow on pictures that the product did not draw: an independent tracer, JPEG by Pillow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from raytraced import Imaging, Lens, Motion, Tracer, true_motion_mm
+
+from deltact_fab.measure.flow import FlowTracker
+from deltact_fab.optics import Fisheye, Rectified
+from deltact_fab.patterns import draw_patches, recipe_from
+from deltact_fab.shapes import SensorDimensions
+
+LENS = Lens()
+VIEW = Rectified.of(SensorDimensions(), Fisheye(f_px=LENS.f_px))
+MOTION = Motion(press_mm=2.0, drag_mm=(3.0, 0.0), twist_rad=0.1)
+STEPS = 8
+CAMERAS = {
+    "lossless": Imaging(jpeg=0),
+    "edge-aware": Imaging(jpeg=0, demosaic="COLOR_BayerRG2BGR_EA"),
+    "4:4:4": Imaging(subsampling=0),
+    "4:2:0": Imaging(),
+}
+PATTERNS = {"coarse": (0.15, 0.1), "dense": (0.075, 0.6)}
+GOALS_MM = {"coarse": (0.0025, 0.9), "dense": (0.009, 0.7)}
+"""Mean over the confident, and the share of the face that they are."""
+
+
+@cache
+def light(pattern: str, part: float, seed: int = 7) -> NDArray[np.float32]:
+    patch_mm, r = PATTERNS[pattern]
+    recipe = recipe_from({"law": "algorithm1", "seed": seed, "patch_mm": patch_mm, "r": r}, "test")
+    tracer = Tracer(draw_patches(recipe), recipe.printed_mm, LENS)
+    return tracer.light(MOTION.share(part) if part else None)
+
+
+def seen(pattern: str, camera: str, part: float, seed: int = 7) -> NDArray[np.uint8]:
+    """As it is tracked, rectified: at that part of the motion."""
+    rng = np.random.default_rng([round(100 * part), seed])
+    return VIEW.rectify(CAMERAS[camera].develop(light(pattern, part, seed), rng))
+
+
+def follow(images: Sequence[NDArray[np.uint8]]) -> Any:
+    tracker = FlowTracker(full=False)
+    for image in images:
+        last = tracker.update(image)
+    return last
+
+
+def error_mm(found: Any) -> NDArray[np.float64]:
+    px = np.stack(np.meshgrid(*(np.arange(n) * 2 + 0.5 for n in found.flow_px.shape[1::-1])), -1)
+    true_mm = true_motion_mm(LENS, MOTION, VIEW.rest_mm(px))
+    return np.linalg.norm(found.flow_px * VIEW.mm_per_px - true_mm, axis=-1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_a_drag_is_measured_through_an_ordinary_camera(pattern: str, camera: str) -> None:
+    found = follow([seen(pattern, camera, k / STEPS) for k in range(STEPS + 1)])
+    assert found.diagnostics.trusted
+    error = error_mm(found)[found.confident & found.visible]
+    print(f"{pattern} {camera}: {error.mean():.4f} mm, {found.diagnostics.confident_share:.3f}")
+    most_mm, cover = GOALS_MM[pattern]
+    assert error.mean() <= most_mm
+    assert found.diagnostics.confident_share >= cover
+    assert (error > 0.1).mean() <= 0.001
+
+
+UNRELATED = {
+    "upside down": lambda image: image[::-1, ::-1],
+    "mirrored": lambda image: image[:, ::-1],
+    "negative": lambda image: 255 - image,
+    "noise": lambda image: np.random.default_rng(3).integers(0, 256, image.shape, np.uint8),
+    "flat": lambda image: np.full_like(image, 120),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("camera", ["edge-aware", "4:2:0"])
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_what_is_unrelated_is_not_believed_and_leaves_no_trace(pattern: str, camera: str) -> None:
+    first, moved = (seen(pattern, camera, part) for part in (0.0, 1 / STEPS))
+    others = {name: np.ascontiguousarray(of(first)) for name, of in UNRELATED.items()}
+    for name, other in (others | {"other seed": seen(pattern, camera, 0.0, 99)}).items():
+        tracker = FlowTracker(full=False)
+        for image in (first, other):
+            found = tracker.update(image)
+        assert found.confident.mean() <= 0.001, name
+        assert not found.diagnostics.trusted, name
+        assert tracker.update(moved).diagnostics.confident_share > 0.7, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_a_gradient_of_light_and_a_disc_lose_only_what_they_touch(pattern: str) -> None:
+    first, image = (seen(pattern, "4:2:0", part) for part in (0.0, 1 / STEPS))
+    h, w = image.shape[:2]
+    gain = np.linspace(0.4, 1.4, w)[:, None]
+    lit = np.clip(image * gain, 0, 255).astype(np.uint8)
+    whole = follow([first, image]).diagnostics.confident_share
+    assert follow([first, lit]).diagnostics.confident_share > 0.7 * whole
+    y, x = np.mgrid[:h, :w]
+    disc = np.hypot(x - w / 2, y - h / 2) < np.sqrt(0.17 * h * w / np.pi)
+    for value in (0, 128, 255):
+        covered = np.where(disc[..., None], np.uint8(value), image)
+        # The fit's and the support's windows reach over the edge: .17 and a rim of 20 px.
+        assert follow([first, covered]).diagnostics.confident_share > 0.66 * whole, value
+
+
+def test_a_small_drag_of_the_paper_s_own_pattern() -> None:
+    images = [seen("dense", "4:2:0", part) for part in (0.0, 0.05)]
+    found = follow(images)
+    assert found.diagnostics.trusted
+    assert found.diagnostics.confident_share > 0.9
+
+
+@pytest.mark.parametrize(
+    ("level", "says"), [(8, "it is dark"), (250, "overexposed"), (120, "its light is right")]
+)
+def test_a_first_image_without_texture_says_why(level: int, says: str) -> None:
+    plain = np.random.default_rng(1).normal(level, 1.0, (240, 320, 3)).clip(0, 255)
+    with pytest.raises(Exception, match=says):
+        FlowTracker().update(plain.astype(np.uint8))
