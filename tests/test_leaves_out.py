@@ -66,7 +66,7 @@ SCENES = {
 }
 CAD = ("cadquery", "OCP")
 PAGES = ("matplotlib", "jinja2", "plotly")
-WATCHED = ("cv2", "scipy.interpolate", *THROUGH, *CAD, *PAGES)
+WATCHED = ("cv2", "numba", "scipy.interpolate", *THROUGH, *CAD, *PAGES)
 LOADED = """
 print("@@" + json.dumps([name for name in {watched!r} if name in sys.modules]))
 """
@@ -215,7 +215,7 @@ def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
 
     calls = calls_of(name, tmp_path, monkeypatch)
     with ThreadPoolExecutor(1) as executor:
-        result = analyse(tmp_path / "run", ["dis-ultrafast"], executor)
+        result = analyse(tmp_path / "run", ["dis-fast"], executor)
     asked = name == "tracking"
     assert calls["dots"] == (calls["frames"] if asked else 0)
     assert (result.dots is not None) == asked
@@ -225,7 +225,7 @@ def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
     assert calls["truth"] == calls["frames"] - 1  # the reference is no measurement
     shutil.rmtree(tmp_path / "run" / "truth")
     with ThreadPoolExecutor(1) as executor:
-        bare = analyse(tmp_path / "run", ["dis-ultrafast"], executor)
+        bare = analyse(tmp_path / "run", ["dis-fast"], executor)
     assert calls["truth"] == calls["frames"] - 1
     assert bare.left_out[-1] == "error against truth: a real rig knows none"
 

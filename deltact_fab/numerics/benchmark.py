@@ -25,7 +25,7 @@ from ..analysis.shape.ball import calibrate_depth
 from ..analysis.tracking_error.truth import TrueFrame, seen_by
 from ..analysis.view import view_of
 from ..measure.flow import FlowState
-from ..measure.flow.fused import to_full, which
+from ..measure.flow.fused import to_full
 from ..measure.pipeline import Measurement, Pipeline
 from ..record import Run
 from .scenes import machine
@@ -198,7 +198,6 @@ def _about(frames: int) -> dict[str, Any]:
         "frames": frames,
         "scene": f"protocol {PROTOCOL} on rig {RIG}, simulated, seed 0",
         "machine": machine(),
-        "kernel": which(),
         "threads": {"cv2": 1, **{name: os.environ.get(name) for name in _BLAS}},
         "left_out": "decoding: the frames lie in memory",
         "calibrations": "by these frames themselves: for their time, not for their error",

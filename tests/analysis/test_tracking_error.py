@@ -169,7 +169,8 @@ def test_saved_and_loaded_it_is_the_same(result: te.TrackingResult, tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("name", "says"), [("dis", "flow method 'dis'"), ("farneback/sum", "flow reference 'sum'")]
+    ("name", "says"),
+    [("dis", "flow method 'dis'"), ("farneback-paper/sum", "flow reference 'sum'")],
 )
 def test_unknown_methods_are_refused_before_any_work(mini_run: Path, name: str, says: str) -> None:
     with pytest.raises(InputError, match=says):

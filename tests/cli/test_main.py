@@ -15,7 +15,7 @@ from deltact_fab.cli.main import COMMANDS, entry
 from deltact_fab.study.registry import STUDIES
 
 HEAVY = ("cadquery", "OCP", "scipy.sparse", "plotly", "matplotlib", "pandas", "cv2", "numpy",
-         "serial", "pydantic")  # fmt: skip
+         "serial", "pydantic", "numba")  # fmt: skip
 ASK = """
 import sys
 sys.argv = ["deltact-fab", *{words!r}]

@@ -8,7 +8,7 @@ from disc import disc_mesh
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
 from deltact_fab.gel.finite import newton
-from deltact_fab.gel.finite.assembly import BulkAssembly, compiled
+from deltact_fab.gel.finite.assembly import BulkAssembly
 from deltact_fab.gel.finite.descent import descend
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
@@ -18,7 +18,6 @@ from deltact_fab.gel.finite.problem import Evaluation
 from deltact_fab.shapes import SkinDimensions
 
 SKIN = SkinDimensions(8.0, 6.0, 4.0, edge_fillet_mm=0.5, protrusion_mm=2.0)
-WAYS = [False, pytest.param(True, marks=pytest.mark.skipif(compiled is None, reason="no numba"))]
 LINEAR = np.array([[0.2, 0.1, -0.15], [0.05, -0.25, 0.1], [0.12, 0.08, -0.2]])
 
 
@@ -143,14 +142,13 @@ def test_incompressible_is_refused_by_name():
         law(0.5)
 
 
-@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("poisson", [0.3, 0.49, 0.4999])
-def test_patch(poisson, way):
+def test_patch(poisson):
     """A linear displacement on the hull is found inside a skewed mesh, at large strain."""
     mesh, inner = skewed()
     free = np.repeat(inner[:, None], 3, axis=1)
     pattern = Pattern(mesh, free)
-    bulk = BulkAssembly(mesh, law(poisson), pattern, way)
+    bulk = BulkAssembly(mesh, law(poisson), pattern)
     exact = mesh.nodes_mm @ LINEAR.T
     problem = Held(bulk, exact, free)
     rng = np.random.default_rng(5)
@@ -165,10 +163,9 @@ def test_patch(poisson, way):
     assert f == pytest.approx(np.broadcast_to(np.eye(3) + LINEAR, f.shape), abs=1e-12)
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_a_homogeneous_state_has_the_laws_energy_and_forces(way):
+def test_a_homogeneous_state_has_the_laws_energy_and_forces():
     mesh, _ = skewed()
-    bulk = BulkAssembly(mesh, law(), Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool)), way)
+    bulk = BulkAssembly(mesh, law(), Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
     b = bulk.evaluate(mesh.nodes_mm @ LINEAR.T)
     f = (np.eye(3) + LINEAR)[None]
     assert b.energy_nmm == pytest.approx(float(energy(law(), f)[0]) * 8 * 6 * 4, rel=1e-12)
@@ -177,14 +174,13 @@ def test_a_homogeneous_state_has_the_laws_energy_and_forces(way):
     assert virial == pytest.approx(stress(law(), f)[0], rel=1e-10, abs=1e-12)
 
 
-@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("poisson", [0.3, 0.4999])
-def test_forces_and_tangent_are_derivatives(poisson, way):
+def test_forces_and_tangent_are_derivatives(poisson):
     mesh, _ = skewed()
     free = np.ones(mesh.nodes_mm.shape, bool)
     free[mesh.base] = False
     pattern = Pattern(mesh, free)
-    bulk = BulkAssembly(mesh, law(poisson), pattern, way)
+    bulk = BulkAssembly(mesh, law(poisson), pattern)
     rng = np.random.default_rng(1)
     u = 0.1 * rng.standard_normal(free.shape)
     u[~free] = 0.0
@@ -199,22 +195,9 @@ def test_forces_and_tangent_are_derivatives(poisson, way):
     assert np.linalg.norm(ours - turn) < 1e-7 * np.linalg.norm(turn)
 
 
-@pytest.mark.skipif(compiled is None, reason="no numba")
-def test_compiled_gives_the_same_numbers():
-    mesh, _ = skewed()
-    pattern = Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool))
-    u = 0.1 * np.random.default_rng(2).standard_normal(mesh.nodes_mm.shape)
-    one, two = (BulkAssembly(mesh, law(), pattern, way).evaluate(u) for way in (False, True))
-    assert one.energy_nmm == pytest.approx(two.energy_nmm, rel=1e-13)
-    assert one.force_n == pytest.approx(two.force_n, abs=1e-12)
-    assert one.data == pytest.approx(two.data, abs=1e-11)
-    assert one.least_j == pytest.approx(two.least_j, rel=1e-13)
-
-
-@pytest.mark.parametrize("way", WAYS)
-def test_a_cell_turned_inside_out_has_no_energy(way):
+def test_a_cell_turned_inside_out_has_no_energy():
     mesh = block_mesh(SKIN, 2.0)
-    bulk = BulkAssembly(mesh, law(), Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool)), way)
+    bulk = BulkAssembly(mesh, law(), Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
     b = bulk.evaluate(mesh.nodes_mm * [0.0, 0.0, -2.0])
     assert b.energy_nmm == np.inf
     assert b.force_n is None

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from deltact_fab import catalog
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
-from deltact_fab.gel.finite.assembly import BulkAssembly, compiled
+from deltact_fab.gel.finite.assembly import BulkAssembly
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.mesh import block_mesh
 from deltact_fab.gel.finite.pattern import Pattern
@@ -21,7 +21,6 @@ SERIES = ((0.4, 0.3), (0.25, 5.0))
 GEL = GelMaterial(poisson=0.45, prony=SERIES)
 LAW = NeoHooke.of(GEL)
 SKIN = SkinDimensions(8.0, 6.0, 4.0, edge_fillet_mm=0.5, protrusion_mm=2.0)
-WAYS = [False, pytest.param(True, marks=pytest.mark.skipif(compiled is None, reason="no numba"))]
 SHEAR = np.array([[1.0, 0, 0.8], [0, 1, 0], [0, 0, 1]])
 STRETCH = np.diag([0.8, 1.1, 1.3])
 BOTH = SHEAR @ STRETCH @ np.array([[1.0, 0.3, 0], [0, 1, -0.4], [0.2, 0, 1]])
@@ -179,12 +178,12 @@ def test_whatever_happened_the_next_potential_is_positive(seed, times):
         held = law.overstress(f, memory)
 
 
-def bulk_with_history(way):
+def bulk_with_history():
     """A mesh with a random past, and a random present displacement."""
     mesh = block_mesh(SKIN, 1.5)
     free = np.ones(mesh.nodes_mm.shape, bool)
     free[mesh.base] = False
-    bulk = BulkAssembly(mesh, LAW, Pattern(mesh, free), way)
+    bulk = BulkAssembly(mesh, LAW, Pattern(mesh, free))
     law, rng, held = viscosity(), np.random.default_rng(1), None
     f = bulk.deformation_gradient(np.zeros(free.shape))
     for seconds in (0.1, 2.0):
@@ -195,9 +194,8 @@ def bulk_with_history(way):
     return bulk, law, memory, 0.1 * rng.standard_normal(free.shape) * free, rng
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_forces_and_tangent_are_derivatives_with_a_past(way):
-    bulk, _, memory, u, rng = bulk_with_history(way)
+def test_forces_and_tangent_are_derivatives_with_a_past():
+    bulk, _, memory, u, rng = bulk_with_history()
     past = {"memory": memory}
     free = bulk.pattern.free
     v, step = rng.standard_normal(free.shape) * free, 1e-5
@@ -211,10 +209,9 @@ def test_forces_and_tangent_are_derivatives_with_a_past(way):
     assert np.linalg.norm(ours - turn) < 1e-7 * np.linalg.norm(turn)
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_nodal_forces_carry_elastic_stress_and_overstress(way):
+def test_nodal_forces_carry_elastic_stress_and_overstress():
     """The potential's forces are those of F (S + sum H) and the cell pressure, point by point."""
-    bulk, law, memory, u, _ = bulk_with_history(way)
+    bulk, law, memory, u, _ = bulk_with_history()
     f = bulk.deformation_gradient(u)
     held = law.overstress(f, memory)
     tensor = held.sum(axis=0)[..., np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])]

@@ -160,7 +160,7 @@ def test_a_warm_start_reaches_where_a_cold_one_does_not(make_scene, make_bump):
     shift = make_bump((0, 0), 100, shift_px=(130, 0))
     first, second = to_gray(scene.picture()), to_gray(scene.picture(shift, 1))
     near = np.full((256, 320, 2), (127, 1), np.float32)
-    for name in ("farneback", "dis-medium"):
+    for name in ("farneback-paper", "dis-medium"):
         method = FlowMethod(name)
         # Columns below 190 - 60 are still in the second image.
         cold = method.between(first, second)[40:-40, 40:130]

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,18 +8,12 @@ import numpy as np
 import pytest
 
 from deltact_fab.errors import InputError
-from deltact_fab.measure.flow import FLOW_METHODS, FlowMethod, fused, kernel_cv2, to_gray
+from deltact_fab.measure.flow import FLOW_METHODS, FlowMethod, to_gray
 from deltact_fab.measure.flow.fused import Plane, RefinementReference, predict, to_full, to_half
+from deltact_fab.measure.flow.nodes import WINDOW
 
 W, H = 320, 256
 EDGE = 12  # nodes at the border whose windows are cut
-
-
-def kernels() -> list[Any]:
-    found: list[Any] = [kernel_cv2]
-    if fused.which() == "numba":
-        found.append(fused.kernel())
-    return found
 
 
 @dataclass(frozen=True)
@@ -82,7 +74,6 @@ def off_px(flow: Any, truth: Any) -> Any:
 # What it finds
 
 
-@pytest.mark.parametrize("by", kernels(), ids=lambda k: k.NAME)
 @pytest.mark.parametrize("grey", [True, False], ids=["grey", "colour"])
 @pytest.mark.parametrize(
     "motion",
@@ -95,11 +86,11 @@ def off_px(flow: Any, truth: Any) -> Any:
     ],
     ids=["sub-pixel", "six px", "stretch", "turn", "both"],
 )
-def test_shifts_and_affine_motions_are_found_within_a_twentieth_of_a_pixel(motion, grey, by, scene):
+def test_shifts_and_affine_motions_are_found_within_a_twentieth_of_a_pixel(motion, grey, scene):
     first, second = scene.picture(), scene.picture(motion, 1)
     if grey:
         first, second = to_gray(first), to_gray(second)
-    found = RefinementReference(Plane.of(first), by).refine(Plane.of(second))
+    found = RefinementReference(Plane.of(first)).refine(Plane.of(second))
     error = off_px(found.flow_px, motion.flow_px(H, W))
     print(f"rms {np.sqrt(np.mean(error**2)):.4f} max {error.max():.3f} px")
     assert np.sqrt(np.mean(error**2)) < 0.05
@@ -133,10 +124,9 @@ def test_another_light_does_no_harm(gain, offset, make_scene):
     assert np.median(other.correlation) > np.median(plain.correlation) - 0.02
 
 
-@pytest.mark.parametrize("by", kernels(), ids=lambda k: k.NAME)
 @pytest.mark.parametrize(("gain", "offset"), [(1, -60), (1, 40), (0.6, 0)])
 @pytest.mark.parametrize("shift_px", [0, 5])
-def test_another_light_does_no_harm_where_the_view_ends(shift_px, gain, offset, by, make_scene):
+def test_another_light_does_no_harm_where_the_view_ends(shift_px, gain, offset, make_scene):
     """What the current image does not show must not pull by the difference of the light."""
     scene = make_scene(W, H, patch_mm=0.1, contrast=0.4, shading=0.0)
     motion = Affine((shift_px, shift_px))
@@ -145,7 +135,7 @@ def test_another_light_does_no_harm_where_the_view_ends(shift_px, gain, offset, 
     assert np.mean(lit == 0) < 0.01
     truth = to_half(motion.flow_px(H, W))
     start = np.ascontiguousarray(truth, np.float32)
-    found = RefinementReference(Plane.of(first), by).refine(Plane.of(lit), start).flow_px
+    found = RefinementReference(Plane.of(first)).refine(Plane.of(lit), start).flow_px
     stays = np.s_[: H // 2 - 4, : W // 2 - 4]
     error = np.hypot(*np.moveaxis(found - truth, -1, 0))[stays]
     print(f"max {error.max():.3f} px")
@@ -193,7 +183,7 @@ def test_correlation_is_that_of_the_windows(scene, make_scene):
     found = RefinementReference(Plane.of(image)).evaluate(Plane.of(other), same.flow_px)
     i, j = 60, 70
     cut = np.s_[2 * i - 10 : 2 * i + 12, 2 * j - 10 : 2 * j + 12]
-    weight = np.repeat(kernel_cv2.WINDOW.astype(float), 2)
+    weight = np.repeat(WINDOW.astype(float), 2)
     first, second = (Plane.of(a).gray[cut].ravel() for a in (image, other))
     by_hand = np.cov(first, second, aweights=np.outer(weight, weight).ravel())
     expected = by_hand[0, 1] / np.sqrt(by_hand[0, 0] * by_hand[1, 1])
@@ -217,29 +207,6 @@ def test_what_is_covered_flat_or_unrelated_does_not_correlate(scene, make_scene)
 
 
 # One result, however it is asked for
-
-
-def test_compiled_and_plain_loops_give_the_same_figures(scene, make_bump):
-    if fused.which() != "numba":
-        pytest.skip("numba is absent")
-    bump = make_bump((150, 130), 60, shear_px=(30, -12), press_px=9)  # some leave the image
-    first, current = scene.picture(), Plane.of(scene.picture(bump, 1))
-    plain, compiled = (RefinementReference(Plane.of(first), by).refine(current) for by in kernels())
-    assert np.abs(plain.flow_px - compiled.flow_px).max() < 2e-3
-    assert np.abs(plain.correlation - compiled.correlation).max() < 1e-3
-    assert np.abs(plain.deviation_px / compiled.deviation_px - 1).max() < 1e-2
-
-
-def test_without_numba_the_plain_loops_do_the_work():
-    code = (
-        "import sys; sys.modules['numba'] = None\n"
-        "import numpy as np\n"
-        "from deltact_fab.measure.flow import FlowMethod, fused\n"
-        "image = np.random.default_rng(0).integers(0, 256, (64, 96)).astype(np.uint8)\n"
-        "print(fused.which(), np.abs(FlowMethod('fused').between(image, image)).max() < 0.01)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["cv2", "True"]
 
 
 @pytest.mark.parametrize("name", FLOW_METHODS)
@@ -293,13 +260,12 @@ def test_a_node_is_at_the_centre_of_its_four_pixels(shape):
     assert to_full(nodes[..., 0], shape) == pytest.approx(field[..., 0], abs=1e-3)
 
 
-@pytest.mark.parametrize("by", kernels(), ids=lambda k: k.NAME)
 @pytest.mark.parametrize("size", [(64, 64), (65, 71), (101, 64), (130, 99), (250, 318)])
-def test_any_size_of_64_px_or_more_will_do(size, by, make_scene):
+def test_any_size_of_64_px_or_more_will_do(size, make_scene):
     h, w = size
     motion = Affine((1.4, -0.8))
     scene = make_scene(w, h, patch_mm=0.1)
-    found = RefinementReference(Plane.of(scene.picture()), by).refine(
+    found = RefinementReference(Plane.of(scene.picture())).refine(
         Plane.of(scene.picture(motion, 1))
     )
     nodes = (-(-h // 2), -(-w // 2))
@@ -312,10 +278,9 @@ def test_any_size_of_64_px_or_more_will_do(size, by, make_scene):
     assert np.isfinite(full).all()
 
 
-@pytest.mark.parametrize("by", kernels(), ids=lambda k: k.NAME)
-def test_what_leaves_the_image_does_no_harm_to_what_stays(by, scene):
+def test_what_leaves_the_image_does_no_harm_to_what_stays(scene):
     motion = Affine((45.0, -30.0))
-    reference = RefinementReference(Plane.of(scene.picture()), by)
+    reference = RefinementReference(Plane.of(scene.picture()))
     current = Plane.of(scene.picture(motion, 1))
     start = to_half(motion.flow_px(H, W)) + np.float32(0.8)
     found = reference.refine(current, start)

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from ..options import JSON, PATH, out_folder
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command(epilog="Example: deltact-fab analyze tracking smoke-run --method fused")
@@ -21,9 +17,9 @@ if TYPE_CHECKING:
     multiple=True,
     metavar="METHOD[/REFERENCE]",
     show_default="those worth comparing",
-    help="fused, dis-medium, dis-fast, dis-ultrafast, farneback, farneback-paper, or paper; as "
-    "in dis-medium/static, with one of anchored (fused only), composed, summed, static, "
-    "composed-every, summed-every; repeatable.",
+    help="fused, dis-medium, dis-fast, farneback-paper, or paper; as in dis-medium/static, "
+    "with one of anchored (fused only), composed, summed, static, composed-every, summed-every; "
+    "repeatable.",
 )
 @out_folder("Folder for the results.", show_default="RUN/analysis")
 @JSON

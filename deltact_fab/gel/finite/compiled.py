@@ -1,17 +1,15 @@
-"""The loop over cells in machine code; the same numbers as `BulkAssembly` in numpy.
-
-Importing it needs numba, which the extra `fast` brings.
-"""
+"""The loop over cells of `BulkAssembly`, in machine code."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from ...machine_code import compiled
 
-@numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
+
+@compiled()
 def loop(  # noqa: C901 - one kernel, compiled as a whole
     displacement: Any, cells: Any, gradients: Any, weights: Any, slots: Any, mu: float,
     lam: float, local: float, tangent: bool, force: Any, data: Any, jbars: Any, wholes: Any,

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...aliases import Array
 from ..compose import landing_px, sample, shrunk
-from .fused import Plane, Refined, kernel
+from .fused import Plane, Refined
 from .image import Sampled
 
 _EDGE = cv2.BORDER_REPLICATE
@@ -111,9 +111,11 @@ class ConfidenceEstimator:
 
         Both (hh, ww) bool; secondary_match: of the current image, of which the match is.
         """
+        from . import kernel  # and numba with it, which takes its time
+
         least = KEEP_CORRELATION, KEEP_DET, DEVIATION_MAX_PX, BORDER_PX
         flow, correlation, deviation, _ = match
-        kept, agreeing = kernel().stands(
+        kept, agreeing = kernel.stands(
             flow, correlation, deviation, self.textured, least, self._shape
         )
         if self.name == "colour":

@@ -14,9 +14,8 @@ blur takes the patterns of mosaic and compression away.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache, lru_cache
+from functools import lru_cache
 from threading import get_ident
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import cv2
@@ -25,9 +24,9 @@ import numpy as np
 from ...aliases import Array
 from ...errors import InputError
 from ..compose import shrunk
-from . import kernel_cv2
+from . import nodes
 from .image import MIN_SIDE_PX, Sampled, require_image, to_gray
-from .kernel_cv2 import MIN_VARIANCE, around
+from .nodes import MIN_VARIANCE
 
 STEPS = (6, 4, 2)  # on a quarter, half and the full size
 _LEVELS = 3
@@ -38,26 +37,10 @@ _EVEN_PX = 41  # of the half-size image
 _EVEN_CONTRAST, _LEAST_CONTRAST = np.float32(40), np.float32(2)  # grey levels
 _LIGHT_WINDOW = 11  # of 8 px: within it the light is alike
 _PRIOR = 0.02
-_DAMPING = 0.01  # grey levels^2 / px^2 a pixel, on the normal matrix
 # Steps and smoothing pass more noise than one fit does: 1.24 by the transfer functions of window
 # and smoothing, after two steps on the full size. The blur makes the noise of neighbours alike: the
 # fit leaves less of it than it takes, 2.1 to 2.4 through a Bayer mosaic, 1.5 to 2.1 without.
 NOISE_GAIN = 1.24 * 2.0
-
-
-@cache
-def kernel() -> ModuleType:
-    """The loops that are used here: compiled where numba is there, else cv2's."""
-    try:
-        from . import kernel_numba
-    except ImportError:  # numba is an extra
-        return kernel_cv2
-    return kernel_numba
-
-
-def which() -> str:
-    """What does the work: "numba" or "cv2"."""
-    return str(kernel().NAME)
 
 
 class Plane:
@@ -79,7 +62,7 @@ class Plane:
             level = cv2.resize(level, half, interpolation=cv2.INTER_AREA)
             self._levels.append(level)
         self.small = _evened(self._levels[1][: -(-h // 2), : -(-w // 2)])
-        self._targets: dict[tuple[str, int], Array] = {}
+        self._targets: dict[int, Array] = {}
 
     @classmethod
     def of(cls, image: Array | Sampled) -> Plane:
@@ -104,15 +87,13 @@ class Plane:
         """Height and width of a level without its padding."""
         return self.shape[0] >> k, self.shape[1] >> k
 
-    def target(self, k: int, by: ModuleType) -> Array:
+    def target(self, k: int) -> Array:
         """What a step reads of a level."""
-        key = (by.NAME, k)
-        if key not in self._targets:
-            wide = cv2.copyMakeBorder(
+        if k not in self._targets:
+            self._targets[k] = cv2.copyMakeBorder(
                 self._levels[k], 0, _BEYOND_PX, 0, _BEYOND_PX, cv2.BORDER_REPLICATE
             )
-            self._targets[key] = by.target(wide)
-        return self._targets[key]
+        return self._targets[k]
 
 
 class Refined(NamedTuple):
@@ -133,21 +114,20 @@ class Refined(NamedTuple):
 
 
 class _Level(NamedTuple):
-    cells: Array  # what a step reads of the image
-    nodes: Array  # (rows, 10, cols), see `_prepared`
+    pixels: Array  # as in `nodes`, and so
+    normal: Array
     size_px: tuple[int, int]
 
 
 class RefinementReference:
-    """The reference's side of the refinement.
+    """The reference's side of the refinement, of the plane of the reference image."""
 
-    plane: of the reference image. by: the kernel, `kernel()` by default.
-    """
-
-    def __init__(self, plane: Plane, by: ModuleType | None = None) -> None:
+    def __init__(self, plane: Plane) -> None:
         self.plane = plane
-        self._by = kernel() if by is None else by
-        self._levels = [_prepared(plane, k, self._by) for k in range(_LEVELS)]
+        sizes = [(plane.level(k), plane.size_px(k)) for k in range(_LEVELS)]
+        self._levels = [
+            _Level(nodes.pixels(image), nodes.normal(image, size), size) for image, size in sizes
+        ]
 
     def refine(
         self, current: Plane, start_px: Array | None = None, steps: Sequence[int] = STEPS
@@ -215,19 +195,19 @@ class RefinementReference:
         return planes
 
     def _light(self, current: Plane, k: int, planes: Array) -> Array:
-        """What a change of light makes of reference less current image, see `kernel_cv2.step`.
+        """What a change of light makes of reference less current image, see `kernel.step`.
 
         By a fit over what the current image shows of a window, to one pixel of each 8 cells.
         """
-        nodes = 1 << (_LEVELS - 1 - k)
+        apart = 1 << (_LEVELS - 1 - k)
         height, width = self._levels[k].size_px
-        start = planes[:, ::nodes, ::nodes]
-        x0, y0 = (2 * nodes * np.arange(n, dtype=np.float32) for n in start.shape[:0:-1])
+        start = planes[:, ::apart, ::apart]
+        x0, y0 = (2 * apart * np.arange(n, dtype=np.float32) for n in start.shape[:0:-1])
         x, y = start[0] + x0, start[1] + y0[:, None]
         shown = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
         shown &= (x0 < width) & (y0[:, None] < height)
         seen = cv2.remap(current.level(k), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        r = self.plane.level(k)[:: 2 * nodes, :: 2 * nodes].astype(np.float32) - 128
+        r = self.plane.level(k)[:: 2 * apart, :: 2 * apart].astype(np.float32) - 128
         d = r + 128 - seen
         sums = [shown * a for a in (np.ones_like(r), r, d, r * r, r * d)]
         # With a little of the whole image, for where next to nothing is shown.
@@ -243,50 +223,16 @@ class RefinementReference:
     def _step(
         self, current: Plane, k: int, planes: Array, light: Array, last: bool
     ) -> tuple[Array, Array]:
-        level, target = self._levels[k], current.target(k, self._by)
-        gain = NOISE_GAIN if last else 0.0
-        moved, told = self._by.step(
-            target, level.cells, level.nodes, level.size_px, planes, light, gain
+        from . import kernel  # and numba with it, which takes its time
+
+        level, gain = self._levels[k], NOISE_GAIN if last else 0.0
+        return kernel.step(
+            current.target(k), level.pixels, level.normal, level.size_px, planes, light, gain
         )
-        return moved, told
 
     def _cut(self, flow: Array, told: Array) -> Refined:
         hh, ww = self.plane.small.shape
         return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, *told)))
-
-
-def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
-    image, (h, w) = plane.level(k), plane.size_px(k)
-    planes = kernel_cv2.reference(image)
-    for outside in (planes[:, h // 2 :], planes[:, :, w // 2 :]):
-        outside[:] = 0
-    r, gx, gy = planes[:4], planes[4:8], planes[8:12]
-    pixels = np.zeros(planes.shape[1:], np.float32)
-    pixels[: h // 2, : w // 2] = 4
-
-    def box(first: Array, second: Array) -> Array:
-        return around((first * second).sum(axis=0))
-
-    n = np.maximum(around(pixels), 1)
-    mean = around(planes[12]) / n
-    power = np.maximum(around(planes[13]) - n * mean**2, n * MIN_VARIANCE)
-    sx, sy = around(gx.sum(axis=0)), around(gy.sum(axis=0))
-    kx, ky = box(gx, r) - mean * sx, box(gy, r) - mean * sy
-    a11 = box(gx, gx) - sx * sx / n - kx * kx / power + _DAMPING * n
-    a12 = box(gx, gy) - sx * sy / n - kx * ky / power
-    a22 = box(gy, gy) - sy * sy / n - ky * ky / power + _DAMPING * n
-    det = a11 * a22 - a12 * a12
-    i11, i12, i22 = a22 / det, -a12 / det, a11 / det
-    # A step is i (gx D - c D - k R D), summed: gain and offset are projected out of D.
-    kx, ky = kx / power, ky / power
-    cx, cy = sx / n - kx * mean, sy / n - ky * mean
-    nodes = [
-        i11, i12, i22,
-        i11 * cx + i12 * cy, i12 * cx + i22 * cy, i11 * kx + i12 * ky, i12 * kx + i22 * ky,
-        mean, power, n,
-    ]  # fmt: skip
-    cells = planes if by is kernel_cv2 else by.reference(image)
-    return _Level(cells, np.stack(nodes, axis=1), (h, w))
 
 
 def _resized(planes: Array, size: tuple[int, int], unit: float | None = None) -> Array:

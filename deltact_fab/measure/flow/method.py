@@ -13,27 +13,25 @@ from ...errors import InputError, did_you_mean
 from .fused import Plane, RefinementReference, to_full, to_half
 from .image import MIN_SIDE_PX
 
-# Farneback 2003: 5 levels and a window of 13 are the defaults of OpenCV's GPU version, which the
-# paper cites, and its 10 iterations; 3, the default elsewhere, cost a third of the time.
-_FARNEBACK = {"pyr_scale": 0.5, "levels": 5, "winsize": 13, "poly_n": 5, "poly_sigma": 1.1}
-_ITERATIONS = {"farneback-paper": 10, "farneback": 3}
-# Dense Inverse Search (Kroeger 2016): the coarsest and quickest preset; to half resolution; finer
-# patches and refinement.
+# Farneback 2003: 5 levels, a window of 13 and 10 iterations are the defaults of OpenCV's GPU
+# version, which the paper cites.
+_FARNEBACK: dict[str, Any] = {
+    "pyr_scale": 0.5, "levels": 5, "winsize": 13, "iterations": 10, "poly_n": 5, "poly_sigma": 1.1,
+}  # fmt: skip
+# Dense Inverse Search (Kroeger 2016): to half resolution; finer patches and refinement.
 _DIS = {
-    "dis-ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
     "dis-fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
     "dis-medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
 }
 FUSED = "fused"
 """Dense Inverse Search at half the size, then inverse-compositional steps."""
-FLOW_METHODS = (*_ITERATIONS, *_DIS, FUSED)
+FLOW_METHODS = ("farneback-paper", *_DIS, FUSED)
 
 
 class FlowMethod:
     """One way to find the flow between two grey images.
 
-    name: one of FLOW_METHODS. options: cv2's own, of Farneback's. Raises InputError for any other
-    name.
+    name: one of FLOW_METHODS. Raises InputError for any other name.
     """
 
     def __init__(self, name: str = FUSED) -> None:
@@ -42,9 +40,6 @@ class FlowMethod:
                 f"flow method {name!r}: unknown; {did_you_mean(str(name), FLOW_METHODS)}"
             )
         self.name = name
-        self.options: dict[str, Any] = {}
-        if name in _ITERATIONS:
-            self.options = {**_FARNEBACK, "iterations": _ITERATIONS[name]}
         self._dis = cv2.DISOpticalFlow.create(_DIS[name]) if name in _DIS else None
 
     def between(self, ref_gray: Array, cur_gray: Array, initial: Array | None = None) -> Array:
@@ -72,7 +67,7 @@ class FlowMethod:
         if self._dis is not None:
             return self._dis.calc(ref_gray, cur_gray, start)
         flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
-        return cv2.calcOpticalFlowFarneback(ref_gray, cur_gray, start, flags=flags, **self.options)
+        return cv2.calcOpticalFlowFarneback(ref_gray, cur_gray, start, flags=flags, **_FARNEBACK)
 
 
 class PreparedReference:

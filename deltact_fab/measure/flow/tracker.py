@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Literal, get_args
 
+import cv2
 import numpy as np
 
 from ...aliases import Array
@@ -19,7 +20,6 @@ from .confidence import (
 from .fill import denoised, filled
 from .fused import COARSE, Plane, RefinementReference, predict, to_full
 from .image import Sampled
-from .kernel_cv2 import within
 from .method import FLOW_METHODS, FUSED, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage, Sequence, TrackedFrame
 from .renewed import Renewal, RenewedTracker
@@ -164,7 +164,7 @@ class FlowTracker:
     def judge(self, ready: PreparedImage, seen: TrackedFrame) -> FlowObservation:
         """What the next image does not wait for."""
         judge = ready.sequence.judge
-        inside, verdict = within(seen.flow_px, ready.plane.shape, 0.0), None
+        inside, verdict = _inside(seen.flow_px, ready.plane.shape), None
         if self.confidence and ready.frame:
             agreeing = seen.agreeing
             if seen.match is not None:
@@ -285,6 +285,13 @@ def _why_plain(gray: Array) -> str:
         f"its light is right (grey levels {dark:.0f} to {light:.0f}): the view is covered, far out "
         "of focus, or the skin has no pattern"
     )
+
+
+def _inside(flow: Array, shape: tuple[int, int]) -> Array:
+    """Which nodes land inside the image (h, w), (hh, ww) bool."""
+    # Node j lies at pixel 2 j + 1/2.
+    high = ((shape[1] - 1) / 2 - 0.25, (shape[0] - 1) / 2 - 0.25)
+    return cv2.inRange(landing_px(flow * np.float32(0.5)), (-0.25, -0.25), high).view(bool)
 
 
 def _pixels(nodes: Array, shape: tuple[int, int]) -> Array:

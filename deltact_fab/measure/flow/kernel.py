@@ -1,61 +1,46 @@
-"""One step of the refinement in machine code; the same figures as `kernel_cv2`, to rounding.
+"""One step of the refinement, and what of it stands, in machine code.
 
-Importing it needs numba, which the extra `fast` brings. The loops over a row are many and small:
-only so does the compiler find that each may run on eight nodes at once.
+The loops over a row are many and small: only so does the compiler find that each may run on eight
+nodes at once.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-import cv2
-import numba
 import numpy as np
 
 from ...aliases import Array
-from .kernel_cv2 import MIN_CONTRAST, MIN_VARIANCE, OWN_WEIGHT, ROUNDING
+from ...machine_code import compiled
+from .nodes import MIN_VARIANCE, OWN_WEIGHT
 
-NAME = "numba"
+_ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
+_MAX_STEP_PX = 1.0
+_MIN_CONTRAST = 0.05  # of the current image to the reference
 _OUTER, _INNER = 6, 5  # the window is a box of 6 of a box of 5 of a box of 2
 _REACH = 5  # cells to each side of its own
 _SUMS, _LAST_SUMS = 4, 8  # of a step, and of the last
 _BYTE = np.uint32(255)
 
 
-def _compiled(loop: Any) -> Any:
-    """The loop in machine code, kept between runs where there is a folder to keep it in."""
-    options = {"fastmath": {"contract", "reassoc", "nsz"}, "error_model": "numpy", "nogil": True}
-    try:
-        return numba.njit(cache=True, **options)(loop)
-    except RuntimeError:  # neither the package's folder nor the user's can be written
-        return numba.njit(**options)(loop)
-
-
-def reference(image: Array) -> Array:
-    """A cell's four pixels apart, a cell more on each side: (rows + 2, 4, cols + 2) float32."""
-    wide = cv2.copyMakeBorder(image, 2, 2, 2, 2, cv2.BORDER_REPLICATE)
-    out = np.empty((wide.shape[0] // 2, 4, wide.shape[1] // 2), np.float32)
-    for k in range(4):
-        out[:, k] = wide[k // 2 :: 2, k % 2 :: 2]
-    out -= 128
-    return out
-
-
-def target(image: Array) -> Array:
-    """The image itself, (rows, cols) uint8 in one piece."""
-    return np.ascontiguousarray(image)
+_compiled = compiled(error_model="numpy", nogil=True)
 
 
 def step(
-    image: Array,
-    reference: Array,
-    nodes: Array,
-    size_px: tuple[int, int],
-    flow: Array,
-    light: Array,
-    gain: float,
-) -> tuple[Array, Array]:
-    """See `kernel_cv2.step`."""
+    image: Array, pixels: Array, normal: Array, size_px: tuple[int, int], flow: Array,
+    light: Array, gain: float,
+) -> tuple[Array, Array]:  # fmt: skip
+    """One step of every node, then one pass of 1 2 1 over the flow.
+
+    image (h, w) uint8: the current one, 4 px more than the nodes need. pixels, normal, size_px: of
+    the reference, see `nodes`. flow (2, rows, cols) float32 px. light (2, rows, cols) float32: what
+    a change of light makes of reference less current image there, light[0] + light[1] * reference;
+    it stands in where the current image does not show a pixel, so that the pixel does not pull.
+    gain: how much more noise the chain of steps passes than one fit. Returns the new flow and, if
+    gain is positive, (3, rows, cols) over what the current image shows of the windows: correlation
+    and deviation in px of the flow that was given, and the squared length of the step over the
+    contrast, px^2.
+    """
     last = gain > 0
     rows, cols = flow.shape[1:]
     out = np.empty_like(flow)
@@ -63,7 +48,7 @@ def step(
     # From each pixel on, four of its row in one word.
     words: Array = np.ndarray((image.size - 3,), np.uint32, image, strides=(1,))
     _step(
-        words, image.shape[1], reference, nodes, size_px[0], size_px[1], flow, light, gain,
+        words, image.shape[1], pixels, normal, size_px[0], size_px[1], flow, light, gain,
         out, told,
     )  # fmt: skip
     return out, told
@@ -277,7 +262,7 @@ def _across(v: Any, n: int, box: Any) -> None:
 
 @_compiled
 def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any) -> None:
-    one = np.float32(1)
+    most = np.float32(_MAX_STEP_PX)
     b0, b1, b2, b3 = box[0], box[1], box[2], box[3]
     i11, i12, i22, ex, ey, fx, fy = (
         nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3], nodes[i, 4], nodes[i, 5], nodes[i, 6],
@@ -285,10 +270,10 @@ def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any) -> None:
     ux, uy, mx, my = flow[0, i], flow[1, i], moved[0], moved[1]
     for j in range(n):
         dx = i11[j] * b0[j] + i12[j] * b1[j] - ex[j] * b2[j] - fx[j] * b3[j]
-        mx[j + 1] = ux[j] + min(max(dx, -one), one)
+        mx[j + 1] = ux[j] + min(max(dx, -most), most)
     for j in range(n):
         dy = i12[j] * b0[j] + i22[j] * b1[j] - ey[j] * b2[j] - fy[j] * b3[j]
-        my[j + 1] = uy[j] + min(max(dy, -one), one)
+        my[j + 1] = uy[j] + min(max(dy, -most), most)
 
 
 @_compiled
@@ -332,7 +317,7 @@ def _judge(
     i11, i12, i22 = nodes[i, 0], nodes[i, 1], nodes[i, 2]
     ux, uy, mx, my = flow[0, i], flow[1, i], moved[0], moved[1]
     lost = np.float32(4 * OWN_WEIGHT)
-    factor, rounding = np.float32(gain * gain * OWN_WEIGHT), np.float32(ROUNDING)
+    factor, rounding = np.float32(gain * gain * OWN_WEIGHT), np.float32(_ROUNDING)
     for j in range(n):
         dx, dy = mx[j + 1] - ux[j], my[j + 1] - uy[j]
         explained = (i22[j] * dx * dx - two * i12[j] * dx * dy + i11[j] * dy * dy) / (
@@ -342,7 +327,7 @@ def _judge(
         noise = left / max(weights[j] - b5[j] - lost, own) + rounding
         spread = (i11[j] + i22[j]) * weights[j] / max(weights[j] - b5[j], own)
         deviation[j] = np.sqrt(factor * noise * spread)
-    least_contrast = np.float32(MIN_CONTRAST)
+    least_contrast = np.float32(_MIN_CONTRAST)
     for j in range(n):
         dx, dy = mx[j + 1] - ux[j], my[j + 1] - uy[j]
         contrast = max((power[j] - shared[j]) / power[j], least_contrast)
@@ -367,7 +352,12 @@ def stands(
     flow: Array, correlation: Array, deviation: Array, textured: Array,
     least: tuple[float, float, float, float], shape: tuple[int, int],
 ) -> tuple[Array, Array]:  # fmt: skip
-    """See `kernel_cv2.stands`."""
+    """Nodes whose own flow stands, and those of them that are fit to agree, both (hh, ww) bool.
+
+    flow (hh, ww, 2) px, correlation and deviation (hh, ww): of `Refined`. textured (hh, ww) bool.
+    least: the correlation and det F that are kept above, the deviation in px that agrees below, and
+    how far from the edge of the image, px. shape: of the image (h, w).
+    """
     kept, agreeing = np.empty(textured.shape, bool), np.empty(textured.shape, bool)
     limits = np.array(least, np.float32)
     _stands(flow, correlation, deviation, textured, limits, *shape, kept, agreeing)
