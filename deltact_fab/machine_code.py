@@ -22,8 +22,8 @@ def compiled(**options: Any) -> Callable[[Loop], Loop]:
 
     def decorate(loop: Loop) -> Loop:
         try:
-            return numba.njit(cache=True, **options)(loop)  # type: ignore[no-any-return]
+            return numba.njit(cache=True, **options)(loop)
         except RuntimeError:  # no folder to keep it in
-            return numba.njit(**options)(loop)  # type: ignore[no-any-return]
+            return numba.njit(**options)(loop)
 
     return decorate

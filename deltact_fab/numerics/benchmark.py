@@ -42,7 +42,6 @@ CASES: dict[str, tuple[tuple[str, ...], str]] = {
     "everything": (("flow", "shape", "contacts", "force", "traction"), "fused"),
     "force": (("force",), "fused"),
     "track": (("flow",), "fused"),
-    "farneback": (("flow",), "farneback-paper/composed"),
 }
 _FORCE = "inverse"
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -11,6 +11,7 @@ from ..compose import shrunk
 CELL = 4  # nodes to a side of a cell
 WINDOWS = (5, 13, 33, 97)  # cells to a side
 ENOUGH = 0.15  # share of a window that must be known before it is believed alone
+_BOTH = np.ones((1, 2), np.float32)
 NOISE_NODES = 13  # to a side of the window over which noise is told from motion
 SLOPES = 0.3  # cells^2: how far known cells must lie apart before their slope is believed
 
@@ -59,13 +60,15 @@ def denoised(flow: Array, deviation_px: Array, kept: Array) -> Array:
     keeps a slope as it is, so only curvature is at stake: at rest the mean remains, and a dent of
     some tenths of a pixel remains a dent.
     """
-    mean, own = (NOISE_NODES, NOISE_NODES), cv2.BORDER_REFLECT
-    smooth = cv2.blur(flow, mean, borderType=own)
+    window, rim = (NOISE_NODES, NOISE_NODES), cv2.BORDER_REFLECT
+    smooth = cv2.blur(flow, window, borderType=rim)
     fine = flow - smooth
-    power = cv2.blur(np.einsum("hwc,hwc->hw", fine, fine), mean, borderType=own)
-    noise = cv2.blur(np.where(kept, deviation_px**2, np.float32(0)), mean, borderType=own)
-    share = np.maximum(1 - noise / np.maximum(power, np.float32(1e-12)), 0)
-    return np.asarray(smooth + share[..., None] * fine)
+    power = cv2.blur(cv2.transform(fine * fine, _BOTH), window, borderType=rim)
+    noise = cv2.blur(deviation_px * deviation_px * kept, window, borderType=rim)
+    noise /= np.maximum(power, np.float32(1e-12))
+    share = np.maximum(1 - noise, 0)
+    fine *= cv2.merge((share, share))
+    return np.asarray(smooth + fine)
 
 
 def _planes(x: Array, y: Array, sums: Array) -> Array:

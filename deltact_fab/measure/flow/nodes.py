@@ -39,13 +39,12 @@ def normal(image: Array, size_px: tuple[int, int]) -> Array:
         cv2.Sobel(gray, -1, dx, 1 - dx, ksize=1, scale=0.5, borderType=cv2.BORDER_REPLICATE)
         for dx in (1, 0)
     )
-    r, gx, gy = (
-        np.stack([a[i::2, j::2] for i in (0, 1) for j in (0, 1)]) for a in (gray, *gradients)
-    )
-    inside = np.zeros(r.shape[1:], np.float32)
+    inside = np.zeros([n // 2 for n in image.shape], np.float32)
     inside[: h // 2, : w // 2] = 1
-    for cells in (r, gx, gy):
-        cells *= inside
+    r, gx, gy = (
+        np.stack([a[i::2, j::2] * inside for i in (0, 1) for j in (0, 1)])
+        for a in (gray, *gradients)
+    )
 
     def box(first: Array, second: Array) -> Array:
         return _around((first * second).sum(axis=0))

@@ -66,7 +66,7 @@ class AnchoredTracker:
         # Neighbours are asked only where they agree: a match that is kept and wrong would draw
         # others after it.
         flow = denoised(filled(match.flow_px, agreeing, kept), match.deviation_px, kept)
-        self._lost = np.count_nonzero(agreeing) < LOST_SHARE * agreeing.size
+        self._lost = bool(np.count_nonzero(agreeing) < LOST_SHARE * agreeing.size)
         if not self._lost:
             self._flow = flow
         return TrackedFrame(flow, kept, agreeing, match=match)
