@@ -1,4 +1,4 @@
-"""From colour values to a camera's bytes: printer spread, lens blur, shading, Bayer mosaic, noise.
+"""From colour values to the bytes that a program gets: printer, light, lens, mosaic, noise, cable.
 
 Pattern quality and the virtual camera share it. Everything here is a model: 4-level halftone,
 15 um of misregistration, 20 um of ink spread, 0.6 px of blur are assumed values of an office laser
@@ -8,6 +8,7 @@ printer and a small fisheye camera, not measured ones.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -60,9 +61,25 @@ class Printer:
         return np.stack(inks, axis=-1)
 
 
+Demosaic = Literal["edge-aware", "bilinear", "gradients"]
+_DEMOSAICS: dict[str, int] = {
+    "edge-aware": cv2.COLOR_BayerRG2BGR_EA,
+    "bilinear": cv2.COLOR_BayerRG2BGR,
+    "gradients": cv2.COLOR_BayerRG2BGR_VNG,
+}
+Format = Literal["raw", "yuyv", "nv12", "mjpeg-422", "mjpeg-420"]
+_SAMPLING = {
+    "mjpeg-422": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422,
+    "mjpeg-420": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
+}
+_FAR = 1e6
+# Place and width of the highlight, in half diagonals of the view.
+_HIGHLIGHT_AT, _HIGHLIGHT_WIDTH = (0.35, -0.3), 0.06
+
+
 @dataclass(frozen=True)
 class ImageSensor:
-    """A colour camera: lens blur (px), shading at the corner, full well and read noise.
+    """A colour camera and the light it works in; what each key means stands in the rig's file.
 
     mosaic: one colour a pixel behind a Bayer filter; False is three chips, every colour everywhere.
     """
@@ -72,30 +89,95 @@ class ImageSensor:
     full_well_electrons: float = 8000.0
     read_noise_electrons: float = 6.0
     mosaic: bool = True
+    corner_blur_px: float = 0.0
+    led_gradient: float = 1.0
+    highlight: float = 0.0
+    contact_glow_per_mm: float = 0.0
+    gamma: float = GAMMA
+    demosaic: Demosaic = "edge-aware"
+    sharpening: float = 0.0
+    format: Format = "raw"
+    jpeg_quality: int = 85
 
-    def shade(self, height: int, width: int) -> Float:
-        """Falloff of light, 1 on the axis to 1 - shading in the corner, quadratic, (h, w, 1)."""
-        y = (np.arange(height) - (height - 1) / 2)[:, None]
-        x = (np.arange(width) - (width - 1) / 2)[None, :]
-        r2 = (x * x + y * y) / ((height / 2) ** 2 + (width / 2) ** 2)
-        return (1 - self.shading * r2).astype(np.float32)[..., None]
 
-    def expose(self, radiance: Float, shade: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
-        """Linear radiance (h, w, 3 RGB, 0..1) to a BGR image through mosaic, noise and gamma."""
-        light = cv2.GaussianBlur(radiance, (0, 0), self.blur_px) * shade
-        if not self.mosaic:
-            return self._digitise(np.ascontiguousarray(light[..., ::-1]), rng)
+def view_grid(height: int, width: int) -> Float:
+    """Pixels from the image's middle, in half diagonals, (h, w, 2) as (x, y)."""
+    y, x = (np.arange(n) - (n - 1) / 2 for n in (height, width))
+    return np.asarray(np.dstack(np.meshgrid(x, y)) / np.hypot(height / 2, width / 2))
+
+
+class Exposure:
+    """Light to bytes, for one camera and where its pixels look.
+
+    off: (h, w, 2) from the view's middle, in half diagonals; inf where nothing is seen.
+    """
+
+    def __init__(self, sensor: ImageSensor, off: Float) -> None:
+        self._sensor = sensor
+        square = np.minimum(np.sum(off**2, axis=-1)[..., None], _FAR)
+        light = np.maximum(1 - sensor.shading * square, 0)
+        self._outward = np.minimum(square, 1).astype(np.float32)
+        if sensor.led_gradient != 1:
+            light *= 1 + (sensor.led_gradient - 1) * self._outward
+            light /= max(1.0, sensor.led_gradient)
+        self._light = light.astype(np.float32)
+        self._highlight: Float | None = None
+        if sensor.highlight:
+            away = np.sum((off - np.asarray(_HIGHLIGHT_AT)) ** 2, axis=-1)[..., None]
+            spot = sensor.highlight * np.exp(-away / (2 * _HIGHLIGHT_WIDTH**2))
+            self._highlight = spot.astype(np.float32)
+
+    def expose(
+        self, radiance: Float, rng: np.random.Generator, depth_mm: Float | None = None
+    ) -> NDArray[np.uint8]:
+        """Linear radiance (h, w, 3 RGB, 0..1) to the BGR image that a program gets.
+
+        depth_mm: (h, w) of the face below rest, for `contact_glow_per_mm`; None at rest.
+        """
+        sensor = self._sensor
+        if sensor.contact_glow_per_mm and depth_mm is not None:
+            glow = 1 + np.float32(sensor.contact_glow_per_mm) * np.maximum(depth_mm, 0)
+            radiance = radiance * glow[..., None]
+        light = cv2.GaussianBlur(radiance, (0, 0), sensor.blur_px)
+        if sensor.corner_blur_px > sensor.blur_px:
+            outer = cv2.GaussianBlur(radiance, (0, 0), sensor.corner_blur_px)
+            light += (outer - light) * self._outward
+        light = light * self._light
+        if self._highlight is not None:
+            light += self._highlight
+        if not sensor.mosaic:
+            return self._delivered(self._digitised(np.ascontiguousarray(light[..., ::-1]), rng))
         raw = np.empty(light.shape[:2], np.float32)  # BGGR mosaic
         raw[0::2, 0::2] = light[0::2, 0::2, 2]
         raw[0::2, 1::2] = light[0::2, 1::2, 1]
         raw[1::2, 0::2] = light[1::2, 0::2, 1]
         raw[1::2, 1::2] = light[1::2, 1::2, 0]
-        mosaic = self._digitise(raw, rng)
-        return np.asarray(cv2.cvtColor(mosaic, cv2.COLOR_BayerRG2BGR_EA), np.uint8)
+        return self._delivered(cv2.cvtColor(self._digitised(raw, rng), _DEMOSAICS[sensor.demosaic]))
 
-    def _digitise(self, raw: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
-        raw = raw * np.float32(0.9 * self.full_well_electrons)
-        spread = np.sqrt(np.maximum(raw, 0) + np.float32(self.read_noise_electrons**2))
+    def _digitised(self, raw: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
+        sensor = self._sensor
+        raw = raw * np.float32(0.9 * sensor.full_well_electrons)
+        spread = np.sqrt(np.maximum(raw, 0) + np.float32(sensor.read_noise_electrons**2))
         raw += spread * rng.standard_normal(raw.shape, dtype=np.float32)
-        coded = np.power(np.clip(raw / np.float32(self.full_well_electrons), 0, 1), 1 / GAMMA)
+        full = np.float32(sensor.full_well_electrons)
+        coded = np.power(np.clip(raw / full, 0, 1), 1 / sensor.gamma)
         return np.rint(coded * 255).astype(np.uint8)
+
+    def _delivered(self, bgr: Any) -> NDArray[np.uint8]:
+        """What the camera's processor and its cable make of an image."""
+        sensor = self._sensor
+        if sensor.sharpening:
+            soft = cv2.GaussianBlur(bgr, (0, 0), 1.0)
+            bgr = cv2.addWeighted(bgr, 1 + sensor.sharpening, soft, -sensor.sharpening, 0)
+        if sensor.format in _SAMPLING:
+            chosen = [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg_quality,
+                      cv2.IMWRITE_JPEG_SAMPLING_FACTOR, _SAMPLING[sensor.format]]  # fmt: skip
+            bgr = cv2.imdecode(cv2.imencode(".jpg", bgr, chosen)[1], cv2.IMREAD_COLOR)
+        elif sensor.format != "raw":
+            luma, *chroma = cv2.split(cv2.cvtColor(bgr, cv2.COLOR_BGR2YCrCb))
+            h, w = luma.shape
+            few = (-(-w // 2), -(-h // 2) if sensor.format == "nv12" else h)
+            chroma = [cv2.resize(c, few, interpolation=cv2.INTER_AREA) for c in chroma]
+            chroma = [cv2.resize(c, (w, h), interpolation=cv2.INTER_NEAREST) for c in chroma]
+            bgr = cv2.cvtColor(cv2.merge((luma, *chroma)), cv2.COLOR_YCrCb2BGR)
+        return np.asarray(bgr, np.uint8)

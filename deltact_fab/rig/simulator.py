@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -26,6 +26,25 @@ class SimulatedCameraConfig(Table):
     """What a pixel holds when it is white; sets the shot noise."""
     read_noise_electrons: float = Field(default=6.0, ge=0, le=100_000)
     """Standard deviation of the noise of reading a pixel."""
+    corner_blur_px: float = Field(default=0.0, ge=0, le=50)
+    """Standard deviation of the blur in the corner of the view, where it is more than blur_px."""
+    led_gradient: float = Field(default=1.0, ge=0.1, le=10)
+    """Light at the edge of the view over light in its middle: 1 to 6 where LEDs stand around it."""
+    highlight: float = Field(default=0.0, ge=0, le=10)
+    """Light of the reflection of one LED, at its middle; 1 is white."""
+    contact_glow_per_mm: float = Field(default=0.0, ge=0, le=10)
+    """How much brighter the face gets a millimetre of depth, until it saturates to white."""
+    gamma: float = Field(default=2.2, ge=1, le=4)
+    """Of the camera's processor: a pixel's value is its light to the power of 1 / gamma."""
+    demosaic: Literal["edge-aware", "bilinear", "gradients"] = "edge-aware"
+    """How the processor makes three colours of the one that each pixel saw."""
+    sharpening: float = Field(default=0.0, ge=0, le=3)
+    """Share of what an image has over its own blur of 1 px that the processor adds to it."""
+    format: Literal["raw", "yuyv", "nv12", "mjpeg-422", "mjpeg-420"] = "raw"
+    """What goes over the cable: raw keeps all; yuyv and mjpeg-422 halve the colour's columns, nv12
+    and mjpeg-420 its rows too; mjpeg compresses."""
+    jpeg_quality: int = Field(default=85, ge=10, le=100)
+    """Of the mjpeg formats."""
 
 
 class PrinterConfig(Table):

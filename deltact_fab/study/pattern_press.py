@@ -68,7 +68,7 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
         for name, (picture, noise, marks) in printed.items():
             if name in lost:
                 continue
-            image = stream.tracked(picture.expose(frame.at_px, noise))
+            image = stream.tracked(picture.expose(frame.at_px, noise, frame.displacement_mm))
             true = truth.of(frame, marks) if frame.number else None
             try:
                 said = followers[name].take(image, true)

@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 from ..aliases import Array, Float
 from ..errors import InputError
 from ..files import making, write_whole
-from ..imaging import ImageSensor
+from ..imaging import Exposure, ImageSensor
 from ..measure.lens import PHOTOGRAPHS, Checkerboard
 from ..optics import Fisheye, Medium, Rectified, as_toml
 from ..record import encode_png
@@ -70,8 +70,7 @@ class Studio:
 
     def __init__(self, lens: Fisheye, sensor: ImageSensor, design: SensorDimensions) -> None:
         self.lens, self.design = lens, design
-        self._sensor = sensor
-        self._shade = RawView(lens, Rectified.of(design, lens)).shade(sensor.shading)
+        self._exposure = Exposure(sensor, RawView(lens, Rectified.of(design, lens)).off)
         rows, columns = np.arange(-1.0, lens.height_px + 1), np.arange(-1.0, lens.width_px + 1)
         self._origin, self._slope = lens.ray(np.stack(np.meshgrid(columns, rows), -1), "air")
 
@@ -107,7 +106,7 @@ class Studio:
         seen = np.where(window, seen, np.float32(BLACK))
         size = (self.lens.width_px, self.lens.height_px)
         light = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
-        return self._sensor.expose(np.repeat(light[..., None], 3, axis=-1), self._shade, rng)
+        return self._exposure.expose(np.repeat(light[..., None], 3, axis=-1), rng)
 
     def _fine(self, values: Array) -> Float:
         """Values at the pixels' middles, with a border of one, to FINER a pixel."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..aliases import Float
 from ..errors import SolverError
-from ..imaging import ImageSensor
+from ..imaging import Exposure, ImageSensor, view_grid
 from ..occlusion import in_dispute, nearest
 from ..optics import CameraModel, FaceMotion, LatticeSampler, SurfaceLattice, axes_mm
 from .raw_view import RawView
@@ -121,6 +121,15 @@ class Geometry:
                 )
         return at
 
+    def depth_mm(self, displacement_mm: NDArray[np.float64], at_px: Float) -> Float:
+        """How deep the points that pixels see lie below rest, (h, w); at_px: of `material_px`."""
+        x, y = cv2.split(at_px + self._margin_px)
+        out_mm = self._sampler(displacement_mm[..., 2:])[..., 0].astype(np.float32)
+        depth = -cv2.remap(out_mm, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        if self.raw is None:
+            return np.asarray(depth[1:-1, 1:-1])
+        return self.raw.framed(self.raw.look(depth)[1:-1, 1:-1, None])[..., 0]
+
 
 class FrameRenderer:
     """Draws frames of one pattern through one camera; cheap where the geometry is shared."""
@@ -128,14 +137,13 @@ class FrameRenderer:
     def __init__(self, geometry: Geometry, texture: Texture, sensor: ImageSensor) -> None:
         self.geometry = geometry
         self._texture = texture
-        self._sensor = sensor
+        self._glows = sensor.contact_glow_per_mm > 0
         camera, raw = geometry.camera, geometry.raw
         if raw is None:
-            self._shade = sensor.shade(camera.height_px, camera.width_px)
-            self._beyond = cv2.BORDER_REPLICATE
+            off, self._beyond = view_grid(camera.height_px, camera.width_px), cv2.BORDER_REPLICATE
         else:
-            self._shade = raw.shade(sensor.shading)
-            self._beyond = cv2.BORDER_CONSTANT  # beyond the print it is dark
+            off, self._beyond = raw.off, cv2.BORDER_CONSTANT  # beyond the print it is dark
+        self._exposure = Exposure(sensor, off)
 
     def render(
         self, displacement_mm: NDArray[np.float64] | None, rng: np.random.Generator
@@ -144,10 +152,18 @@ class FrameRenderer:
 
         Raises SolverError where a pixel sees no point of the surface.
         """
-        return self.expose(self.geometry.material_px(displacement_mm), rng)
+        return self.expose(self.geometry.material_px(displacement_mm), rng, displacement_mm)
 
-    def expose(self, at_px: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
-        """Image (h, w, 3) BGR of what the geometry's `material_px` says that the pixels see."""
+    def expose(
+        self,
+        at_px: Float,
+        rng: np.random.Generator,
+        displacement_mm: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.uint8]:
+        """Image (h, w, 3) BGR of what the geometry's `material_px` says that the pixels see.
+
+        displacement_mm: as of `render`; only a camera in whose light a contact glows reads it.
+        """
         at, camera, raw = at_px, self.geometry.camera, self.geometry.raw
         if raw is not None:
             at = raw.look(at)
@@ -164,7 +180,10 @@ class FrameRenderer:
         radiance = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
         if raw is not None:
             radiance = raw.framed(radiance)
-        return self._sensor.expose(radiance, self._shade, rng)
+        depth_mm: Float | None = None
+        if self._glows and displacement_mm is not None:
+            depth_mm = self.geometry.depth_mm(displacement_mm, at_px)
+        return self._exposure.expose(radiance, rng, depth_mm)
 
 
 def _within(points_mm: NDArray[np.float64], nodes_mm: NDArray[np.float64]) -> NDArray[np.float64]:

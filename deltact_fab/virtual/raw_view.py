@@ -42,22 +42,20 @@ class RawView:
         self._seen = seen[self._rows, self._columns][..., None]
         corner_px = np.hypot(view.width_px, view.height_px) / 2
         off = (looks[1:-1, 1:-1] - np.asarray(self.flat.centre_px)) / corner_px
-        self._square = np.nan_to_num(np.sum(off**2, axis=-1), nan=np.inf)[..., None]
-
-    def shade(self, shading: float) -> Float:
-        """Falloff of light (h, w, 1), quadratic on the face, 1 - shading in the view's corner."""
-        return np.maximum(1 - shading * self._square, 0).astype(np.float32)
+        self.off: Float = np.nan_to_num(off, nan=np.inf)
+        """Of raw pixels (h, w, 2) from the view's middle, in its half diagonals; inf: unseen."""
 
     def look(self, flat: Float) -> Float:
         """What stands at each pixel of the flat view, on the raw pixels that see it.
 
-        flat: (h, w, 2) with a border of one pixel, and so is what is returned.
+        flat: (h, w[, 2]) with a border of one pixel, and so is what is returned.
         """
         return np.asarray(cv2.remap(flat, self._map[0], self._map[1], cv2.INTER_LINEAR), np.float32)
 
     def framed(self, radiance: Float) -> Float:
-        """The raw image (h, w, 3) with this in its place and the rest dark."""
-        whole = np.zeros((self.lens.height_px, self.lens.width_px, 3), np.float32)
+        """The raw image (h, w, c) with this in its place and the rest dark."""
+        size = (self.lens.height_px, self.lens.width_px, radiance.shape[-1])
+        whole = np.zeros(size, np.float32)
         at = (
             slice(self._rows.start - 1, self._rows.stop - 1),
             slice(self._columns.start - 1, self._columns.stop - 1),

@@ -25,7 +25,7 @@ FAR = "121 px in ten frames, det F from .3 to 2"
 
 
 def tracked(image: Image) -> Image:
-    """What the tracker sees of an image: green, blurred."""
+    """What the tracker sees of an image: luma, blurred."""
     return Plane.of(image).gray
 
 

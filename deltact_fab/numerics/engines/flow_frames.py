@@ -6,9 +6,9 @@ All of it is synthetic. The truth is the displacement that the frames were drawn
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -105,17 +105,14 @@ def drawn(
     return FlowSequence(np.stack(images), truth)
 
 
-def in_plane(
-    recipe: PatternRecipe, motion: Motion, n_frames: int = 1, mosaic: bool = True
-) -> FlowSequence:
+def in_plane(recipe: PatternRecipe, motion: Motion, n_frames: int = 1) -> FlowSequence:
     """A motion in the plane of the face, given in pixels at the pixels' places."""
     reach = MARGIN_PX + 2
     x_mm, y_mm = axes_mm(CAMERA, reach)
     lattice = SurfaceLattice(float(x_mm[0]), float(y_mm[0]), MM_PER_PX, len(x_mm), len(y_mm))
     at = np.meshgrid(np.arange(len(x_mm)) - float(reach), np.arange(len(y_mm)) - float(reach))
     moved = motion(*at) * MM_PER_PX
-    return drawn(recipe, lattice, np.dstack((moved, np.zeros(moved.shape[:2]))), n_frames,
-                 ImageSensor(mosaic=mosaic))  # fmt: skip
+    return drawn(recipe, lattice, np.dstack((moved, np.zeros(moved.shape[:2]))), n_frames)
 
 
 def bump(peak_px: float, front_px: float, back_px: float, x: Field, y: Field) -> Field:
@@ -137,8 +134,9 @@ far: Motion = partial(bump, 121.0, 105.0, 73.5)
 near: Motion = partial(bump, 12.0, 90.0, 90.0)
 
 
-def pressed(mosaic: bool = True) -> FlowSequence:
-    """A press with shear on the layer."""
+@cache
+def _press() -> tuple[SurfaceLattice, Field]:
+    """The face under a press with shear on the layer, and its displacement (ny, nx, 3)."""
     from ...elasticity.layer import BondedLayer
     from ...gel.level import follow
     from ...gel.linear.contact import LayerContact
@@ -150,12 +148,31 @@ def pressed(mosaic: bool = True) -> FlowSequence:
     *_, sheared = follow(contact, down, (1.5, 0.0, 1.2), 0.3)
     view, margin_mm = SENSOR.optics.view_mm, MARGIN_PX * MM_PER_PX
     crop = LatticeCrop(layer.x_mm, layer.y_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
-    return drawn(DOTS, crop.lattice, crop(sheared.displacement_mm).astype(np.float64),
-                 sensor=ImageSensor(mosaic=mosaic))  # fmt: skip
+    return crop.lattice, crop(sheared.displacement_mm).astype(np.float64)
+
+
+def pressed(recipe: PatternRecipe = DOTS, sensor: ImageSensor | None = None) -> FlowSequence:
+    """A press with shear on the layer, as a camera sees it."""
+    return drawn(recipe, *_press(), sensor=sensor)
+
+
+USB: dict[str, Any] = {
+    "corner_blur_px": 1.1, "led_gradient": 6.0, "highlight": 0.5, "contact_glow_per_mm": 1.0,
+    "gamma": 1.8, "demosaic": "gradients", "sharpening": 0.5, "format": "mjpeg-420",
+}  # fmt: skip
+CAMERAS = {key: ImageSensor(**{key: value}) for key, value in USB.items()}
+CAMERAS |= {f"format {name}": ImageSensor(format=name) for name in ("mjpeg-422", "yuyv", "nv12")}
+CAMERAS["all of them, a gradient of 2"] = ImageSensor(**(USB | {"led_gradient": 2.0}))
+"""What an ordinary camera does, one key of the rig's file at a time, and all at once."""
 
 
 SCENES: dict[str, Callable[[], FlowSequence]] = {
     "press": pressed,
+    **{
+        f"{name}, {key}": partial(pressed, recipe, sensor)
+        for name, recipe in (("coarse", COARSE), ("fine", FINE))
+        for key, sensor in CAMERAS.items()
+    },
     "far": partial(in_plane, COARSE, far, 10),
     "far, fine": partial(in_plane, FINE, far, 10),
     "near": partial(in_plane, COARSE, near, 4),

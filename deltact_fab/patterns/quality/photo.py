@@ -64,6 +64,8 @@ def photograph(
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
     """A centred print (rows, columns, 3) as the camera's image of size_px (h, w), (h, w, 3) RGB."""
+    from ...imaging import Exposure, view_grid
+
     height_px, width_px = (length + 2 * MARGIN_PX for length in size_px)
     edges_mm, ends_mm = _edges(printed.shape[0], mm_per_dot), _edges(height_px, mm_per_px)
     # Columns by strips: the float64 intermediates of a fine print would be gigabytes
@@ -76,8 +78,9 @@ def photograph(
     ).swapaxes(0, 1)
     edges_mm, ends_mm = _edges(printed.shape[1], mm_per_dot), _edges(width_px, mm_per_px)
     radiance = cell_means(band, edges_mm, ends_mm).swapaxes(0, 1).astype(np.float32)
-    falloff = np.full((height_px, width_px, 1), sensor.shade(*size_px).mean(), np.float32)
-    bgr = sensor.expose(radiance, falloff, rng)
+    # Everywhere in the mean light of the view.
+    off = np.sqrt(np.mean(view_grid(*size_px) ** 2, axis=(0, 1)))
+    bgr = Exposure(sensor, np.broadcast_to(off, (height_px, width_px, 2))).expose(radiance, rng)
     return np.ascontiguousarray(bgr[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX, ::-1])
 
 

@@ -49,7 +49,7 @@ def confirm(given: dict[str, Any]) -> dict[str, Any]:
     n = len(stream.looks)
     for frame in stream.frames():
         for name, (picture, noise, marks, follower) in list(drawn.items()):
-            image = stream.tracked(picture.expose(frame.at_px, noise))
+            image = stream.tracked(picture.expose(frame.at_px, noise, frame.displacement_mm))
             try:
                 follower.take(image, truth.of(frame, marks) if frame.number else None)
             except SensorError as why:  # nothing in it to follow
