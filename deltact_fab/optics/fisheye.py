@@ -66,6 +66,8 @@ ROUNDING_MM = 1e-9
 STEP_RAD = 1e-8
 """A ray has been found when Newton's step is shorter: what it leaves is its square, 1e-9 px."""
 MAX_ITERATIONS = 40
+DECENTRING_ITERATIONS = 20
+"""Each leaves less than a tenth: p1 and p2 of real lenses are some thousandths."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,9 @@ class Fisheye(Bounded):
     """The camera's own image, through the lens as it is.
 
     A ray leaves the entrance pupil at an angle theta against the lens's axis, and meets the image
-    f (theta + k1 theta^3 + k2 theta^5) from (cx, cy). The pupil stands on the axis; seen from the
+    theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9 focal lengths from (cx, cy), less what
+    decentred elements (p1, p2: Brown 1966) add to it; rows are aspect times as far apart as
+    columns. The pupil stands on the axis; seen from the
     angle theta it has moved back along it by pupil_shift_mm theta^2 (theta in rad), which widens
     the gap to air_gap_mm + pupil_shift_mm theta^2 cos(tilt). Plates and gel are flat and normal
     to z. The pupil of theta = 0 is at (x0_mm, y0_mm) above the sensor's origin. The image is turned
@@ -86,6 +90,11 @@ class Fisheye(Bounded):
     f_px: float = number(870 / 2.24, "focal length, .87 mm of 2.24 um pixels", 10, 10_000)
     k1: float = number(0.0, "radial distortion, of theta^3", -1, 1)
     k2: float = number(0.0, "radial distortion, of theta^5", -1, 1)
+    k3: float = number(0.0, "radial distortion, of theta^7", -1, 1)
+    k4: float = number(0.0, "radial distortion, of theta^9", -1, 1)
+    p1: float = number(0.0, "decentring, along y", -0.1, 0.1)
+    p2: float = number(0.0, "decentring, along x", -0.1, 0.1)
+    aspect: float = number(1.0, "focal length along y over that along x", 0.5, 2)
     cx_px: float = number(639.5, "column where the axis meets the image", -10_000, 20_000)
     cy_px: float = number(359.5, "row where the axis meets the image", -10_000, 20_000)
     tilt_x_deg: float = number(0.0, "turn of the lens about x", -10, 10)
@@ -134,8 +143,9 @@ class Fisheye(Bounded):
     @cached_property
     def field_rad(self) -> float:
         """The angle from the axis up to which the lens forms an image."""
-        # Where 1 + 3 k1 t^2 + 5 k2 t^4 falls to the least growth.
-        roots = np.roots([5 * self.k2, 3 * self.k1, 1 - MIN_GROWTH])
+        # Where 1 + 3 k1 t^2 + 5 k2 t^4 + ... falls to the least growth.
+        terms = [9 * self.k4, 7 * self.k3, 5 * self.k2, 3 * self.k1, 1 - MIN_GROWTH]
+        roots = np.roots(terms)
         turns = [math.sqrt(r.real) for r in roots if abs(r.imag) < 1e-12 and r.real > 0]
         return min([FIELD_RAD, *turns])
 
@@ -157,9 +167,13 @@ class Fisheye(Bounded):
         # Radius over sine: along on the axis, where both vanish.
         with np.errstate(invalid="ignore", divide="ignore"):
             per = np.where(across_ > 0, theta / across_, 1 / along)
-        square = theta**2
-        gain = self.f_px * per * (1 + square * (self.k1 + square * self.k2))
-        return towards[..., :2] * gain[..., None] + np.asarray(self.centre_px)
+        gain = self.f_px * per * self._stretch(theta**2)
+        off_px = towards[..., :2] * gain[..., None]
+        if self.p1 or self.p2:
+            off_px = off_px + self.f_px * self._decentring(off_px / self.f_px)
+        if self.aspect != 1:
+            off_px = off_px * (1.0, self.aspect)
+        return off_px + np.asarray(self.centre_px)
 
     def crossing_mm(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
         """Where the rays to points (..., 3) cross the resting face, (..., 2) mm.
@@ -188,6 +202,12 @@ class Fisheye(Bounded):
         resting face. nan for pixels outside the field, or whose ray does not go down to the face.
         """
         off = (np.asarray(px, float) - np.asarray(self.centre_px)) / self.f_px
+        if self.aspect != 1:
+            off = off / (1.0, self.aspect)
+        if self.p1 or self.p2:
+            seen = off
+            for _ in range(DECENTRING_ITERATIONS):
+                off = seen - self._decentring(off)
         radius = np.hypot(off[..., 0], off[..., 1])
         theta = self._angle(radius)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -223,15 +243,35 @@ class Fisheye(Bounded):
         flat, one = np.zeros_like(at[..., :1]), np.ones_like(at[..., :1])
         return np.concatenate((at, flat), axis=-1), np.concatenate((slope, one), axis=-1)
 
+    def _stretch(self, square: Array) -> Array:
+        """Radius over focal length and angle, of squared angles."""
+        k1, k2, k3, k4 = self.k1, self.k2, self.k3, self.k4
+        if k3 == k4 == 0:
+            return np.asarray(1 + square * (k1 + square * k2))
+        return np.asarray(1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
+
+    def _decentring(self, off: Array) -> Array:
+        """What decentred elements add to places (..., 2) in focal lengths from the axis."""
+        u, v = off[..., 0], off[..., 1]
+        cross, square = 2 * u * v, u * u + v * v
+        return np.stack(
+            (
+                self.p1 * cross + self.p2 * (square + 2 * u * u),
+                self.p1 * (square + 2 * v * v) + self.p2 * cross,
+            ),
+            axis=-1,
+        )
+
     def _angle(self, radius: Array) -> Array:
         """Angle against the axis, rad, of image radii over f; nan outside the field."""
         nodes = np.linspace(0, self.field_rad, 1024)
-        held = nodes * (1 + nodes**2 * (self.k1 + nodes**2 * self.k2))
+        held = nodes * self._stretch(nodes**2)
         theta = np.interp(radius, held, nodes, right=np.nan)
         for _ in range(3):  # from an error of 1e-6 or less: 1e-12, then rounding
             square = theta**2
-            value = theta * (1 + square * (self.k1 + square * self.k2))
-            growth = 1 + square * (3 * self.k1 + square * 5 * self.k2)
+            value = theta * self._stretch(square)
+            high = square * square * (7 * self.k3 + square * 9 * self.k4)
+            growth = 1 + square * (3 * self.k1 + square * 5 * self.k2 + high)
             theta = theta - (value - radius) / growth
         return np.asarray(theta)
 

@@ -26,6 +26,14 @@ LAYERS = {
     "n_gel": (0.005, "clear silicones, 1.40 to 1.42"),
 }
 """What no board can tell apart from the lens: sigma, and where it is from."""
+LENS = {
+    "k3": (0.01, "fisheyes as made: a tenth of their k1"),
+    "k4": (0.008, "fisheyes as made: a tenth of their k1"),
+    "p1": (0.002, "elements centred to some hundredths of a millimetre"),
+    "p2": (0.002, "elements centred to some hundredths of a millimetre"),
+    "aspect": (0.002, "square pixels"),
+}
+"""What a lens has little of, and one image need not tell: sigma, and where it is from."""
 
 
 def nominal(sensor: SensorDimensions, contact: Sequence[Corners], size_px: Array) -> Fisheye:
@@ -76,7 +84,8 @@ def priors(lens: Fisheye, placed: bool) -> dict[str, Prior]:
     if placed:
         wide |= {"x0_mm": 2.0, "y0_mm": 2.0, "roll_deg": 10.0}
     found = {n: Prior(getattr(lens, n), s, search, weak=True) for n, s in wide.items()}
-    return found | {n: Prior(getattr(lens, n), s, why) for n, (s, why) in LAYERS.items()}
+    known = (LENS | LAYERS).items()
+    return found | {n: Prior(getattr(lens, n), s, why) for n, (s, why) in known}
 
 
 def pose(seen: BoardView, lens: Fisheye) -> NDArray[np.float64]:
