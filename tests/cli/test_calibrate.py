@@ -114,7 +114,7 @@ def test_from_photographs_to_a_camera_file(place: Path) -> None:
     said = say(calibrate, photos / "contact" / "1.png", *words[:-1]).output
     assert f"face {told['sigma_face_px']:.3f}" in said
     assert "simulated images, seed 3" in said
-    assert "note: known from the design alone: " in said
+    assert "note: the images do not tell, taken as made: " in said
 
 
 @pytest.mark.parametrize(

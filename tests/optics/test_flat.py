@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from deltact_fab.errors import InputError
-from deltact_fab.imaging import ImageSensor
+from deltact_fab.imaging import Exposure, ImageSensor, view_grid
 from deltact_fab.optics import Fisheye, FlatField, Rectified, as_toml
 
 LENS = Fisheye(f_px=194, cx_px=319.5, cy_px=179.5, width_px=640, height_px=360)
@@ -19,9 +19,9 @@ SENSOR = ImageSensor(shading=0.5)
 
 
 def lit(level: float, seed: int) -> NDArray[np.uint8]:
-    shade = SENSOR.shade(LENS.height_px, LENS.width_px)
+    exposure = Exposure(SENSOR, view_grid(LENS.height_px, LENS.width_px))
     even = np.full((LENS.height_px, LENS.width_px, 3), level, np.float32)
-    return SENSOR.expose(even, shade, np.random.default_rng(seed))
+    return exposure.expose(even, np.random.default_rng(seed))
 
 
 @pytest.fixture

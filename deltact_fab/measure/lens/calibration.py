@@ -54,7 +54,7 @@ class Calibration:
         guessed = [n for n, s in self.share.items() if not self.priors[n].weak and s > 0.9]
         lines = []
         if guessed:
-            lines.append(f"known from the design alone: {', '.join(guessed)}")
+            lines.append(f"the images do not tell, taken as made: {', '.join(guessed)}")
         lines.append(
             "lengths have the boards' scale: what is wrong with the squares' side shows only where "
             "it contradicts the thicknesses"

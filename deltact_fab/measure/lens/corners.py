@@ -20,6 +20,13 @@ WINDOW = 0.3
 """Half side of the window that refines a corner, in distances to the nearest corner."""
 WINDOWS_PX = (2, 7)
 BORDER_PX = 4
+SKIN_SHARES = (0.5, 0.7, 1.0)
+"""Of the image's sides, around its middle, in which a skin is looked for."""
+ALTERNATING = 0.97
+"""Share of the steps from square to square that must change from dark to light or back."""
+MIN_CONTRAST = 8.0
+"""Grey levels between the squares that meet in a corner of a skin."""
+_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
 CLEARLY = 0.6
 """The skin's middle must lie so much nearer to its guess than the next square that might be it."""
 
@@ -57,24 +64,26 @@ def find(image: Array, board: Checkerboard, source: str) -> Corners | None:
     """The board's inner corners in an image (h, w, 3) BGR, None where no board is found.
 
     Sector-based detection (Duda and Frese, 2018), each corner refined on its gradients in a window
-    that stays clear of its neighbours. A board must be seen whole. A skin is seen in part: the
-    camera is taken to be turned by less than 45 degrees about its axis, and the skin's middle is
-    the square of the right colour nearest to the image's middle.
+    that stays clear of its neighbours. A board must be seen whole. A skin is seen in part, and
+    followed from the image's middle outwards, so that uneven light does not matter: the camera is
+    taken to be turned by less than 45 degrees about its axis, and the skin's middle is the square
+    of the right colour nearest to the image's middle.
 
     Raises InputError where more or other corners are found than the board has, or where the middle
     of a skin cannot be told.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     columns, rows = board.corners
-    least = (min(FEWEST, columns), min(FEWEST, rows)) if board.skin else (columns, rows)
-    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-    seen, px, meta = cv2.findChessboardCornersSBWithMeta(grey, least, flags)
-    if not seen:
+    seed = _seed(grey, board)
+    if seed is None:
         return None
-    grid = _upright(np.asarray(px, np.float64).reshape(*meta.shape[:2], 2))
+    grid, inside = seed, _inside(grey, seed)
+    if board.skin:
+        grid, inside = _grown(grey, grid, inside, board)
     if not board.skin and grid.shape[:2] == (columns, rows) != (rows, columns):
         # A board that lies across: count along its own sides.
         grid = np.ascontiguousarray(grid.transpose(1, 0, 2)[::-1])
+        inside = np.ascontiguousarray(inside.T[::-1])
     found = grid.shape[1], grid.shape[0]
     if (board.skin and (found[0] > columns or found[1] > rows)) or (
         not board.skin and found != (columns, rows)
@@ -83,12 +92,46 @@ def find(image: Array, board: Checkerboard, source: str) -> Corners | None:
             f"{source}: {found[0]} x {found[1]} inner corners found, and a board of {board} has "
             f"{columns} x {rows}: another board?"
         )
-    inside = _inside(grey, grid)
     grid = _refined(grey, grid, inside)
     index = np.stack(np.meshgrid(np.arange(found[0]), np.arange(found[1])), -1)
     if board.skin:
         index = index + _shift(grey, grid, inside, board, source)
     return Corners(source, board, grid[inside], index[inside])
+
+
+def _seed(grey: Array, board: Checkerboard) -> Array | None:
+    """A rectangle of corners (rows, columns, 2) px, upright; of a skin any, else the whole board.
+
+    A skin is looked for in the image's middle first: a finder that grows a grid over a whole view
+    of uneven light may leave corners out, and still give what looks like one.
+    """
+    least = tuple(min(FEWEST, n) for n in board.corners) if board.skin else board.corners
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    for share in SKIN_SHARES if board.skin else (1.0,):
+        y, x = (round(n * (1 - share) / 2) for n in grey.shape)
+        part = np.ascontiguousarray(grey[y : grey.shape[0] - y, x : grey.shape[1] - x])
+        seen, px, meta = cv2.findChessboardCornersSBWithMeta(part, least, flags)
+        if seen:
+            grid = _upright(np.asarray(px, np.float64).reshape(*meta.shape[:2], 2) + (x, y))
+            if _alternates(grey, grid):
+                return grid
+    return None
+
+
+def _alternates(grey: Array, grid: Array) -> bool:
+    """Whether the squares between corners are dark and light in turn: none was left out."""
+    whole = _inside(grey, grid)
+    middles = (grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]) / 4
+    ok = whole[1:, 1:] & whole[:-1, 1:] & whole[1:, :-1] & whole[:-1, :-1]
+    at = np.rint(np.where(ok[..., None], middles, 0)).astype(int)
+    values = cv2.blur(grey, (3, 3))[at[..., 1], at[..., 0]].astype(float)
+    rows, columns = ok.shape
+    sign = 1 - 2 * ((np.arange(rows)[:, None] + np.arange(columns)) % 2)
+    right = (np.diff(values, axis=1) * sign[:, 1:])[ok[:, 1:] & ok[:, :-1]]
+    down = (np.diff(values, axis=0) * sign[1:])[ok[1:] & ok[:-1]]
+    steps = np.concatenate((right, down))
+    steps *= np.sign(np.median(steps)) if len(steps) else 1.0
+    return len(steps) > 0 and bool(np.mean(steps > 0) > ALTERNATING)
 
 
 def _upright(grid: Array) -> Array:
@@ -112,6 +155,59 @@ def _inside(grey: Array, grid: Array) -> NDArray[np.bool_]:
     return np.asarray(np.all((grid >= BORDER_PX) & (grid <= limits), axis=-1))
 
 
+def _grown(
+    grey: Array, grid: Array, inside: Array, board: Checkerboard
+) -> tuple[Array, NDArray[np.bool_]]:
+    """The rectangle with all that lies around it, and which of its corners are seen.
+
+    A finder may end anywhere, under uneven light most of all. Each side is continued by the
+    parabola of its last three corners, as long as there are corners where it says.
+    """
+    most = board.corners[::-1]
+    sides = [0, 1, 2, 3]
+    while sides:
+        for side in tuple(sides):
+            # The side to be continued is made the last row.
+            turned, seen = np.rot90(grid, side), np.rot90(inside, side)
+            if len(turned) < 3 or len(turned) >= most[side % 2]:
+                sides.remove(side)
+                continue
+            guess = 3 * turned[-1] - 3 * turned[-2] + turned[-3]
+            found, real = _corners_near(grey, guess, turned[-1])
+            if not real.any():
+                sides.remove(side)
+                continue
+            grid = np.rot90(np.concatenate((turned, found[None])), -side)
+            inside = np.rot90(np.concatenate((seen, real[None])), -side)
+    return np.ascontiguousarray(grid), np.ascontiguousarray(inside)
+
+
+def _corners_near(grey: Array, guess: Array, before: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Corners (n, 2) near guesses (n, 2) px of a row, and which are there.
+
+    before: the row beside it. In a corner two dark squares meet two light ones.
+    """
+    found = guess.copy()
+    inside = _inside(grey, guess)
+    out, along = guess - before, np.gradient(guess, axis=0)
+    pitch = np.minimum(np.linalg.norm(out, axis=1), np.linalg.norm(along, axis=1))
+    for k in np.flatnonzero(inside):
+        half = int(np.clip(np.rint(WINDOW * pitch[k]), *WINDOWS_PX))
+        start = guess[k].astype(np.float32).reshape(1, 1, 2)
+        new = cv2.cornerSubPix(grey, start, (half, half), (-1, -1), _STOP).reshape(2)
+        inside[k] = np.linalg.norm(new - guess[k]) < WINDOW * pitch[k]
+        if inside[k]:
+            found[k] = new
+    squares = [found + WINDOW * (a * out + b * along) for a in (-1, 1) for b in (-1, 1)]
+    last = np.array(grey.shape[::-1]) - 1
+    at = [np.rint(np.clip(square, 0, last)).astype(int) for square in squares]
+    first, second, third, fourth = (grey[p[:, 1], p[:, 0]].astype(float) for p in at)
+    low, high = np.minimum(first, fourth), np.maximum(first, fourth)
+    apart = np.maximum(low - np.maximum(second, third), np.minimum(second, third) - high)
+    alike = np.maximum(high - low, np.abs(second - third))
+    return found, np.asarray(inside & (apart > np.maximum(MIN_CONTRAST, alike)))
+
+
 def _refined(grey: Array, grid: Array, inside: Array) -> Array:
     """The same corners, each refined in a window as large as its neighbours allow."""
     rows, columns = grid.shape[:2]
@@ -127,13 +223,12 @@ def _refined(grey: Array, grid: Array, inside: Array) -> Array:
         np.minimum(here, distance, out=here)
     half_px = np.clip(np.rint(WINDOW * nearest_px), *WINDOWS_PX).astype(int)
     refined = grid.copy()
-    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
     for half in np.unique(half_px):
         at = (half_px == half) & inside
         if not at.any():
             continue
         start = grid[at].astype(np.float32).reshape(-1, 1, 2)
-        new = cv2.cornerSubPix(grey, start, (int(half), int(half)), (-1, -1), stop).reshape(-1, 2)
+        new = cv2.cornerSubPix(grey, start, (int(half), int(half)), (-1, -1), _STOP).reshape(-1, 2)
         # One that wanders off has met something else than its corner.
         stays = np.linalg.norm(new - grid[at], axis=1) < half / 2
         refined[at] = np.where(stays[:, None], new, grid[at])

@@ -27,6 +27,8 @@ MAX_SMOOTH_PX = 0.08
 """Of a smooth pattern in one image's residuals: corners scatter, a wrong board does not."""
 MAX_OUTLIERS = 0.1
 MIN_HEIGHT_MM = 0.05
+MAX_STRETCH = 0.0025
+"""Of rows against columns. Chips are made to 1e-4; a lens's own elements make some 1e-3 of it."""
 
 
 def view_mm(sensor: SensorDimensions) -> NDArray[np.float64]:
@@ -103,6 +105,13 @@ def refuse(
     share: of each prior's sigma, what is left. covered: see `cover`. face_px: own sigma there.
     """
     _refuse_misfit(problem, fit)
+    stretch = problem.lens(fit.x).aspect - 1
+    if abs(stretch) > MAX_STRETCH:
+        raise InputError(
+            f"lengths along y are {abs(stretch):.2%} {'longer' if stretch > 0 else 'shorter'} than "
+            f"along x, and pixels are square to {MAX_STRETCH:.2%}: a print or an image that was "
+            "stretched"
+        )
     if covered < MIN_COVER:
         raise InputError(
             f"the contact corners cover {covered:.0%} of the view; at least {MIN_COVER:.0%}: "

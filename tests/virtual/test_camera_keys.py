@@ -1,0 +1,134 @@
+"""What an ordinary camera does to an image: each key of a rig's camera by itself."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from deltact_fab.errors import InputError
+from deltact_fab.imaging import Exposure, ImageSensor, view_grid
+from deltact_fab.rig import config as rigs
+from deltact_fab.rig.simulator import SimulatedCameraConfig
+
+H, W = 240, 320
+EVEN = np.full((H, W, 3), 0.4, np.float32)
+
+
+def exposed(light: NDArray[np.float32], depth_mm: Any = None, **keys: Any) -> NDArray[np.uint8]:
+    """Without noise and falloff, but for what is said."""
+    still = {"shading": 0.0, "read_noise_electrons": 0.0, "full_well_electrons": 1e7}
+    exposure = Exposure(ImageSensor(**(still | keys)), view_grid(H, W))
+    return exposure.expose(light, np.random.default_rng(0), depth_mm)
+
+
+def colours(seed: int = 1) -> NDArray[np.float32]:
+    """A random colour a pixel, smooth over two."""
+    noise = np.random.default_rng(seed).random((H, W, 3), dtype=np.float32)
+    return cv2.GaussianBlur(noise, (0, 0), 1.0)
+
+
+def fine(channel: NDArray[Any]) -> NDArray[np.float64]:
+    """Power of what changes from pixel to pixel along x and along y."""
+    steps = (np.diff(channel.astype(float), 2, axis=a) for a in (1, 0))
+    return np.array([np.mean(s**2) for s in steps])
+
+
+def pairs(channel: NDArray[Any]) -> NDArray[np.float64]:
+    """Power of what differs within pairs of columns, and of rows."""
+    c = channel.astype(float)
+    return np.array([np.mean((c[:, ::2] - c[:, 1::2]) ** 2), np.mean((c[::2] - c[1::2]) ** 2)])
+
+
+def test_the_rig_s_keys_are_the_camera_s_and_absent_ones_are_off() -> None:
+    config = SimulatedCameraConfig().model_dump()
+    assert ImageSensor(**config) == ImageSensor()
+    assert set(asdict(ImageSensor())) - set(config) == {"mosaic"}
+    usb = rigs.load("usb")[0].virtual.camera.model_dump()
+    changed = {key for key, value in usb.items() if value != config[key]}
+    assert set(config) - changed == {
+        "blur_px", "shading", "full_well_electrons", "read_noise_electrons", "jpeg_quality"
+    }  # fmt: skip
+
+
+def test_light_of_leds_is_brightest_at_the_edge() -> None:
+    linear = (exposed(EVEN, led_gradient=4.0).astype(float) / 255) ** 2.2
+    assert linear[0, 0, 1] / linear[H // 2, W // 2, 1] == pytest.approx(4, rel=0.05)
+
+
+def test_a_contact_glows_until_it_is_white() -> None:
+    depth = np.zeros((H, W), np.float32)
+    depth[:, W // 2 :] = 2.0
+    image = exposed(EVEN, depth, contact_glow_per_mm=1.0)
+    assert image[:, W - 20].min() == 255
+    assert np.array_equal(image[:, 20], exposed(EVEN)[:, 20])
+    assert np.array_equal(exposed(EVEN, None, contact_glow_per_mm=1.0), exposed(EVEN))
+
+
+def test_a_highlight_is_a_spot() -> None:
+    more = exposed(EVEN, highlight=1.0).astype(int) - exposed(EVEN)
+    assert more.max() > 60
+    assert 0.001 < np.mean(more > 10) < 0.05
+
+
+def test_corners_are_less_sharp_than_the_middle() -> None:
+    image = exposed(colours(), corner_blur_px=2.0, blur_px=0.3)[..., 1]
+    corner, middle = fine(image[:40, :40]), fine(image[100:140, 140:180])
+    assert (corner < 0.5 * middle).all()
+
+
+def test_sharpening_overshoots() -> None:
+    step = np.repeat(np.where(np.arange(W) < W // 2, 0.1, 0.5)[None, :, None], H, 0)
+    step = np.repeat(step, 3, 2).astype(np.float32)
+    plain, sharp = (exposed(step, sharpening=s)[H // 2].astype(int) for s in (0.0, 1.0))
+    assert sharp.max() > plain.max() + 5
+    assert sharp.min() < plain.min() - 5
+
+
+@pytest.mark.parametrize("demosaic", ["bilinear", "gradients"])
+def test_another_demosaic_is_another_image_of_the_same(demosaic: str) -> None:
+    one, other = exposed(colours()).astype(int), exposed(colours(), demosaic=demosaic).astype(int)
+    assert np.abs(one - other)[8:-8, 8:-8].mean() > 0.1
+    assert cv2.blur(one - other, (31, 31))[20:-20, 20:-20].astype(float).std() < 1
+
+
+def test_gamma_lifts_or_lowers() -> None:
+    assert exposed(EVEN, gamma=1.8).mean() < exposed(EVEN).mean() < exposed(EVEN, gamma=2.4).mean()
+
+
+@pytest.mark.parametrize(
+    ("format_", "halved"),
+    [("yuyv", (1, 0)), ("mjpeg-422", (1, 0)), ("nv12", (1, 1)), ("mjpeg-420", (1, 1))],
+)
+def test_colour_is_halved_and_luma_is_not(format_: str, halved: tuple[int, int]) -> None:
+    keys = {"mosaic": False, "blur_px": 0.3, "jpeg_quality": 95}
+    whole, sent = (
+        cv2.split(cv2.cvtColor(exposed(colours(), format=f, **keys), cv2.COLOR_BGR2YCrCb))
+        for f in ("raw", format_)
+    )
+    assert fine(sent[0]) / fine(whole[0]) == pytest.approx(1, abs=0.15)
+    kept = pairs(sent[1]) / pairs(whole[1])
+    for share, half in zip(kept, halved, strict=True):
+        assert (share < 0.5) if half else (share > 0.6)
+
+
+def test_jpeg_leaves_its_blocks() -> None:
+    image = exposed(colours(), format="mjpeg-420", jpeg_quality=20)[..., 1].astype(float)
+    steps = np.abs(np.diff(image, axis=1)).mean(axis=0)
+    at = np.arange(1, W) % 8 == 0
+    assert steps[at].mean() > 1.05 * steps[~at].mean()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("format", "mp4"), ("jpeg_quality", 5), ("led_gradient", 0), ("gamma", 0.5)]
+)
+def test_a_wrong_key_is_one_line_that_names_it(key: str, value: object) -> None:
+    from deltact_fab import catalog
+
+    with pytest.raises(InputError, match=key) as refused:
+        catalog.validate(SimulatedCameraConfig, {key: value}, "rig.toml: virtual.camera")
+    assert "\n" not in str(refused.value)
