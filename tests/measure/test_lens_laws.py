@@ -135,7 +135,7 @@ def photographed(
         true = lens.project_px(np.column_stack((found.board_mm, np.zeros(len(found.px)))))
         off = np.linalg.norm(found.px - true, axis=1)
         assert np.percentile(off, 95) < 0.15
-        assert len(off) > 380
+        assert len(off) > 340
         yield f"{name}, light {gradient}", lens, [BoardView(found, True)]
 
 

@@ -21,6 +21,7 @@ from .corners import find, read_image
 from .problem import BoardView, LensProblem, LensSolution, Prior, solve
 from .start import nominal, pose, priors
 
+CLEAR_DEPTH_PX = 0.5
 PHOTOGRAPHS = "photographs.json"
 """Beside simulated images: {"simulated": true, "seed": N}."""
 
@@ -55,6 +56,11 @@ class Calibration:
         lines = []
         if guessed:
             lines.append(f"the images do not tell, taken as made: {', '.join(guessed)}")
+        if self.depth_px[3.0] > CLEAR_DEPTH_PX:
+            lines.append(
+                f"what lies 3 mm below the face is known to {self.depth_px[3.0]:.1f} px (one "
+                "sigma): photograph boards in the air too, at several heights and tilts"
+            )
         lines.append(
             "lengths have the boards' scale: what is wrong with the squares' side shows only where "
             "it contradicts the thicknesses"

@@ -32,6 +32,8 @@ LENS = {
     "p1": (0.002, "elements centred to some hundredths of a millimetre"),
     "p2": (0.002, "elements centred to some hundredths of a millimetre"),
     "aspect": (0.002, "square pixels"),
+    "air_gap_mm": (1.0, "the design; a lens is screwed in by hand"),
+    "pupil_shift_mm": (1.0, "lenses of this size"),
 }
 """What a lens has little of, and one image need not tell: sigma, and where it is from."""
 
@@ -78,8 +80,6 @@ def priors(lens: Fisheye, placed: bool) -> dict[str, Prior]:
         "cy_px": 0.05 * lens.width_px,
         "tilt_x_deg": 4.0,
         "tilt_y_deg": 4.0,
-        "air_gap_mm": 1.0,
-        "pupil_shift_mm": 1.0,
     }
     if placed:
         wide |= {"x0_mm": 2.0, "y0_mm": 2.0, "roll_deg": 10.0}

@@ -11,15 +11,12 @@ from numpy.typing import NDArray
 from ...aliases import Array
 from ...errors import InputError
 from ...shapes import SensorDimensions
-from .problem import PRIOR_STEP, LensProblem, LensSolution
+from .problem import PRIOR_STEP, SYSTEMATIC_PX, LensProblem, LensSolution
 
 DEPTHS_MM = (3.0, 6.0)
 """Below the face, at which the sigma is stated besides the face's own."""
-SYSTEMATIC_PX = 0.015
-"""Smooth error of the corners that no residual shows, for the lens takes it up: curvature and
-shading within a corner's window. .01 to .02 px on rendered boards (decision 0019)."""
 MIN_COVER = 0.8
-MAX_FACE_SIGMA_PX = 0.1
+MAX_FACE_SIGMA_PX = 0.15
 PRIOR_SHARE = 0.5
 """Of a weak prior's sigma: what is left of it must be less, or no image knows the parameter."""
 MAX_NOISE_PX = 0.25
