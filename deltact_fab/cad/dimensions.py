@@ -80,6 +80,16 @@ class Design(SensorDimensions):
     laser: LaserDimensions = field(default_factory=LaserDimensions)
     drawing: TitleBlock = field(default_factory=TitleBlock)
 
+    @property
+    def focal_px(self) -> float:
+        """Focal length in px of the raw image: focal length / (pixel x binning), 388.4."""
+        return 1000 * self.camera.focal_length_mm / (self.camera.pixel_um * self.camera.binning)
+
+    @property
+    def raw_size_px(self) -> tuple[int, int]:
+        """Width and height of the raw image: the crop that the camera is set to."""
+        return self.camera.crop_width_px, self.camera.crop_height_px
+
     # Heights, from the face backwards.
 
     @property

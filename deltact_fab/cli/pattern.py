@@ -277,12 +277,18 @@ def sheet(
 
     Around each sticker is the margin of film that the design's skin needs; cut as the guide says.
     """
+    from ..errors import InputError
     from ..patterns import load_recipe
     from ..patterns.sheet import write
     from .output import progress
 
     chosen = [load_recipe(name) for name in recipes]
     sensor = load(design, changes)
+    source = click.get_current_context().get_parameter_source("design")
+    for name, recipe in zip(recipes, chosen, strict=True):
+        beyond = sensor.optics.beyond(recipe.printed_mm)
+        if source is not click.core.ParameterSource.DEFAULT and beyond is not None:
+            raise InputError(f"{name}: size_mm: {beyond} by --design {design}")
     with progress("pattern sheet") as tell:
         done = write(
             chosen,

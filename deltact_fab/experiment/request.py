@@ -168,6 +168,11 @@ class RunRequest:
             recipe = self.recipe
         except InputError as why:
             return [str(why)]
+        beyond = self.design.optics.beyond(recipe.printed_mm)
+        if "image" in self.protocol.channels and beyond is not None:
+            return [
+                f"{self.source}: specimen.pattern: {self.protocol.specimen.pattern!r}: {beyond}"
+            ]
         if "dots" in self.protocol.channels and recipe.dots is None:
             name = self.protocol.specimen.pattern
             return [

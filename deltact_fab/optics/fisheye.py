@@ -123,10 +123,12 @@ class Fisheye(Bounded):
     @classmethod
     def of(cls, sensor: SensorDimensions) -> Fisheye:
         """The nominal lens of a design: centred and straight, the pupil at the lens's apex."""
-        o = sensor.optics
+        o, (width_px, height_px) = sensor.optics, sensor.raw_size_px
         return cls(
-            air_gap_mm=o.air_gap_mm, acrylic_mm=o.acrylic_mm, gel_mm=sensor.skin.thickness_mm
-        )
+            f_px=sensor.focal_px, cx_px=(width_px - 1) / 2, cy_px=(height_px - 1) / 2,
+            width_px=width_px, height_px=height_px, air_gap_mm=o.air_gap_mm,
+            acrylic_mm=o.acrylic_mm, gel_mm=sensor.skin.thickness_mm,
+        )  # fmt: skip
 
     @property
     def centre_px(self) -> tuple[float, float]:

@@ -73,7 +73,7 @@ class VirtualConfig(Table):
         """What a record keeps: of the true lens no more than whether it is the same."""
         data = self.model_dump(mode="json")
         if self.virtual.lens is not None:
-            text = json.dumps(self.virtual.lens, sort_keys=True)
+            text = json.dumps(self.virtual.lens.numbers(), sort_keys=True)
             data["virtual"]["lens"] = {"sha256": hashlib.sha256(text.encode()).hexdigest()}
         return data
 
@@ -126,10 +126,6 @@ def load(name: str) -> tuple[RigConfig, Path]:
         found = "missing key" if kind is None else f"unknown kind {kind!r}"
         raise InputError(f"{path}: kind: {found}; {did_you_mean(str(kind), _KINDS)}")
     _require_new_places(data, kind, str(path))
-    if isinstance(lens := _table(data, "virtual").get("lens"), dict):
-        from ..optics import camera_from_dict
-
-        camera_from_dict({**lens, "model": "fisheye"}, f"{path}: virtual.lens")
     return _registered(catalog.validate(_KINDS[kind], data, str(path)), path), path
 
 

@@ -77,6 +77,19 @@ class OpticsDimensions(Bounded):
         """Size of the field of view on the resting face, (x, y) = image in px x mm_per_px."""
         return (self.image_width_px * self.mm_per_px, self.image_height_px * self.mm_per_px)
 
+    def beyond(self, side_mm: float) -> str | None:
+        """Why a square print of that side on the face does not fill the view; None where it does.
+
+        Without a print the camera sees nothing that moves.
+        """
+        if side_mm >= max(self.view_mm):
+            return None
+        x, y = self.view_mm
+        return (
+            f"a print of {side_mm:.4g} mm is smaller than the view of {x:.4g} x {y:.4g} mm; "
+            f"{max(self.view_mm):.4g} mm or more are needed"
+        )
+
 
 @dataclass(frozen=True)
 class SensorDimensions(Bounded):
@@ -85,6 +98,16 @@ class SensorDimensions(Bounded):
     skin: SkinDimensions = field(default_factory=SkinDimensions)
     frame: FrameDimensions = field(default_factory=FrameDimensions)
     optics: OpticsDimensions = field(default_factory=OpticsDimensions)
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in px of the raw image: .87 mm of 2.24 um pixels; a design has its own."""
+        return 870 / 2.24
+
+    @property
+    def raw_size_px(self) -> tuple[int, int]:
+        """Width and height of the raw image; a design has its own camera's."""
+        return 1280, 720
 
     @property
     def frame_outer_mm(self) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..cad.design import load_design
 from ..errors import InputError
 from ..optics import Fisheye, Rectified, camera_from_dict
 from ..rig.camera.model import calibrated, view_notes
@@ -21,9 +22,32 @@ if TYPE_CHECKING:
     from ..rig.config import VirtualConfig
 
 
+NEAR_MM = {"air_gap_mm": 1.0, "acrylic_mm": 0.5, "gel_mm": 1.0}
+"""How far what was put together by hand may be from its design; more is another sensor's."""
+
+
 def true_lens(config: VirtualConfig, sensor: SensorDimensions) -> Fisheye:
-    """What the rig draws through: the design's lens with what `[virtual.lens]` changes of it."""
-    values = {**Fisheye.of(sensor).as_dict(), **(config.virtual.lens or {})}
+    """What the rig draws through: the design's lens with what `[virtual.lens]` changes of it.
+
+    Raises InputError for numbers that are another sensor's.
+    """
+    nominal = Fisheye.of(sensor).as_dict()
+    given = config.virtual.lens
+    values = dict(nominal)
+    if given is not None:
+        made_for = nominal
+        if given.design is not None:
+            made_for = Fisheye.of(load_design(given.design)).as_dict()
+        for key, value in given.numbers().items():
+            far = abs(value - nominal[key]) > NEAR_MM.get(key, np.inf)
+            if given.design is None and far:
+                raise InputError(
+                    f"virtual.lens.{key}: {value:g}, and the design has {nominal[key]:g}: another "
+                    "sensor's; name the design that these numbers are of as virtual.lens.design, "
+                    "and what differs from it counts"
+                )
+            same = made_for[key] == nominal[key]
+            values[key] = value if same else nominal[key] + value - made_for[key]
     lens = camera_from_dict(values, "virtual.lens")
     assert isinstance(lens, Fisheye), "as_dict names its class"
     return lens

@@ -215,6 +215,9 @@ def take(
         raise InputError("--air: a skin is not held in the air; name the board with --air-board")
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise InputError(f"{folder}: is there already; name a new folder")
+    beyond = design.optics.beyond(board.nx * board.square_mm) if board.skin else None
+    if beyond is not None:
+        raise InputError(f"--board skin: {beyond}: wet a larger board onto the face")
     lens = true_lens(config, design)
     studio = Studio(lens, ImageSensor(**config.virtual.camera.model_dump()), design)
     rng = np.random.default_rng(np.random.SeedSequence([seed, 5]))

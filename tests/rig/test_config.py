@@ -93,14 +93,14 @@ def test_each_kind_has_its_own_tables(tmp_path: Path) -> None:
         ),
         (
             'kind = "virtual"' + STAGE + LENS + "fpx = 3.0",
-            r"virtual\.lens: fpx: unknown key; .*'f_px'",
+            r"virtual\.lens\.fpx: unknown key; .*'f_px'",
         ),
         (
             'kind = "virtual"' + STAGE + LENS + "gel_mm = -1.0",
-            r"virtual\.lens: gel_mm: Input should be greater",
+            r"virtual\.lens\.gel_mm: Input should be greater",
         ),
-        ('kind = "virtual"' + STAGE + LENS + "f_px = 'no'", r"virtual\.lens: f_px: .*'no'"),
-        ('kind = "virtual"' + STAGE + "[virtual]\nlens = 3", r"virtual\.lens: "),
+        ('kind = "virtual"' + STAGE + LENS + "f_px = 'no'", r"virtual\.lens\.f_px: .*'no'"),
+        ('kind = "virtual"' + STAGE + "[virtual]\nlens = 3", r"virtual\.lens"),
         ('kind = "virtual"' + STAGE + "prot = 1", r"stage\.prot: unknown key; .*'port'"),
         ('kind = "virtual"' + STAGE + "[virtual.gle]", r"virtual\.gle: unknown key; .*'gel'"),
     ],
@@ -128,9 +128,9 @@ def test_a_lens_that_draws_and_one_that_tracks_stand_apart(tmp_path: Path) -> No
     assert rig.kind == "virtual"
     assert rig.camera is not None
     assert rig.camera.model == "camera.toml"
-    assert rig.virtual.lens == {"k1": -0.01, "width_px": 640}
+    assert rig.virtual.lens.numbers() == {"k1": -0.01, "width_px": 640}
     nominal = loaded(tmp_path, f'kind = "virtual"\n{STAGE}{LENS}')
-    assert (nominal.camera, nominal.virtual.lens) == (None, {})
+    assert (nominal.camera, nominal.virtual.lens.numbers()) == (None, {})
 
 
 def test_an_old_file_with_its_keys_moved_is_read(tmp_path: Path) -> None:

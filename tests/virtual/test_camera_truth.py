@@ -1,0 +1,105 @@
+"""One camera for a design: rig, boards, sticker and calibration have the design's, or say no."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from called import called
+
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.dimensions import Design
+from deltact_fab.errors import InputError
+from deltact_fab.measure.lens import Checkerboard, calibrate
+from deltact_fab.optics import Fisheye
+from deltact_fab.rig import config as rigs
+from deltact_fab.virtual.lens import true_lens
+from deltact_fab.virtual.photographs import take
+
+FISHEYE = rigs.load("fisheye")[0]
+assert isinstance(FISHEYE, rigs.VirtualConfig)
+SKIN, PLATE = Checkerboard(23, 23, 1.5, skin=True), Checkerboard(9, 7, 3.0)
+
+
+def random_design(seed: int) -> Design:
+    """Another crop, focal length, gap, plate and gel than the paper's, that see the same face."""
+    rng = np.random.default_rng([seed, 50])
+    base = load_design("deltact")
+    finer = rng.uniform(0.85, 1.25)
+    return replace(
+        base,
+        camera=replace(
+            base.camera,
+            focal_length_mm=base.camera.focal_length_mm * finer,
+            crop_width_px=2 * round(640 * finer),
+            crop_height_px=2 * round(370 * finer),
+        ),
+        optics=replace(
+            base.optics,
+            air_gap_mm=rng.uniform(2.5, 4.0),
+            acrylic_mm=rng.uniform(1.5, 4.0),
+        ),
+        skin=replace(base.skin, thickness_mm=rng.uniform(10.0, 14.0)),
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_a_random_design_is_calibrated_to_its_own_lens(seed: int, tmp_path: Path) -> None:
+    """Through the fisheye rig: every parameter within three sigma of what drew (20 seeds did)."""
+    design = random_design(seed)
+    folder = tmp_path / "photos"
+    take(FISHEYE, design, SKIN, folder, air=4, air_board=PLATE, seed=seed)
+    files = [sorted((folder / name).glob("*.png")) for name in ("contact", "air")]
+    found = calibrate(files[0], SKIN, files[1], PLATE, design)
+    true = true_lens(FISHEYE, design)
+    assert (found.lens.width_px, found.lens.height_px) == design.raw_size_px
+    off = {n: abs(getattr(found.lens, n) - getattr(true, n)) / s for n, s in found.sigma.items()}
+    print(max(off.items(), key=lambda item: item[1]), found.depth_px)
+    assert max(off.values()) < 3, off
+
+
+def test_the_rig_s_lens_follows_the_design() -> None:
+    design = random_design(3)
+    nominal, true = Fisheye.of(design), true_lens(FISHEYE, design)
+    assert nominal.f_px == pytest.approx(design.focal_px)
+    assert (true.width_px, true.height_px) == design.raw_size_px
+    assert true.gel_mm - nominal.gel_mm == pytest.approx(0.03)
+    assert true.f_px - nominal.f_px == pytest.approx(386.2 - 870 / 2.24)
+    assert true_lens(FISHEYE, load_design("deltact")).gel_mm == 12.03
+
+
+def test_a_lens_of_another_sensor_is_refused() -> None:
+    lens = FISHEYE.virtual.lens
+    assert lens is not None
+    own = lens.model_copy(update={"design": None})
+    virtual = FISHEYE.virtual.model_copy(update={"lens": own})
+    rig = FISHEYE.model_copy(update={"virtual": virtual})
+    true_lens(rig, load_design("deltact"))
+    with pytest.raises(InputError, match=r"virtual\.lens\.acrylic_mm: 1\.98, and the design has 4"):
+        true_lens(rig, load_design("large-56x50"))
+
+
+WIDE = 'base = "large-56x50"\n[optics]\nimage_width_px = 1100\n'
+
+
+def test_a_sticker_smaller_than_the_view_is_refused_everywhere(tmp_path: Path) -> None:
+    """The same words from the sheet, the protocol's check and the photographs of the skin."""
+    (tmp_path / "wide.toml").write_text(WIDE)
+    protocol = (Path(__file__).parents[2] / "protocols" / "first-press.toml").read_text()
+    text = protocol.replace('design = "deltact"', 'design = "wide.toml"')
+    text = text.replace('channels = ["force"]', 'channels = ["image", "force"]')
+    (tmp_path / "press.toml").write_text(text)
+    for words in (
+        ["pattern", "sheet", "dense", "--design", "wide.toml", "-o", "sheet.pdf"],
+        ["protocol", "check", "press.toml", "--rig", "virtual"],
+        ["rig", "photograph", "fisheye", "--board", "skin", "--design", "wide.toml", "--out", "p"],
+    ):
+        done = called(*words, cwd=tmp_path)
+        said = done.stdout + done.stderr
+        assert done.returncode != 0, words
+        assert "is smaller than the view of 41.58 x 22.15 mm" in said, said
+    assert not (tmp_path / "sheet.pdf").exists()
+    assert not (tmp_path / "p").exists()
