@@ -69,13 +69,13 @@ class ConfidenceEstimator:
     asks little: a dense flow fits itself to noise, too.
 
     Confident: kept, and a secondary match. Of a colour image the fit sees the luma, so the colour
-    differences, which hold none of it, must correlate above CHROMA_MIN over WINDOW_PX; blue and
-    red alone hold luma, most where chroma is subsampled. A grey image, and a place whose colour
-    varies by less than COLOUR_SHARE, has no secondary match: the one correlation must be above
-    GREY_MIN. In all, the fit's own predicted deviation is below DEVIATION_MAX_PX; of a flow that the fused steps found, together with what
-    they have yet to do around (root of the mean square over FIT_PX). It lands BORDER_PX or more
-    from the image's edge, where the fit's window is cut off, and of the textured nodes in
-    SUPPORT_PX around at least SUPPORT_SHARE agree.
+    differences, which hold none of it, must correlate above CHROMA_MIN over WINDOW_PX; blue and red
+    alone hold luma, most where chroma is subsampled. A grey image, and a place whose colour varies
+    by less than COLOUR_SHARE, has no secondary match: the one correlation must be above GREY_MIN.
+    In all, the fit's own predicted deviation is below DEVIATION_MAX_PX; of a flow that the fused
+    steps found, together with what they have yet to do around (root of the mean square over
+    FIT_PX). It lands BORDER_PX or more from the image's edge, where the fit's window is cut off,
+    and of the textured nodes in SUPPORT_PX around at least SUPPORT_SHARE agree.
 
     A frame is trusted when TEXTURED_SHARE or more of the first image has a standard deviation of
     TEXTURE_MIN grey levels in detail finer than FINE_PX, at full size, where cells of 2 px still
