@@ -78,6 +78,9 @@ UNRELATED = {
     "negative": lambda image: 255 - image,
     "noise": lambda image: np.random.default_rng(3).integers(0, 256, image.shape, np.uint8),
     "flat": lambda image: np.full_like(image, 120),
+    "red and blue swapped": lambda image: image[..., ::-1],
+    "channels moved on by one": lambda image: np.roll(image, 1, -1),
+    "without colour": lambda image: np.repeat(image[..., 1:2], 3, -1),
 }
 
 
@@ -91,7 +94,8 @@ def test_what_is_unrelated_is_not_believed_and_leaves_no_trace(pattern: str, cam
         tracker = FlowTracker(full=False)
         for image in (first, other):
             found = tracker.update(image)
-        assert found.confident.mean() <= 0.001, name
+        # Swapped, the picture stays in place, and some windows of few patches are alike by chance.
+        assert found.confident.mean() <= (0.02 if "swapped" in name else 0.001), name
         assert not found.diagnostics.trusted, name
         assert tracker.update(moved).diagnostics.confident_share > 0.7, name
 

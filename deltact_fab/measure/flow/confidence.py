@@ -25,7 +25,9 @@ _MIN_VARIANCE = 1.0  # grey levels^2: less than a camera's noise
 
 KEEP_CORRELATION = 0.35
 KEEP_DET = 0.12
-CHROMA_MIN = 0.3
+CHROMA_MIN = 0.5
+COLOUR_SHARE = 0.45
+"""Of the luma's deviation: a Bayer mosaic gives a grey pattern up to .38, colours .61 and more."""
 GREY_MIN = 0.7
 DEVIATION_MAX_PX = 0.29
 FIT_PX = 28
@@ -66,13 +68,14 @@ class ConfidenceEstimator:
     lands inside the image, and the flow around it does not squeeze areas below KEEP_DET. This
     asks little: a dense flow fits itself to noise, too.
 
-    Confident: kept, and a secondary match. Of a colour image the fit sees the luma, so red and
-    blue, which make little of it, must correlate above CHROMA_MIN over WINDOW_PX. A grey image has
-    no secondary match: its one correlation must be above GREY_MIN. In both, the fit's own predicted
-    deviation is below DEVIATION_MAX_PX; of a flow that the fused steps found, together with what
-    they have yet to do around (root of the mean square over FIT_PX). It lands BORDER_PX or more
-    from the image's edge, where the fit's window is cut off, and of the textured nodes in
-    SUPPORT_PX around at least SUPPORT_SHARE agree.
+    Confident: kept, and a secondary match. Of a colour image the fit sees the luma, so the colour
+    differences, which hold none of it, must correlate above CHROMA_MIN over WINDOW_PX; blue and red
+    alone hold luma, most where chroma is subsampled. A grey image, and a place whose colour varies
+    by less than COLOUR_SHARE, has no secondary match: the one correlation must be above GREY_MIN.
+    In all, the fit's own predicted deviation is below DEVIATION_MAX_PX; of a flow that the fused
+    steps found, together with what they have yet to do around (root of the mean square over
+    FIT_PX). It lands BORDER_PX or more from the image's edge, where the fit's window is cut off,
+    and of the textured nodes in SUPPORT_PX around at least SUPPORT_SHARE agree.
 
     A frame is trusted when TEXTURED_SHARE or more of the first image has a standard deviation of
     TEXTURE_MIN grey levels in detail finer than FINE_PX, at full size, where cells of 2 px still
@@ -101,6 +104,9 @@ class ConfidenceEstimator:
             self._mean = [self._around(channel) for channel in self._secondary]
             power = self._around(_product(self._secondary, self._secondary))
             self._power = power - _product(self._mean, self._mean)
+            luma = shrunk(plane.gray, 2).astype(np.float32)
+            contrast = self._around(luma * luma) - self._around(luma) ** 2
+            self._colourless = self._wide(self._power < COLOUR_SHARE**2 * contrast)
 
     def secondary_match(self, image: Array | Sampled) -> list[Array]:
         """What `look` asks of the current image (h, w[, 3]), nothing of a grey one."""
@@ -119,7 +125,8 @@ class ConfidenceEstimator:
             flow, correlation, deviation, self.textured, least, self._shape
         )
         if self.name == "colour":
-            agreeing &= self._wide(self._chroma(secondary_match, _landing(flow)) > CHROMA_MIN)
+            alike = self._wide(self._chroma(secondary_match, _landing(flow)) > CHROMA_MIN)
+            agreeing &= np.where(self._colourless, correlation > GREY_MIN, alike)
         else:
             agreeing &= correlation > GREY_MIN
         return kept, agreeing
@@ -187,9 +194,9 @@ def _landing(flow_px: Array) -> Array:
 
 
 def _secondary(image: Array | Sampled) -> list[Array]:
-    """Blue and red of a BGR image on the half grid, (hh, ww) uint8 each: without green."""
+    """Colour differences of a BGR image on the half grid, (hh, ww) uint8 each: without luma."""
     small = image.nodes if isinstance(image, Sampled) else shrunk(image, 2)
-    return [cv2.extractChannel(small, 0), cv2.extractChannel(small, 2)]
+    return list(cv2.split(cv2.cvtColor(small, cv2.COLOR_BGR2YCrCb))[1:])
 
 
 def _product(first: list[Array], second: list[Array]) -> Array:
