@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from deltact_fab.errors import RunFailed
+from deltact_fab.imaging import ImageSensor
 from deltact_fab.measure.flow import FLOW_METHODS
 from deltact_fab.numerics.engines.flow import found, tracked
 from deltact_fab.numerics.engines.flow_frames import (
@@ -79,18 +80,19 @@ class Question(NamedTuple):
     step_px: int = 8
 
 
+THREE_CHIPS = ImageSensor(mosaic=False)
 STARS = {
     "speckle": Question(speckle_star, 16, 4),
-    "three chips": Question(partial(in_plane, COARSE, STAR.motion, mosaic=False), 16, 4),
+    "three chips": Question(partial(in_plane, COARSE, STAR.motion, sensor=THREE_CHIPS), 16, 4),
     "Bayer mosaic": Question(partial(in_plane, COARSE, STAR.motion), 16, 4),
 }
 MOTIONS = {
     "press": Question(pressed, 40),
-    "press, three chips": Question(partial(pressed, mosaic=False), 40),
+    "press, three chips": Question(partial(pressed, sensor=THREE_CHIPS), 40),
     "22 px": Question(partial(in_plane, COARSE, _short), 32),
-    "22 px, three chips": Question(partial(in_plane, COARSE, _short, mosaic=False), 32),
+    "22 px, three chips": Question(partial(in_plane, COARSE, _short, sensor=THREE_CHIPS), 32),
     "121 px": Question(partial(in_plane, COARSE, far), 128),
-    "121 px, three chips": Question(partial(in_plane, COARSE, far, mosaic=False), 128),
+    "121 px, three chips": Question(partial(in_plane, COARSE, far, sensor=THREE_CHIPS), 128),
 }
 
 

@@ -125,9 +125,10 @@ class Geometry:
         """How deep the points that pixels see lie below rest, (h, w); at_px: of `material_px`."""
         x, y = cv2.split(at_px + self._margin_px)
         out_mm = self._sampler(displacement_mm[..., 2:])[..., 0].astype(np.float32)
-        depth = -cv2.remap(out_mm, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        seen = cv2.remap(out_mm, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        depth = -np.asarray(seen, np.float32)
         if self.raw is None:
-            return np.asarray(depth[1:-1, 1:-1])
+            return depth[1:-1, 1:-1]
         return self.raw.framed(self.raw.look(depth)[1:-1, 1:-1, None])[..., 0]
 
 

@@ -65,10 +65,8 @@ def denoised(flow: Array, deviation_px: Array, kept: Array) -> Array:
     fine = flow - smooth
     power = cv2.blur(cv2.transform(fine * fine, _BOTH), window, borderType=rim)
     noise = cv2.blur(deviation_px * deviation_px * kept, window, borderType=rim)
-    noise /= np.maximum(power, np.float32(1e-12))
-    share = np.maximum(1 - noise, 0)
-    fine *= cv2.merge((share, share))
-    return np.asarray(smooth + fine)
+    share = np.maximum(1 - noise / np.maximum(power, np.float32(1e-12)), 0)
+    return np.asarray(smooth + fine * cv2.merge((share, share)))
 
 
 def _planes(x: Array, y: Array, sums: Array) -> Array:

@@ -105,14 +105,17 @@ def drawn(
     return FlowSequence(np.stack(images), truth)
 
 
-def in_plane(recipe: PatternRecipe, motion: Motion, n_frames: int = 1) -> FlowSequence:
+def in_plane(
+    recipe: PatternRecipe, motion: Motion, n_frames: int = 1, sensor: ImageSensor | None = None
+) -> FlowSequence:
     """A motion in the plane of the face, given in pixels at the pixels' places."""
     reach = MARGIN_PX + 2
     x_mm, y_mm = axes_mm(CAMERA, reach)
     lattice = SurfaceLattice(float(x_mm[0]), float(y_mm[0]), MM_PER_PX, len(x_mm), len(y_mm))
     at = np.meshgrid(np.arange(len(x_mm)) - float(reach), np.arange(len(y_mm)) - float(reach))
     moved = motion(*at) * MM_PER_PX
-    return drawn(recipe, lattice, np.dstack((moved, np.zeros(moved.shape[:2]))), n_frames)
+    flat = np.dstack((moved, np.zeros(moved.shape[:2])))
+    return drawn(recipe, lattice, flat, n_frames, sensor)
 
 
 def bump(peak_px: float, front_px: float, back_px: float, x: Field, y: Field) -> Field:
