@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Bar = Callable[[str], AbstractContextManager[Callable[[int, int, str], None]]]
 MARKER = "demo.json"
-RIG = "fisheye-coarse"
+RIG = "usb"
 PROTOCOL, CALIBRATION = "demo", "demo-calibration"
 FORCE_MODEL = "inverse"
 """The one that does not depend on the indenter, which is another in the calibration."""
@@ -52,7 +52,7 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     for line in calibrated:
         say(f"calibration: {line}")
     say(
-        f"run: {summary['frames']} frames through the fisheye, {summary['rig_seconds']:.0f} s of "
+        f"run: {summary['frames']} frames through a USB camera and a fisheye, {summary['rig_seconds']:.0f} s of "
         f"rig time in {summary['wall_seconds']:.0f} s"
     )
     then = [

@@ -101,7 +101,7 @@ def completed(*words: str) -> set[str]:
         (["pattern", "quality", "dense", "dense-"], {"dense-with-dots"}),
         (["pattern", "new", "x", "--law", "oc"], {"octave"}),
         (["run", "smo"], {"smoke"}),
-        (["run", "smoke", "--rig", "fish"], {"fisheye", "fisheye-coarse"}),
+        (["run", "smoke", "--rig", "fish"], {"fisheye"}),
         (["run", "smoke", "--dry"], {"--dry-run"}),
         (["study", "run", "set"], {"settling"}),
         (["schema", "virt"], {"virtual-rig"}),
