@@ -52,8 +52,8 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     for line in calibrated:
         say(f"calibration: {line}")
     say(
-        f"run: {summary['frames']} frames through a USB camera and a fisheye, {summary['rig_seconds']:.0f} s of "
-        f"rig time in {summary['wall_seconds']:.0f} s"
+        f"run: {summary['frames']} frames through a USB camera and a fisheye, "
+        f"{summary['rig_seconds']:.0f} s of rig time in {summary['wall_seconds']:.0f} s"
     )
     then = [
         _DemoStage("tracking", _track, out, seed),
