@@ -141,7 +141,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     count(optics.Rectified, "maps", "maps")
     count(optics.Rectified, "rectify", "rectify")
     count(imaging.Printer, "print_", "print")
-    count(imaging.ImageSensor, "expose", "expose")
+    count(imaging.Exposure, "expose", "expose")
     count(contact, "friction_contact", "friction")
     count(contact, "normal_contact", "normal")
     count(netft.NetFTBox, "send", "force box")

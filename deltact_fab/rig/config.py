@@ -154,7 +154,8 @@ def _require_new_places(data: dict[str, Any], kind: str, source: str) -> None:
     """Refuse a file with the simulator's keys where they once stood, saying where each went."""
     moved = [(f"[{table}]", f"[virtual.{table}]") for table in _MOVED if table in data]
     of_camera = set(_table(data, "camera"))
-    real = not of_camera & set(SimulatedCamera.model_fields)  # and unknown keys are named later
+    simulated = set(SimulatedCamera.model_fields) - set(CameraConfig.model_fields)
+    real = not of_camera & simulated  # and unknown keys are named later
     if real if kind == "grbl" else of_camera <= {"model"}:
         moved = [(old, new) for old, new in moved if old != "[camera]"]
     if isinstance(data.get("gel"), dict) and "hyperelastic" in data["gel"]:

@@ -106,9 +106,9 @@ def cases(quick: bool) -> Sequence[Case]:
     few = Checkerboard(5, 4, 7.0, skin=True)
     out = [
         Case("8 of the skin's corners misread", "right",
-             partial(_off, seen(SKIN, ON_FACE, True, outliers=8)), 0.5, "px"),
+             partial(_off, seen(SKIN, ON_FACE, True, outliers=8)), 1.0, "px"),
         Case("a skin of 12 corners", "refused", partial(_off, seen(few, ON_FACE, True)),
-             says="known from a guess"),
+             says="the face is known to"),
     ]  # fmt: skip
     if quick:
         return out
