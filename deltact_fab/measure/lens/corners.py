@@ -113,9 +113,22 @@ def _seed(grey: Array, board: Checkerboard) -> Array | None:
         seen, px, meta = cv2.findChessboardCornersSBWithMeta(part, least, flags)
         if seen:
             grid = _upright(np.asarray(px, np.float64).reshape(*meta.shape[:2], 2) + (x, y))
+            if not board.skin:
+                grid = _trimmed(grey, grid)
             if _alternates(grey, grid):
                 return grid
     return None
+
+
+def _trimmed(grey: Array, grid: Array) -> Array:
+    """The rectangle without sides that run along the board's edge: a finder may take its corners
+    for inner ones.
+    """
+    for side in range(4):
+        turned = np.rot90(grid, side)
+        if len(turned) > 2 and np.mean(_corners_near(grey, turned[-1], turned[-2])[1]) < 0.5:
+            grid = np.rot90(turned[:-1], -side)
+    return np.ascontiguousarray(grid)
 
 
 def _alternates(grey: Array, grid: Array) -> bool:
