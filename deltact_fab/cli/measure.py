@@ -148,7 +148,7 @@ def _run(session: Session, outputs: list[Output], stay: bool) -> int:
 
 
 def _benchmark(as_json: bool) -> None:
-    from ..numerics.benchmark import run_benchmark
+    from ..numerics.benchmark import AGE_MS, IN_TIME, PARTS, run_benchmark
     from .output import echo_json, echo_table, progress
 
     with progress("benchmark") as report:
@@ -157,12 +157,14 @@ def _benchmark(as_json: bool) -> None:
         echo_json(found)
         return
     rows = [
-        (pattern, case, row["hz"], row["latency_ms"]["p50"], row["latency_ms"]["p95"],
-         row["cpu_ms"], row["mean_error_mm"], row["coverage"])
+        (pattern, case, row["hz"], row["goal_hz"], row["latency_ms"]["p50"],
+         row["latency_ms"]["p95"], f"{row['in_time']:.1%}", row["dropped"], row["cpu_ms"],
+         *row["by_part_ms"].values(), row["mean_error_mm"], row["coverage"])
         for pattern, cases in found.items() if pattern not in ("about", "load_average")
         for case, row in cases.items()
     ]  # fmt: skip
-    echo_table(("pattern", "case", "hz", "latency p50, ms", "p95", "CPU, ms", "mean error, mm",
-                "coverage"), rows, names=2)  # fmt: skip
+    echo_table(("pattern", "case", "hz", "goal", "latency p50, ms", "p95",
+                f"in {AGE_MS:g} ms, goal {IN_TIME:.0%}", "dropped", "CPU, ms", *PARTS,
+                "mean error, mm", "coverage"), rows, names=2)  # fmt: skip
     load = found["load_average"]
     click.echo(f"\n{found['about']}; load average {load['before']} before, {load['after']} after")

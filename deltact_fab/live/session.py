@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..measure.pipeline import Measurement, Pipeline, Result
-from ..optics import Rectified
 from .open import images
 from .source import Source
 
@@ -100,10 +99,7 @@ class Session:
 
     def rectified(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """An image of the source as it is tracked."""
-        view = self.view
-        if isinstance(view, Rectified) and image.shape[1::-1] != (view.width_px, view.height_px):
-            return np.asarray(view.rectify(image), np.uint8)
-        return image
+        return self._measurement.rectified(image)
 
     def _feed(self, pipeline: Pipeline) -> None:
         """Give every image to the pipeline, which drops those that it has no time for."""

@@ -13,12 +13,13 @@ def rigid(flow: FaceFlow) -> tuple[Array, float, Array]:
 
     Least squares over x -> R x + t (Kabsch 1976, in the plane). At least one point must be known.
     """
-    x, y = np.meshgrid(flow.x_mm, flow.y_mm)
-    at = np.stack((x[flow.known], y[flow.known]), axis=-1)
-    to = at + flow.shift_mm[flow.known].astype(float)
-    a, b = at - at.mean(0), to - to.mean(0)
-    turn = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
-    c, s = np.cos(turn), np.sin(turn)
-    spun = np.array([[c, -s], [s, c]])
-    shift = to.mean(0) - spun @ at.mean(0)
-    return shift, float(np.degrees(turn)), to - (at @ spun.T + shift)
+    # As complex numbers x + i y: numpy is slow along an axis of two.
+    at = (flow.x_mm + 1j * flow.y_mm[:, None])[flow.known]
+    to = at + flow.shift_mm[..., 0][flow.known] + 1j * flow.shift_mm[..., 1][flow.known]
+    middle, landed = at.mean(), to.mean()
+    a, b = at - middle, to - landed
+    turn = np.angle(np.vdot(a, b))
+    spun = np.exp(1j * turn)
+    shift, left = landed - spun * middle, b - a * spun
+    apart = left.view(float).reshape(-1, 2)
+    return np.array((shift.real, shift.imag)), float(np.degrees(turn)), apart

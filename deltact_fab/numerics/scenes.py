@@ -28,7 +28,6 @@ from .worker import answers
 
 REPEATS = 3
 KIND = "scene-costs"
-FRAMES = 60
 
 # layer: (what it is, the process with it, the process without)
 LAYERS = {
@@ -40,7 +39,6 @@ LAYERS = {
     "its surface field": ("kept on a lattice of 0.1 mm for images", "gel: normal", "gel: force"),
     "its friction and shear": ("a drag, and the block without mirror", "gel: shear", "gel: normal"),
     "its viscosity": ("two branches of a Prony series", "gel: viscous", "gel: shear"),
-    "confidence map": ("what of the flow is believed, 60 frames", "flow", "flow, not judged"),
     "cadquery": ("the CAD kernel's import", "cadquery", "empty"),
     "report libraries": ("imports of matplotlib, jinja2 and pandas", "report", "empty"),
 }
@@ -152,23 +150,6 @@ def _knots(
         presses.of(path).solver.solve_all()
 
 
-def _follow(*, folder: Path, confidence: bool) -> None:
-    """A tracker on a texture of the sensor's size that moves a pixel a frame."""
-    import cv2
-    import numpy as np
-
-    from ..measure.flow import FlowTracker
-    from ..shapes import SensorDimensions
-
-    cv2.setNumThreads(1)
-    o = SensorDimensions().optics
-    noise = np.random.default_rng(0).normal(128, 400, (o.image_height_px, o.image_width_px, 3))
-    image = np.clip(cv2.GaussianBlur(noise, (0, 0), 2.0), 0, 255).astype(np.uint8)
-    tracker = FlowTracker(confidence=confidence)
-    for shift in range(FRAMES):
-        tracker.update(np.roll(image, shift, axis=1))
-
-
 _ALL, _SHEARED = ("image", "dots", "force", "shear"), ("image", "shear")
 PROBES: dict[str, partial[None]] = {
     "all": partial(_run, *_ALL),
@@ -182,8 +163,6 @@ PROBES: dict[str, partial[None]] = {
     "gel: shear": partial(_knots, *_SHEARED, sheared=True),
     # A strong series changes the number of iterations, either way, by more than it costs.
     "gel: viscous": partial(_knots, *_SHEARED, sheared=True, prony=((1e-9, 0.5), (1e-9, 5.0))),
-    "flow": partial(_follow, confidence=True),
-    "flow, not judged": partial(_follow, confidence=False),
     "empty": partial(_imports),
     "cadquery": partial(_imports, "cadquery"),
     "report": partial(_imports, "matplotlib.figure", "matplotlib.backends.backend_svg", "jinja2",

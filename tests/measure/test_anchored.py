@@ -156,18 +156,6 @@ def test_half_the_resolution_is_the_same_flow_at_nodes(make_scene, make_bump):
     assert not whole.flow_px.flags.writeable
 
 
-def test_without_a_confidence_map_nothing_is_believed(make_scene, make_bump):
-    scene = make_scene(320, 256)
-    bump = make_bump((150, 130), 70, shear_px=(9, -6))
-    images = [scene.picture(), scene.picture(bump, 1)]
-    last = follow(images, FlowTracker(confidence=False))[-1]
-    assert not last.confident.any()
-    assert not last.diagnostics.trusted
-    assert last.diagnostics.rule == "not judged"
-    error = off_px(last.flow_px, bump.flow_px(256, 320))[12:-12, 12:-12]
-    assert error.mean() * MM_PER_PX < 0.01
-
-
 def test_the_same_images_give_the_same_bytes(passing):
     images, _, _ = passing
     for a, b in zip(follow(images[:6]), follow(images[:6]), strict=True):

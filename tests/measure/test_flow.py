@@ -59,7 +59,7 @@ def bookkeeping(method: str, extreme: Any) -> dict[str, float]:
         ("composed", "adaptive"),
         ("summed", "adaptive"),
     ):
-        seen = run(images, method, reference, renew, confidence=False)
+        seen = run(images, method, reference, renew)
         last = seen[-1]
         error = error_mm(last.flow_px, truth, last.visible)
         means[f"{reference} {renew}"] = float(error.mean())

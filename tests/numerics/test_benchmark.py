@@ -17,6 +17,8 @@ def test_every_case_says_rate_latency_cpu_error_and_coverage():
     for row in cases.values():
         assert row["hz"] > 0
         assert row["cpu_ms"] > 0
+        assert row["cpu_ms"] < 3 * sum(row["by_part_ms"].values())
+        assert 0 <= row["in_time"] <= 1
         assert 0 < row["latency_ms"]["p50"] <= row["latency_ms"]["p95"]
         assert row["true_motion_mm"] >= 3
     ours = cases["everything"]

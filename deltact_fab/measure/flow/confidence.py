@@ -82,12 +82,11 @@ class ConfidenceEstimator:
     show; and TRUSTED_SHARE or more of that is confident now. That detail is more than noise the
     later images tell: correlation and deviation are relative to what does not return.
 
-    image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same. secondary_match: False does
-    without that of a colour image, as if it were grey.
+    image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same.
     """
 
-    def __init__(self, image: Array | Sampled, plane: Plane, secondary_match: bool = True) -> None:
-        self.name = "colour" if image.ndim == 3 and secondary_match else "grey"
+    def __init__(self, image: Array | Sampled, plane: Plane) -> None:
+        self.name = "colour" if image.ndim == 3 else "grey"
         self._shape = plane.shape
         self._window = (max(1, round(WINDOW_PX / _COARSE_PX)),) * 2
         self._fit = (max(1, round(FIT_PX / _COARSE_PX)),) * 2

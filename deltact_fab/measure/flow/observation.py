@@ -22,7 +22,7 @@ class FlowDiagnostics:
     textured_share: share of the first image in which there is anything to see. bad_share: share of
     what is textured and in view that is not confident. trusted: texture and confidence
     suffice (`ConfidenceEstimator`). confident_share: share of the visible pixels that are
-    confident. rule: "colour", "grey" or "not judged". cpu_ms: process time of the update, over all
+    confident. rule: "colour" or "grey". cpu_ms: process time of the update, over all
     threads; where its parts run side by side, that of the other parts is in it.
     """
 
@@ -49,7 +49,7 @@ class FlowObservation:
     flow_px: (h, w, 2) float32, from the first image, at its pixels (Lagrangian).
     visible: (h, w) bool, the flow ends inside this image; of a flow composed over several
     references also that it did so in each of them.
-    confident: (h, w) bool, see `ConfidenceEstimator`; nowhere, if the tracker was not to judge.
+    confident: (h, w) bool, see `ConfidenceEstimator`.
     state: (h, w) uint8 of `FlowState`.
     """
 

@@ -81,7 +81,6 @@ class FlowTracker:
     reference: "anchored" (`AnchoredTracker`, by `fused` only), or "composed", "summed" and "static"
     (`RenewedTracker`) by any method; by default anchored for `fused` and composed for the others.
     renew: for those, "adaptive", "every-frame" or "photometric" (see there).
-    confidence: False leaves the confidence map out; then nothing is confident or trusted.
     full: False gives all arrays on the half grid (see `FlowObservation`).
     Raises InputError for unknown names.
     """
@@ -92,7 +91,6 @@ class FlowTracker:
         reference: Reference | None = None,
         renew: Renewal = "adaptive",
         *,
-        confidence: bool = True,
         full: bool = True,
     ) -> None:
         self.method = FlowMethod(method) if isinstance(method, str) else method
@@ -110,7 +108,6 @@ class FlowTracker:
                 f"not {self.method.name!r}"
             )
         self.renew = renew
-        self.confidence = confidence
         self.full = full
         self.reset()
 
@@ -164,19 +161,19 @@ class FlowTracker:
     def judge(self, ready: PreparedImage, seen: TrackedFrame) -> FlowObservation:
         """What the next image does not wait for."""
         judge = ready.sequence.judge
-        inside, verdict = _inside(seen.flow_px, ready.plane.shape), None
-        if self.confidence and ready.frame:
+        inside = _inside(seen.flow_px, ready.plane.shape)
+        if ready.frame:
             agreeing = seen.agreeing
             if seen.match is not None:
                 agreeing = agreeing & judge.settled(seen.match, seen.kept)
             verdict = judge.verdict(inside, agreeing)
-        elif self.confidence:
+        else:
             trusted = judge.textured_share >= TEXTURED_SHARE
             verdict = FrameConfidence(judge.textured, 0.0, trusted)
         return self._observation(ready, seen, inside, verdict)
 
     def _begin(self, image: Array | Sampled, plane: Plane) -> Sequence:
-        judge = ConfidenceEstimator(image, plane, secondary_match=self.confidence)
+        judge = ConfidenceEstimator(image, plane)
         if not judge.textured.any():
             raise SensorError(
                 "flow: the first image has no texture anywhere: its fine detail is "
@@ -193,11 +190,7 @@ class FlowTracker:
         return Sequence(judge, way, image.shape)
 
     def _observation(
-        self,
-        ready: PreparedImage,
-        seen: TrackedFrame,
-        inside: Array,
-        verdict: FrameConfidence | None,
+        self, ready: PreparedImage, seen: TrackedFrame, inside: Array, verdict: FrameConfidence
     ) -> FlowObservation:
         judge, stayed, flow = ready.sequence.judge, seen.stayed, seen.full_px
         state = judge.state(inside, seen.kept)
@@ -206,14 +199,11 @@ class FlowTracker:
             flow = to_full(seen.flow_px, shape) if flow is None else flow
             visible = _pixels(inside, shape) if stayed is None else stayed
             state = _pixels(state, shape)
-            confident = None if verdict is None else _pixels(verdict.confident, shape)
+            confident = _pixels(verdict.confident, shape)
         else:
             flow = seen.flow_px
             visible = inside if stayed is None else stayed[::2, ::2]
-            confident = None if verdict is None else verdict.confident
-        if verdict is None or confident is None:
-            confident = np.broadcast_to(np.False_, visible.shape)
-            verdict = FrameConfidence(confident, 1.0, False)
+            confident = verdict.confident
         n_visible = int(np.count_nonzero(visible))
         n_confident = int(np.count_nonzero(confident & visible))
         for out in (flow, visible, confident, state):
@@ -232,7 +222,7 @@ class FlowTracker:
                 bad_share=verdict.bad_share,
                 trusted=verdict.trusted,
                 confident_share=n_confident / n_visible if n_visible else 0.0,
-                rule=judge.name if self.confidence else "not judged",
+                rule=judge.name,
                 cpu_ms=(time.process_time() - ready.start_s) * 1e3,
             ),
         )

@@ -128,6 +128,10 @@ class Measurement:
         first = ("rectify",) if self._rectify.raw else ()
         return (*first, "prepare", "follow", "judge", *self._plan.stages)
 
+    def rectified(self, image: Array) -> Array:
+        """The whole of an image as it is tracked. Raises InputError for another size."""
+        return self._rectify.view(image)
+
     def reset(self, reference: Array | None = None) -> None:
         """A new reference: this image, or the next one that is given.
 

@@ -1,7 +1,7 @@
 """Shape of the contact from the flow: density, relative depth, depth in mm, separate contacts."""
 
 from .contacts import ContactRegion, contact_labels, contacts
-from .density import SIGMA_PX, Density, by_jacobian, by_splat, relative_depth
+from .density import SIGMA_PX, Density, by_jacobian, relative_depth
 from .depth import Depth, DepthFinder, DepthModel
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     "DepthFinder",
     "DepthModel",
     "by_jacobian",
-    "by_splat",
     "contact_labels",
     "contacts",
     "relative_depth",

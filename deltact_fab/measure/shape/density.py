@@ -1,11 +1,10 @@
 """Gaussian density of the landed pattern (paper, Shape Reconstruction): 1 at rest, less where it
 spreads.
 
-The paper's words are the splat: every point lands and spreads a Gaussian of SIGMA_PX there. Points
+The paper's words are a splat: every point lands and spreads a Gaussian of SIGMA_PX there. Points
 that carry equal areas of the resting face thin out by the determinant of the map, so the density
-is 1 / det(I + grad u) of the flow u smoothed by the same Gaussian: that is what runs. The two are
-one where the determinant is between 1/2 and 2; beyond, and where the flow is a guess, neither is
-to be relied on.
+is 1 / det(I + grad u) of the flow u smoothed by the same Gaussian. The two are one where the
+determinant is between 1/2 and 2; beyond, and where the flow is a guess, neither is to be relied on.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ import cv2
 import numpy as np
 
 from ...aliases import Array
-from ..compose import sample
 from ..face import FaceFlow
 from ..hole_filling import whole
 
@@ -60,40 +58,6 @@ def by_jacobian(flow: FaceFlow, mm_per_px: float) -> Density:
     flow, sigma = whole(flow), _cells(flow, mm_per_px)
     det = _determinant(flow, sigma)
     return Density(1 / np.maximum(det, DOMAIN[0] / 8), _reliable(flow, det, sigma))
-
-
-def by_splat(flow: FaceFlow, mm_per_px: float) -> Density:
-    """A Gaussian at every landed point; the sum is read where each point landed.
-
-    mm_per_px: as in `by_jacobian`. Beyond the view the points go on as they do at its edge. Raises
-    ValueError for points so far apart that their Gaussians make no even sum.
-    """
-    flow, sigma = whole(flow), _cells(flow, mm_per_px)
-    if sigma < 1.4:
-        raise ValueError(
-            f"splat: points at most {SIGMA_PX / 1.5:g} px apart, not {flow.cell_mm} mm"
-        )
-    margin = int(np.ceil(4 * sigma)) + 1
-    h, w = (side + 2 * margin for side in flow.known.shape)
-    fine = int(np.ceil(6 / sigma))  # of the sum's nodes to a cell
-    at = _continued(flow.shift_mm, margin) * (fine / flow.cell_mm)
-    at += np.stack(np.meshgrid(np.arange(w) * fine, np.arange(h) * fine), axis=-1)
-    at -= np.floor(at.min((0, 1))) - 1
-    wide, high = np.ceil(at.max((0, 1))).astype(int) + 2
-    first = at.astype(int)
-    part = at - first
-    total = np.zeros(high * wide)
-    for right, down in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        share = np.abs(1 - right - part[..., 0]) * np.abs(1 - down - part[..., 1])
-        node = (first[..., 1] + down) * wide + first[..., 0] + right
-        total += np.bincount(node.ravel(), share.ravel(), high * wide)
-    total *= fine**2
-    # To share a point among four nodes spreads it by 1/6 of their square, and so does reading.
-    spread = float(np.sqrt((sigma * fine) ** 2 - 1 / 3))
-    summed = cv2.GaussianBlur(total.reshape(high, wide).astype(np.float32), (0, 0), spread)
-    inner = at[margin:-margin, margin:-margin]
-    value = sample(summed, np.ascontiguousarray(inner, np.float32))
-    return Density(value, _reliable(flow, _determinant(flow, sigma), sigma))
 
 
 def _cells(flow: FaceFlow, mm_per_px: float) -> float:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from functools import cache, partial
 from pathlib import Path
 
@@ -12,10 +11,9 @@ import numpy as np
 from ...aliases import Array
 from ...measure.face import FaceFlow
 from ...measure.force import ForceModel, SensorView, make_features
-from ...measure.force.wrench import COMPONENTS
 from ...measure.hodge import Hodge
 from ...measure.regression import least_squares
-from ...measure.shape.density import SIGMA_PX, Density, by_jacobian, by_splat
+from ...measure.shape.density import SIGMA_PX, by_jacobian
 from ...optics import Pinhole, axes_mm
 from ...shapes.sensor import SensorDimensions
 from ..engine import Case, CurveSetting, Engine, Flagged, Work
@@ -23,8 +21,6 @@ from ..engine import Case, CurveSetting, Engine, Flagged, Work
 SMOOTH_MM, FINE_MM = 2.0, 0.5
 EVERY = (1, 2, 4, 8, 16)
 PUSH = 0.3  # of the dent that the curves see: det from 1.7 to about .94
-SETS = ("sums", "paper")
-LEFT_OUT, NOISE = 40, 0.01
 SENSOR = SensorDimensions()
 CAMERA = Pinhole.of(SENSOR)
 VIEW = SensorView(CAMERA, SENSOR.skin)
@@ -116,65 +112,27 @@ def _parts(sigma_mm: float, every: int, scratch: Path) -> Work:
     return Work(run, lambda found: 100 * _rms(found - wanted) / _rms(field))
 
 
-def _density(of: Callable[..., Density], every: int, scratch: Path) -> Work:
+def _density(every: int, scratch: Path) -> Work:
     flow = face(dent(PUSH), every)
     exact = means(dent_density(PUSH), every)
     return Work(
-        lambda: of(flow, MM_PER_PX),
+        lambda: by_jacobian(flow, MM_PER_PX),
         lambda found: 100 * _rms(found.value - exact) / float(np.ptp(exact)),
     )
 
 
-def _presses(name: str, n: int, seed: int) -> tuple[Array, Array]:
-    """Features (n, k) of random presses and twists, and wrenches (n, 6) that follow from them."""
-    rng = np.random.default_rng(seed)
-    features = make_features(name, VIEW)
-    bases = [means(field, 8) for field in (dent(PUSH), *parts(SMOOTH_MM))]
-    at = face(dent(PUSH), 8)
-    shifts = [np.tensordot(rng.uniform(0.1, 1.0, 4), bases, axes=1) for _ in range(n)]
-    X = np.stack([features.of(replace(at, shift_mm=u.astype(np.float32))) for u in shifts])
-    # One press a unit, so that no term of another size decides alone.
-    size = np.abs(features.of(at)) + 1.0
-    weights = np.random.default_rng(1).normal(size=(X.shape[1], 6)) / size[:, None]
-    for i, component in enumerate(COMPONENTS):
-        unused = [j for j, term in enumerate(features.names)
-                  if term not in features.explains[component]]  # fmt: skip
-        weights[unused, i] = 0.0
-    return X, X @ weights
-
-
-def _wrenches(name: str, n: int, scratch: Path) -> Work:
-    X, wrench = _presses(name, n, 11)
-    new, true = _presses(name, LEFT_OUT, 12)
-    noise = np.random.default_rng(13).normal(size=wrench.shape)
-    seen = wrench + NOISE * np.std(wrench, axis=0) * noise
-    features = make_features(name, VIEW)
-    return Work(
-        lambda: ForceModel.fit(features, X, seen)[0],
-        lambda model: 100 * _rms((model.predict(new) - true) / np.std(true, axis=0)),
-    )
-
-
 def curves(quick: bool) -> Sequence[CurveSetting]:
-    """Points from every pixel to every 16th; wrenches that the model itself made, by presses."""
+    """Points from every pixel to every 16th."""
     strides = (4, 8) if quick else EVERY
     exact = partial(CurveSetting, reference="closed form", reference_error=0.0)
-    out = [
+    hodge = [
         exact(f"parts of a flow whose features have sigma {sigma_mm:g} mm", "d, r, h",
               f"every {every} px", "% of the field, rms", build=partial(_parts, sigma_mm, every))
         for sigma_mm in ((SMOOTH_MM,) if quick else (SMOOTH_MM, FINE_MM)) for every in strides
     ]  # fmt: skip
-    out += [
-        exact("Gaussian density of a dent", series, f"every {every} px", "% of its range, rms",
-              build=partial(_density, of, every))
-        for series, of, last in (("Jacobian", by_jacobian, 16), ("splat", by_splat, 2))
-        for every in strides if every <= last
-    ]  # fmt: skip
-    return out + [
-        CurveSetting(f"wrench of {LEFT_OUT} presses left out, {NOISE:.0%} of noise in training",
-                     name, f"{n} presses", "% of the wrench, rms", "the wrenches that were put in",
-                     0.0, partial(_wrenches, name, n), "self-test")
-        for name in SETS for n in ((15, 60) if quick else (15, 30, 60, 120))
+    return hodge + [
+        exact("Gaussian density of a dent", "Jacobian", f"every {every} px", "% of its range, rms",
+              build=partial(_density, every)) for every in strides
     ]  # fmt: skip
 
 
@@ -197,13 +155,12 @@ def _light_touch(scratch: Path) -> float:
     return float(np.abs(wrench.force_n).max())
 
 
-def _splat(push: float, scratch: Path) -> float:
-    """Largest difference of the two densities over their range. Raises Flagged if not believed."""
-    flow = face(dent(push), 2)
-    one, two = by_jacobian(flow, MM_PER_PX), by_splat(flow, MM_PER_PX)
-    if not one.reliable.all():
-        raise Flagged(f"flagged: {100 * (1 - one.cover):.0f} % of the density is not reliable")
-    return 100 * float(np.abs(one.value - two.value).max() / np.ptp(one.value))
+def _folded(scratch: Path) -> float:
+    """Largest density of a map that folds. Raises Flagged where it is not to be relied on."""
+    found = by_jacobian(face(dent(-1.6), 2), MM_PER_PX)
+    if not found.reliable.all():
+        raise Flagged(f"flagged: {100 * (1 - found.cover):.0f} % of the density is not reliable")
+    return float(found.value.max())
 
 
 def _wampler(scratch: Path) -> tuple[float, str]:
@@ -220,16 +177,14 @@ def cases(quick: bool) -> Sequence[Case]:
         Case("1e-3 mm on a shift of 10 mm: d", "right", _far_and_faint, 2.0, "%"),
         Case("a light touch, deep presses trained on: wrench", "refused", _light_touch,
              says="extrapolated"),
-        Case("splat and Jacobian, det from .94 to 1.7", "right", partial(_splat, PUSH), 1.0,
-             "% of the range"),
-        Case("a map that folds: density", "refused", partial(_splat, -1.6), says="flagged"),
+        Case("a map that folds: density", "refused", _folded, says="flagged"),
         Case("regression: Wampler 1", "right", _wampler, 1e-7, "of a coefficient"),
     ]  # fmt: skip
 
 
 ENGINE = Engine(
     "From flow to force and shape",
-    "Hodge parts, Gaussian density, force features and regression against closed forms.",
+    "Hodge parts, Gaussian density, a force model's reach and regression against closed forms.",
     cases,
     curves,
 )
