@@ -20,7 +20,6 @@ from ..configuration import Table
 from ..errors import InputError, did_you_mean
 from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
-from .simulator import SimulatedCameraConfig as SimulatedCamera
 from .simulator import SimulatorConfig
 from .stage.config import StageSettings
 from .stage.firmware import FIRMWARE
@@ -114,7 +113,6 @@ _KINDS: dict[str, type[VirtualConfig] | type[GrblConfig]] = {
     "virtual": VirtualConfig,
     "grbl": GrblConfig,
 }
-_MOVED = ("camera", "printer", "gel")  # simulator's tables that stood beside the real settings
 
 
 def load(name: str) -> tuple[RigConfig, Path]:
@@ -125,7 +123,6 @@ def load(name: str) -> tuple[RigConfig, Path]:
     if not isinstance(kind, str) or kind not in _KINDS:
         found = "missing key" if kind is None else f"unknown kind {kind!r}"
         raise InputError(f"{path}: kind: {found}; {did_you_mean(str(kind), _KINDS)}")
-    _require_new_places(data, kind, str(path))
     return _registered(catalog.validate(_KINDS[kind], data, str(path)), path), path
 
 
@@ -143,28 +140,3 @@ def _registered(config: RigConfig, path: Path) -> RigConfig:
     keys = ("origin_machine_mm", "angle_deg", "tilt_deg")
     stage = config.stage.model_copy(update={key: getattr(found, key) for key in keys})
     return config.model_copy(update={"stage": stage})
-
-
-def _table(data: dict[str, Any], name: str) -> dict[str, Any]:
-    found = data.get(name)
-    return found if isinstance(found, dict) else {}
-
-
-def _require_new_places(data: dict[str, Any], kind: str, source: str) -> None:
-    """Refuse a file with the simulator's keys where they once stood, saying where each went."""
-    moved = [(f"[{table}]", f"[virtual.{table}]") for table in _MOVED if table in data]
-    of_camera = set(_table(data, "camera"))
-    simulated = set(SimulatedCamera.model_fields) - set(CameraConfig.model_fields)
-    real = not of_camera & simulated  # and unknown keys are named later
-    if real if kind == "grbl" else of_camera <= {"model"}:
-        moved = [(old, new) for old, new in moved if old != "[camera]"]
-    if isinstance(data.get("gel"), dict) and "hyperelastic" in data["gel"]:
-        moved.append(("[gel.hyperelastic]", "[virtual.gel.hyperelastic]"))
-    if isinstance(data.get("force"), dict) and "noise_n" in data["force"]:
-        moved.append(("noise_n of [force]", "noise_n of [virtual.force]"))
-    if moved:
-        where = ", ".join(f"{old} is now {new}" for old, new in moved)
-        of = "" if kind == "virtual" else f"; a {kind!r} rig has none of them"
-        raise InputError(
-            f"{source}: settings of the simulator have moved, keys unchanged: {where}{of}"
-        )

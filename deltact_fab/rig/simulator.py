@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from dataclasses import fields
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, create_model
 
 from ..configuration import Table
 from ..optics import Fisheye
@@ -118,44 +119,29 @@ class MountConfig(Table):
     """By indenter: how much longer than the one that the origin was measured with."""
 
 
-def _of_lens(key: str) -> Any:
-    """A key of the lens that may be left out, with the limits and the meaning that it has there."""
-    return Field(default=None, **Fisheye.__dataclass_fields__[key].metadata)
-
-
-class LensConfig(Table):
+class _LensChanges(Table):
     """The true lens of a simulated camera: what differs from the design's."""
 
     design: str | None = None
     """Name or path of the design that these numbers are of; on another design what differs from it
     counts. Without it they must be near those of every design that the rig is used with."""
-    f_px: float | None = _of_lens("f_px")
-    k1: float | None = _of_lens("k1")
-    k2: float | None = _of_lens("k2")
-    k3: float | None = _of_lens("k3")
-    k4: float | None = _of_lens("k4")
-    p1: float | None = _of_lens("p1")
-    p2: float | None = _of_lens("p2")
-    aspect: float | None = _of_lens("aspect")
-    cx_px: float | None = _of_lens("cx_px")
-    cy_px: float | None = _of_lens("cy_px")
-    tilt_x_deg: float | None = _of_lens("tilt_x_deg")
-    tilt_y_deg: float | None = _of_lens("tilt_y_deg")
-    roll_deg: float | None = _of_lens("roll_deg")
-    x0_mm: float | None = _of_lens("x0_mm")
-    y0_mm: float | None = _of_lens("y0_mm")
-    air_gap_mm: float | None = _of_lens("air_gap_mm")
-    pupil_shift_mm: float | None = _of_lens("pupil_shift_mm")
-    acrylic_mm: float | None = _of_lens("acrylic_mm")
-    gel_mm: float | None = _of_lens("gel_mm")
-    n_acrylic: float | None = _of_lens("n_acrylic")
-    n_gel: float | None = _of_lens("n_gel")
-    width_px: int | None = _of_lens("width_px")
-    height_px: int | None = _of_lens("height_px")
 
     def numbers(self) -> dict[str, float]:
         """What is given, without the design."""
         return self.model_dump(exclude={"design"}, exclude_none=True)
+
+
+if TYPE_CHECKING:
+    LensConfig = _LensChanges
+else:  # every key of the lens, with the limits and the meaning that it has there
+    LensConfig = create_model(
+        "LensConfig",
+        __base__=_LensChanges,
+        **{
+            f.name: ({"int": int, "float": float}[f.type] | None, Field(None, **f.metadata))
+            for f in fields(Fisheye)
+        },
+    )
 
 
 class SimulatorConfig(Table):

@@ -28,19 +28,6 @@ acceleration_mm_s2 = [50.0, 50.0, 50.0]
 """
 CAMERA = '[camera]\nmodel = "camera.toml"\n'
 LENS = "[virtual.lens]\n"
-OLD = """
-[camera]
-blur_px = 0.5
-[printer]
-dpi = 600
-[force]
-range_n = [25.0, 25.0, 35.0]
-noise_n = 0.02
-[gel]
-spacing_mm = 0.5
-[gel.hyperelastic]
-tolerance = 0.1
-"""
 
 
 def loaded(folder: Path, text: str) -> config.RigConfig:
@@ -89,7 +76,7 @@ def test_each_kind_has_its_own_tables(tmp_path: Path) -> None:
         ('kind = "virtual"' + STAGE + "[camera]\n" + LENS, r"camera\.model: missing key"),
         (
             'kind = "virtual"' + STAGE + CAMERA + "blur = 1\n",
-            r"\[camera\] is now \[virtual\.camera\]",
+            r"camera\.blur: unknown key; valid: model",
         ),
         (
             'kind = "virtual"' + STAGE + LENS + "fpx = 3.0",
@@ -111,18 +98,6 @@ def test_a_bad_file_is_one_line(text: str, says: str, tmp_path: Path) -> None:
     assert "\n" not in str(why.value)
 
 
-@pytest.mark.parametrize("kind", ["virtual", "grbl"])
-def test_an_old_file_is_told_where_each_key_went(kind: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError) as why:
-        loaded(tmp_path, f'kind = "{kind}"\n{STAGE}{OLD}')
-    line = str(why.value)
-    for new in ("camera", "printer", "gel", "gel.hyperelastic"):
-        assert f"[{new}] is now [virtual.{new}]" in line
-    assert "noise_n of [force] is now noise_n of [virtual.force]" in line
-    assert "\n" not in line
-    assert ("a 'grbl' rig has none of them" in line) == (kind == "grbl")
-
-
 def test_a_lens_that_draws_and_one_that_tracks_stand_apart(tmp_path: Path) -> None:
     rig = loaded(tmp_path, f'kind = "virtual"\n{STAGE}{CAMERA}{LENS}k1 = -0.01\nwidth_px = 640\n')
     assert rig.kind == "virtual"
@@ -131,15 +106,6 @@ def test_a_lens_that_draws_and_one_that_tracks_stand_apart(tmp_path: Path) -> No
     assert rig.virtual.lens.numbers() == {"k1": -0.01, "width_px": 640}
     nominal = loaded(tmp_path, f'kind = "virtual"\n{STAGE}{LENS}')
     assert (nominal.camera, nominal.virtual.lens.numbers()) == (None, {})
-
-
-def test_an_old_file_with_its_keys_moved_is_read(tmp_path: Path) -> None:
-    moved = OLD.replace("noise_n = 0.02\n", "").replace("[camera]", "[virtual.camera]")
-    moved = moved.replace("[printer]", "[virtual.printer]").replace("[gel", "[virtual.gel")
-    rig = loaded(tmp_path, f'kind = "virtual"\n{STAGE}{moved}[virtual.force]\nnoise_n = 0.02\n')
-    assert rig.kind == "virtual"
-    assert rig.virtual.force.noise_n == 0.02
-    assert rig.virtual.gel.hyperelastic.tolerance == 0.1
 
 
 def numbers(schema: Any, at: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
