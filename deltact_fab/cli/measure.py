@@ -79,7 +79,7 @@ def measure(
     import cv2
 
     from ..live import open_source
-    from ..live.calibrated import measurement_of
+    from ..live.open import measurement_of
     from ..live.outputs import HealthOutput, JsonLines, PageOutput, StatusLine, Summary, about
     from ..live.page import LivePage
     from ..live.session import Session

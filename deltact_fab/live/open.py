@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from .. import catalog, record
 from ..cad.design import load_design
 from ..errors import InputError, RunFailed, did_you_mean
+from ..measure.pipeline import Measurement, everything
+from ..measure.sensor_id import SensorId, read_calibration, require_same
 from ..optics import Fisheye, FlatField, Rectified, load_camera
 from ..rig.camera.model import raw_size_px
 from ..rig.interface import CameraFrame
@@ -142,3 +144,17 @@ def _opened(name: str, given: KnownSensor | None, design: str | None, seed: int)
         f"{name}: no camera number, address, video, folder, run or rig of that name; of the rigs "
         f"{near}"
     )
+
+
+def measurement_of(
+    known: KnownSensor, files: Sequence[Path], show: Sequence[str] | None = None
+) -> Measurement:
+    """Of the outputs named, or of all that the calibrations allow.
+
+    Raises InputError, one line, for a file that is none, for another sensor's, and as Measurement.
+    """
+    assert known.camera is not None, "open_source makes sure of it"
+    present = SensorId.of(known.camera, known.recipe, known.design, known.serial)
+    for file in files:  # more is known here than a camera, which Measurement looks at
+        require_same(read_calibration(file)[0].sensor, present, str(file))
+    return everything(known.camera, known.skin, files, show)
