@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 78956,
+    ("deltact_fab", "lines"): 79094,
     ("deltact_fab", "files"): 604,
-    ("tests", "lines"): 45670,
+    ("tests", "lines"): 46095,
 }
 
 
