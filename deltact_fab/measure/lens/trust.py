@@ -147,7 +147,8 @@ def _refuse_misfit(problem: LensProblem, fit: LensSolution) -> None:
             flat = "not flat on the face" if seen.contact else "not flat"
             raise InputError(
                 f"{seen.corners.source}: its corners miss the fit by {rms:.2f} px rms, and not at "
-                f"random: not a board of {seen.corners.board}, or {flat}"
+                f"random: not a board of {seen.corners.board}, {flat}, or a lens of another law "
+                "(theta to theta^9, decentring, aspect)"
             )
     if fit.noise_px > MAX_NOISE_PX:
         raise InputError(
