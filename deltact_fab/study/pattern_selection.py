@@ -70,7 +70,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
             f"{specimen.friction:g}",
             "printer": f"{printer.dpi} dpi, {printer.levels} levels, spread {printer.spread_um:g} "
             f"um, misregistration {printer.misregistration_um:g} um",
-            "camera": "; ".join(f"{k} {v:g}" for k, v in scene.config.virtual.camera),
+            "camera": "; ".join(f"{k} {v}" for k, v in scene.config.virtual.camera),
         },
         notes=(*found.notes, gel_remarks.remark(NAME, specimen.modulus_mpa), *_gel_notes(grid)),
         left_out=_left_out(scene),

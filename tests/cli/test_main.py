@@ -221,9 +221,9 @@ def test_gel_press_ends_at_its_limit_of_time(tmp_path: Path) -> None:
     done = called(*words, "--tolerance", "0.005", "--limit-s", "0.01", cwd=tmp_path)
     assert done.returncode == 1
     assert done.stdout == ""
-    assert done.stderr.splitlines() == [
-        "deltact-fab: --limit-s 0.01: no mesh was solved in that time; more is needed"
-    ]
+    # A machine that is busy for 5 s has told its progress too.
+    said = [line for line in done.stderr.splitlines() if not line.startswith("gel press: ")]
+    assert said == ["deltact-fab: --limit-s 0.01: no mesh was solved in that time; more is needed"]
 
 
 @pytest.mark.parametrize(
