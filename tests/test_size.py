@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
     ("deltact_fab", "lines"): 79095,
     ("deltact_fab", "files"): 604,
-    ("tests", "lines"): 46095,
+    ("tests", "lines"): 46093,
 }
 
 
