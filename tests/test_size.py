@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 79095,
+    ("deltact_fab", "lines"): 79135,
     ("deltact_fab", "files"): 604,
     ("tests", "lines"): 46093,
 }
