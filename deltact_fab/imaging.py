@@ -72,7 +72,7 @@ _SAMPLING = {
     "mjpeg-422": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422,
     "mjpeg-420": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
 }
-_FAR = 1e6
+_FAR = 1e6  # squared half diagonals: where a pixel that sees nothing is taken to look
 # Place and width of the highlight, in half diagonals of the view.
 _HIGHLIGHT_AT, _HIGHLIGHT_WIDTH = (0.35, -0.3), 0.06
 

@@ -284,10 +284,12 @@ def sheet(
 
     chosen = [load_recipe(name) for name in recipes]
     sensor = load(design, changes)
+    # For no design that was named a small sticker is a trial print.
     source = click.get_current_context().get_parameter_source("design")
+    named = bool(changes) or source is not click.core.ParameterSource.DEFAULT
     for name, recipe in zip(recipes, chosen, strict=True):
-        beyond = sensor.optics.beyond(recipe.printed_mm)
-        if source is not click.core.ParameterSource.DEFAULT and beyond is not None:
+        beyond = sensor.optics.beyond(recipe.printed_mm) if named else None
+        if beyond is not None:
             raise InputError(f"{name}: size_mm: {beyond} by --design {design}")
     with progress("pattern sheet") as tell:
         done = write(

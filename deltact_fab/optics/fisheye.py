@@ -75,14 +75,13 @@ class Fisheye(Bounded):
     """The camera's own image, through the lens as it is.
 
     A ray leaves the entrance pupil at an angle theta against the lens's axis, and meets the image
-    theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9 focal lengths from (cx, cy), less what
-    decentred elements (p1, p2: Brown 1966) add to it; rows are aspect times as far apart as
-    columns. The pupil stands on the axis; seen from the
-    angle theta it has moved back along it by pupil_shift_mm theta^2 (theta in rad), which widens
-    the gap to air_gap_mm + pupil_shift_mm theta^2 cos(tilt). Plates and gel are flat and normal
-    to z. The pupil of theta = 0 is at (x0_mm, y0_mm) above the sensor's origin. The image is turned
-    by roll_deg about the lens's axis, then lens and all by tilt_y_deg about y and tilt_x_deg about
-    x (right-handed), against the plates' normal.
+    theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9 focal lengths from (cx, cy), plus what
+    decentred elements add (p1, p2: Brown 1966); along y all of it counts aspect times. The pupil
+    stands on the axis; seen from the angle theta it has moved back along it by pupil_shift_mm
+    theta^2 (theta in rad), which widens the gap to air_gap_mm + pupil_shift_mm theta^2 cos(tilt).
+    Plates and gel are flat and normal to z. The pupil of theta = 0 is at (x0_mm, y0_mm) above the
+    sensor's origin. The image is turned by roll_deg about the lens's axis, then lens and all by
+    tilt_y_deg about y and tilt_x_deg about x (right-handed), against the plates' normal.
 
     Not seen, and nan where a pixel is given: beyond FIELD_RAD or where the radius stops growing.
     """

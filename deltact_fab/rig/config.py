@@ -9,7 +9,6 @@ its simulators under `[virtual]`; `grbl` drives a real controller on `stage.port
 from __future__ import annotations
 
 import hashlib
-import json
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -72,7 +71,7 @@ class VirtualConfig(Table):
         """What a record keeps: of the true lens no more than whether it is the same."""
         data = self.model_dump(mode="json")
         if self.virtual.lens is not None:
-            text = json.dumps(self.virtual.lens.numbers(), sort_keys=True)
+            text = self.virtual.lens.model_dump_json(exclude_none=True)
             data["virtual"]["lens"] = {"sha256": hashlib.sha256(text.encode()).hexdigest()}
         return data
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_type_hints
 
 from pydantic import Field, create_model
 
@@ -138,7 +138,7 @@ else:  # every key of the lens, with the limits and the meaning that it has ther
         "LensConfig",
         __base__=_LensChanges,
         **{
-            f.name: ({"int": int, "float": float}[f.type] | None, Field(None, **f.metadata))
+            f.name: (get_type_hints(Fisheye)[f.name] | None, Field(None, **f.metadata))
             for f in fields(Fisheye)
         },
     )

@@ -17,7 +17,7 @@ from deltact_fab.virtual.photographs import ON_FACE, BoardPose
 
 DESIGN = SensorDimensions()
 SKIN = Checkerboard(23, 23, 1.5, skin=True)
-LIMITS_PX: Mapping[float, float] = {0.0: 0.1, 3.0: 1.0, 6.0: 2.5}
+LIMITS_PX: Mapping[float, float] = {0.0: 0.1, 3.0: 0.5, 6.0: 1.0}
 """At depths below the face: what a calibrated lens may be off by, at the view's 95th percentile."""
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
 from lenses import DESIGN, LIMITS_PX, SKIN, lens_of, p95_px
@@ -32,13 +34,19 @@ def photographed(true: Fisheye, seed: int, skin: bool, air: int) -> Calibration:
     return of_corners(seen, (true.width_px, true.height_px), DESIGN)
 
 
-def misses(true: Fisheye, found: Calibration, aligned: bool) -> list[str]:
+SKIN_ALONE_PX = {0.0: 0.1, 3.0: 1.0, 6.0: 2.5}
+"""One image of the face does not tell air gap and law of the lens apart (decision 0062)."""
+
+
+def misses(
+    true: Fisheye, found: Calibration, aligned: bool, limits: Mapping[float, float] = LIMITS_PX
+) -> list[str]:
     """What is off by more than its limit, or than twice its own sigma."""
     off, own = p95_px(found.lens, true, aligned), {0.0: found.face_px, **found.depth_px}
     print(" ".join(f"{off[d]:.3f}/{own[d]:.3f}" for d in off))  # of the table; pytest -s
     return [
         f"{d:g} mm: {off[d]:.3f} px, own sigma {own[d]:.3f}"
-        for d, limit in LIMITS_PX.items()
+        for d, limit in limits.items()
         if off[d] > min(limit, 2 * own[d])
     ]
 
@@ -48,7 +56,7 @@ def misses(true: Fisheye, found: Calibration, aligned: bool) -> list[str]:
 def test_a_lens_from_rendered_images(skin: bool) -> None:
     true = lens_of(3)
     found = photographed(true, 3, skin, air=0 if skin else 9)
-    assert misses(true, found, aligned=not skin) == []
+    assert misses(true, found, not skin, SKIN_ALONE_PX if skin else LIMITS_PX) == []
 
 
 @pytest.mark.evidence
@@ -59,5 +67,6 @@ def test_ten_lenses_from_rendered_images(skin: bool, air: int) -> None:
     off = {}
     for seed in SEEDS:
         true = lens_of(seed)
-        off[seed] = misses(true, photographed(true, seed, skin, air), aligned=not skin)
+        found = photographed(true, seed, skin, air)
+        off[seed] = misses(true, found, not skin, LIMITS_PX if air else SKIN_ALONE_PX)
     assert {seed: missed for seed, missed in off.items() if missed} == {}

@@ -79,8 +79,8 @@ class ConfidenceEstimator:
 
     A frame is trusted when TEXTURED_SHARE or more of the first image has a standard deviation of
     TEXTURE_MIN grey levels in detail finer than FINE_PX, at full size, where cells of 2 px still
-    show; and TRUSTED_SHARE or more of that is confident now. That detail is more than noise the
-    later images tell: correlation and deviation are relative to what does not return.
+    show; and TRUSTED_SHARE or more of that is confident now. One image does not tell that detail
+    from noise; later ones do: correlation and deviation are relative to what does not return.
 
     image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same.
     """

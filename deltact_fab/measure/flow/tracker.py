@@ -26,7 +26,7 @@ from .renewed import Renewal, RenewedTracker
 
 DARK, BRIGHT = 25, 235  # grey levels: beyond them a pattern has no room
 LOST_SHARE = 0.1
-"""Of the nodes: where fewer agree, an image shows nothing of the reference."""
+"""Of the textured nodes: where fewer agree, an image shows nothing of the reference."""
 
 
 class AnchoredTracker:
@@ -66,7 +66,8 @@ class AnchoredTracker:
         # Neighbours are asked only where they agree: a match that is kept and wrong would draw
         # others after it.
         flow = denoised(filled(match.flow_px, agreeing, kept), match.deviation_px, kept)
-        self._lost = bool(np.count_nonzero(agreeing) < LOST_SHARE * agreeing.size)
+        textured = np.count_nonzero(self._judge.textured)
+        self._lost = bool(np.count_nonzero(agreeing) < LOST_SHARE * textured)
         if not self._lost:
             self._flow = flow
         return TrackedFrame(flow, kept, agreeing, match=match)

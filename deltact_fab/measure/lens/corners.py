@@ -131,17 +131,24 @@ def _trimmed(grey: Array, grid: Array) -> Array:
     return np.ascontiguousarray(grid)
 
 
+def _squares(grey: Array, grid: Array, inside: Array) -> tuple[Array, Array, Array]:
+    """Of the squares between corners: grey level, whether all four are inside, whether the column
+    and row of the first add up to an even number. (rows - 1, columns - 1) each.
+    """
+    whole = inside[1:, 1:] & inside[:-1, 1:] & inside[1:, :-1] & inside[:-1, :-1]
+    middles = (grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]) / 4
+    at = np.rint(np.where(whole[..., None], middles, 0)).astype(int)
+    rows, columns = whole.shape
+    even = (np.arange(rows)[:, None] + np.arange(columns)) % 2 == 0
+    return cv2.blur(grey, (3, 3))[at[..., 1], at[..., 0]].astype(float), whole, even
+
+
 def _alternates(grey: Array, grid: Array) -> bool:
     """Whether the squares between corners are dark and light in turn: none was left out."""
-    whole = _inside(grey, grid)
-    middles = (grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]) / 4
-    ok = whole[1:, 1:] & whole[:-1, 1:] & whole[1:, :-1] & whole[:-1, :-1]
-    at = np.rint(np.where(ok[..., None], middles, 0)).astype(int)
-    values = cv2.blur(grey, (3, 3))[at[..., 1], at[..., 0]].astype(float)
-    rows, columns = ok.shape
-    sign = 1 - 2 * ((np.arange(rows)[:, None] + np.arange(columns)) % 2)
-    right = (np.diff(values, axis=1) * sign[:, 1:])[ok[:, 1:] & ok[:, :-1]]
-    down = (np.diff(values, axis=0) * sign[1:])[ok[1:] & ok[:-1]]
+    values, whole, even = _squares(grey, grid, _inside(grey, grid))
+    sign = np.where(even, 1, -1)
+    right = (np.diff(values, axis=1) * sign[:, 1:])[whole[:, 1:] & whole[:, :-1]]
+    down = (np.diff(values, axis=0) * sign[1:])[whole[1:] & whole[:-1]]
     steps = np.concatenate((right, down))
     steps *= np.sign(np.median(steps)) if len(steps) else 1.0
     return len(steps) > 0 and bool(np.mean(steps > 0) > ALTERNATING)
@@ -285,10 +292,5 @@ def _shift(
 
 def _dark_even(grey: Array, grid: Array, inside: Array) -> bool:
     """Whether squares whose first corner has an even column + row are the dark ones."""
-    middles = (grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]) / 4
-    rows, columns = middles.shape[:2]
-    even = (np.arange(rows)[:, None] + np.arange(columns)) % 2 == 0
-    whole = inside[1:, 1:] & inside[:-1, 1:] & inside[1:, :-1] & inside[:-1, :-1]
-    at = np.rint(middles[whole]).astype(int)
-    values, even = grey[at[:, 1], at[:, 0]].astype(float), even[whole]
-    return bool(values[even].mean() < values[~even].mean())
+    values, whole, even = _squares(grey, grid, inside)
+    return bool(values[whole & even].mean() < values[whole & ~even].mean())

@@ -48,8 +48,8 @@ class Rectifier:
     def sampled(self, image: Array) -> Array | Sampled:
         """What the tracker reads: a raw colour image's luma, and all its channels at the nodes.
 
-        Blue and red, which only witness, are read once a node, which saves
-        half of the rectification. Raises as `view`.
+        The colours, which only witness, are read once a node: half of the rectification is saved.
+        Raises as `view`.
         """
         if not self._is_raw(image) or image.ndim != 3 or image.dtype != np.uint8:
             return self.view(image)
