@@ -212,7 +212,7 @@ class Design(SensorDimensions):
 
     @property
     def ledge_half_mm(self) -> Point2:
-        """Half opening between the shell's ledges = the acrylic's pocket - ledge: (16.85, 17).
+        """Half opening between the shell's ledges = the acrylic's pocket - ledge: (15.7, 15.7).
 
         Where the cavity is narrower than the pocket it is the cavity that counts; without a ledge
         there is only the cavity.
@@ -247,22 +247,22 @@ class Design(SensorDimensions):
 
     @property
     def light_radius_mm(self) -> float:
-        """Outer radius of the light holder = least half opening of the ledges - fit: 16.8."""
+        """Outer radius of the light holder = least half opening of the ledges - fit: 15.5."""
         return min(self.ledge_half_mm) - self.light.fit_mm
 
     @property
     def strip_radius_mm(self) -> float:
-        """Radius of the LED strip's back = outer radius - wall: 15.3."""
+        """Radius of the LED strip's back = outer radius - wall: 14.0."""
         return self.light_radius_mm - self.light.wall_mm
 
     @property
     def light_bore_mm(self) -> float:
-        """Inner radius of the light holder = strip radius - channel - diffuser: 11.4."""
+        """Inner radius of the light holder = strip radius - channel - diffuser: 10.1."""
         return self.strip_radius_mm - self.light.channel_mm - self.light.diffuser_mm
 
     @property
     def channel_inner_mm(self) -> float:
-        """Inner radius of the strip's channel = strip radius - channel: 12.9."""
+        """Inner radius of the strip's channel = strip radius - channel: 11.6."""
         return self.strip_radius_mm - self.light.channel_mm
 
     @property

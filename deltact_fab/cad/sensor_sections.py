@@ -36,6 +36,7 @@ class PlateDimensions(Record):
     youngs_modulus_mpa: float = assumed(3000.0, "of cast PMMA", 100, 1e5)
     poisson: float = number(0.37, "of cast PMMA", 0.0, 0.49)
     stress_limit_mpa: float = assumed(35.0, "half of what breaks PMMA", 1, 1000)
+    bead_modulus_mpa: float = assumed(1.15, "Young's, of the bead: Shore A 30", 0.05, 1e4)
     measured: tuple[str, ...] = measured("keys measured on the lab's own plate")
 
 
@@ -328,8 +329,8 @@ class ShellDimensions(Record):
     """The sensor shell (part 3): opaque, 1.5 mm walls."""
 
     wall_mm: float = number(1.5, "wall of shell, cover and bosses (paper: 1.5)", 0.5, 20)
-    ledge_mm: float = number(1.5, "ledge in y behind the acrylic's pocket", 0.2, 20)
-    ledge_x_mm: float = number(1.15, "the same in x, 0 for none", 0, 20)
+    ledge_mm: float = number(2.8, "ledge in y behind the acrylic's pocket", 0.2, 20)
+    ledge_x_mm: float = number(2.3, "the same in x, 0 for none", 0, 20)
     ledge_height_mm: float = number(2.0, "height of the ledges", 0.5, 20)
     ledge_drop_mm: float = number(
         0.5, "ledges behind the joint, for a thick plate; adhesive fills it", 0.0, 5

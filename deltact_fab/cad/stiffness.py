@@ -1,14 +1,16 @@
 """How far the acrylic plate yields to a press, and what it bears. Imports no CAD kernel.
 
-A thin plate (Kirchhoff), its lines of support taken as simple: they do not turn it back. Its
-strain energy (S. Timoshenko and S. Woinowsky-Krieger, Theory of Plates and Shells, 2nd ed. 1959,
-section 82) is least for the deflection, which is sought among products of polynomials that vanish
-on the supports (Ritz). So notched corners and free edges cost nothing extra, and each further term
-can only bring the work of the load up towards the exact one.
+A thin plate (Kirchhoff) on the bead of silicone that fills the gap before the shell's ledges. The
+deflection is, of all sums of products of Legendre's polynomials (Ritz), the one of least energy:
+the plate's strain energy (S. Timoshenko and S. Woinowsky-Krieger, Theory of Plates and Shells, 2nd
+ed. 1959, section 82) and the bead's, springs spread over the width that the plate lies on a ledge.
+So notched corners and free edges cost nothing extra.
 
-Left out: the gel bonded to it and what frame and skin do against its turning on the ledges, which
-make it stiffer (held on the ledges' whole breadth it would yield half as far; what a play of .03 mm
-above its edges does away with), and shear, 2 % of the default plate's deflection.
+The bead pushes and does not pull: how well it sticks nobody knows. Where the plate's edge lifts off
+it is let go, so that a thin bead becomes the bare inner edge of the ledge.
+
+Left out: the gel bonded to the plate and what frame and bead do against its turning on the ledges,
+which make it stiffer, and shear, 2 % of the default plate's deflection.
 """
 
 from __future__ import annotations
@@ -18,24 +20,30 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.polynomial import Legendre
+from numpy.polynomial import legendre
 
 from ..aliases import Point2
+from ..errors import SolverError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from ..aliases import Field
     from .dimensions import Design
 
-
 TERMS = 14
-"""Polynomials in each direction: the default plate yields within .3 % of what it does with 24."""
+"""Polynomials in each direction: the default plate yields within .2 % of what it does with 24."""
+BULK_MPA = 1000.0  # of silicone, about: what bounds a very thin bead
+DRY_MM = 0.01  # a ledge without a bead counts as one of this thickness
+LET_GO_N_MM = 1e-4  # at a point where the plate lifts off; keeps a press beyond all ledges finite
+ROUNDS = 60
 
 
 @dataclass(frozen=True)
 class PlateShape:
-    """A rectangle of +-half_mm less a notch in each corner, on lines at +-support_mm.
+    """A rectangle of +-half_mm less a notch in each corner, on ledges that begin at +-support_mm.
 
-    support_mm: of the lines x = const (None: these edges are free) and y = const.
+    support_mm: in x (None: these edges are free) and in y. bead_mm: height of the bead, 0 for none.
     """
 
     half_mm: Point2
@@ -44,11 +52,39 @@ class PlateShape:
     thickness_mm: float
     youngs_modulus_mpa: float
     poisson: float
+    bead_mm: float
+    bead_modulus_mpa: float
 
     @property
     def rigidity_nmm(self) -> float:
         """D = E t^3 / (12 (1 - nu^2))."""
         return self.youngs_modulus_mpa * self.thickness_mm**3 / (12 * (1 - self.poisson**2))
+
+    def bead_n_mm3(self, width_mm: float) -> float:
+        """Spring of a long bonded bead, per area = 1 / (t / Ec + t / K); Ec = 4/3 E (1 + S^2).
+
+        S = width / (2 t): rubber that cannot widen is stiffer (A. N. Gent and P. B. Lindley, Proc.
+        Inst. Mech. Eng. 173, 1959, pp. 111-122).
+        """
+        t = max(self.bead_mm, DRY_MM)
+        confined_mpa = 4 / 3 * self.bead_modulus_mpa * (1 + (width_mm / (2 * t)) ** 2)
+        return 1 / (t / confined_mpa + t / BULK_MPA)
+
+    def covers(self, x: Field, y: Field) -> NDArray[np.bool_]:
+        """Which points lie on it."""
+        (w, h), (nx, ny), x, y = self.half_mm, self.notch_mm, np.abs(x), np.abs(y)
+        return (x <= w) & (y <= h) & ((x <= w - nx) | (y <= h - ny))
+
+    def polynomials(self, axis: int, points_mm: Field, order: int, terms: int) -> Field:
+        """Derivatives of an order of one direction's polynomials, (terms, points)."""
+        half_mm = self.half_mm[axis]
+        coefficients = legendre.legder(np.eye(terms), order)
+        return np.asarray(legendre.legval(points_mm / half_mm, coefficients)) / half_mm**order
+
+    def products(self, x: Field, y: Field, terms: int, i: int = 0, j: int = 0) -> Field:
+        """Derivatives of orders i in x and j in y of both directions', (terms^2, points)."""
+        of_x, of_y = self.polynomials(0, x, i, terms), self.polynomials(1, y, j, terms)
+        return (of_x[:, None] * of_y).reshape(-1, len(x))
 
 
 @dataclass(frozen=True)
@@ -66,7 +102,7 @@ class Bending:
 
 
 def plate_of(design: Design) -> PlateShape:
-    """The acrylic on the inner edges of the shell's ledges, two or four of them."""
+    """The acrylic on the shell's ledges, two or four of them."""
     x, y = design.ledge_half_mm
     return PlateShape(
         design.acrylic_half_mm,
@@ -75,6 +111,8 @@ def plate_of(design: Design) -> PlateShape:
         design.optics.acrylic_mm,
         design.plate.youngs_modulus_mpa,
         design.plate.poisson,
+        design.shell.ledge_drop_mm,
+        design.plate.bead_modulus_mpa,
     )
 
 
@@ -89,39 +127,6 @@ def press(design: Design, force_n: float, at_mm: Point2 = (0.0, 0.0)) -> Bending
     return Bending(*(force_n * value for value in astuple(unit)))
 
 
-@dataclass(frozen=True)
-class _Basis:
-    """Polynomials of one direction that vanish on its support."""
-
-    scale_mm: float
-    functions: tuple[Legendre, ...]
-
-    @classmethod
-    def make(cls, half_mm: float, support_mm: float | None, terms: int) -> _Basis:
-        factor = Legendre([1.0])
-        if support_mm is not None:
-            # 1 - x^2 = 2/3 (P0 - P2), in units of the support.
-            factor = Legendre([2 / 3, 0.0, -2 / 3])
-        return cls(support_mm or half_mm, tuple(factor * Legendre.basis(k) for k in range(terms)))
-
-    def at(self, points_mm: Field, order: int) -> Field:
-        """Derivatives of an order, (function, point)."""
-        t = points_mm / self.scale_mm
-        rows = [f.deriv(order)(t) if order else f(t) for f in self.functions]
-        return np.array(rows) / self.scale_mm**order
-
-    def integrals(self, low_mm: float, high_mm: float) -> dict[tuple[int, int], Field]:
-        """Of products of two functions' derivatives over an interval."""
-        nodes, weights = np.polynomial.legendre.leggauss(len(self.functions) + 6)
-        half = (high_mm - low_mm) / 2
-        points = low_mm + half * (nodes + 1)
-        rows = [self.at(points, order) for order in range(3)]
-        return {
-            (i, j): half * (rows[i] * weights) @ rows[j].T
-            for i, j in ((0, 0), (1, 1), (2, 2), (0, 2), (2, 0))
-        }
-
-
 @lru_cache(maxsize=256)
 def bend(
     plate: PlateShape,
@@ -132,71 +137,84 @@ def bend(
 ) -> Bending:
     """Bending by 1 N on a disc of diameter spread_mm about at_mm.
 
-    ring_mm: inner and outer radius of the ring behind the plate. The part of the disc beyond a
-    support is borne by the ledge itself.
+    ring_mm: inner and outer radius of the ring behind the plate. The part of the disc beyond the
+    plate is borne by the frame. Raises SolverError where the plate finds no rest on the bead.
     """
-    (w, h), (sx, sy) = plate.half_mm, plate.support_mm
-    x_basis, y_basis, compliance = _system(plate, terms)
     x, y, share = _disc(spread_mm, at_mm)
-    inside = (np.abs(x) < (w if sx is None else sx)) & (np.abs(y) < sy)
-    if not inside.any():
+    on = plate.covers(x, y)
+    if not on.any():
         return Bending(0.0, 0.0, 0.0)
-    x, y, share = x[inside], y[inside], share[inside]
-    load = ((x_basis.at(x, 0) * share) @ y_basis.at(y, 0).T).ravel()
-    weights = (compliance @ load).reshape(terms, terms)
-
-    def field(x: Field, y: Field, i: int = 0, j: int = 0) -> Field:
-        by_point: Field = (x_basis.at(x, i) * (weights @ y_basis.at(y, j))).sum(axis=0)
-        return by_point
-
-    xx, yy, xy = field(x, y, 2, 0), field(x, y, 0, 2), field(x, y, 1, 1)
+    x, y = x[on], y[on]
+    weights = _at_rest(plate, terms, plate.products(x, y, terms) @ share[on])
+    xx, yy, xy = (weights @ plate.products(x, y, terms, *o) for o in ((2, 0), (0, 2), (1, 1)))
     nu, d = plate.poisson, plate.rigidity_nmm
     mx, my, mxy = d * (xx + nu * yy), d * (yy + nu * xx), d * (1 - nu) * xy
     moment = np.abs(mx + my) / 2 + np.hypot((mx - my) / 2, mxy)
-    gx, gy = (g.ravel() for g in np.meshgrid(np.linspace(-w, w, 41), np.linspace(-sy, sy, 41)))
-    nx, ny = plate.notch_mm
-    kept = (np.abs(gx) <= w - nx) | (np.abs(gy) <= h - ny)
-    radius, angle = np.meshgrid(np.linspace(*ring_mm, 8), np.linspace(0, 2 * np.pi, 49))
-    ring = field((radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel())
-    largest = max(float(field(gx[kept], gy[kept]).max()), float(field(x, y).max()))
-    stress_mpa = 6 * float(moment.max()) / plate.thickness_mm**2
-    return Bending(largest, float(ring.max()), stress_mpa)
+    grid = np.meshgrid(*(np.linspace(-half_mm, half_mm, 41) for half_mm in plate.half_mm))
+    gx, gy = (np.append(g[plate.covers(*grid)], p) for g, p in zip(grid, (x, y), strict=True))
+    r, angle = (g.ravel() for g in np.meshgrid(np.linspace(*ring_mm, 8), np.linspace(0, 6.28, 49)))
+    ring = weights @ plate.products(r * np.cos(angle), r * np.sin(angle), terms)
+    largest = float((weights @ plate.products(gx, gy, terms)).max())
+    return Bending(largest, float(ring.max()), 6 * float(moment.max()) / plate.thickness_mm**2)
+
+
+def _at_rest(plate: PlateShape, terms: int, load: Field) -> Field:
+    """Weights of least energy under a load, with springs only where the plate is pushed down."""
+    bare, places, springs = _system(plate, terms)
+    pushed = np.ones(len(springs), dtype=bool)
+    for _ in range(ROUNDS):
+        held = places * np.where(pushed, springs, LET_GO_N_MM)
+        weights: Field = np.linalg.solve(bare + held @ places.T, load)
+        before, pushed = pushed, weights @ places > 0
+        if (before == pushed).all():
+            return weights
+    raise SolverError(f"the plate finds no rest on its bead within {ROUNDS} rounds")
 
 
 @lru_cache(maxsize=8)
-def _system(plate: PlateShape, terms: int) -> tuple[_Basis, _Basis, Field]:
-    """What all loads on a plate have in common."""
-    (w, h), (sx, sy) = plate.half_mm, plate.support_mm
-    x_basis = _Basis.make(w, sx, terms)
-    y_basis = _Basis.make(h, sy, terms)
-    compliance: Field = np.linalg.inv(_stiffness(plate, x_basis, y_basis)).astype(np.float64)
-    return x_basis, y_basis, compliance
+def _system(plate: PlateShape, terms: int) -> tuple[Field, Field, Field]:
+    """What all loads on a plate have in common.
+
+    Second derivatives of its strain energy in the weights, over the notched rectangle; the
+    products at points of the bead, (terms^2, points); the springs there, in N/mm.
+    """
+    (w, h), (nx, ny), (sx, sy) = plate.half_mm, plate.notch_mm, plate.support_mm
+    bare, nu = np.zeros((terms**2, terms**2)), plate.poisson
+    for left, low, high in ((-w, ny - h, h - ny), (nx - w, -h, ny - h), (nx - w, h - ny, h)):
+        a, b = _integrals(plate, 0, left, -left, terms), _integrals(plate, 1, low, high, terms)
+        bare += np.kron(a[2, 2], b[0, 0]) + np.kron(a[0, 0], b[2, 2])
+        bare += nu * (np.kron(a[2, 0], b[0, 2]) + np.kron(a[0, 2], b[2, 0]))
+        bare += 2 * (1 - nu) * np.kron(a[1, 1], b[1, 1])
+    places, springs = [], []
+    for axis, (inner, end) in enumerate(((sx, min(h - ny, sy)), (sy, w - nx))):
+        if inner is None:
+            continue
+        (u, wide_mm), (v, long_mm) = _gauss(inner, plate.half_mm[axis], 4), _gauss(-end, end, 24)
+        per_mm2 = plate.bead_n_mm3(plate.half_mm[axis] - inner)
+        for side in (-1, 1):
+            at = np.repeat(side * u, len(v)), np.tile(v, len(u))
+            places.append(plate.products(*(at if axis == 0 else at[::-1]), terms))
+            springs.append(per_mm2 * np.outer(wide_mm, long_mm).ravel())
+    return plate.rigidity_nmm * bare, np.hstack(places), np.hstack(springs)
 
 
-def _stiffness(plate: PlateShape, x_basis: _Basis, y_basis: _Basis) -> Field:
-    """Second derivatives of the strain energy in the weights, over the notched rectangle."""
-    (w, h), (nx, ny), nu = plate.half_mm, plate.notch_mm, plate.poisson
-    n = len(x_basis.functions)
-    pieces = [((-w, w), (-(h - ny), h - ny))]
-    if min(nx, ny) > 0:
-        pieces += [((nx - w, w - nx), side) for side in ((-h, ny - h), (h - ny, h))]
-    else:
-        pieces = [((-w, w), (-h, h))]
-    total = np.zeros((n * n, n * n))
-    for (x0, x1), (y0, y1) in pieces:
-        a, b = x_basis.integrals(x0, x1), y_basis.integrals(y0, y1)
-        total += np.kron(a[2, 2], b[0, 0]) + np.kron(a[0, 0], b[2, 2])
-        total += nu * (np.kron(a[2, 0], b[0, 2]) + np.kron(a[0, 2], b[2, 0]))
-        total += 2 * (1 - nu) * np.kron(a[1, 1], b[1, 1])
-    return plate.rigidity_nmm * total
+def _integrals(plate: PlateShape, axis: int, low_mm: float, high_mm: float, terms: int) -> Field:
+    """Of products of two polynomials' derivatives over an interval, (3, 3, terms, terms)."""
+    points, weights = _gauss(low_mm, high_mm, terms)
+    rows = np.array([plate.polynomials(axis, points, order, terms) for order in range(3)])
+    return np.asarray(np.einsum("iap,jbp,p->ijab", rows, rows, weights))
+
+
+def _gauss(low: float, high: float, points: int) -> tuple[Field, Field]:
+    """Places and weights of Gauss's rule on an interval."""
+    nodes, weights = legendre.leggauss(points)
+    return (low + high) / 2 + (high - low) / 2 * nodes, (high - low) / 2 * weights
 
 
 def _disc(diameter_mm: float, at_mm: Point2) -> tuple[Field, Field, Field]:
     """Points of a disc and their shares of its area."""
-    nodes, weights = np.polynomial.legendre.leggauss(12)
+    r, weights = _gauss(0.0, diameter_mm / 2, 12)
     angle = (np.arange(32) + 0.5) * 2 * np.pi / 32
-    r = (nodes + 1) / 2
-    share = np.repeat(weights * r, len(angle)) / len(angle)
-    r, angle = np.repeat(r, len(angle)), np.tile(angle, len(r))
-    r = r * diameter_mm / 2
+    share = np.repeat(weights * r / (weights @ r), 32) / 32
+    r, angle = np.repeat(r, 32), np.tile(angle, 12)
     return at_mm[0] + r * np.cos(angle), at_mm[1] + r * np.sin(angle), share

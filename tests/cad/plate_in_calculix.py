@@ -1,4 +1,8 @@
-"""A quarter of the notched acrylic plate in CalculiX: solid elements, nothing of the series."""
+"""A quarter of the notched acrylic plate in CalculiX: solid elements, nothing of the series.
+
+Plate and bead are C3D20R: quadratic, integrated at 8 points, so that a bead that keeps its volume
+(Poisson's ratio .4999) does not lock. The bead is bonded to the plate and to a rigid ledge.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +22,8 @@ NODES = (
     (1, 0, 0), (2, 1, 0), (1, 2, 0), (0, 1, 0), (1, 0, 2), (2, 1, 2), (1, 2, 2), (0, 1, 2),
     (0, 0, 1), (2, 0, 1), (2, 2, 1), (0, 2, 1),
 )  # fmt: skip
+LAYERS = 3  # of elements in a bead; a sixth of one's width is their breadth
+BEAD_POISSON = 0.4999
 Held = Callable[[np.ndarray], np.ndarray]
 
 
@@ -37,21 +43,23 @@ def solve(
     plate: PlateShape,
     force_n: float,
     spread_mm: float,
-    held: Held,
+    held: Held | None,
     folder: Path,
     step_mm: float = 1.0,
 ) -> Solution:
     """The plate from z = 0 (back) to its thickness under a press on its front, towards -z.
 
-    held: places (n, 3) to which of them keep their z. The quarter x, y > 0 of a whole that is
-    symmetric; the load is uniform on a disc about the middle.
+    held: places (n, 3) to which of them keep their z, in place of the bead. The quarter x, y > 0
+    of a whole that is symmetric; the load is uniform on a disc about the middle.
     """
     axes = [_lines(plate, axis, step_mm) for axis in range(2)]
-    axes.append(np.linspace(0, plate.thickness_mm, 3))
+    below = np.linspace(-plate.bead_mm, 0, LAYERS + 1)[:-1] if held is None else []
+    axes.append(np.append(below, np.linspace(0, plate.thickness_mm, 3)))
     fine = [np.sort(np.concatenate([a, (a[1:] + a[:-1]) / 2])) for a in axes]
     number: dict[tuple[int, int, int], int] = {}
-    elements, shares = [], []
+    elements, shares, bead = [], [], []
     (w, h), (nx, ny) = plate.half_mm, plate.notch_mm
+    ledges = [np.inf if inner is None else inner for inner in plate.support_mm]
     for i in range(len(axes[0]) - 1):
         for j in range(len(axes[1]) - 1):
             low = np.array([axes[0][i], axes[1][j]])
@@ -60,6 +68,10 @@ def solve(
             if middle[0] > w - nx and middle[1] > h - ny:
                 continue
             for k in range(len(axes[2]) - 1):
+                if k < len(below):
+                    if (middle < ledges).all():
+                        continue
+                    bead.append(len(elements) + 1)
                 at = [(2 * i + a, 2 * j + b, 2 * k + c) for a, b, c in NODES]
                 elements.append([number.setdefault(key, len(number) + 1) for key in at])
                 on_top = k == len(axes[2]) - 2
@@ -72,11 +84,23 @@ def solve(
     lines += ["*ELEMENT, TYPE=C3D20R, ELSET=PLATE"]
     for n, nodes in enumerate(elements, start=1):
         lines += [", ".join(map(str, [n, *nodes[:10]])) + ",", ", ".join(map(str, nodes[10:]))]
-    lines += ["*MATERIAL, NAME=PMMA", "*ELASTIC", f"{plate.youngs_modulus_mpa}, {plate.poisson}"]
-    lines += ["*SOLID SECTION, ELSET=PLATE, MATERIAL=PMMA", "*BOUNDARY"]
+    acrylic = sorted({*range(1, len(elements) + 1)} - {*bead})
+    modulus_mpa = plate.youngs_modulus_mpa
+    for name, members, *law in (
+        ("ACRYLIC", acrylic, modulus_mpa, plate.poisson),
+        ("BEAD", bead, plate.bead_modulus_mpa, BEAD_POISSON),
+    ):
+        if members:
+            lines += [f"*ELSET, ELSET={name}", *map(str, members), f"*MATERIAL, NAME={name}"]
+            lines += ["*ELASTIC", ", ".join(map(str, law))]
+            lines += [f"*SOLID SECTION, ELSET={name}, MATERIAL={name}"]
+    lines += ["*BOUNDARY"]
     for axis in range(2):
         lines += [f"{n + 1}, {axis + 1}" for n in np.flatnonzero(places[:, axis] == 0)]
-    lines += [f"{n + 1}, 3" for n in np.flatnonzero(held(places))]
+    if held is None:
+        lines += [f"{n + 1}, 1, 3" for n in np.flatnonzero(places[:, 2] < 1e-9 - plate.bead_mm)]
+    else:
+        lines += [f"{n + 1}, 3" for n in np.flatnonzero(held(places))]
     lines += ["*STEP", "*STATIC", "*DLOAD"]
     lines += [f"{n}, P2, {p:.9g}" for n, p in enumerate(pressure, start=1) if p > 0]
     lines += ["*NODE FILE", "U, RF", "*EL FILE", "S", "*END STEP", ""]
@@ -89,11 +113,15 @@ def solve(
 
 
 def _lines(plate: PlateShape, axis: int, step_mm: float) -> np.ndarray:
-    """Planes between elements: at the notch, at the support, at the edge, and step_mm between."""
+    """Planes between elements: at the notch, at the support, at the edge, and step_mm between.
+
+    Over a ledge they are closer, for the bead.
+    """
     half, support = plate.half_mm[axis], plate.support_mm[axis]
     marks = sorted({0.0, half - plate.notch_mm[axis], half} | ({support} if support else set()))
     pieces = [
-        np.linspace(a, b, int(np.ceil((b - a) / step_mm)) + 1)[:-1] for a, b in pairwise(marks)
+        np.linspace(a, b, 7 if a == support else int(np.ceil((b - a) / step_mm)) + 1)[:-1]
+        for a, b in pairwise(marks)
     ]
     return np.append(np.concatenate(pieces), half)
 

@@ -72,7 +72,9 @@ def test_a_flat_led_needs_its_sagitta_too():
     back = r - led_room_mm(design) + 1.6 + design.light.strip_thickness_mm
     assert math.hypot(back, 2.5) == pytest.approx(r)
     assert corner > design.channel_inner_mm
-    assert led_room_mm(design) == pytest.approx(1.6 + 0.3 + 0.2077, abs=1e-4)
+    assert led_room_mm(design) == pytest.approx(
+        1.6 + 0.3 + 14 - math.sqrt(14**2 - 2.5**2), abs=1e-4
+    )
     assert math.isnan(led_room_mm(load_design("deltact", ["light.led_width_mm=20"]))) is False
     wide = dataclasses.replace(design, shell=dataclasses.replace(design.shell, ledge_mm=11.0))
     assert math.isnan(led_room_mm(wide)) is (wide.strip_radius_mm <= 2.5)
@@ -179,7 +181,7 @@ def test_solids_at_their_limits_share_no_volume():
     worse = at_limit(design, plate={"fit_mm": design.plate.fit_mm - cut / 2 - 0.02})
     assert common_mm3(frame, made("acrylic", worse)) > 0.1
 
-    shell = made("shell", at_limit(design, shell={"ledge_mm": 1.5 + off / 2}))
+    shell = made("shell", at_limit(design, shell={"ledge_mm": design.shell.ledge_mm + off / 2}))
     ring = at_limit(design, light={"fit_mm": design.light.fit_mm - off / 2})
     assert common_mm3(shell, made("light-holder", ring)) == 0
     left = (design.ledge_half_mm[1] - off / 2) - ring.light_radius_mm

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from ..parts.light_holder import below_plate
-from ..stiffness import press
+from ..stiffness import bend, plate_of, press
 from .built import BuiltDesign
 from .row import Row
 
 DEFLECTION = "plate deflection"
 GEL = "plate.spread_mm"
-MODULUS = "plate.youngs_modulus_mpa"
-LIMIT = "plate.stress_limit_mpa"
+SOFT = (GEL, "plate.youngs_modulus_mpa", "plate.bead_modulus_mpa")
 
 
 def rows(built: BuiltDesign) -> Iterator[Row]:
@@ -23,15 +23,21 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     """
     plate, force_n = built.design.plate, built.design.plate.force_n
     found = press(built.design, force_n)
+    bare = replace(plate_of(built.design), bead_mm=0.0)
+    of_plate_mm = force_n * bend(bare, plate.spread_mm).deflection_mm
     limit_mm = plate.deflection_share * plate.depth_mm
+    wider = "raise shell.ledge_mm, shell.ledge_x_mm"
+    bead = f"{wider} or plate.bead_modulus_mpa, or lower shell.ledge_drop_mm"
     yield Row(
         DEFLECTION,
         "acrylic",
-        f"{found.deflection_mm:.3f} mm under {force_n:g} N: "
+        f"{found.deflection_mm:.3f} mm under {force_n:g} N, "
+        f"{found.deflection_mm - of_plate_mm:.3f} of it the bead: "
         f"{100 * found.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth",
-        f"<= {limit_mm:.3g} mm, {100 * plate.deflection_share:g} % (plate.deflection_share)",
+        f"<= {limit_mm:.3g} mm, {100 * plate.deflection_share:g} % (plate.deflection_share): else "
+        + (bead if of_plate_mm <= limit_mm else f"raise optics.acrylic_mm, or {wider}"),
         found.deflection_mm <= limit_mm,
-        (GEL, MODULUS),
+        SOFT,
     )
     room_mm = below_plate(built.design).range_mm[0]
     yield Row(
@@ -39,16 +45,16 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
         "acrylic, light-holder",
         f"{found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
         f"{force_n * max(room_mm, 0.0) / found.over_ring_mm:.0f} N",
-        f"<= {room_mm:.3g} mm, the least play (light.axial_fit_mm)",
+        f"<= {room_mm:.3g} mm, the least play: else {wider} or light.axial_fit_mm",
         found.over_ring_mm <= room_mm,
-        (GEL, MODULUS),
+        SOFT,
     )
     yield Row(
         "plate stress",
         "acrylic",
         f"{found.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
         f"{force_n * plate.stress_limit_mpa / found.stress_mpa:.0f} N",
-        f"<= {plate.stress_limit_mpa:g} MPa (plate.stress_limit_mpa)",
+        f"<= {plate.stress_limit_mpa:g} MPa (plate.stress_limit_mpa): else raise optics.acrylic_mm",
         found.stress_mpa <= plate.stress_limit_mpa,
-        (GEL, LIMIT),
+        (GEL, "plate.stress_limit_mpa"),
     )

@@ -103,6 +103,11 @@ def _silicone(d: Design, sensors: int, waste: float, process: Process) -> Iterat
         "acrylic blank", f"cast PMMA, {d.optics.acrylic_mm:g} mm, clear, both faces masked",
         "laser cut", cast, PIECES, f"{blank}; one for the transparent base",
     )  # fmt: skip
+    if d.shell.ledge_drop_mm > 0:
+        yield (
+            "neutral-cure silicone, Shore A 30 or harder", "RTV, for acrylic", "by hand", 1,
+            PIECES, f"bead of {d.shell.ledge_drop_mm:g} mm under a plate; far from the casting",
+        )  # fmt: skip
     yield (
         "DOWSIL PR-1200 RTV prime coat", "primer", "wipe on",
         quantities.primer_ml(d, cast, process), "ml", f"{cast} plates, one face; flammable",
