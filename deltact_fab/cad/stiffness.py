@@ -34,21 +34,22 @@ if TYPE_CHECKING:
 TERMS = 14
 """Polynomials in each direction: the default plate yields within .2 % of what it does with 24."""
 BULK_MPA = 1000.0  # of silicone, about: what bounds a very thin bead
-DRY_MM = 0.01  # a ledge without a bead counts as one of this thickness
+DRY_MM = 0.02  # a ledge without a bead counts as one of this thickness
 LET_GO_N_MM = 1e-4  # at a point where the plate lifts off; keeps a press beyond all ledges finite
-ROUNDS = 60
+SECOND = (2, 0), (0, 2), (1, 1)  # derivatives in x and y: of moments and strain energy
+ROUNDS, SETTLED_N = 200, 1e-4  # of 1 N: what may still pull, or push where it was let go
 
 
 @dataclass(frozen=True)
 class PlateShape:
     """A rectangle of +-half_mm less a notch in each corner, on ledges that begin at +-support_mm.
 
-    support_mm: in x (None: these edges are free) and in y. bead_mm: height of the bead, 0 for none.
+    support_mm: as half_mm where there is no ledge. bead_mm: height of the bead, 0 for none.
     """
 
     half_mm: Point2
     notch_mm: Point2
-    support_mm: tuple[float | None, float]
+    support_mm: Point2
     thickness_mm: float
     youngs_modulus_mpa: float
     poisson: float
@@ -75,16 +76,14 @@ class PlateShape:
         (w, h), (nx, ny), x, y = self.half_mm, self.notch_mm, np.abs(x), np.abs(y)
         return (x <= w) & (y <= h) & ((x <= w - nx) | (y <= h - ny))
 
-    def polynomials(self, axis: int, points_mm: Field, order: int, terms: int) -> Field:
-        """Derivatives of an order of one direction's polynomials, (terms, points)."""
-        half_mm = self.half_mm[axis]
-        coefficients = legendre.legder(np.eye(terms), order)
-        return np.asarray(legendre.legval(points_mm / half_mm, coefficients)) / half_mm**order
-
     def products(self, x: Field, y: Field, terms: int, i: int = 0, j: int = 0) -> Field:
-        """Derivatives of orders i in x and j in y of both directions', (terms^2, points)."""
-        of_x, of_y = self.polynomials(0, x, i, terms), self.polynomials(1, y, j, terms)
-        return (of_x[:, None] * of_y).reshape(-1, len(x))
+        """Derivatives of orders i in x and j in y of the products, (terms^2, points)."""
+        of_x, of_y = (
+            legendre.legval(at / half_mm, legendre.legder(np.eye(terms), order)) / half_mm**order
+            for at, half_mm, order in zip((x, y), self.half_mm, (i, j), strict=True)
+        )
+        both: Field = (of_x[:, None] * of_y).reshape(-1, len(x))
+        return both
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ def plate_of(design: Design) -> PlateShape:
     return PlateShape(
         design.acrylic_half_mm,
         design.acrylic_notch_mm,
-        (x if design.shell.ledge_x_mm > 0 else None, y),
+        (x if design.shell.ledge_x_mm > 0 else design.acrylic_half_mm[0], y),
         design.optics.acrylic_mm,
         design.plate.youngs_modulus_mpa,
         design.plate.poisson,
@@ -140,13 +139,14 @@ def bend(
     ring_mm: inner and outer radius of the ring behind the plate. The part of the disc beyond the
     plate is borne by the frame. Raises SolverError where the plate finds no rest on the bead.
     """
-    x, y, share = _disc(spread_mm, at_mm)
+    r, angle, area = _rectangle((0.0, spread_mm / 2), (0.0, 2 * np.pi), 12, 32)
+    x, y = at_mm[0] + r * np.cos(angle), at_mm[1] + r * np.sin(angle)
     on = plate.covers(x, y)
     if not on.any():
         return Bending(0.0, 0.0, 0.0)
-    x, y = x[on], y[on]
-    weights = _at_rest(plate, terms, plate.products(x, y, terms) @ share[on])
-    xx, yy, xy = (weights @ plate.products(x, y, terms, *o) for o in ((2, 0), (0, 2), (1, 1)))
+    x, y, share = x[on], y[on], (r * area)[on] / (np.pi * spread_mm**2 / 4)
+    weights = _at_rest(plate, terms, plate.products(x, y, terms) @ share)
+    xx, yy, xy = (weights @ plate.products(x, y, terms, *orders) for orders in SECOND)
     nu, d = plate.poisson, plate.rigidity_nmm
     mx, my, mxy = d * (xx + nu * yy), d * (yy + nu * xx), d * (1 - nu) * xy
     moment = np.abs(mx + my) / 2 + np.hypot((mx - my) / 2, mxy)
@@ -159,15 +159,30 @@ def bend(
 
 
 def _at_rest(plate: PlateShape, terms: int, load: Field) -> Field:
-    """Weights of least energy under a load, with springs only where the plate is pushed down."""
+    """Weights of least energy under a load, with springs only where the plate is pushed down.
+
+    Newton's steps, halved where the energy would rise.
+    """
     bare, places, springs = _system(plate, terms)
-    pushed = np.ones(len(springs), dtype=bool)
+
+    def held(weights: Field) -> Field:
+        return np.where(weights @ places > 0, springs, LET_GO_N_MM)
+
+    def energy(weights: Field) -> float:
+        bead = held(weights) @ (weights @ places) ** 2
+        return float((weights @ bare @ weights + bead) / 2 - load @ weights)
+
+    weights, pushing = np.zeros(len(load)), springs
     for _ in range(ROUNDS):
-        held = places * np.where(pushed, springs, LET_GO_N_MM)
-        weights: Field = np.linalg.solve(bare + held @ places.T, load)
-        before, pushed = pushed, weights @ places > 0
-        if (before == pushed).all():
-            return weights
+        full = np.linalg.solve(bare + (places * pushing) @ places.T, load).astype(np.float64)
+        wrong_n = np.abs(np.subtract(pushing, held(full)) * (full @ places)).sum()
+        if wrong_n <= SETTLED_N:
+            return full
+        step = full - weights
+        while energy(weights + step) > energy(weights):
+            step = step / 2
+        weights = weights + step
+        pushing = held(weights)
     raise SolverError(f"the plate finds no rest on its bead within {ROUNDS} rounds")
 
 
@@ -179,42 +194,31 @@ def _system(plate: PlateShape, terms: int) -> tuple[Field, Field, Field]:
     products at points of the bead, (terms^2, points); the springs there, in N/mm.
     """
     (w, h), (nx, ny), (sx, sy) = plate.half_mm, plate.notch_mm, plate.support_mm
-    bare, nu = np.zeros((terms**2, terms**2)), plate.poisson
-    for left, low, high in ((-w, ny - h, h - ny), (nx - w, -h, ny - h), (nx - w, h - ny, h)):
-        a, b = _integrals(plate, 0, left, -left, terms), _integrals(plate, 1, low, high, terms)
-        bare += np.kron(a[2, 2], b[0, 0]) + np.kron(a[0, 0], b[2, 2])
-        bare += nu * (np.kron(a[2, 0], b[0, 2]) + np.kron(a[0, 2], b[2, 0]))
-        bare += 2 * (1 - nu) * np.kron(a[1, 1], b[1, 1])
+    bare, nu, within = np.zeros((terms**2, terms**2)), plate.poisson, (nx - w, w - nx)
+    for across in (((-w, w), (ny - h, h - ny)), (within, (-h, ny - h)), (within, (h - ny, h))):
+        x, y, mm2 = _rectangle(*across, terms, terms)
+        xx, yy, xy = (plate.products(x, y, terms, *orders) for orders in SECOND)
+        bare += (xx * mm2) @ (xx + nu * yy).T + (yy * mm2) @ (yy + nu * xx).T
+        bare += 2 * (1 - nu) * (xy * mm2) @ xy.T
     places, springs = [], []
-    for axis, (inner, end) in enumerate(((sx, min(h - ny, sy)), (sy, w - nx))):
-        if inner is None:
-            continue
-        (u, wide_mm), (v, long_mm) = _gauss(inner, plate.half_mm[axis], 4), _gauss(-end, end, 24)
-        per_mm2 = plate.bead_n_mm3(plate.half_mm[axis] - inner)
-        for side in (-1, 1):
-            at = np.repeat(side * u, len(v)), np.tile(v, len(u))
-            places.append(plate.products(*(at if axis == 0 else at[::-1]), terms))
-            springs.append(per_mm2 * np.outer(wide_mm, long_mm).ravel())
+
+    def bead(x_mm: Point2, y_mm: Point2, points_x: int, points_y: int, width_mm: float) -> None:
+        x, y, mm2 = _rectangle(x_mm, y_mm, points_x, points_y)
+        places.append(plate.products(x, y, terms))
+        springs.append(plate.bead_n_mm3(width_mm) * mm2)
+
+    beyond = min(h - ny, sy)
+    for side in (-1, 1):
+        bead(within, (side * sy, side * h), 24, 4, h - sy)
+        bead((side * sx, side * w), (-beyond, beyond), 4, 24, w - sx)
     return plate.rigidity_nmm * bare, np.hstack(places), np.hstack(springs)
 
 
-def _integrals(plate: PlateShape, axis: int, low_mm: float, high_mm: float, terms: int) -> Field:
-    """Of products of two polynomials' derivatives over an interval, (3, 3, terms, terms)."""
-    points, weights = _gauss(low_mm, high_mm, terms)
-    rows = np.array([plate.polynomials(axis, points, order, terms) for order in range(3)])
-    return np.asarray(np.einsum("iap,jbp,p->ijab", rows, rows, weights))
-
-
-def _gauss(low: float, high: float, points: int) -> tuple[Field, Field]:
-    """Places and weights of Gauss's rule on an interval."""
-    nodes, weights = legendre.leggauss(points)
-    return (low + high) / 2 + (high - low) / 2 * nodes, (high - low) / 2 * weights
-
-
-def _disc(diameter_mm: float, at_mm: Point2) -> tuple[Field, Field, Field]:
-    """Points of a disc and their shares of its area."""
-    r, weights = _gauss(0.0, diameter_mm / 2, 12)
-    angle = (np.arange(32) + 0.5) * 2 * np.pi / 32
-    share = np.repeat(weights * r / (weights @ r), 32) / 32
-    r, angle = np.repeat(r, 32), np.tile(angle, 12)
-    return at_mm[0] + r * np.cos(angle), at_mm[1] + r * np.sin(angle), share
+def _rectangle(
+    x_mm: Point2, y_mm: Point2, points_x: int, points_y: int
+) -> tuple[Field, Field, Field]:
+    """Points of Gauss's rule in a rectangle, and the area of each."""
+    (x, wide), (y, long) = legendre.leggauss(points_x), legendre.leggauss(points_y)
+    x, y = (np.interp(t, (-1, 1), ends) for t, ends in ((x, x_mm), (y, y_mm)))
+    area = abs((x_mm[1] - x_mm[0]) * (y_mm[1] - y_mm[0])) / 4
+    return np.repeat(x, len(y)), np.tile(y, len(x)), area * np.outer(wide, long).ravel()

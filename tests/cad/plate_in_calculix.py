@@ -59,7 +59,6 @@ def solve(
     number: dict[tuple[int, int, int], int] = {}
     elements, shares, bead = [], [], []
     (w, h), (nx, ny) = plate.half_mm, plate.notch_mm
-    ledges = [np.inf if inner is None else inner for inner in plate.support_mm]
     for i in range(len(axes[0]) - 1):
         for j in range(len(axes[1]) - 1):
             low = np.array([axes[0][i], axes[1][j]])
@@ -69,7 +68,7 @@ def solve(
                 continue
             for k in range(len(axes[2]) - 1):
                 if k < len(below):
-                    if (middle < ledges).all():
+                    if (middle < plate.support_mm).all():
                         continue
                     bead.append(len(elements) + 1)
                 at = [(2 * i + a, 2 * j + b, 2 * k + c) for a, b, c in NODES]

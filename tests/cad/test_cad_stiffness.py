@@ -19,7 +19,7 @@ from deltact_fab.cad.stiffness import PlateShape, bend, plate_of, press
 from deltact_fab.errors import InputError
 
 DEFAULT = load_design()
-LONG = PlateShape((30.0, 10.2), (0.0, 0.0), (None, 10.0), 1.0, 3000.0, 0.3, 0.0, 1e4)
+LONG = PlateShape((30.0, 10.2), (0.0, 0.0), (30.0, 10.0), 1.0, 3000.0, 0.3, 0.0, 1e4)
 
 
 def test_a_long_plate_on_two_bare_ledges_is_that_of_the_textbook():
@@ -29,7 +29,7 @@ def test_a_long_plate_on_two_bare_ledges_is_that_of_the_textbook():
 
 
 def test_two_free_edges_of_a_narrow_strip_are_a_beam():
-    strip = replace(LONG, half_mm=(1.0, 20.2), support_mm=(None, 20.0), thickness_mm=0.5, poisson=0)
+    strip = replace(LONG, half_mm=(1.0, 20.2), support_mm=(1.0, 20.0), thickness_mm=0.5, poisson=0)
     beam_mm = 40**3 / (48 * 3000 * 2 * 0.5**3 / 12)
     assert bend(strip, 0.5).deflection_mm == pytest.approx(beam_mm, rel=5e-3)
     narrow = 40 / 4 / (2 * 0.5**2 / 6)
@@ -38,7 +38,7 @@ def test_two_free_edges_of_a_narrow_strip_are_a_beam():
 
 def test_a_rigid_plate_sinks_and_tilts_on_its_bead():
     # Two strips of 4 x 20 mm at +-8 mm of y, 1 mm high: S = 2, 4/3 E (1 + S^2) = 3.33 N/mm3.
-    stiff = replace(LONG, half_mm=(10.0, 10.0), support_mm=(None, 6.0), thickness_mm=50.0)
+    stiff = replace(LONG, half_mm=(10.0, 10.0), support_mm=(10.0, 6.0), thickness_mm=50.0)
     plate = replace(stiff, bead_mm=1.0, bead_modulus_mpa=0.5)
     assert bend(plate, 1.0).deflection_mm == pytest.approx(1 / (2 * 80 * 10 / 3), rel=5e-3)
     # 2 mm off the middle both still push; 9.5 mm off, more than the far one lets go.
@@ -75,7 +75,7 @@ def test_a_thin_or_hard_bead_is_the_bare_ledge_and_a_soft_one_carries_all():
 def test_notches_and_free_edges_let_it_yield_more():
     plate = replace(plate_of(DEFAULT), bead_mm=0.0)
     whole = replace(plate, notch_mm=(0.0, 0.0))
-    two = replace(plate, support_mm=(None, plate.support_mm[1]))
+    two = replace(plate, support_mm=(plate.half_mm[0], plate.support_mm[1]))
     base = bend(plate, 22.0).deflection_mm
     assert bend(whole, 22.0).deflection_mm < base
     assert bend(two, 22.0).deflection_mm > 2 * base
@@ -158,7 +158,7 @@ def test_without_a_bead_it_lies_on_the_edges_of_the_ledges(tmp_path, ledge_x_mm)
     sx, sy = plate_of(design).support_mm
 
     def line(at):
-        on = (np.abs(at[:, 1] - sy) < 1e-9) | (np.abs(at[:, 0] - (sx or np.inf)) < 1e-9)
+        on = (np.abs(at[:, 1] - sy) < 1e-9) | (np.abs(at[:, 0] - sx) < 1e-9) & (ledge_x_mm > 0)
         return on & (at[:, 2] == 0)
 
     exact = solve(plate_of(design), 49.0, design.plate.spread_mm, line, tmp_path)
