@@ -98,16 +98,19 @@ def test_what_was_read_is_a_design_that_check_and_export_use(tmp_path):
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        ("fit-coupon,hole,3.0,two,", "line 3: measured_mm 'two': expected a length above 0"),
-        ("fit-coupon,hole,3.0,,", "line 3: measured_mm '': expected a length above 0"),
-        ("fit-coupon,hole,-3,3,", "line 3: nominal_mm '-3'"),
-        ("fit-coupon,hole,3,nan,", "line 3: measured_mm 'nan'"),
+        (
+            "fit-coupon,hole,3.0,two,",
+            "line 3: measured_mm: Input should be a valid number (got 'two')",
+        ),
+        ("fit-coupon,hole,3.0,,", "line 3: measured_mm: missing key"),
+        ("fit-coupon,hole,-3,3,", "line 3: nominal_mm: Input should be greater than 0 (got -3)"),
+        ("fit-coupon,hole,3,nan,", "line 3: measured_mm: Input should be"),
         ("fit-coupon,hole,3.0,30,", "line 3: measured_mm 30: expected within 50% of nominal_mm 3"),
         ("fit-coupon,strip,3.0,3,", "line 3: feature 'strip'"),
-        ("fit-copon,hole,3.0,3,", "line 3: coupon 'fit-copon': did you mean 'fit-coupon'"),
-        ("fit-coupon,hole,3.0,3,2", "line 3: pieces '2': expected 1"),
-        ("kerf-coupon,strip,100,98,1.5", "line 3: pieces '1.5': expected a whole number"),
-        ("fit-coupon,hole,3.0,3,1,7", "line 3: 6 columns; expected 5"),
+        ("fit-copon,hole,3.0,3,", "line 3: coupon: Input should be 'fit-coupon' or"),
+        ("fit-coupon,hole,3.0,3,2", "line 3: pieces 2: expected 1"),
+        ("kerf-coupon,strip,100,98,1.5", "line 3: pieces: Input should be a valid integer"),
+        ("fit-coupon,hole,3.0,3,1,7", "line 3: beyond the last column: unknown key"),
         ("fit-coupon,hole,3.0,3,", "hole and slot: 2 readings; expected 3 or more"),
     ],
 )
@@ -123,10 +126,13 @@ def test_a_bad_table_is_one_line_with_its_place(tmp_path, line, says):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "line 1: no column coupon"),
+        ("", "no reading below a header of coupon, feature, nominal_mm"),
         (HEAD, "no reading"),
-        ("coupon,feature,nominal_mm\n", "line 1: no column measured_mm"),
-        (HEAD.replace("pieces", "pices"), "line 1: column 'pices'"),
+        ("coupon,feature,nominal_mm\nfit-coupon,hole,3\n", "line 2: measured_mm: missing key"),
+        (
+            HEAD.replace("pieces", "pices") + "fit-coupon,hole,3,3,1\n",
+            "line 2: pices: unknown key; did you mean 'pieces'",
+        ),
     ],
 )
 def test_a_bad_header_is_one_line(tmp_path, text, says):

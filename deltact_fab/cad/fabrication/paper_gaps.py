@@ -34,12 +34,17 @@ class PaperGap:
 
 def gaps(design: Design) -> list[PaperGap]:
     """Every contradiction and gap, the figures of this design worked in."""
-    text = Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
-    figures = _figures(design)
-    return [
-        PaperGap(**{key: said.format(d=design, f=figures) for key, said in row.items()})
-        for row in tomllib.loads(text)["gap"]
-    ]
+    rows = filled_in(__file__, d=design, f=_figures(design))["gap"]
+    return [PaperGap(**row) for row in rows]
+
+
+def filled_in(module: str, **values: Any) -> dict[str, list[dict[str, str]]]:
+    """The tables of the TOML file beside a module, values worked into their texts."""
+    text = Path(module).with_suffix(".toml").read_text(encoding="utf-8")
+    return {
+        name: [{key: said.format(**values) for key, said in row.items()} for row in rows]
+        for name, rows in tomllib.loads(text).items()
+    }
 
 
 def _figures(d: Design) -> dict[str, Any]:

@@ -16,10 +16,12 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
-from ... import catalog
+from ... import catalog, reading
 from ...errors import InputError, did_you_mean
 from ..dimensions import Design
 
@@ -27,20 +29,33 @@ FEATURES = {
     "fit-coupon": ("hole", "slot", "outside", "height"),
     "kerf-coupon": ("strip", "thickness"),
 }
-COLUMNS = ("coupon", "feature", "nominal_mm", "measured_mm", "pieces")
 LEAST = 3
 MAX_OFF = 0.5  # share of the nominal: beyond it two columns were confused
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One line of the table."""
+    """One line of the table. Raises ValueError where its values do not go together."""
 
-    coupon: str
+    coupon: Literal["fit-coupon", "kerf-coupon"]
     feature: str
-    nominal_mm: float
-    measured_mm: float
-    pieces: int = 1
+    nominal_mm: float = field(metadata={"gt": 0})
+    measured_mm: float = field(metadata={"gt": 0})
+    pieces: int = field(default=1, metadata={"ge": 1})
+
+    __pydantic_config__ = {"extra": "forbid", "allow_inf_nan": False}  # noqa: RUF012
+
+    def __post_init__(self) -> None:
+        if self.feature not in FEATURES[self.coupon]:
+            hint = did_you_mean(self.feature, FEATURES[self.coupon])
+            raise ValueError(f"feature {self.feature!r}: {hint}")
+        if self.pieces != 1 and self.feature != "strip":
+            raise ValueError(f"pieces {self.pieces}: expected 1 unless it is a strip")
+        if abs(self.measured_mm - self.nominal_mm) > MAX_OFF * self.nominal_mm:
+            raise ValueError(
+                f"measured_mm {self.measured_mm:g}: expected within {MAX_OFF:.0%} of "
+                f"nominal_mm {self.nominal_mm:g}"
+            )
 
     @property
     def off_mm(self) -> float:
@@ -66,64 +81,26 @@ class MeasuredKey:
 
 def read(path: Path) -> list[Reading]:
     """The readings of a table. Raises InputError naming file, line and column."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as why:
-        reason = why.strerror if isinstance(why, OSError) else "not UTF-8"
-        raise InputError(f"{path}: cannot be read: {reason}") from why
-    lines = csv.reader(text.splitlines())
-    header = [name.strip() for name in next(lines, [])]
-    for name in COLUMNS[:-1]:
-        if name not in header:
-            raise InputError(f"{path}: line 1: no column {name}; expected {', '.join(COLUMNS)}")
-    for name in header:
-        if name not in COLUMNS:
-            raise InputError(f"{path}: line 1: column {name!r}: {did_you_mean(name, COLUMNS)}")
+    table = csv.DictReader(reading.text(path).splitlines(), restkey="beyond the last column")
     found = []
-    for values in lines:
-        where = f"{path}: line {lines.line_num}"
-        if not any(value.strip() for value in values):
-            continue
-        if len(values) > len(header):
-            raise InputError(f"{where}: {len(values)} columns; expected {len(header)}")
-        row = {k: v.strip() for k, v in zip(header, values, strict=False)}
-        found.append(_reading(row, where))
+    for row in table:
+        # A cell that is empty is left out.
+        cells = {key.strip(): _value(str(cell)) for key, cell in row.items() if cell}
+        if given := {key: value for key, value in cells.items() if value != ""}:
+            found.append(catalog.validate(Reading, given, f"{path}: line {table.line_num}"))
     if not found:
-        raise InputError(f"{path}: no reading")
+        raise InputError(
+            f"{path}: no reading below a header of {', '.join(Reading.__match_args__)}"
+        )
     return found
 
 
-def _reading(row: dict[str, str], where: str) -> Reading:
-    coupon, feature = row.get("coupon", ""), row.get("feature", "")
-    if coupon not in FEATURES:
-        raise InputError(f"{where}: coupon {coupon!r}: {did_you_mean(coupon, FEATURES)}")
-    if feature not in FEATURES[coupon]:
-        hint = did_you_mean(feature, FEATURES[coupon])
-        raise InputError(f"{where}: feature {feature!r}: {hint}")
-    nominal = _length(row, "nominal_mm", where)
-    measured = _length(row, "measured_mm", where)
-    pieces = row.get("pieces", "") or "1"
-    if not (pieces.isdecimal() and int(pieces) >= 1):
-        raise InputError(f"{where}: pieces {pieces!r}: expected a whole number from 1")
-    if pieces != "1" and feature != "strip":
-        raise InputError(f"{where}: pieces {pieces!r}: expected 1 unless it is a strip")
-    if abs(measured - nominal) > MAX_OFF * nominal:
-        raise InputError(
-            f"{where}: measured_mm {measured:g}: expected within {MAX_OFF:.0%} of "
-            f"nominal_mm {nominal:g}"
-        )
-    return Reading(coupon, feature, nominal, measured, int(pieces))
-
-
-def _length(row: dict[str, str], column: str, where: str) -> float:
-    text = row.get(column, "")
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value > 0):
-        raise InputError(f"{where}: {column} {text!r}: expected a length above 0")
-    return value
+def _value(cell: str) -> float | str:
+    """A number where it is one."""
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(cell)
+    return cell.strip()
 
 
 def estimates(readings: Sequence[Reading], design: Design) -> list[MeasuredKey]:
