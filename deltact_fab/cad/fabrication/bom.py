@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from typing import Any
 
+from ...errors import InputError
 from .. import feasibility
 from ..design import IndenterList
 from ..dimensions import Design
@@ -20,7 +21,7 @@ from ..parts.light_holder import WIRE, WIRE_COLOURS
 from ..registry import listed
 from . import quantities
 from .paper_gaps import filled_in
-from .quantities import DEFAULT, Process
+from .quantities import DEFAULT, WASTE
 
 PIECES = "pcs"
 JETSON_PIN_MA = 500.0  # ours, cautious: the pins share the board's supply
@@ -43,19 +44,14 @@ class BomLine:
     note: str
 
 
-def lines(
-    design: Design,
-    sensors: int = 1,
-    waste: float = 0.1,
-    indenters: IndenterList | None = None,
-    process: Process = DEFAULT,
-) -> list[BomLine]:
+def lines(design: Design, sensors: int = 1, indenters: IndenterList | None = None) -> list[BomLine]:
     """Everything to order for a number of sensors, one mold, one test bench and the indenters.
 
-    waste: share of silicone on top of what fills the mold. indenters: cad/indenters.toml unless
-    given. Raises InputError for a count below 1, a waste that is no share, a broken rule.
+    indenters: cad/indenters.toml unless given. Raises InputError for a count below 1 and for a
+    broken rule.
     """
-    quantities.checked(sensors, waste)
+    if sensors < 1:
+        raise InputError(f"sensors {sensors}: expected 1 or more")
     feasibility.check(design)
     # Of the registry: what a sensor takes for each sensor; tools, bench and indenters once.
     rows: list[tuple[Any, ...]] = [
@@ -63,8 +59,8 @@ def lines(
          PIECES, p.noted(design))
         for p in listed(indenters)
     ]  # fmt: skip
-    figures = _figures(design, sensors, waste, process)
-    for group, bought in filled_in(__file__, d=design, p=process, f=figures).items():
+    figures = _figures(design, sensors)
+    for group, bought in filled_in(__file__, d=design, p=DEFAULT, f=figures).items():
         for row in bought:
             told = {"material": "", "process": "bought", "unit": PIECES, "quantity": "one", **row}
             if figures[told.get("needs", "one")]:
@@ -84,12 +80,12 @@ def csv_text(bom: Sequence[BomLine]) -> str:
     return out.getvalue()
 
 
-def _figures(d: Design, sensors: int, waste: float, process: Process) -> dict[str, Any]:
+def _figures(d: Design, sensors: int) -> dict[str, Any]:
     light = d.light
     cast = sensors + 1  # the transparent base is cast with the others
     cells, fills = quantities.cavities(d), quantities.pours(d, cast)
-    coat = quantities.coat_batch(d, sensors, waste, process)
-    least = quantities.least_coat_batch(coat, process)
+    coat = quantities.coat_batch(d, sensors)
+    least = quantities.least_coat_batch(coat)
     gap_mm = 5.0  # laser kerf and clamping, in the blank
     takes_ma = sensors * light.most_ma
     # The least usual rating that is no more than half used.
@@ -101,17 +97,17 @@ def _figures(d: Design, sensors: int, waste: float, process: Process) -> dict[st
         "cast": cast,
         "cells": cells,
         "fills": fills,
-        "waste": 100 * waste,
-        "skins_half_g": quantities.skins_batch(d, fills * cells, waste, process).a_g,
-        "one_half_g": quantities.skins_batch(d, 1, waste, process).a_g,
+        "waste": 100 * WASTE,
+        "skins_half_g": quantities.skins_batch(d, fills * cells).a_g,
+        "one_half_g": quantities.skins_batch(d, 1).a_g,
         "blank_mm": [2 * half_mm + 2 * gap_mm for half_mm in d.acrylic_half_mm],
         "bead_mm": d.shell.ledge_drop_mm,
-        "primer_ml": quantities.primer_ml(d, cast, process),
-        "film_mm": d.skin.film_mm(process.film_margin_mm),
+        "primer_ml": quantities.primer_ml(d, cast),
+        "film_mm": d.skin.film_mm(DEFAULT.film_margin_mm),
         "coats_half_g": 2 * least.a_g,
         "adheres_g": 2 * coat.a_g,
         "pigment_g": least.pigment_g,
-        "pigment": 100 * process.coat_pigment,
+        "pigment": 100 * DEFAULT.coat_pigment,
         "supply_off": 100 * light.supply_tolerance,
         "resistor_mw": 1000 * light.resistor_most_w,
         "rating_a": next((a for a in ratings_a if a >= half_a), math.ceil(half_a)),

@@ -25,7 +25,7 @@ def _figure(value: float, unit: str, meaning: str, basis: Basis) -> Any:
 
 @dataclass(frozen=True)
 class Process:
-    """What chemistry and electricity add to the dimensions. All of it finite and positive."""
+    """What chemistry and electricity add to the dimensions."""
 
     density_g_cm3: float = _figure(
         1.0, "g/cm³", "density of Solaris, both parts; read the label", "assumed"
@@ -63,12 +63,6 @@ class Process:
         0.05, "N m", "M1.6 cutting its own thread in resin, at most", "assumed"
     )
 
-    def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f"{f.name}: expected a finite number > 0: {value}")
-
     def rows(self) -> list[dict[str, Any]]:
         """Every figure with unit, meaning and basis, as a table shows it."""
         values = asdict(self)
@@ -76,6 +70,8 @@ class Process:
 
 
 DEFAULT = Process()
+WASTE = 0.1
+"""Share of silicone on top that stays in cup and on spatula."""
 
 
 @dataclass(frozen=True)
@@ -103,53 +99,46 @@ def pours(design: Design, sensors: int) -> int:
     return math.ceil(sensors / cavities(design))
 
 
-def skins_batch(
-    design: Design, skins: int, waste: float = 0.1, process: Process = DEFAULT
-) -> Batch:
-    """Solaris for a number of skins. waste: share on top that stays in cup and on spatula.
+def skins_batch(design: Design, skins: int, waste: float = WASTE) -> Batch:
+    """Solaris for a number of skins.
 
     The paper says 1:1 and not by what: both parts are taken to be equally dense, so that equal
-    masses are equal volumes. Raises InputError for a waste that is no share from 0 to 1.
+    masses are equal volumes.
     """
-    checked(skins, waste)
     volume_cm3 = skins * design.skin_volume_mm3 / 1000 * (1 + waste)
-    half_g = volume_cm3 * process.density_g_cm3 / 2
+    half_g = volume_cm3 * DEFAULT.density_g_cm3 / 2
     return Batch(volume_cm3, half_g, half_g)
 
 
-def coated_mm2(design: Design) -> float:
-    """Area under the two coats: the face and the sides that stand proud; fillets count as edges."""
+def coat_batch(design: Design, sensors: int, waste: float = WASTE) -> Batch:
+    """Dragon Skin 10 FAST for one layer on so many sensors, what adheres and `waste` of it.
+
+    It lies on the face and on the sides that stand proud; fillets count as edges.
+    """
     skin = design.skin
-    face = skin.width_mm * skin.length_mm
-    return face + 2 * (skin.width_mm + skin.length_mm) * skin.protrusion_mm
+    sides_mm2 = 2 * (skin.width_mm + skin.length_mm) * skin.protrusion_mm
+    coated_mm2 = skin.width_mm * skin.length_mm + sides_mm2
+    volume_cm3 = sensors * coated_mm2 * DEFAULT.coat_mm / 1000 * (1 + waste)
+    half_g = volume_cm3 * DEFAULT.coat_density_g_cm3 / 2
+    return Batch(volume_cm3, half_g, half_g, 2 * half_g * DEFAULT.coat_pigment)
 
 
-def coat_batch(
-    design: Design, sensors: int, waste: float = 0.1, process: Process = DEFAULT
-) -> Batch:
-    """Dragon Skin 10 FAST for one layer on so many sensors, what adheres and `waste` of it."""
-    checked(sensors, waste)
-    volume_cm3 = sensors * coated_mm2(design) * process.coat_mm / 1000 * (1 + waste)
-    half_g = volume_cm3 * process.coat_density_g_cm3 / 2
-    return Batch(volume_cm3, half_g, half_g, 2 * half_g * process.coat_pigment)
-
-
-def least_coat_batch(batch: Batch, process: Process = DEFAULT) -> Batch:
+def least_coat_batch(batch: Batch) -> Batch:
     """The same mixture, enlarged to what can be weighed."""
-    scale = max(1.0, process.coat_batch_g / (batch.a_g + batch.b_g))
+    scale = max(1.0, DEFAULT.coat_batch_g / (batch.a_g + batch.b_g))
     return Batch(*(scale * v for v in asdict(batch).values()))
 
 
-def primer_ml(design: Design, sensors: int, process: Process = DEFAULT) -> float:
+def primer_ml(design: Design, sensors: int) -> float:
     """Primer for one face of so many acrylic plates."""
     x, y = design.acrylic_half_mm
-    return sensors * 4 * x * y / 100 * process.primer_ml_per_cm2
+    return sensors * 4 * x * y / 100 * DEFAULT.primer_ml_per_cm2
 
 
-def shrinkage_mm(design: Design, process: Process = DEFAULT) -> float:
+def shrinkage_mm(design: Design) -> float:
     """What the skin's thickness loses from the cabinet to the room, when it is cured warm."""
-    cooled = process.cure_warm_c - process.cure_room_c
-    return design.skin.thickness_mm * process.expansion_per_k * cooled
+    cooled = DEFAULT.cure_warm_c - DEFAULT.cure_room_c
+    return design.skin.thickness_mm * DEFAULT.expansion_per_k * cooled
 
 
 # Light.
@@ -163,7 +152,6 @@ class Wiring:
     """
 
     name: str
-    resistor_ohm: float
     total_ma: float
     led_ma: float
     chip_ma: float
@@ -176,27 +164,30 @@ def wirings(light: LightDimensions) -> list[Wiring]:
 
     I = (supply - forward voltage) / resistance, the strip's own resistor at each LED included.
     """
-    ohm, own_ohm, count = light.resistor_ohm, light.strip_resistor_ohm, light.led_count
-    room_v = max(light.supply_v - light.led_v, 0.0)
-    each_ma = room_v / (ohm + own_ohm) * 1000
+    ohm, own_ohm, count, supply_v = (
+        light.resistor_ohm, light.strip_resistor_ohm, light.led_count, light.supply_v
+    )  # fmt: skip
 
-    def way(name: str, total_ma: float, branches: int, leds: int, note: str) -> Wiring:
-        heat_mw = (total_ma / branches) ** 2 * ohm / 1000
-        led_ma = total_ma / leds
-        return Wiring(name, ohm, total_ma, led_ma, led_ma / light.led_chips, heat_mw, note)
+    def way(name: str, resistor_ma: float, resistors: int, leds: int, note: str) -> Wiring:
+        led_ma = resistor_ma * resistors / leds
+        heat_mw = resistor_ma**2 * ohm / 1000
+        return Wiring(
+            name, resistor_ma * resistors, led_ma, led_ma / light.led_chips, heat_mw, note
+        )
+
+    def chain_ma(leds: int) -> float:
+        return max(supply_v - leds * light.led_v, 0.0) / (ohm + leds * own_ohm) * 1000
 
     def chain(name: str, leds: int) -> Wiring:
-        needed_v = leds * light.led_v
-        ma = max(light.supply_v - needed_v, 0.0) / (ohm + leds * own_ohm) * 1000
-        dark = "dark: " if needed_v >= light.supply_v else ""
-        return way(name, ma, 1, 1, f"{dark}needs {needed_v:.1f} V of {light.supply_v:g} V")
+        note = f"needs {leds * light.led_v:.1f} V of {supply_v:g} V"
+        return way(name, chain_ma(leds), 1, 1, note if chain_ma(leds) > 0 else f"dark: {note}")
 
+    brighter = count * chain_ma(1) / light.total_ma if light.total_ma else 0.0
     return [
         way(f"one resistor, {count} LEDs in parallel", light.total_ma, 1, count,
-            f"taken: {light.supply_v:g} V strip cut at every LED"),
-        way("a resistor for each LED", count * each_ma, count, count,
-            f"{count * each_ma / light.total_ma:.2g} times brighter; {count} resistors"
-            if light.total_ma else "dark"),
+            f"taken: {supply_v:g} V strip cut at every LED"),
+        way("a resistor for each LED", chain_ma(1), count, count,
+            f"{brighter:.2g} times brighter; {count} resistors" if brighter else "dark"),
         chain(f"{count} LEDs in series", count),
         chain("12 V strip, three LEDs in series", 3),
     ]  # fmt: skip
@@ -216,11 +207,3 @@ def resistor_for_ohm(total_ma: float, light: LightDimensions) -> tuple[float, fl
         )
     exact = max(room_v / total_ma * 1000 - light.strip_resistor_ohm / light.led_count, 0.0)
     return exact, next_e24(exact)
-
-
-def checked(count: int, waste: float) -> None:
-    """Raise InputError unless there is something to make, with a share of waste from 0 to 1."""
-    if count < 1:
-        raise InputError(f"sensors {count}: expected 1 or more")
-    if not 0 <= waste <= 1:
-        raise InputError(f"waste {waste:g}: expected a share from 0 to 1, as in 0.1")

@@ -82,12 +82,16 @@ class MeasuredKey:
 def read(path: Path) -> list[Reading]:
     """The readings of a table. Raises InputError naming file, line and column."""
     table = csv.DictReader(reading.text(path).splitlines(), restkey="beyond the last column")
+    try:
+        rows = [(table.line_num, row) for row in table]
+    except csv.Error as why:
+        raise InputError(f"{path}: line {table.line_num}: {why}") from why
     found = []
-    for row in table:
+    for line, row in rows:
         # A cell that is empty is left out.
         cells = {key.strip(): _value(str(cell)) for key, cell in row.items() if cell}
         if given := {key: value for key, value in cells.items() if value != ""}:
-            found.append(catalog.validate(Reading, given, f"{path}: line {table.line_num}"))
+            found.append(catalog.validate(Reading, given, f"{path}: line {line}"))
     if not found:
         raise InputError(
             f"{path}: no reading below a header of {', '.join(Reading.__match_args__)}"
