@@ -61,14 +61,17 @@ class PlateShape:
         """D = E t^3 / (12 (1 - nu^2))."""
         return self.youngs_modulus_mpa * self.thickness_mm**3 / (12 * (1 - self.poisson**2))
 
-    def bead_n_mm3(self, width_mm: float) -> float:
-        """Spring of a long bonded bead, per area = 1 / (t / Ec + t / K); Ec = 4/3 E (1 + S^2).
+    def bead_n_mm3(self, width_mm: float, inside: Field) -> Field:
+        """Springs across a long bead bonded on both sides, per area = 1 / (t / Ec + t / K).
 
-        S = width / (2 t): rubber that cannot widen is stiffer (A. N. Gent and P. B. Lindley, Proc.
-        Inst. Mech. Eng. 173, 1959, pp. 111-122).
+        inside = 1 - (2 x / width)^2: 1 in its middle. Ec = 4/3 E (1 + 3/2 S^2 inside), 4/3 E (1 +
+        S^2) on the mean, S = width / (2 t): rubber that cannot widen is stiffer (A. N. Gent and
+        P. B. Lindley, Proc. Inst. Mech. Eng. 173, 1959, pp. 111-122).
         """
         t = max(self.bead_mm, DRY_MM)
-        confined_mpa = 4 / 3 * self.bead_modulus_mpa * (1 + (width_mm / (2 * t)) ** 2)
+        confined_mpa = (
+            4 / 3 * self.bead_modulus_mpa * (1 + 1.5 * (width_mm / (2 * t)) ** 2 * inside)
+        )
         return 1 / (t / confined_mpa + t / BULK_MPA)
 
     def covers(self, x: Field, y: Field) -> NDArray[np.bool_]:
@@ -195,22 +198,21 @@ def _system(plate: PlateShape, terms: int) -> tuple[Field, Field, Field]:
     """
     (w, h), (nx, ny), (sx, sy) = plate.half_mm, plate.notch_mm, plate.support_mm
     bare, nu, within = np.zeros((terms**2, terms**2)), plate.poisson, (nx - w, w - nx)
-    for across in (((-w, w), (ny - h, h - ny)), (within, (-h, ny - h)), (within, (h - ny, h))):
-        x, y, mm2 = _rectangle(*across, terms, terms)
+    for piece in (((-w, w), (ny - h, h - ny)), (within, (-h, ny - h)), (within, (h - ny, h))):
+        x, y, mm2 = _rectangle(*piece, terms, terms)
         xx, yy, xy = (plate.products(x, y, terms, *orders) for orders in SECOND)
         bare += (xx * mm2) @ (xx + nu * yy).T + (yy * mm2) @ (yy + nu * xx).T
         bare += 2 * (1 - nu) * (xy * mm2) @ xy.T
     places, springs = [], []
-
-    def bead(x_mm: Point2, y_mm: Point2, points_x: int, points_y: int, width_mm: float) -> None:
-        x, y, mm2 = _rectangle(x_mm, y_mm, points_x, points_y)
-        places.append(plate.products(x, y, terms))
-        springs.append(plate.bead_n_mm3(width_mm) * mm2)
-
-    beyond = min(h - ny, sy)
-    for side in (-1, 1):
-        bead(within, (side * sy, side * h), 24, 4, h - sy)
-        bead((side * sx, side * w), (-beyond, beyond), 4, 24, w - sx)
+    for axis, inner, outer, end in ((0, sx, w, min(h - ny, sy)), (1, sy, h, w - nx)):
+        if inner >= outer:
+            continue
+        across, along, mm2 = _rectangle((inner, outer), (-end, end), 4, 24)
+        inside = 1 - ((2 * across - inner - outer) / (outer - inner)) ** 2
+        for side in (-1, 1):
+            x, y = (side * across, along) if axis == 0 else (along, side * across)
+            places.append(plate.products(x, y, terms))
+            springs.append(plate.bead_n_mm3(outer - inner, inside) * mm2)
     return plate.rigidity_nmm * bare, np.hstack(places), np.hstack(springs)
 
 
@@ -220,5 +222,5 @@ def _rectangle(
     """Points of Gauss's rule in a rectangle, and the area of each."""
     (x, wide), (y, long) = legendre.leggauss(points_x), legendre.leggauss(points_y)
     x, y = (np.interp(t, (-1, 1), ends) for t, ends in ((x, x_mm), (y, y_mm)))
-    area = abs((x_mm[1] - x_mm[0]) * (y_mm[1] - y_mm[0])) / 4
+    area = (x_mm[1] - x_mm[0]) * (y_mm[1] - y_mm[0]) / 4
     return np.repeat(x, len(y)), np.tile(y, len(x)), area * np.outer(wide, long).ravel()

@@ -68,7 +68,8 @@ def test_a_thin_or_hard_bead_is_the_bare_ledge_and_a_soft_one_carries_all():
     soft = replace(plate, bead_modulus_mpa=0.05, bead_mm=5.0)
     sides = zip(plate.half_mm, plate.support_mm, plate.notch_mm, plate.half_mm[::-1], strict=True)
     widths = [(half - inner, 4 * (along - notch)) for half, inner, notch, along in sides]
-    per_mm = sum(soft.bead_n_mm3(wide) * wide * length for wide, length in widths)
+    # Two thirds is the mean of a parabola: S is too small here for more to count.
+    per_mm = sum(soft.bead_n_mm3(wide, 2 / 3) * wide * length for wide, length in widths)
     assert bend(soft, 22.0).deflection_mm == pytest.approx(1 / per_mm, rel=0.03)
 
 
@@ -120,7 +121,7 @@ def test_rows_hold_the_plate_against_its_limits_and_name_a_key(name, changes, fa
 def test_a_row_says_what_the_bead_yields_and_what_nobody_measured():
     row, *_ = verified(bending.rows(BuiltDesign(DEFAULT, (), {})), DEFAULT)
     assert row.verdict == "pass (unverified: spread, youngs modulus, bead modulus)"
-    assert row.found.startswith("0.216 mm under 49 N, 0.048 of it the bead: 4.3 %")
+    assert row.found.startswith("0.220 mm under 49 N, 0.051 of it the bead: 4.4 %")
     keys = '["spread_mm", "youngs_modulus_mpa", "stress_limit_mpa", "bead_modulus_mpa"]'
     known = load_design(changes=[f"plate.measured={keys}"])
     assert [*verified(bending.rows(BuiltDesign(known, (), {})), known)][-1].verdict == "pass"
