@@ -23,7 +23,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..aliases import Point2
-from ..errors import SolverError
+from ..errors import InputError, SolverError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -104,8 +104,10 @@ class Bending:
 
 
 def plate_of(design: Design) -> PlateShape:
-    """The acrylic on the shell's ledges, two or four of them."""
+    """The acrylic on the shell's ledges, two or four of them. Raises InputError without any."""
     x, y = design.ledge_half_mm
+    if y >= design.acrylic_half_mm[1]:
+        raise InputError("acrylic: it lies on no ledge in y; raise shell.ledge_mm")
     return PlateShape(
         design.acrylic_half_mm,
         design.acrylic_notch_mm,

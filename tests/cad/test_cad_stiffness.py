@@ -127,6 +127,12 @@ def test_a_row_says_what_the_bead_yields_and_what_nobody_measured():
     assert [*verified(bending.rows(BuiltDesign(known, (), {})), known)][-1].verdict == "pass"
 
 
+def test_a_plate_on_no_ledge_is_one_line():
+    changes = ["frame.seat_y_mm=0.2", "shell.ledge_mm=0.2", "plate.fit_mm=0.5"]
+    with pytest.raises(InputError, match=r"no ledge in y; raise shell\.ledge_mm"):
+        press(load_design(changes=changes), 1.0)
+
+
 def test_a_load_is_not_spread_wider_than_the_face():
     with pytest.raises(InputError, match=r"acrylic: plate.spread_mm <= .*face: 35 <= 34"):
         feasibility.check(load_design(changes=["plate.spread_mm=35"]))
