@@ -1,13 +1,13 @@
 """A quarter of the notched acrylic plate in CalculiX: solid elements, nothing of the series.
 
 Plate and bead are C3D20R: quadratic, integrated at 8 points, so that a bead that keeps its volume
-(Poisson's ratio .4999) does not lock. The bead is bonded to the plate and to a rigid ledge.
+(Poisson's ratio .4999) does not lock. The bead is bonded to the plate and to a rigid ledge;
+without a bead the plate is held on the inner edges of its ledges.
 """
 
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -24,7 +24,6 @@ NODES = (
 )  # fmt: skip
 LAYERS = 3  # of elements in a bead; a sixth of one's width is their breadth
 BEAD_POISSON = 0.4999
-Held = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -43,17 +42,16 @@ def solve(
     plate: PlateShape,
     force_n: float,
     spread_mm: float,
-    held: Held | None,
     folder: Path,
     step_mm: float = 1.0,
 ) -> Solution:
     """The plate from z = 0 (back) to its thickness under a press on its front, towards -z.
 
-    held: places (n, 3) to which of them keep their z, in place of the bead. The quarter x, y > 0
-    of a whole that is symmetric; the load is uniform on a disc about the middle.
+    The quarter x, y > 0 of a whole that is symmetric; the load is uniform on a disc about the
+    middle.
     """
     axes = [_lines(plate, axis, step_mm) for axis in range(2)]
-    below = np.linspace(-plate.bead_mm, 0, LAYERS + 1)[:-1] if held is None else []
+    below = np.linspace(-plate.bead_mm, 0, LAYERS + 1)[:-1] if plate.bead_mm > 0 else []
     axes.append(np.append(below, np.linspace(0, plate.thickness_mm, 3)))
     fine = [np.sort(np.concatenate([a, (a[1:] + a[:-1]) / 2])) for a in axes]
     number: dict[tuple[int, int, int], int] = {}
@@ -96,10 +94,13 @@ def solve(
     lines += ["*BOUNDARY"]
     for axis in range(2):
         lines += [f"{n + 1}, {axis + 1}" for n in np.flatnonzero(places[:, axis] == 0)]
-    if held is None:
+    if plate.bead_mm > 0:
         lines += [f"{n + 1}, 1, 3" for n in np.flatnonzero(places[:, 2] < 1e-9 - plate.bead_mm)]
     else:
-        lines += [f"{n + 1}, 3" for n in np.flatnonzero(held(places))]
+        edges = [abs(places[:, i] - plate.support_mm[i]) < 1e-9 for i in range(2)]
+        edges[0] &= plate.support_mm[0] < w
+        held = (edges[0] | edges[1]) & (places[:, 2] == 0)
+        lines += [f"{n + 1}, 3" for n in np.flatnonzero(held)]
     lines += ["*STEP", "*STATIC", "*DLOAD"]
     lines += [f"{n}, P2, {p:.9g}" for n, p in enumerate(pressure, start=1) if p > 0]
     lines += ["*NODE FILE", "U, RF", "*EL FILE", "S", "*END STEP", ""]
@@ -117,7 +118,7 @@ def _lines(plate: PlateShape, axis: int, step_mm: float) -> np.ndarray:
     Over a ledge they are closer, for the bead.
     """
     half, support = plate.half_mm[axis], plate.support_mm[axis]
-    marks = sorted({0.0, half - plate.notch_mm[axis], half} | ({support} if support else set()))
+    marks = sorted({0.0, half - plate.notch_mm[axis], support, half})
     pieces = [
         np.linspace(a, b, 7 if a == support else int(np.ceil((b - a) / step_mm)) + 1)[:-1]
         for a, b in pairwise(marks)

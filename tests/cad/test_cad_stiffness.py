@@ -41,7 +41,7 @@ def test_a_rigid_plate_sinks_and_tilts_on_its_bead():
     stiff = replace(LONG, half_mm=(10.0, 10.0), support_mm=(10.0, 6.0), thickness_mm=50.0)
     plate = replace(stiff, bead_mm=1.0, bead_modulus_mpa=0.5)
     assert bend(plate, 1.0).deflection_mm == pytest.approx(1 / (2 * 80 * 10 / 3), rel=5e-3)
-    # 2 mm off the middle both still push; 9.5 mm off, more than the far one lets go.
+    # 2 mm off the middle both still push; 9 mm off, more than the far one lets go.
     ends_mm = 1 / (160 * 10 / 3) * (1 + 2 * 10 / (8**2 + 4**2 / 12))
     assert bend(plate, 1.0, (0.0, 2.0)).deflection_mm == pytest.approx(ends_mm, rel=0.01)
     pulling_mm = 1 / (160 * 10 / 3) * (1 + 9 * 10 / (8**2 + 4**2 / 12))
@@ -67,30 +67,20 @@ def test_a_thin_or_hard_bead_is_the_bare_ledge_and_a_soft_one_carries_all():
     assert bend(hard, 22.0).deflection_mm == pytest.approx(bare, rel=0.03)
     soft = replace(plate, bead_modulus_mpa=0.05, bead_mm=5.0)
     sides = zip(plate.half_mm, plate.support_mm, plate.notch_mm, plate.half_mm[::-1], strict=True)
-    widths = [(half - inner, 4 * (along - notch)) for half, inner, notch, along in sides]
-    # Two thirds is the mean of a parabola: S is too small here for more to count.
-    per_mm = sum(soft.bead_n_mm3(wide, 2 / 3) * wide * length for wide, length in widths)
+    per_mm = sum(
+        4 / 3 * 0.05 * (1 + ((half - inner) / 10) ** 2) / 5 * (half - inner) * 4 * (along - notch)
+        for half, inner, notch, along in sides
+    )
     assert bend(soft, 22.0).deflection_mm == pytest.approx(1 / per_mm, rel=0.03)
-
-
-def test_notches_and_free_edges_let_it_yield_more():
-    plate = replace(plate_of(DEFAULT), bead_mm=0.0)
-    whole = replace(plate, notch_mm=(0.0, 0.0))
-    two = replace(plate, support_mm=(plate.half_mm[0], plate.support_mm[1]))
-    base = bend(plate, 22.0).deflection_mm
-    assert bend(whole, 22.0).deflection_mm < base
-    assert bend(two, 22.0).deflection_mm > 2 * base
 
 
 def test_a_press_goes_with_force_place_and_modulus():
     one, two = press(DEFAULT, 1.0, (3.0, -2.0)), press(DEFAULT, 2.0, (-3.0, 2.0))
     assert two.deflection_mm == pytest.approx(2 * one.deflection_mm)
-    changes = ["plate.youngs_modulus_mpa=1500", "plate.bead_modulus_mpa=0.575"]
-    soft = load_design(changes=changes)
-    assert press(soft, 1.0).deflection_mm == pytest.approx(
-        2 * press(DEFAULT, 1.0).deflection_mm, rel=1e-3
-    )
-    assert press(soft, 1.0).stress_mpa == pytest.approx(press(DEFAULT, 1.0).stress_mpa, rel=1e-3)
+    soft = load_design(changes=["plate.youngs_modulus_mpa=1500", "plate.bead_modulus_mpa=0.575"])
+    half, whole = press(soft, 1.0), press(DEFAULT, 1.0)
+    assert half.deflection_mm == pytest.approx(2 * whole.deflection_mm, rel=1e-3)
+    assert half.stress_mpa == pytest.approx(whole.stress_mpa, rel=1e-3)
     # Over the light holder, which stands round the middle, the plate yields less.
     assert press(DEFAULT, 1.0).over_ring_mm < 0.7 * press(DEFAULT, 1.0).deflection_mm
 
@@ -147,33 +137,15 @@ def test_a_load_is_not_spread_wider_than_the_face():
         ("deltact", ["shell.ledge_drop_mm=0.3"]),
         ("deltact", ["shell.ledge_drop_mm=1.0", "shell.ledge_mm=1.5", "shell.ledge_x_mm=1.15"]),
         ("deltact", ["shell.ledge_x_mm=0"]),
+        ("deltact", ["shell.ledge_drop_mm=0"]),
+        ("deltact", ["shell.ledge_drop_mm=0", "shell.ledge_x_mm=0"]),
         ("skin-44x40", []),
         ("large-56x50", []),
     ],
 )
 def test_within_a_tenth_of_solid_elements_at_49_n(tmp_path, name, changes):
     design = load_design(name, changes)
-    exact = solve(plate_of(design), 49.0, design.plate.spread_mm, None, tmp_path)
-    holds(exact, press(design, 49.0), design)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed")
-@pytest.mark.parametrize("ledge_x_mm", [2.3, 0])
-def test_without_a_bead_it_lies_on_the_edges_of_the_ledges(tmp_path, ledge_x_mm):
-    design = load_design(changes=["shell.ledge_drop_mm=0", f"shell.ledge_x_mm={ledge_x_mm}"])
-    sx, sy = plate_of(design).support_mm
-
-    def line(at):
-        on = (np.abs(at[:, 1] - sy) < 1e-9) | (np.abs(at[:, 0] - sx) < 1e-9) & (ledge_x_mm > 0)
-        return on & (at[:, 2] == 0)
-
-    exact = solve(plate_of(design), 49.0, design.plate.spread_mm, line, tmp_path)
-    holds(exact, press(design, 49.0), design)
-
-
-def holds(exact, found, design):
-    """Deflection, that over the light's ring, and stress in the middle within 10 %."""
+    found, exact = press(design, 49.0), solve(plate_of(design), 49.0, 22.0, tmp_path)
     back, sag = exact.places[:, 2] == 0, -exact.moved[:, 2]
     radius = np.hypot(*exact.places[:, :2].T)
     over = back & (radius >= design.light_bore_mm) & (radius <= design.light_radius_mm)
