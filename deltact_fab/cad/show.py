@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
@@ -14,7 +14,6 @@ from .design import IndenterDimensions
 from .dimensions import Design
 from .part import Part
 from .parts import indenter
-from .rule import Rule
 
 
 @dataclass(frozen=True)
@@ -88,29 +87,22 @@ class Description:
 def describe(part: Part, design: Design) -> Description:
     """Everything that decides the part, also where a rule is broken: that is when one looks."""
     if part.indenter is not None:
-        dimensions, derived = _of_indenter(part.indenter)
+        given, derived = _of_indenter(part.indenter)
         rules = list(indenter.rules(part.indenter))
     else:
-        dimensions = list(_sections(part, design))
-        derived = list(_derived(part, design))
+        records = {section: getattr(design, section) for section in part.sections}
+        given, derived = _of_records(records, design.unverified())
+        known = dict(properties(type(design)))
+        derived += [Derived(name, getattr(design, name), known[name]) for name in part.derived]
         names = (part.name, *part.bound_by)
         rules = [rule for rule in feasibility.rules(design) if rule.part in names]
-    return Description(
-        part.name,
-        part.group,
-        part.number,
-        part.material,
-        part.process,
-        part.quantity,
-        tuple(dimensions),
-        tuple(derived),
-        tuple(_line(rule) for rule in rules),
-    )
-
-
-def _line(rule: Rule) -> RuleLine:
-    margin = rule.right.value - rule.left.value
-    return RuleLine(rule.text, rule.holds, margin if math.isfinite(margin) else None, rule.rests_on)
+    margins = [rule.right.value - rule.left.value for rule in rules]
+    lines = [
+        RuleLine(rule.text, rule.holds, margin if math.isfinite(margin) else None, rule.rests_on)
+        for rule, margin in zip(rules, margins, strict=True)
+    ]
+    about = (part.name, part.group, part.number, part.material, part.process, part.quantity)
+    return Description(*about, tuple(given), tuple(derived), tuple(lines))
 
 
 def shown(value: Any) -> str:
@@ -120,36 +112,26 @@ def shown(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _sections(part: Part, design: Design) -> Iterator[Dimension]:
-    unverified = set(design.unverified())
-    for section in part.sections:
-        record = getattr(design, section)
+def _of_records(
+    records: dict[str, Any], unverified: Sequence[str]
+) -> tuple[list[Dimension], list[Derived]]:
+    """Fields and properties of a design's sections, by name."""
+    given: list[Dimension] = []
+    derived: list[Derived] = []
+    for section, record in records.items():
         for f in fields(record):
             key, meta = f"{section}.{f.name}", f.metadata
-            yield Dimension(
-                key,
-                getattr(record, f.name),
-                meta.get("description", ""),
-                meta.get("ge"),
-                meta.get("le"),
-                key in unverified,
-            )
-
-
-def _derived(part: Part, design: Design) -> Iterator[Derived]:
-    for section in part.sections:
-        record = getattr(design, section)
+            about = (meta.get("description", ""), meta.get("ge"), meta.get("le"), key in unverified)
+            given.append(Dimension(key, getattr(record, f.name), *about))
         for name, equation in properties(type(record)):
-            value = getattr(record, name)
-            if is_dataclass(value):
-                for f in fields(value):
-                    shown = f"{section}.{name}.{f.name}"
-                    yield Derived(shown, getattr(value, f.name), "table of standards")
-            else:
-                yield Derived(f"{section}.{name}", value, equation)
-    known = dict(properties(type(design)))
-    for name in part.derived:
-        yield Derived(name, getattr(design, name), known[name])
+            value, key = getattr(record, name), f"{section}.{name}"
+            if not is_dataclass(value):
+                derived.append(Derived(key, value, equation))
+                continue
+            for f in fields(value):
+                row = (f"{key}.{f.name}", getattr(value, f.name), "table of standards")
+                derived.append(Derived(*row))
+    return given, derived
 
 
 def properties(record: type) -> list[tuple[str, str]]:
