@@ -11,50 +11,67 @@ from .built import BuiltDesign
 from .row import Row
 
 DEFLECTION = "plate deflection"
+NAMES = (DEFLECTION, "plate clear of the light", "plate stress", "plate load")
 GEL = "plate.spread_mm"
 SOFT = (GEL, "plate.youngs_modulus_mpa", "plate.bead_modulus_mpa")
 
 
 def rows(built: BuiltDesign) -> Iterator[Row]:
-    """How far it yields, whether it then rests on the light holder, and the stress in it.
+    """How far it yields, whether it then rests on the light holder, the stress in it, the load.
 
     The depth that a stage counts is short of what the plate yields; a light holder that bears a
-    press carries it on into the camera's board.
+    press carries it on into the camera's board. The gel spreads no press beyond its own face.
     """
-    plate, force_n = built.design.plate, built.design.plate.force_n
-    found = press(built.design, force_n)
-    bare = replace(plate_of(built.design), bead_mm=0.0)
+    design, plate, force_n = built.design, built.design.plate, built.design.plate.force_n
+    found = press(design, force_n)
+    bare = replace(plate_of(design), bead_mm=0.0)
     of_plate_mm = force_n * bend(bare, plate.spread_mm).deflection_mm
+    bead_mm = found.deflection_mm - of_plate_mm
     limit_mm = plate.deflection_share * plate.depth_mm
     wider = "raise shell.ledge_mm, shell.ledge_x_mm"
-    bead = f"{wider} or plate.bead_modulus_mpa, or lower shell.ledge_drop_mm"
-    yield Row(
-        DEFLECTION,
-        "acrylic",
-        f"{found.deflection_mm:.3f} mm under {force_n:g} N, "
-        f"{found.deflection_mm - of_plate_mm:.3f} of it the bead: "
-        f"{100 * found.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth",
-        f"<= {limit_mm:.3g} mm, {100 * plate.deflection_share:g} % (plate.deflection_share): else "
-        + (bead if of_plate_mm <= limit_mm else f"raise optics.acrylic_mm, or {wider}"),
-        found.deflection_mm <= limit_mm,
-        SOFT,
-    )
-    room_mm = below_plate(built.design).range_mm[0]
-    yield Row(
-        "plate clear of the light",
-        "acrylic, light-holder",
-        f"{found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
-        f"{force_n * max(room_mm, 0.0) / found.over_ring_mm:.0f} N",
-        f"<= {room_mm:.3g} mm, the least play: else {wider} or light.axial_fit_mm",
-        found.over_ring_mm <= room_mm,
-        SOFT,
-    )
-    yield Row(
-        "plate stress",
-        "acrylic",
-        f"{found.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
-        f"{force_n * plate.stress_limit_mpa / found.stress_mpa:.0f} N",
-        f"<= {plate.stress_limit_mpa:g} MPa (plate.stress_limit_mpa): else raise optics.acrylic_mm",
-        found.stress_mpa <= plate.stress_limit_mpa,
-        (GEL, "plate.stress_limit_mpa"),
-    )
+    firmer = f"{wider} or plate.bead_modulus_mpa, or lower shell.ledge_drop_mm"
+    thicker = f"raise optics.acrylic_mm, or {wider}"
+    room_mm = below_plate(design).range_mm[0]
+    face_mm = min(design.skin.width_mm, design.skin.length_mm)
+    for name, parts, said, passed, limit, mend, rests_on in (
+        (
+            DEFLECTION,
+            "acrylic",
+            f"{found.deflection_mm:.3f} mm under {force_n:g} N, {bead_mm:.3f} of it the bead: "
+            f"{100 * found.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth",
+            found.deflection_mm <= limit_mm,
+            f"<= {limit_mm:.3g} mm, {100 * plate.deflection_share:g} % (plate.deflection_share)",
+            firmer if of_plate_mm <= limit_mm else thicker,
+            SOFT,
+        ),
+        (
+            NAMES[1],
+            "acrylic, light-holder",
+            f"{found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
+            f"{force_n * max(room_mm, 0.0) / found.over_ring_mm:.0f} N",
+            found.over_ring_mm <= room_mm,
+            f"<= {room_mm:.3g} mm, the least play",
+            f"{wider} or light.axial_fit_mm",
+            SOFT,
+        ),
+        (
+            NAMES[2],
+            "acrylic",
+            f"{found.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
+            f"{force_n * plate.stress_limit_mpa / found.stress_mpa:.0f} N",
+            found.stress_mpa <= plate.stress_limit_mpa,
+            f"<= {plate.stress_limit_mpa:g} MPa (plate.stress_limit_mpa)",
+            "raise optics.acrylic_mm",
+            (GEL, "plate.stress_limit_mpa"),
+        ),
+        (
+            NAMES[3],
+            "acrylic, skin",
+            f"{force_n:g} N spread on a disc of {plate.spread_mm:g} mm",
+            plate.spread_mm <= face_mm,
+            f"<= {face_mm:g} mm, the face's shorter side",
+            "lower plate.spread_mm",
+            (GEL,),
+        ),
+    ):
+        yield Row(name, parts, said, limit if passed else f"{limit}: {mend}", passed, rests_on)

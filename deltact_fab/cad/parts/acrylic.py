@@ -62,9 +62,6 @@ def rules(d: Design) -> Iterator[Rule]:
     yield Quantity("plate.ledge_mm", d.plate.ledge_mm).at_most(
         "half acrylic in y - half ledge opening", d.acrylic_half_mm[1] - d.skin.length_mm / 2
     )
-    yield Quantity("plate.spread_mm", d.plate.spread_mm).at_most(
-        "least side of the face", min(d.skin.width_mm, d.skin.length_mm), ("plate.spread_mm",)
-    )
     notch = d.acrylic_notch_mm
     for i, axis in enumerate("xy"):
         yield Quantity(f"notch in {axis} + 2", notch[i] + 2.0).below(
