@@ -28,50 +28,48 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     of_plate_mm = force_n * bend(bare, plate.spread_mm).deflection_mm
     bead_mm = found.deflection_mm - of_plate_mm
     limit_mm = plate.deflection_share * plate.depth_mm
+    room_mm = below_plate(design).range_mm[0]
+    face_mm = min(design.skin.width_mm, design.skin.length_mm)
     wider = "raise shell.ledge_mm, shell.ledge_x_mm"
     firmer = f"{wider} or plate.bead_modulus_mpa, or lower shell.ledge_drop_mm"
     thicker = f"raise optics.acrylic_mm, or {wider}"
-    room_mm = below_plate(design).range_mm[0]
-    face_mm = min(design.skin.width_mm, design.skin.length_mm)
-    for name, parts, said, passed, limit, mend, rests_on in (
-        (
-            DEFLECTION,
-            "acrylic",
-            f"{found.deflection_mm:.3f} mm under {force_n:g} N, {bead_mm:.3f} of it the bead: "
-            f"{100 * found.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth",
-            found.deflection_mm <= limit_mm,
-            f"<= {limit_mm:.3g} mm, {100 * plate.deflection_share:g} % (plate.deflection_share)",
-            firmer if of_plate_mm <= limit_mm else thicker,
-            SOFT,
-        ),
-        (
-            NAMES[1],
-            "acrylic, light-holder",
-            f"{found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
-            f"{force_n * max(room_mm, 0.0) / found.over_ring_mm:.0f} N",
-            found.over_ring_mm <= room_mm,
-            f"<= {room_mm:.3g} mm, the least play",
-            f"{wider} or light.axial_fit_mm",
-            SOFT,
-        ),
-        (
-            NAMES[2],
-            "acrylic",
-            f"{found.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
-            f"{force_n * plate.stress_limit_mpa / found.stress_mpa:.0f} N",
-            found.stress_mpa <= plate.stress_limit_mpa,
-            f"<= {plate.stress_limit_mpa:g} MPa (plate.stress_limit_mpa)",
-            "raise optics.acrylic_mm",
-            (GEL, "plate.stress_limit_mpa"),
-        ),
-        (
-            NAMES[3],
-            "acrylic, skin",
-            f"{force_n:g} N spread on a disc of {plate.spread_mm:g} mm",
-            plate.spread_mm <= face_mm,
-            f"<= {face_mm:g} mm, the face's shorter side",
-            "lower plate.spread_mm",
-            (GEL,),
-        ),
-    ):
-        yield Row(name, parts, said, limit if passed else f"{limit}: {mend}", passed, rests_on)
+
+    def row(name: str, found: str, passed: bool, limit: str, mend: str, *keys: str) -> Row:
+        return Row(name, "acrylic", found, limit if passed else f"{limit}: {mend}", passed, keys)
+
+    yield row(
+        DEFLECTION,
+        f"{found.deflection_mm:.3f} mm under {force_n:g} N, {bead_mm:.3f} of it the bead: "
+        f"{100 * found.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth",
+        found.deflection_mm <= limit_mm,
+        f"<= {limit_mm:.3g} mm, {100 * plate.deflection_share:g} % (plate.deflection_share)",
+        firmer if of_plate_mm <= limit_mm else thicker,
+        *SOFT,
+    )
+    yield row(
+        NAMES[1],
+        f"{found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
+        f"{force_n * max(room_mm, 0.0) / found.over_ring_mm:.0f} N",
+        found.over_ring_mm <= room_mm,
+        f"<= {room_mm:.3g} mm, the least play",
+        f"{wider} or light.axial_fit_mm",
+        *SOFT,
+    )
+    yield row(
+        NAMES[2],
+        f"{found.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
+        f"{force_n * plate.stress_limit_mpa / found.stress_mpa:.0f} N",
+        found.stress_mpa <= plate.stress_limit_mpa,
+        f"<= {plate.stress_limit_mpa:g} MPa (plate.stress_limit_mpa)",
+        "raise optics.acrylic_mm",
+        GEL,
+        "plate.stress_limit_mpa",
+    )
+    yield row(
+        NAMES[3],
+        f"{force_n:g} N spread on a disc of {plate.spread_mm:g} mm",
+        plate.spread_mm <= face_mm,
+        f"<= {face_mm:g} mm, the face's shorter side",
+        "lower plate.spread_mm",
+        GEL,
+    )
