@@ -39,7 +39,7 @@ def failing(*changes: str) -> list[str]:
 
 def test_play_is_the_sum_of_what_is_left_and_of_what_each_may_be_off():
     hole, shank = Length(2.0, 0.1, ("a",)), Length(1.6, 0.02, ("b",))
-    fit = PlayFit("", "", (hole, Length(0.5)), (shank, Length(0, 0.3, ("a",))), "")
+    fit = PlayFit("", "", (hole, Length(0.5)), (shank, Length(0, 0.3, ("a",))))
     assert fit.range_mm == pytest.approx((0.9 - 0.42, 0.9 + 0.42))
     assert fit.rests_on == ("a", "b")
     assert fit.holds

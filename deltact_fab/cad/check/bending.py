@@ -10,6 +10,7 @@ from .built import BuiltDesign
 from .row import Row
 
 DEFLECTION = "plate deflection"
+NAMES = (DEFLECTION, "plate clear of the light", "plate stress")
 GEL = "plate.spread_mm"
 MODULUS = "plate.youngs_modulus_mpa"
 LIMIT = "plate.stress_limit_mpa"
@@ -35,7 +36,7 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     )
     room_mm = below_plate(built.design).range_mm[0]
     yield Row(
-        "plate clear of the light",
+        NAMES[1],
         "acrylic, light-holder",
         f"{found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
         f"{force_n * max(room_mm, 0.0) / found.over_ring_mm:.0f} N",
@@ -44,7 +45,7 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
         (GEL, MODULUS),
     )
     yield Row(
-        "plate stress",
+        NAMES[2],
         "acrylic",
         f"{found.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
         f"{force_n * plate.stress_limit_mpa / found.stress_mpa:.0f} N",

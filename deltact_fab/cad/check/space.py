@@ -16,6 +16,7 @@ SLACK_MM = 1e-5  # of the kernel's boxes
 # Common volume that the kernel leaves between faces that only touch.
 TOUCH_MM3 = 1e-3
 
+INTERFERENCE, ENVELOPE = "interference", "envelope"
 THREADED = {"screw": "skin-frame", "camera-screw": "camera-holder"}
 
 
@@ -26,7 +27,7 @@ def envelope(built: BuiltDesign) -> Iterator[Row]:
     size = boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)
     limit = (design.envelope.width_mm, design.envelope.length_mm, design.envelope.height_mm)
     yield Row(
-        "envelope",
+        ENVELOPE,
         "assembly",
         f"{_by(*size)} mm",
         f"<= {_by(*limit)} mm",
@@ -48,22 +49,20 @@ def interference(built: BuiltDesign) -> Iterator[Row]:
     sensor = _sensor(built)
     pairs = len(sensor) * (len(sensor) - 1) // 2
     threads: dict[str, list[float]] = {screw: [] for screw in THREADED}
-    clashes: list[tuple[float, str]] = []
+    clashes: list[tuple[float, str, str]] = []
     for first, second, common_mm3 in shared(built, "in common", sensor):
         screw = next((s for s, holder in THREADED.items() if {s, holder} == {first, second}), "")
         if screw:
             threads[screw].append(common_mm3)
         elif common_mm3 > TOUCH_MM3:
-            clashes.append((common_mm3, f"{first} in {second}: {common_mm3:.3f} mm3"))
-    clashes.sort(reverse=True)
-    yield Row(
-        "interference",
-        "assembly",
-        "; ".join(text for _, text in clashes[:4]) or f"none in {pairs} pairs",
-        f"<= {TOUCH_MM3:g} mm3 a pair",
-        not clashes,
-        ("camera.lens_diameter_mm", "camera.lens_height_mm", "mount."),
-    )
+            text = f"{first} in {second}: {common_mm3:.3f} mm3"
+            clashes.append((common_mm3, f"{first}, {second}", text))
+    limit = f"<= {TOUCH_MM3:g} mm3 a pair"
+    keys = ("camera.lens_diameter_mm", "camera.lens_height_mm", "mount.")
+    for _, pair, text in sorted(clashes, reverse=True)[:4]:
+        yield Row(INTERFERENCE, pair, text, limit, False, keys)
+    if not clashes:
+        yield Row(INTERFERENCE, "assembly", f"none in {pairs} pairs", limit, True, keys)
     for screw, frame in THREADED.items():
         yield _thread(built, screw, frame, threads[screw])
 
