@@ -34,7 +34,9 @@ def advice(
     sections: those whose keys are tried, all when None. try_all: also what has its default.
     """
     keys = list(_keys(design, sections))
-    found = [text for key in keys if (text := _back(design, margin, *key))]
+    # A margin that is arithmetic costs nothing; one on solids costs a part a step.
+    steps = 30 if try_all else 8
+    found = [text for key in keys if (text := _back(design, margin, steps, *key))]
     if not found and try_all:
         moved = [m for key in keys if (m := _moved(design, margin, *key)) is not None]
         found = [text for _, text in sorted(moved, key=lambda m: m[0])]
@@ -60,7 +62,7 @@ def _holds(design: Design | None, margin: Margin) -> bool:
     return design is not None and margin(design) >= -SLACK
 
 
-def _back(design: Design, margin: Margin, section: str, f: Any) -> str:
+def _back(design: Design, margin: Margin, steps: int, section: str, f: Any) -> str:
     """A key that left its default: how far it must go back."""
     value, right = getattr(getattr(design, section), f.name), f.default
     if value == right or not _holds(with_key(design, section, f.name, right), margin):
@@ -68,7 +70,7 @@ def _back(design: Design, margin: Margin, section: str, f: Any) -> str:
     if not _is_number(value):
         return f"{section}.{f.name}: {right}"
     wrong, kind = value, type(right)
-    for _ in range(8):
+    for _ in range(steps):
         middle = kind((wrong + right) / 2)
         if middle in (wrong, right):
             break

@@ -41,7 +41,8 @@ def mended(row: Row, design: Design) -> Row:
 
 
 def _wall(row: Row, design: Design) -> bool:
-    part = next(p for p in of_design() if row.part.startswith(p.name))
+    name = row.part.partition(",")[0]
+    part = next(p for p in of_design() if p.name == name)
     built = BuiltDesign.make(design, indenters=IndenterList())
     return _holds(row, thickness.of_part(built, part))
 
