@@ -134,8 +134,11 @@ def _leg(cq: Any, design: Design) -> Any:
 
 
 def rules(d: Design) -> Iterator[Rule]:
-    """A slot that stays open, and lips no higher than the light holder's floor."""
+    """Legs within the peg, a slot that stays open, lips no higher than the light holder's floor."""
     cover = d.cover
+    yield Quantity("slot_mm / 2 + leg_mm", cover.slot_mm / 2 + cover.leg_mm).below(
+        "peg_mm / 2", cover.peg_mm / 2
+    )
     gap = Quantity("resin_printer.least_gap_mm", d.resin_printer.least_gap_mm)
     yield gap.at_most("cover.slot_mm", cover.slot_mm)
     yield Quantity("peg_play_mm + lip_height_mm", cover.peg_play_mm + cover.lip_height_mm).at_most(
