@@ -9,6 +9,7 @@ from __future__ import annotations
 import pytest
 
 from deltact_fab.cad.check import Row, fits, inequalities, run
+from deltact_fab.cad.check.advice import advice
 from deltact_fab.cad.check.row import advised
 from deltact_fab.cad.check.run import ARITHMETIC
 from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
@@ -177,16 +178,25 @@ def checked(change: str) -> list[Row]:
     return run(load_design("deltact", [change]), indenters=tips)
 
 
+def test_where_every_number_has_its_default_all_are_moved():
+    """A wall of 2 in place of 1.5, and a sum that two keys close alike, the least change first."""
+    design = load_design()
+    assert advice(design, lambda d: d.shell.wall_mm - 2.0) == "shell.wall_mm: 2.01 or more"
+    told = advice(design, lambda d: 40.0 - 2 * d.skin.width_mm + 2 * d.skin.length_mm - 40.0)
+    assert told == "skin.length_mm: 36.1 or more, skin.width_mm: 33.9 or less"
+    assert advice(design, lambda d: -1.0) == ""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("change", WRONG_ON_SOLIDS)
-def test_a_wrong_number_fails_on_the_solids_and_its_row_names_it(cq, change):
+def test_a_wrong_number_fails_on_the_solids_and_its_row_names_it(change):
     rows = checked(change)
     assert names(rows, change.partition("=")[0]), [row for row in rows if not row.passed]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("change", RIGHT)
-def test_an_unusual_number_that_is_right_passes(cq, change):
+def test_an_unusual_number_that_is_right_passes(change):
     rows = checked(change)
     assert [row for row in rows if not row.passed] == []
     assert len(rows) > 100

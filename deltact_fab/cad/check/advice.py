@@ -8,7 +8,7 @@ only where there are none every number is moved.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from typing import Any
 
@@ -23,17 +23,12 @@ STEP = 0.01
 GIVEN = ("resin_printer", "laser", "envelope", "drawing")
 
 
-def advice(
-    design: Design,
-    margin: Margin,
-    sections: Collection[str] | None = None,
-    try_all: bool = True,
-) -> str:
+def advice(design: Design, margin: Margin, try_all: bool = True) -> str:
     """`shell.wall_mm: 0.6 or more`, the least change first; empty where no single number helps.
 
-    sections: those whose keys are tried, all when None. try_all: also what has its default.
+    try_all: also what has its default.
     """
-    keys = list(_keys(design, sections))
+    keys = list(_keys(design))
     # A margin that is arithmetic costs nothing; one on solids costs a part a step.
     steps = 30 if try_all else 8
     found = [text for key in keys if (text := _back(design, margin, steps, *key))]
@@ -43,7 +38,7 @@ def advice(
     return ", ".join(found[:NAMED])
 
 
-def with_key(design: Design, section: str, key: str, value: Any) -> Design | None:
+def _with_key(design: Design, section: str, key: str, value: Any) -> Design | None:
     """The design with another value; None where its record does not allow it."""
     try:
         return replace(design, **{section: replace(getattr(design, section), **{key: value})})
@@ -51,11 +46,10 @@ def with_key(design: Design, section: str, key: str, value: Any) -> Design | Non
         return None
 
 
-def _keys(design: Design, sections: Collection[str] | None) -> Iterator[tuple[str, Any]]:
+def _keys(design: Design) -> Iterator[tuple[str, Any]]:
     for section in fields(design):
-        if sections is None or section.name in sections:
-            for f in fields(getattr(design, section.name)):
-                yield section.name, f
+        for f in fields(getattr(design, section.name)):
+            yield section.name, f
 
 
 def _holds(design: Design | None, margin: Margin) -> bool:
@@ -65,7 +59,7 @@ def _holds(design: Design | None, margin: Margin) -> bool:
 def _back(design: Design, margin: Margin, steps: int, section: str, f: Any) -> str:
     """A key that left its default: how far it must go back."""
     value, right = getattr(getattr(design, section), f.name), f.default
-    if value == right or not _holds(with_key(design, section, f.name, right), margin):
+    if value == right or not _holds(_with_key(design, section, f.name, right), margin):
         return ""
     if not _is_number(value):
         return f"{section}.{f.name}: {right}"
@@ -74,7 +68,7 @@ def _back(design: Design, margin: Margin, steps: int, section: str, f: Any) -> s
         middle = kind((wrong + right) / 2)
         if middle in (wrong, right):
             break
-        if _holds(with_key(design, section, f.name, middle), margin):
+        if _holds(_with_key(design, section, f.name, middle), margin):
             right = middle
         else:
             wrong = middle
@@ -91,7 +85,7 @@ def _moved(design: Design, margin: Margin, section: str, f: Any) -> tuple[float,
     step = 1 if whole else max(abs(value) * STEP, STEP)
     for _ in range(6):
         changed = next(
-            (d for s in (step, -step) if (d := with_key(design, section, f.name, at + s))), None
+            (d for s in (step, -step) if (d := _with_key(design, section, f.name, at + s))), None
         )
         if changed is None:
             return None
@@ -103,7 +97,7 @@ def _moved(design: Design, margin: Margin, section: str, f: Any) -> tuple[float,
         wanted = min(max(wanted, bounds["ge"]), bounds["le"])
         if whole:
             wanted = (math.ceil if wanted > value else math.floor)(wanted)
-        moved = with_key(design, section, f.name, wanted)
+        moved = _with_key(design, section, f.name, wanted)
         if moved is None:
             return None
         if _holds(moved, margin):
