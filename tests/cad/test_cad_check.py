@@ -292,7 +292,10 @@ def test_a_ceiling_of_40_mm_without_supports_fails_and_one_of_20_passes(cq):
 
 def test_the_light_cone_goes_through_the_holder_s_bore(inner):
     (row,) = visibility.light_cone(inner)
-    assert row.found == "96 of 96 reach it; radius 6.88 mm at the acrylic, bore 11.25 mm"
+    assert (
+        row.found
+        == "96 of 96 reach it, 0.45 mm off in x and y; radius 6.88 mm at the acrylic, bore 11.25 mm"
+    )
     assert row.passed
 
 

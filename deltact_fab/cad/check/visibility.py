@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from ...optics import half_angle_rad, reached_mm
 from ...shapes.sensor import N_ACRYLIC, N_SILICONE
 from ..dimensions import Design
+from ..parts.camera import off_axis
 from ..rays import first_hit
 from .built import BuiltDesign
 from .cylinders import Cylinder, near
@@ -102,7 +104,7 @@ def _seen_mm(design: Design, radius_mm: float, depth_mm: float) -> float:
 
 
 def light_cone(built: BuiltDesign) -> Iterator[Row]:
-    """Rays from the lens to the border of the view, through air, acrylic and gel: none is met."""
+    """Rays from the lens to the border of the view, as far off the middle as it may stand."""
     design = built.design
     path = _path_mm(built)
     border = _border_mm(*design.optics.view_mm)
@@ -128,19 +130,20 @@ def light_cone(built: BuiltDesign) -> Iterator[Row]:
     ]
     corners = np.concatenate([built.mesh(p.name).corners_mm for p in built.parts if p.in_view])
     met = np.zeros(len(way), bool)
-    for k in range(3):
+    off = sum(length.mean_mm + length.spread_mm for length in off_axis(design))
+    for k, x, y in product(range(3), (-off, off), (-off, off)):
         start, end = (
             np.column_stack([way * at_radius[j][:, None], np.full(len(way), heights[j])])
             for j in (k, k + 1)
         )
-        far, _ = first_hit(start, end - start, corners, 0.0)
+        far, _ = first_hit(start + (x, y, 0.0), end - start, corners, 0.0)
         met |= far < 1.0
     reached = BORDER_RAYS - int(met.sum())
     found = (
-        f"{reached} of {BORDER_RAYS} reach it; radius {at_radius[1].max():.2f} mm at the acrylic, "
-        f"bore {bore:.2f} mm"
+        f"{reached} of {BORDER_RAYS} reach it, {off:.2f} mm off in x and y; radius "
+        f"{at_radius[1].max():.2f} mm at the acrylic, bore {bore:.2f} mm"
     )
-    passed = reached == BORDER_RAYS and at_radius[1].max() <= bore
+    passed = reached == BORDER_RAYS and at_radius[1].max() + off * math.sqrt(2) <= bore
     yield Row("light cone", "light-holder", found, limit, bool(passed), keys)
 
 

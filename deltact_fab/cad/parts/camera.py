@@ -121,7 +121,7 @@ def rules(d: Design) -> Iterator[Rule]:
 
 def fits(d: Design) -> Iterator[PlayFit]:
     """The board in the shell and beside its posts, and the ends of what it sees of the face."""
-    cam, printer, hang = d.camera, d.resin_printer, d.holder
+    cam, printer = d.camera, d.resin_printer
     off, parts = cam.tolerance_mm, "camera, shell"
     sides = cam.board_width_mm, 2 * max(cam.board_top_mm, -cam.board_bottom_mm)
     posts = max(range(2), key=lambda i: 2 * d.post_edge_mm[i] - sides[i])
@@ -131,15 +131,19 @@ def fits(d: Design) -> Iterator[PlayFit]:
     ):
         board = Length(side, 2 * off, BOARD_KEYS)
         yield PlayFit(f"board {name}", parts, (printer.inner(2 * room),), (board,))
-    # The board may stand off the middle by what its holes leave and the holder has in the shell.
-    hole = Length((cam.hole_mm - hang.row.thread_mm) / 2, off, BOARD_KEYS)
-    holder = Length(hang.fit_mm, printer.plane_mm, PLANE)
     face = d.skin.opening_half_mm
     for i, axis in enumerate("xy"):
         flat = Length(face[i] - d.skin.edge_fillet_mm)
         seen = Length(d.optics.view_mm[i] / 2)
         name = f"view within the face's fillet, {axis}"
-        yield PlayFit(name, "camera, camera-holder, shell, skin", (flat,), (seen, hole, holder))
+        yield PlayFit(name, "camera, camera-holder, shell, skin", (flat,), (seen, *off_axis(d)))
+
+
+def off_axis(d: Design) -> tuple[Length, Length]:
+    """The most that the lens stands off the middle: by the board's holes, by the holder's fit."""
+    hole_mm = (d.camera.hole_mm - d.holder.row.thread_mm) / 2
+    hole = Length(hole_mm, d.camera.tolerance_mm, BOARD_KEYS)
+    return hole, Length(d.holder.fit_mm, d.resin_printer.plane_mm, PLANE)
 
 
 PARTS = (
