@@ -126,6 +126,7 @@ class StagePlateDimensions(Record):
     slot_travel_mm: float = number(10.0, "from end centre to end centre of a slot", 1, 100)
     edge_mm: float = number(7.0, "around slots and testing shell", 2, 100)
     thickness_mm: float = number(6.0, "of the plate", 3, 30)
+    least_wall_mm: float = assumed(0.8, "thinnest milled wall (guides, metal: 0.8)", 0.1, 10)
     thread_hole_mm: float = number(3.3, "tapping drill of the tabs' screws (M4)", 1, 10)
     measured: tuple[str, ...] = measured("keys measured on the lab's own table")
 

@@ -11,7 +11,7 @@ from typing import Any
 from .. import catalog
 from ..errors import InputError
 from ..shapes import Indenter
-from ..shapes.bounded import Bounded, number
+from ..shapes.bounded import Bounded, ShapeError, number
 from ..shapes.indenter import parse
 from .dimensions import Design
 
@@ -57,6 +57,11 @@ class IndenterDimensions:
 
     indenter: Indenter
     body: IndenterBody
+
+    def __post_init__(self) -> None:
+        high = max(tip.equator_mm for tip in self.indenter.tips)
+        if not high < self.plate_z_mm:
+            raise ShapeError(f"equator_mm < reach_mm: {high:g} < {self.plate_z_mm:g} fails")
 
     @property
     def plate_z_mm(self) -> float:

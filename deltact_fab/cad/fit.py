@@ -31,7 +31,7 @@ class Length:
 class PlayFit:
     """Play = what the inner lengths leave of the outer ones = sum(room) - sum(body).
 
-    name: what goes where. parts, keys: whose it is and what a lab changes when it fails, by commas.
+    name: what goes where. parts: whose it is, by commas.
     least_mm: the play that must be left when all lengths are at their worst.
     """
 
@@ -39,7 +39,6 @@ class PlayFit:
     parts: str
     room: tuple[Length, ...]
     body: tuple[Length, ...]
-    keys: str
     least_mm: float = 0.0
 
     @property

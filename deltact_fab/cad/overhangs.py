@@ -6,9 +6,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..aliases import Field
 from .mesh import Mesh
 from .print_orientation import SELF_SUPPORTING_DEG, PrintPose
+from .rays import samples
 
 MIN_CONTACT_MM2 = 25.0
 """Ours, assumed: what holds a part of some grams against the pull of the peeling film."""
@@ -18,10 +21,14 @@ _TOUCH_MM = 1e-3
 
 @dataclass(frozen=True)
 class Ceiling:
-    """What of a face hangs: its area, and its least height above the platform."""
+    """What of a face hangs: its area, its least height above the platform, its span.
+
+    span_mm: diameter of the largest circle that it holds, which nothing bears but its rim.
+    """
 
     area_mm2: float
     height_mm: float
+    span_mm: float
 
 
 @dataclass(frozen=True)
@@ -36,13 +43,21 @@ class Stand:
         """All of them."""
         return sum(c.area_mm2 for c in self.ceilings)
 
+    @property
+    def span_mm(self) -> float:
+        """The widest of them; 0 for none."""
+        return max((c.span_mm for c in self.ceilings), default=0.0)
+
     def words(self, supports: str) -> str:
         """The ceilings, and whether they may be supported; empty where there are none."""
         if not self.ceilings:
             return ""
         lowest = min(c.height_mm for c in self.ceilings)
         held = "on supports" if supports else "unsupported"
-        return f"{self.ceilings_mm2:.1f} mm2 from {lowest:.1f} mm up, {held}"
+        return (
+            f"{self.ceilings_mm2:.1f} mm2 from {lowest:.1f} mm up, {self.span_mm:.1f} mm across at "
+            f"most, {held}"
+        )
 
 
 def laid(mesh: Mesh, lies: PrintPose) -> Mesh:
@@ -63,10 +78,35 @@ def stand(mesh: Mesh) -> Stand:
     low, high = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
     resting = (high < _TOUCH_MM) & (down > 0.999)
     hanging = (down > math.cos(math.radians(SELF_SUPPORTING_DEG))) & ~resting
-    faces = (hanging & (mesh.face == face) for face in np.unique(mesh.face))
-    found = [Ceiling(float(twice[f].sum()) / 2, float(low[f].min(initial=np.inf))) for f in faces]
+    rim = _rim(mesh.triangles[hanging], mesh.vertices_mm)
+    faces = (hanging & (mesh.face == face) for face in np.unique(mesh.face[hanging]))
+    found = [
+        Ceiling(float(twice[f].sum()) / 2, float(low[f].min()), _span_mm(corners[f], rim))
+        for f in faces
+    ]
     ceilings = [c for c in found if c.area_mm2 >= MIN_CEILING_MM2]
     return Stand(
         float(twice[resting].sum()) / 2,
         tuple(sorted(ceilings, key=lambda c: (-c.area_mm2, c.height_mm))),
     )
+
+
+def _rim(triangles: NDArray[np.int64], vertices_mm: NDArray[np.float32]) -> Field:
+    """Edges (n, 2, 3) that only one of the triangles has: where what hangs ends."""
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges, count = np.unique(edges, axis=0, return_counts=True)
+    return vertices_mm[edges[count == 1]].astype(np.float64)
+
+
+def _span_mm(corners_mm: Field, rim: Field) -> float:
+    """Twice the largest distance of a point of the triangles from the rim, of a grid of points."""
+    points, _ = samples(corners_mm)
+    if not len(rim):
+        return 0.0
+    start, way = rim[:, 0], rim[:, 1] - rim[:, 0]
+    length2 = np.maximum((way**2).sum(axis=1), 1e-12)
+    nearest = np.full(len(points), np.inf)
+    for a, d, l2 in zip(start, way, length2, strict=True):
+        t = np.clip(((points - a) @ d) / l2, 0.0, 1.0)
+        nearest = np.minimum(nearest, np.linalg.norm(points - a - t[:, None] * d, axis=1))
+    return 2 * float(nearest.max())

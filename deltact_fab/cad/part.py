@@ -31,6 +31,7 @@ RESIN = "Formlabs tough epoxy resin"
 PRINT = "SLA print"
 BOUGHT = "bought"
 LASER_CUT = "laser cut"
+MACHINED = "machined"
 
 BLACK = (0.12, 0.12, 0.13, 1.0)
 WHITE = (0.93, 0.93, 0.90, 1.0)
@@ -74,8 +75,9 @@ class Part:
 
     sections: sections of a design that it is made from. derived: lengths of Design that its shape
     follows from. rules: the inequalities it must keep; bound_by: parts whose rules bind it too.
-    wall_keys: where the thinnest wall it may have stands in a design, the least of them; none for
-    what is not printed. in_view: it stands between lens and face and could cut into the view.
+    wall_keys: where the thinnest wall that it is meant to have stands in a design, the least of
+    them; what makes it may ask for more. in_view: it stands between lens and face and could cut
+    into the view.
 
     callouts: what its drawing says, None for a part without one. note: what the bill of materials
     adds, with a design's values in braces (`{d.table.screw} screws`), or what makes it. lies: how a

@@ -27,6 +27,7 @@ class ResinPrinterDimensions(Record):
     least_wall_mm: float = assumed(0.6, "thinnest wall that prints", 0.05, 5)
     least_gap_mm: float = assumed(0.2, "narrowest gap that stays open", 0.02, 2)
     least_hole_mm: float = assumed(0.5, "smallest hole that stays open", 0.05, 5)
+    ceiling_span_mm: float = assumed(21.0, "widest bare ceiling (SLA guides: 21)", 0.5, 200)
     bed_x_mm: float = assumed(145.0, "platform, one side", 20, 2000)
     bed_y_mm: float = assumed(145.0, "platform, other side", 20, 2000)
     bed_z_mm: float = assumed(175.0, "height of the build room", 20, 2000)
@@ -82,6 +83,7 @@ class LaserDimensions(Record):
 
     kerf_mm: float = assumed(0.2, "width of the cut", 0.0, 1)
     tolerance_mm: float = assumed(0.1, "spread of a cut length, kerf compensated, +-", 0.005, 1)
+    least_bridge_mm: float = assumed(1.0, "thinnest web between two cuts (guides: 1)", 0.1, 20)
     compensate: bool = field(
         default=False,
         metadata={"description": "the DXF is the laser's path: half a kerf outside the part"},

@@ -59,6 +59,7 @@ class CameraDimensions(Record):
     lens_diameter_mm: float = assumed(12.0, "lens barrel", 2, 60)
     lens_height_mm: float = assumed(7.5, "lens above the board", 0.5, 60)
     focal_length_mm: float = assumed(0.87, "equidistant lens", 0.05, 50)
+    f_number: float = assumed(2.8, "of the lens; such lenses have 2.0 to 2.8", 0.7, 32)
     pixel_um: float = number(1.12, "pixel of the chip (IMX219)", 0.1, 50)
     binning: int = number(2, "chip pixels a picture's pixel, per side", 1, 8)
     crop_width_px: int = number(1280, "picture along x", 8, 10_000)
@@ -102,7 +103,7 @@ class HolderDimensions(Record):
     window_rest_mm: float = number(0.5, "board on the plate beside the window", 0.1, 5)
     wall_mm: float = number(1.5, "least wall beside a hole", 0.5, 10)
     screw: str = field(default="M2", metadata={"description": "ISO 1207 thread"})
-    screw_length_mm: float = number(4.0, "below the head", 2, 20)
+    screw_length_mm: float = number(3.0, "below the head", 2, 20)
     head_clearance_mm: float = number(0.3, "around the heads, below the light holder", 0.02, 2)
 
     def __post_init__(self) -> None:

@@ -13,7 +13,7 @@ from . import feasibility
 from .design import IndenterDimensions
 from .dimensions import Design
 from .part import Part
-from .parts import indenter
+from .rule import Rule
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def describe(part: Part, design: Design) -> Description:
     """Everything that decides the part, also where a rule is broken: that is when one looks."""
     if part.indenter is not None:
         given, derived = _of_indenter(part.indenter)
-        rules = list(indenter.rules(part.indenter))
+        rules: list[Rule] = []
     else:
         records = {section: getattr(design, section) for section in part.sections}
         given, derived = _of_records(records, design.unverified())

@@ -53,6 +53,8 @@ CHEESE_SCREWS = {"M2": CheeseScrew(2.0, 3.8, 1.4, 1.65, 0.5, 0.6)}
 
 # Through holes for what fixes the sensor (ISO 273, medium).
 CLEARANCE_MM = {"M2": 2.4, "M2.5": 2.9, "M3": 3.4, "M4": 4.5, "M5": 5.5, "M6": 6.6}
+# Coarse pitches (ISO 261).
+PITCH_MM = {"M2": 0.4, "M2.5": 0.45, "M3": 0.5, "M4": 0.7, "M5": 0.8, "M6": 1.0}
 # Plain washers (ISO 7089): a little more than a head or a nut across its corners.
 WASHER_MM = {"M2": 5.0, "M2.5": 6.0, "M3": 7.0, "M4": 9.0, "M5": 10.0, "M6": 12.0}
 

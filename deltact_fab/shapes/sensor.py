@@ -71,6 +71,7 @@ class OpticsDimensions(Bounded):
     mm_per_px: float = number(0.0378, "scale of the resting face", 1e-3, 1)  # about 675 mm2
     image_width_px: int = number(798, "image's side along x, rectified", 8, 10_000)
     image_height_px: int = number(586, "image's side along y, rectified", 8, 10_000)
+    least_view_share: float = number(0.5, "least share of the face to be seen", 0.01, 1)
 
     @property
     def view_mm(self) -> tuple[float, float]:

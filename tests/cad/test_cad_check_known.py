@@ -154,7 +154,7 @@ def test_a_check_that_declares_nothing_is_kept_by_what_it_reads():
         wide = built.design.frame_outer_mm[0]
         yield check.Row("own", f"{len(built.parts)} parts", f"{wide:g}", "", wide < 41)
 
-    own = [CheckKind("own", "", "", rows)]
+    own = [CheckKind("own", rows)]
 
     def found(listed, *changes):
         built = BuiltDesign.make(load_design("deltact", changes), None, listed, kept=True)

@@ -114,7 +114,6 @@ def test_without_a_fault_nothing_fails(sound):
     found = {(row.check, row.part): row.found for row in rows}
     assert found["envelope", "assembly"] == "39 x 60 x 30 mm"
     assert found["engagement", "screw, skin-frame"] == "4.60 mm (2.9 d)"
-    assert found["tip clearance", "screw, skin-frame"] == "1.00 mm"
     assert found["wall thickness", "shell"].startswith("1.500 mm")
 
 
@@ -145,11 +144,8 @@ def test_a_hole_shifted_by_0_3_mm(sound, cq):
     shell = _shifted(cq, sound.solid("shell"), *ends)
     found = sound.failing(shell=shell)
     # The hole leaves the screw 0.1 mm: 0.3 mm off, the two of them clash as well.
-    assert set(found) == {("screw axes coaxial", SCREWS), ("interference", "assembly")}
+    assert set(found) == {("screw axes coaxial", SCREWS), ("interference", "screw, shell")}
     assert found["screw axes coaxial", SCREWS] == "0.300 mm, shell at (16.23, 16.73)"
-    assert found["interference", "assembly"].startswith("screw in shell: ") or found[
-        "interference", "assembly"
-    ].startswith("shell in screw: ")
     bench = _shifted(cq, sound.solid("testing-shell"), *ends)
     assert list(sound.failing(testing_shell=bench)) == [
         ("screw axes coaxial", "testing-shell, transparent-base"),
@@ -164,7 +160,7 @@ def test_a_hole_that_was_forgotten(sound, cq):
     shell = sound.solid("shell").fuse(plug).clean().Solids()[0]
     found = sound.failing(shell=shell)
     assert found["screw axes coaxial", SCREWS] == "shell has none at (16.23, 16.73)"
-    assert set(found) == {("screw axes coaxial", SCREWS), ("interference", "assembly")}
+    assert set(found) == {("screw axes coaxial", SCREWS), ("interference", "screw, shell")}
 
 
 @pytest.mark.slow
@@ -189,38 +185,12 @@ def test_an_undercut_milled_into_the_mold(sound, cq):
     assert list(sound.failing(mold=sound.solid("mold").cut(groove))) == [("no undercut", "mold")]
 
 
-def test_a_seat_that_is_too_tight(sound, cq):
-    (x, y), mold = centres_mm(DESIGN)[0], DESIGN.mold
-    side = x + DESIGN.frame_outer_mm[0] / 2 + mold.fit_mm
-    low, high = mold.base_mm + DESIGN.skin.protrusion_mm, DESIGN.mold_outer_mm[2]
-    half = DESIGN.frame_outer_mm[1] / 2
-    rib = _box(cq, (side - 0.06, y + 0.9 * half, low - 0.5), (side + 1, y + 0.98 * half, high))
-    found = sound.failing(mold=sound.solid("mold").fuse(rib).clean().Solids()[0])
-    assert list(found) == [("frame fits its seat", "mold, skin-frame")]
-    assert found["frame fits its seat", "mold, skin-frame"].startswith("play 0.040 mm")
-
-
 @pytest.mark.slow
-def test_a_screw_too_short_and_one_too_long(sound, cq):
+def test_a_screw_too_short(sound, cq):
     screw, tip = sound.solid("screw"), DESIGN.z_head_mm + DESIGN.screw.length_mm
-    radius = DESIGN.screw.row.thread_mm / 2
     short = screw.cut(_rod(cq, 2, tip - 2, tip + 1))
     found = sound.failing(screw=short)
     assert found == {("engagement", "screw, skin-frame"): "2.60 mm (1.6 d)"}
-    long = screw.fuse(_rod(cq, radius, tip - 1, tip + 0.7)).clean().Solids()[0]
-    found = sound.failing(screw=long)
-    assert found == {("tip clearance", "screw, skin-frame"): "0.30 mm"}
-
-
-@pytest.mark.slow
-def test_a_screw_that_drives_into_the_pilot_s_floor(sound, cq):
-    screw, tip = sound.solid("screw"), DESIGN.z_head_mm + DESIGN.screw.length_mm
-    radius = DESIGN.screw.row.thread_mm / 2
-    longer = screw.fuse(_rod(cq, radius, tip - 1, tip + 1.5)).clean().Solids()[0]
-    assert set(sound.failing(screw=longer)) == {
-        ("tip clearance", "screw, skin-frame"),
-        ("thread in its pilot", "screw, skin-frame"),
-    }
 
 
 def test_two_solids_and_none(sound, cq):
@@ -244,7 +214,7 @@ def test_a_part_that_pokes_into_another(sound, cq):
     holder = sound.solid("camera-holder").fuse(peak).clean().Solids()[0]
     found = sound.failing(camera_holder=holder)
     assert found == {
-        ("interference", "assembly"): "camera-holder in cover: 4.800 mm3",
+        ("interference", "camera-holder, cover"): "camera-holder in cover: 4.800 mm3",
         ("bed contact", "camera-holder"): "12.0 mm2",
     }
 
@@ -273,8 +243,7 @@ def test_a_bore_for_the_heads_that_is_too_deep(sound, cq):
     (x, y), row = DESIGN.screw_at_mm, DESIGN.screw.row
     deeper = _rod(cq, row.bore_mm / 2, DESIGN.z_back_mm - 1, DESIGN.z_head_mm + 0.2, x, y)
     found = sound.failing(cover=sound.solid("cover").cut(deeper))
-    assert set(found) == {("heads bear", "screw, cover"), ("wall thickness", "cover")}
-    assert found["heads bear", "screw, cover"].startswith("0.200 mm off")
+    assert set(found) == {("wall thickness", "cover")}
     assert found["wall thickness", "cover"].startswith("1.300 mm")
 
 
@@ -308,11 +277,12 @@ def test_a_part_that_cannot_be_built_fails_its_rows_and_stops_nothing(sound):
         DESIGN, sound.built.parts, solids, {"cover": "cover: the CAD kernel failed"}
     )
     rows = of_built(built)
-    found = {(row.check, row.part): row.found for row in rows if not row.passed}
-    assert found["one valid closed solid", "sensor"] == "1 of 10 not: cover: the CAD kernel failed"
-    assert found["envelope", "assembly"] == "not run: cover could not be built"
+    found = {row.part: row.found for row in rows if row.verdict == "FAIL"}
+    assert found == {"sensor": "1 of 10 not: cover: the CAD kernel failed"}
+    (undone,) = (row.found for row in rows if row.verdict == "not run")
+    assert undone.endswith(" were not run: cover could not be built")
     passed = {row.check for row in rows if row.passed}
-    assert {"no undercut", "mold volume closure", "view cone, x"} <= passed
+    assert {"no undercut", "mold volume closure"} <= passed
 
 
 def test_what_the_gate_refuses_becomes_a_row(sound, monkeypatch):

@@ -326,7 +326,7 @@ def test_a_part_counts_its_own_file_and_the_order_of_parts_does_not():
 
 
 def test_bad_dimensions_of_any_part_write_nothing(tmp_path):
-    design = Design(frame=FrameDimensions(seat_y_mm=2.9))
+    design = Design(frame=FrameDimensions(seat_y_mm=3.0))
     with pytest.raises(InputError, match="skin-frame"):
         export_parts(design, registry.select(["skin", "skin-frame"]), KINDS, 0.01, tmp_path / "o")
     assert not (tmp_path / "o").exists()

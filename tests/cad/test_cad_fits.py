@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from deltact_fab.cad.build import build_part
-from deltact_fab.cad.check import fits, inequalities
+from deltact_fab.cad.check import fits
 from deltact_fab.cad.check.row import verified
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
@@ -29,17 +29,9 @@ def every(design: Design) -> dict[str, PlayFit]:
     return {fit.name: fit for fit in found}
 
 
-def failing(*changes: str) -> list[str]:
-    """What the rows of a changed default design say that fails."""
-    design = load_design("deltact", changes)
-    assert all(row.passed for row in inequalities.rows(design))
-    rows = [*fits.rows(design), *fits.platform(design)]
-    return [f"{row.found} | {row.limit}" for row in rows if not row.passed]
-
-
 def test_play_is_the_sum_of_what_is_left_and_of_what_each_may_be_off():
     hole, shank = Length(2.0, 0.1, ("a",)), Length(1.6, 0.02, ("b",))
-    fit = PlayFit("", "", (hole, Length(0.5)), (shank, Length(0, 0.3, ("a",))), "")
+    fit = PlayFit("", "", (hole, Length(0.5)), (shank, Length(0, 0.3, ("a",))))
     assert fit.range_mm == pytest.approx((0.9 - 0.42, 0.9 + 0.42))
     assert fit.rests_on == ("a", "b")
     assert fit.holds
@@ -88,36 +80,6 @@ def test_every_pair_of_what_is_shipped_fits_at_its_limits(name):
     # Nobody has measured these machines, and each row that counts on them says so.
     pocket = next(row for row in rows if row.found.startswith("plate in its pocket"))
     assert pocket.verdict == "pass (unverified: resin printer, laser)"
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ("light.channel_mm=1.5", "LED in its channel"),
-        ("light.led_width_mm=8", "LED in its channel"),
-        ("cover.lip_mm=0.01", "lips over their hole"),
-        ("cover.lip_mm=0.2", "largest lip within the strain"),
-        ("cover.peg_clearance_mm=0.01", "peg in its hole"),
-        ("cover.peg_play_mm=0.1", "legs through the holder, z"),
-        ("mold.fit_mm=0.02", "frame in its seat"),
-        ("holder.fit_mm=0.02", "camera holder in the shell"),
-        ("plate.fit_mm=0.05", "plate in its pocket"),
-        ("shell.ledge_drop_mm=0", "plate between the ledges"),
-        ("light.axial_fit_mm=0.2", "ring below the acrylic"),
-        ("cover.fit_mm=0.1", "boss in its corner"),
-        ("mold.columns=8", "384 x 104 x 12 mm | <= 145 x 145 x 175 mm (resin_printer.bed_x_mm"),
-        ("resin_printer.bed_x_mm=100", "resin_printer.bed_x_mm"),
-        ("resin_printer.plane_mm=0.2", "plate in its pocket"),
-        ("resin_printer.hole_bias_mm=-0.1", "plate in its pocket"),
-        ("laser.sheet_tolerance=0.2", "laser.sheet_tolerance"),
-    ],
-)
-def test_a_pair_that_does_not_go_together_is_a_row_that_names_the_key(change, says):
-    told = failing(change)
-    assert any(says in line for line in told), told
-    key = change.partition("=")[0]
-    if not key.startswith(("resin_printer", "laser", "mold.col", "light.led_w")):
-        assert any(key in line for line in told), told
 
 
 def test_a_failing_pair_fails_the_command():

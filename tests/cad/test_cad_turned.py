@@ -15,8 +15,9 @@ from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import is_closed, mesh_solid
 from deltact_fab.cad.parts import indenter as indenter_part
 from deltact_fab.cad.planes import segment_mm2
-from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.errors import RunFailed
 from deltact_fab.shapes import Indenter, SphereTip, TurnedTip
+from deltact_fab.shapes.bounded import ShapeError
 from deltact_fab.shapes.indenter import parse
 from deltact_fab.shapes.turned import ProfilePiece
 
@@ -136,5 +137,5 @@ def test_the_shipped_list_has_the_paper_s_four_shapes() -> None:
 
 def test_a_hat_higher_than_its_free_length_is_told_before_the_kernel_runs() -> None:
     tall = Indenter("tall", (TurnedTip.hat(15.0, 8.0, 12.5, 60.0, 0.3),))
-    with pytest.raises(InputError, match=r"indenter-tall: equator_mm < reach_mm: 12\.8 < 12 fails"):
-        indenter_part.expect(IndenterDimensions(tall, IndenterBody()))
+    with pytest.raises(ShapeError, match=r"equator_mm < reach_mm: 12\.8 < 12 fails"):
+        IndenterDimensions(tall, IndenterBody())

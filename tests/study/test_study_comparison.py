@@ -138,7 +138,7 @@ def test_own_designs_are_rows_of_their_dimensions(result: StudyResult) -> None:
     assert own.loc["own: deltact", "area_mm2"] == pytest.approx(798 * 586 * 0.0378**2)
     assert own.loc["own: deltact", "pixel_mm"] == pytest.approx(0.0378)
     assert own.loc["own: skin-44x40", "volume_cm3"] == pytest.approx(47 * 66 * 30.5 / 1e3)
-    assert own.loc["own: skin-30x34", "pixels"] == "720 x 586"
+    assert own.loc["own: skin-30x34", "pixels"] == "660 x 586"
     assert own.loc["own: mine", "size_mm"] == "39 x 65 x 30"
     assert own.loc["own: mine", "area_mm2"] == pytest.approx(700 * 586 * 0.0378**2)
 

@@ -100,6 +100,6 @@ def test_a_sticker_smaller_than_the_view_is_refused_everywhere(tmp_path: Path) -
         done = called(*words, cwd=tmp_path)
         said = done.stdout + done.stderr
         assert done.returncode != 0, words
-        assert "is smaller than the view of 41.58 x 22.15 mm" in said, said
+        assert "is smaller than the view of 49.5 x 32.13 mm" in said, said
     assert not (tmp_path / "sheet.pdf").exists()
     assert not (tmp_path / "p").exists()

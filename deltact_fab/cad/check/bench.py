@@ -9,7 +9,7 @@ from functools import partial
 from ..assembly import IN_PLACE_OF, ON_STAGE, ON_TABLE, mouth_mm
 from ..part import Part, Shift
 from ..parts.indenter import plate_half_mm
-from ..parts.nano17_adapter import BOLTS, KEYS, SIZE
+from ..parts.nano17_adapter import SIZE
 from .built import BuiltDesign
 from .pairs import PlacedSolid, pieces, shared
 from .row import Row
@@ -29,7 +29,6 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     yield _pair(built, ("tool-holder", pin), ("nano17-adapter", tool.pin_mm), 1)
     tapped = built.design.stage_plate.thread_hole_mm
     yield _pair(built, ("testing-shell", table.hole_mm), ("stage-plate", tapped), 4)
-    yield _bolts(built)
 
 
 def stack(built: BuiltDesign) -> Iterator[Row]:
@@ -121,15 +120,3 @@ def _pair(
     # Other holes may have the same diameter: the nearest count.
     off = sorted(min(math.dist(a, b) for b in other) for a in one)[count - 1]
     return Row(NAME, parts, f"{count} holes, {off:.1e} mm off", limit, off <= AXIS_MM)
-
-
-def _bolts(built: BuiltDesign) -> Row:
-    """The force sensor's screws on their circle about the tool's axis."""
-    plate = built.design.adapter
-    found = _centres(built, "nano17-adapter", plate.bolt_hole_mm)
-    off = max((abs(math.hypot(*at) - plate.bolt_circle_mm / 2) for at in found), default=math.inf)
-    return Row(
-        NAME, "nano17-adapter, force sensor", f"{len(found)} holes, {off:.1e} mm off their circle",
-        f"{BOLTS} on {plate.bolt_circle_mm:g} mm", len(found) == BOLTS and off <= AXIS_MM,
-        KEYS,
-    )  # fmt: skip

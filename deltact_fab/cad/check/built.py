@@ -22,6 +22,7 @@ from .row import Row, from_plain, to_plain
 # Rays and closure need no finer mesh: what they find is measured again on exact surfaces.
 MESH_MM = 0.05
 
+NO_PART = "could not be built"
 Tell = Callable[[str], None]
 
 
@@ -129,7 +130,7 @@ class BuiltDesign:
     def _build(self, name: str) -> None:
         part = next((p for p in self.every if p.name == name), None)
         if part is None:
-            raise RunFailed(f"{name} could not be built")
+            raise RunFailed(f"{name} {NO_PART}")
         if self.tell is not None:
             self.tell(name)
         with self._known.noting() as frame:
@@ -142,7 +143,7 @@ class BuiltDesign:
     def solid(self, name: str) -> Any:
         """The solid of a part. Raises RunFailed when it could not be built."""
         if self.why_not(name):
-            raise RunFailed(f"{name} could not be built")
+            raise RunFailed(f"{name} {NO_PART}")
         return self._solids[name]
 
     def mesh(self, name: str) -> Mesh:

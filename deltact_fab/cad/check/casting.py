@@ -9,11 +9,10 @@ import numpy as np
 
 from ..kernel import require
 from ..parts.mold import centres_mm
-from ..rays import ExactRays, first_hit, normals, samples
+from ..rays import first_hit, normals, samples
 from ..solid_gate import VOLUME_TOLERANCE, bounding_box
 from .built import BuiltDesign
 from .row import Row
-from .space import TOUCH_MM3
 
 DOWN = -1e-4  # z of a normal; single-precision corners tilt upright walls by 1e-6
 OFF_MM = 1e-3  # from the surface, to where a ray starts
@@ -84,38 +83,3 @@ def undercut(built: BuiltDesign) -> Iterator[Row]:
         "0 mm2, 0 rays",
         down_mm2 == 0.0 and blocked == 0,
     )
-
-
-def seat(built: BuiltDesign) -> Iterator[Row]:
-    """The frame goes into each seat with the play it was given."""
-    rays = ExactRays(built.solid("mold"))
-    fit_mm = built.design.mold.fit_mm
-    gap_mm, common_mm3 = np.inf, 0.0
-    for frame, _ in _seated(built):
-        common_mm3 = max(common_mm3, float(frame.intersect(built.solid("mold")).Volume()))
-        gap_mm = min(gap_mm, _gap_mm(rays, frame, built.design.mold.seat_mm))
-    yield Row(
-        "frame fits its seat",
-        "mold, skin-frame",
-        f"play {gap_mm:.3f} mm a side, {common_mm3:.3g} mm3 common",
-        f">= {fit_mm:g} mm, <= {TOUCH_MM3:g} mm3",
-        gap_mm >= fit_mm - 1e-6 and common_mm3 <= TOUCH_MM3,
-    )
-
-
-def _gap_mm(rays: ExactRays, frame: Any, seat_mm: float) -> float:
-    """Least distance from the four sides of a seated frame to the mold, near its corners."""
-    low, high = np.array(bounding_box(frame))
-    middle, half = ((high + low) / 2)[:2], ((high - low) / 2)[:2]
-    least = np.inf
-    for axis in (0, 1):
-        for side in (-1.0, 1.0):
-            way = np.zeros(3)
-            way[axis] = side
-            for along in (-0.95, 0.95):
-                plan = middle.copy()
-                plan[1 - axis] += along * half[1 - axis]
-                start = np.array((*plan, low[2] + seat_mm / 2))
-                # From the middle of the frame outwards: a wall that reaches into it is met early.
-                least = min(least, rays.first(start, way) - half[axis])
-    return float(least)

@@ -23,10 +23,9 @@ def rows(design: Design) -> Iterator[Row]:
         for fit in part.fits(design):
             low, high = fit.range_mm
             limit = f">= {fit.least_mm:g} mm"
-            if not fit.holds:
-                limit += f": {fit.keys}"
             found = f"{fit.name}: {round(low, 3) + 0.0:.3f} to {high:.3f} mm"
-            yield Row(NAME, fit.parts, found, limit, fit.holds, fit.rests_on)
+            left = low - fit.least_mm
+            yield Row(NAME, fit.parts, found, limit, fit.holds, fit.rests_on, left)
 
 
 def platform(design: Design) -> Iterator[Row]:

@@ -16,7 +16,7 @@ CONTACT, CEILINGS = "bed contact", "ceilings"
 def rows(built: BuiltDesign) -> Iterator[Row]:
     """What each part that stands straight has on the platform, and the ceilings of every part.
 
-    A ceiling never fails: it is listed, for somebody has to look at it or support it.
+    One that nothing supports may span what the printer bridges.
     """
     for part in built.parts:
         if part.printed:
@@ -25,11 +25,12 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
 
 def _of_part(built: BuiltDesign, part: Part) -> Iterator[Row]:
     on = stand(laid(built.mesh(part.name), part.lies))
-    if part.lies.tilt_deg:
-        yield Row(CONTACT, part.name, "on supports", f"tilted by {part.lies.tilt_deg:g}°", True)
-    else:
+    if not part.lies.tilt_deg:
         limit = f">= {MIN_CONTACT_MM2:g} mm2"
         passed = on.contact_mm2 >= MIN_CONTACT_MM2
         yield Row(CONTACT, part.name, f"{on.contact_mm2:.1f} mm2", limit, passed)
     if on.ceilings:
-        yield Row(CEILINGS, part.name, on.words(part.lies.supports), "listed", True)
+        span_mm = built.design.resin_printer.ceiling_span_mm
+        limit = f"<= {span_mm:g} mm across (resin_printer.ceiling_span_mm), or on supports"
+        passed = bool(part.lies.supports) or on.span_mm <= span_mm
+        yield Row(CEILINGS, part.name, on.words(part.lies.supports), limit, passed)

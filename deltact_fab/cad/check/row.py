@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from ..dimensions import Design
 from ..parts.camera import BOARD_KEYS
+from .advice import SLACK, advice
+
+NOT_RUN = "checks on solids"
+"""The one row that counts what a failure left undone: it has not passed and is no failure."""
 
 
 @dataclass(frozen=True)
@@ -15,7 +20,7 @@ class Row:
     """What was checked, of which part, what was found, what would be right.
 
     rests_on: keys (`camera.focal_length_mm`) that the finding rests on, the measured ones too until
-    `verified`.
+    `verified`. margin: what is left to the limit, of a row that is arithmetic on the design alone.
     """
 
     check: str
@@ -24,10 +29,13 @@ class Row:
     limit: str
     passed: bool
     rests_on: tuple[str, ...] = ()
+    margin: float | None = None
 
     @property
     def verdict(self) -> str:
-        """`pass`, `FAIL`, or `pass (unverified: focal length, lens height)`."""
+        """`pass`, `FAIL`, `not run`, or `pass (unverified: focal length, lens height)`."""
+        if self.check == NOT_RUN:
+            return "not run"
         if not self.passed:
             return "FAIL"
         if not self.rests_on:
@@ -65,6 +73,36 @@ def verified(rows: Iterable[Row], design: Design) -> Iterator[Row]:
             )
             row = replace(row, rests_on=tuple(dict.fromkeys(held)))
         yield row
+
+
+def advised(rows: Callable[[Design], Iterable[Row]], design: Design) -> Iterator[Row]:
+    """The rows of arithmetic on a design; one that fails says which key to change, and which way.
+
+    A changed design that has another number of rows tells nothing.
+    """
+    found = list(rows(design))
+    for index, row in enumerate(found):
+        if not row.passed:
+
+            def margin(changed: Design, index: int = index) -> float:
+                others = list(rows(changed))
+                left = others[index].margin if len(others) == len(found) else None
+                return math.nan if left is None else left
+
+            row = change(row, advice(design, margin))
+        yield row
+
+
+def change(row: Row, what: str) -> Row:
+    """The row, its limit followed by what to change; as it is where nothing is known to help."""
+    return replace(row, limit=f"{row.limit}: {what}") if what else row
+
+
+def at_least(
+    check: str, part: str, found: str, limit: str, margin: float, rests_on: tuple[str, ...] = ()
+) -> Row:
+    """The row of a margin, which is arithmetic on a design; NaN fails."""
+    return Row(check, part, found, limit, margin >= -SLACK, rests_on, margin)
 
 
 def at(point_mm: Iterable[float]) -> str:

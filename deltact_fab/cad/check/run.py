@@ -11,7 +11,6 @@ from ...errors import RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded
-from ..overhangs import MIN_CONTACT_MM2
 from . import (
     bench,
     bending,
@@ -21,7 +20,6 @@ from . import (
     fits,
     indenters,
     inequalities,
-    pegs,
     printed,
     screws,
     soundness,
@@ -30,50 +28,42 @@ from . import (
     thickness,
     visibility,
 )
-from .built import BuiltDesign
-from .row import Row, verified
+from .built import NO_PART, BuiltDesign
+from .mend import mended
+from .row import NOT_RUN, Row, advised, verified
 
 
 @dataclass(frozen=True)
 class CheckKind:
-    """One kind of check; `part` and `limit` stand in the row that says it was not run."""
+    """One kind of check, by the name that its row has when it cannot be made."""
 
     name: str
-    part: str
-    limit: str
     rows: Callable[[BuiltDesign], Iterator[Row]]
 
     def found(self, built: BuiltDesign) -> list[Row]:
         """Its rows, or those found earlier for a design that gives the same ones."""
         return built.rows(self.name, lambda: verified(self.rows(built), built.design))
 
-    def not_run(self, why: str) -> Row:
-        """The failing row of a check that could not be made."""
-        return Row(self.name, self.part, f"not run: {why}", self.limit, False)
-
 
 CHECKS = (
-    CheckKind(drawings.NAME, "every part", drawings.LIMIT, drawings.rows),
-    CheckKind(soundness.NAME, "every part", soundness.LIMIT, soundness.rows),
-    CheckKind("envelope", "assembly", "design.envelope", space.envelope),
-    CheckKind("interference", "assembly", f"<= {space.TOUCH_MM3:g} mm3 a pair", space.interference),
-    CheckKind("axes coaxial", "screws, pegs", f"<= {screws.AXIS_MM:g} mm", screws.axes),
-    CheckKind("engagement", "screws", f">= {screws.ENGAGEMENT_D:g} d", screws.engagement),
-    CheckKind(thickness.NAME, "printed parts", "each part's wall", thickness.rows),
-    CheckKind(printed.CONTACT, "printed parts", f">= {MIN_CONTACT_MM2:g} mm2", printed.rows),
-    CheckKind("snap strain", "cover, camera-holder", "cover.strain_limit", pegs.rows),
-    CheckKind(bending.DEFLECTION, "acrylic", "plate.deflection_share", bending.rows),
-    CheckKind("view cone", "camera", "the crop's half angle", visibility.view),
-    CheckKind("light cone", "light-holder", "all rays reach the face", visibility.light_cone),
-    CheckKind("LED strip length", "light-holder", "round the channel", visibility.strip),
-    CheckKind(stray_light.NAME, "shell", "0 straight ways", stray_light.rows),
-    CheckKind("mold volume closure", "mold, skin-frame, skin", "V(skin)", casting.closure),
-    CheckKind("no undercut", "mold", "0 mm2, 0 rays", casting.undercut),
-    CheckKind("frame fits its seat", "mold, skin-frame", "mold.fit_mm", casting.seat),
-    CheckKind(bench.NAME, "bench", f"within {bench.AXIS_MM:g} mm", bench.rows),
-    CheckKind(bench.CLEAR, "bench", "plate.depth_mm deep", bench.stack),
-    CheckKind("indenters", "indenters", "stem and height field", indenters.rows),
+    CheckKind(drawings.NAME, drawings.rows),
+    CheckKind(soundness.NAME, soundness.rows),
+    CheckKind(space.ENVELOPE, space.envelope),
+    CheckKind(space.INTERFERENCE, space.interference),
+    CheckKind("axes coaxial", screws.axes),
+    CheckKind("engagement", screws.engagement),
+    CheckKind(thickness.NAME, thickness.rows),
+    CheckKind(printed.CONTACT, printed.rows),
+    CheckKind(bending.DEFLECTION, bending.rows),
+    CheckKind("light cone", visibility.light_cone),
+    CheckKind(stray_light.NAME, stray_light.rows),
+    CheckKind("mold volume closure", casting.closure),
+    CheckKind("no undercut", casting.undercut),
+    CheckKind(bench.NAME, bench.rows),
+    CheckKind(bench.CLEAR, bench.stack),
+    CheckKind("indenters", indenters.rows),
 )
+ARITHMETIC = (fits.rows, electric.rows, visibility.view)
 
 
 def run(
@@ -91,16 +81,16 @@ def run(
     where they would come out the same, and kept for the next time; when all are found the CAD
     kernel is not imported.
 
-    What fails is a row, a broken inequality and a part that cannot be built among them; then the
-    checks that need the solids say "not run". Raises MissingLibrary without the CAD kernel, and
+    What fails is a row, a broken inequality and a part that cannot be built among them; one more
+    row counts the checks that it leaves undone. Raises MissingLibrary without the CAD kernel, and
     InputError when the list of indenters is unusable.
     """
     rows = list(inequalities.rows(design))
-    possible = all(row.passed for row in rows)
-    rows += verified(fits.rows(design), design)
-    rows += verified(electric.rows(design), design)
-    if not possible:
-        return rows + [check.not_run("an inequality is broken") for check in CHECKS]
+    broken = sum(not row.passed for row in rows)
+    for arithmetic in ARITHMETIC:
+        rows += verified(advised(arithmetic, design), design)
+    if broken:
+        return [*rows, not_run(len(CHECKS), f"the inequalities of {broken} parts fail")]
     rows += verified(fits.platform(design), design)
     done = 0
 
@@ -112,7 +102,7 @@ def run(
 
     built = BuiltDesign.make(design, solids, indenters, tell, cached)
     total = len(built.every) + len(CHECKS)
-    rows += of_built(built, tell)
+    rows += (mended(row, design) for row in of_built(built, tell))
     if built.known is not None:
         built.known.save()
     if progress is not None:
@@ -125,8 +115,12 @@ def of_built(
     tell: Callable[[str], None] | None = None,
     checks: Sequence[CheckKind] = CHECKS,
 ) -> list[Row]:
-    """The checks on what is built; a check that cannot be made is a failing row."""
+    """The checks on what is built; one row counts those that lack a part which cannot be built.
+
+    Any other check that cannot be made is a failing row.
+    """
     rows: list[Row] = []
+    undone = []
     for check in checks:
         if tell is not None:
             tell(check.name)
@@ -134,5 +128,15 @@ def of_built(
             with guarded(check.name, {}):
                 rows += check.found(built)
         except RunFailed as why:
-            rows.append(check.not_run(str(why)))
+            if str(why).endswith(NO_PART):
+                undone.append(str(why))
+            else:
+                rows.append(Row(check.name, "", f"not run: {why}", "can be made", False))
+    if undone:
+        rows.append(not_run(len(undone), "; ".join(dict.fromkeys(undone))))
     return rows
+
+
+def not_run(count: int, why: str) -> Row:
+    """What a failure that has its own row left undone."""
+    return Row(NOT_RUN, "assembly", f"{count} were not run: {why}", "all of them", False)

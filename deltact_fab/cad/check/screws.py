@@ -1,9 +1,9 @@
-"""Screws: the holes of all parts on one axis, the length that grips, the room beyond the tip."""
+"""Screws: the holes of all parts on one axis, and the length that grips."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,29 +13,16 @@ from ..parts.camera import BOARD_KEYS
 from .built import BuiltDesign
 from .cylinders import Cylinder, near
 from .pairs import pieces
-from .row import Row, at
+from .row import Row
 
 # The parts are drawn on one axis: what the printer misses is for the clearance (0.1) to take up.
 AXIS_MM = 0.01
 # A thread cut into resin strips before the screw breaks below twice its diameter.
 ENGAGEMENT_D = 2.0
 # The board hangs on two screws without load: one diameter holds it.
-CAMERA_ENGAGEMENT_D = 1.0
-# A printed blind hole comes out up to half a millimetre short, and the chips lie on its floor.
-TIP_MM = 0.5
+CAMERA_D = 1.0
 SEAT_MM = 0.01
 PEGS = "peg axes coaxial"
-
-
-@dataclass(frozen=True)
-class ScrewGrip:
-    """One screw in its pilot. tip_mm: room between the tip and the pilot's floor."""
-
-    at_mm: Point2
-    shank_mm: float
-    pilot_mm: float
-    engagement_mm: float
-    tip_mm: float
 
 
 def axes(built: BuiltDesign) -> Iterator[Row]:
@@ -98,79 +85,38 @@ def _coaxial(
 
 
 def engagement(built: BuiltDesign) -> Iterator[Row]:
-    """The length that grips, the room beyond the tip, and that the heads bear."""
-    four = grips(built, "screw", "skin-frame")
-    yield _grip_row("screw, skin-frame", four, ENGAGEMENT_D)
-    least = min(four, key=lambda grip: grip.tip_mm)
-    yield Row(
-        "tip clearance",
-        "screw, skin-frame",
-        f"{round(least.tip_mm, 2) + 0.0:.2f} mm",
-        f">= {TIP_MM:g} mm",
-        least.tip_mm >= TIP_MM - 1e-6,
-    )
-    yield _heads(built)
-    two = grips(built, "camera-screw", "camera-holder")
-    row = _grip_row("camera-screw, camera-holder", two, CAMERA_ENGAGEMENT_D)
-    yield replace(row, rests_on=BOARD_KEYS)
-
-
-def _grip_row(part: str, found: list[ScrewGrip], times: float) -> Row:
-    least = min(found, key=lambda grip: grip.engagement_mm / grip.shank_mm)
-    limit_mm = times * least.shank_mm
-    return Row(
-        "engagement",
-        part,
-        f"{least.engagement_mm:.2f} mm ({least.engagement_mm / least.shank_mm:.1f} d)",
-        f">= {times:g} d = {limit_mm:.2f} mm",
-        least.engagement_mm >= limit_mm - 1e-6,
-    )
-
-
-def _heads(built: BuiltDesign) -> Row:
-    """Gap between a head's underside and the cover's floor of its bore; below zero it digs in."""
-    gaps = []
-    for shank in _shanks(built, "screw"):
-        x, y = shank.low_mm[:2]
-        holes = near(_holes(built.cylinders("cover")), x, y, built.design.post_mm / 4)
-        if not holes:
-            raise RunFailed(f"cover has no hole at ({x:.2f}, {y:.2f})")
-        through = min(holes, key=lambda hole: hole.radius_mm)
-        gaps.append((through.low_mm[2] - shank.low_mm[2], shank))
-    worst, shank = max(gaps, key=lambda gap: abs(gap[0]))
-    passed = abs(worst) <= SEAT_MM
-    found = f"{round(worst, 3) + 0.0:.3f} mm off" + ("" if passed else f" at {at(shank.low_mm)}")
-    return Row("heads bear", "screw, cover", found, f"within {SEAT_MM:g} mm", passed)
-
-
-def grips(built: BuiltDesign, screw: str, holder: str) -> list[ScrewGrip]:
-    """How each screw of a kind sits in its pilot; along z for the one, against it for the other.
-
-    Raises RunFailed where a screw has no pilot.
-    """
-    found = []
-    for shank in _shanks(built, screw):
-        x, y = shank.low_mm[:2]
-        pilots = near(_holes(built.cylinders(holder)), x, y, built.design.post_mm / 4)
-        if not pilots:
-            raise RunFailed(f"{holder} has no hole at ({x:.2f}, {y:.2f})")
-        pilot = min(pilots, key=lambda hole: hole.radius_mm)
-        low = max(shank.low_mm[2], pilot.low_mm[2])
-        high = min(shank.high_mm[2], pilot.high_mm[2])
-        found.append(
-            ScrewGrip(
-                (x, y),
-                2 * shank.radius_mm,
-                2 * pilot.radius_mm,
-                max(high - low, 0.0),
-                pilot.high_mm[2] - shank.high_mm[2],
-            )
+    """The length by which each kind of screw grips its holder, in diameters."""
+    for screw, holder, times, key, rests_on in (
+        ("screw", "skin-frame", ENGAGEMENT_D, "screw.engagement_mm", ()),
+        ("camera-screw", "camera-holder", CAMERA_D, "holder.screw_length_mm", BOARD_KEYS),
+    ):
+        shanks = _shanks(built, screw)
+        least_mm = min(_grip_mm(built, shank, holder) for shank in shanks)
+        thread_mm = 2 * shanks[0].radius_mm
+        yield Row(
+            "engagement",
+            f"{screw}, {holder}",
+            f"{least_mm:.2f} mm ({least_mm / thread_mm:.1f} d)",
+            f">= {times:g} d = {times * thread_mm:.2f} mm ({key}: more)",
+            least_mm >= times * thread_mm - 1e-6,
+            rests_on,
         )
-    return found
+
+
+def _grip_mm(built: BuiltDesign, shank: Cylinder, holder: str) -> float:
+    """How far a screw stands in its pilot. Raises RunFailed where it has none."""
+    x, y = shank.low_mm[:2]
+    holes = [c for c in built.cylinders(holder) if c.hole]
+    pilots = near(holes, x, y, built.design.post_mm / 4)
+    if not pilots:
+        raise RunFailed(f"{holder} has no hole at ({x:.2f}, {y:.2f})")
+    pilot = min(pilots, key=lambda hole: hole.radius_mm)
+    low, high = max(shank.low_mm[2], pilot.low_mm[2]), min(shank.high_mm[2], pilot.high_mm[2])
+    return max(high - low, 0.0)
 
 
 def _shanks(built: BuiltDesign, screw: str) -> list[Cylinder]:
-    """The shank of each placed screw: the thinnest face that is no hole, out to the tip."""
+    """The shank of each placed screw: the thinnest face that is no hole."""
     outer = [c for c in built.cylinders(screw) if not c.hole]
     if not outer:
         raise RunFailed(f"{screw} has no shank along z")
@@ -181,12 +127,5 @@ def _shanks(built: BuiltDesign, screw: str) -> list[Cylinder]:
         low, high = (
             (end[0] + x, end[1] + y, end[2] + z) for end in (thinnest.low_mm, thinnest.high_mm)
         )
-        if screw == "screw":
-            # A chamfered tip reaches further than its cylinder.
-            high = (*high[:2], max(high[2], piece.box(built)[1][2]))
         shanks.append(Cylinder(low, high, thinnest.radius_mm, False))
     return shanks
-
-
-def _holes(cylinders: list[Cylinder]) -> list[Cylinder]:
-    return [c for c in cylinders if c.hole]

@@ -1,51 +1,91 @@
-"""Wall thickness by rays: each printed part against the thinnest wall it may have."""
+"""Walls by rays and webs between holes: each part that is made, against intent and process."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import partial
+from itertools import combinations
 from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..dimensions import Design
-from ..part import Part
+from ..part import LASER_CUT, MACHINED, PRINT, Part
 from ..rays import Thickness
 from .built import BuiltDesign
 from .row import Row, at
 
 NAME = "wall thickness"
 SLACK_MM = 1e-6
+LEAST = {
+    PRINT: "resin_printer.least_wall_mm",
+    LASER_CUT: "laser.least_bridge_mm",
+    MACHINED: "stage_plate.least_wall_mm",
+}
+"""Where a process says what it can make; what is bought or cast has no such wall."""
 
 
 def rows(built: BuiltDesign) -> Iterator[Row]:
     """The thinnest wall of each part with its place."""
     for part in built.parts:
-        if part.wall_keys:
-            yield from built.rows(f"{NAME}: {part.name}", partial(_of_part, built, part))
+        if part.process in LEAST:
+            yield from built.rows(f"{NAME}: {part.name}", partial(of_part, built, part))
 
 
-def _of_part(built: BuiltDesign, part: Part) -> Iterator[Row]:
-    """Of the cover two rows: its pegs must bend."""
-    walls = built.walls(part.name)
-    limit_mm = min(attrgetter(key)(built.design) for key in part.wall_keys)
+def of_part(built: BuiltDesign, part: Part) -> Iterator[Row]:
+    """The thinnest wall or web; of the cover two rows, for its pegs must bend."""
+    walls, web = built.walls(part.name), _web(built, part.name)
     if part.name != "cover":
-        yield _row(part.name, walls.thinnest(), limit_mm, part.wall_keys)
+        yield _row(built.design, part, part.name, (walls.thinnest(), web), part.wall_keys)
         return
     legs = _of_legs(built.design, walls.points_mm)
-    yield _row(part.name, walls.thinnest(~legs), limit_mm, part.wall_keys)
-    # They must bend: no wall of theirs is as thick as the housing's.
-    least_mm = built.design.cover.leg_mm
-    yield _row("cover, legs of the pegs", walls.thinnest(legs), least_mm, ("cover.leg_mm",))
+    found = walls.thinnest(~legs), web
+    yield _row(built.design, part, part.name, found, part.wall_keys)
+    # No wall of theirs is as thick as the housing's.
+    found = walls.thinnest(legs), None
+    yield _row(built.design, part, "cover, legs of the pegs", found, ("cover.leg_mm",))
 
 
-def _row(part: str, found: Thickness | None, limit_mm: float, keys: tuple[str, ...]) -> Row:
-    limit = f">= {limit_mm:.3g} mm ({', '.join(keys)})"
+def _row(
+    design: Design,
+    part: Part,
+    name: str,
+    walls: tuple[Thickness | None, Thickness | None],
+    meant: tuple[str, ...],
+) -> Row:
+    """Against the larger of what is meant, the least of its keys, and what the process makes."""
+
+    def value(key: str) -> float:
+        return float(attrgetter(key)(design))
+
+    key = max((LEAST[part.process], *sorted(meant, key=value)[:1]), key=value)
+    limit = f">= {value(key):.3g} mm ({key})"
+    found = min((w for w in walls if w is not None), key=lambda w: w.thickness_mm, default=None)
     if found is None:
-        return Row(NAME, part, "no wall found", limit, False)
-    passed = found.thickness_mm >= limit_mm - SLACK_MM
-    return Row(NAME, part, f"{found.thickness_mm:.3f} mm at {at(found.at_mm)}", limit, passed)
+        return Row(NAME, name, "no wall found", limit, False)
+    passed = found.thickness_mm >= value(key) - SLACK_MM
+    return Row(NAME, name, f"{found.thickness_mm:.3f} mm at {at(found.at_mm)}", limit, passed)
+
+
+def _web(built: BuiltDesign, name: str) -> Thickness | None:
+    """The narrowest web between two holes along z, below zero where one cuts into the other.
+
+    Rays see no wall there. Holes about one axis are steps of one hole, and what opens into a bore
+    about the part's own axis is a notch.
+    """
+    webs = []
+    holes = [c for c in built.cylinders(name) if c.hole and c.offset_mm(0.0, 0.0) > SLACK_MM]
+    for a, b in combinations(holes, 2):
+        low, high = max(a.low_mm[2], b.low_mm[2]), min(a.high_mm[2], b.high_mm[2])
+        apart = math.dist(a.low_mm[:2], b.low_mm[:2])
+        # The ends of a slot are one hole too.
+        if high - low > SLACK_MM and apart > max(a.radius_mm, b.radius_mm):
+            (x, y, _), (u, v, _) = a.low_mm, b.low_mm
+            middle = ((x + u) / 2, (y + v) / 2, low)
+            webs.append(Thickness(apart - a.radius_mm - b.radius_mm, middle))
+    return min(webs, key=lambda web: web.thickness_mm, default=None)
 
 
 def _of_legs(design: Design, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -1,21 +1,31 @@
-"""What the camera sees and what lights it: distances from the solids, angles by Snell's law."""
+"""What the camera sees: angles by Snell's law, focus by the thin lens, rays among the solids."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import RunFailed
 from ...optics import half_angle_rad, reached_mm
+from ...shapes.sensor import N_ACRYLIC, N_SILICONE
+from ..dimensions import Design
+from ..parts.camera import off_axis
 from ..rays import first_hit
 from .built import BuiltDesign
 from .cylinders import Cylinder, near
-from .row import Row
+from .row import Row, at_least
 
 BORDER_RAYS = 96
+GRAZING_RAD = math.radians(
+    80.0
+)  # there the first face of the acrylic alone reflects 39 % (Fresnel)
+LENS = ("camera.focal_length_mm", "camera.lens_height_mm")
+PRESS_MM = 3.0
+BLUR_PX = 2.0  # the picture is sampled no finer
+CORNER_PX = 5.0  # a third of the 16 px of a dot of 0.6 mm: its middle is still found
 
 
 def _path_mm(built: BuiltDesign) -> tuple[float, float, float]:
@@ -28,32 +38,73 @@ def _path_mm(built: BuiltDesign) -> tuple[float, float, float]:
     )
 
 
-def view(built: BuiltDesign) -> Iterator[Row]:
-    """The half angle under which the view's edges and corners stand, against what the crop sees."""
-    design = built.design
-    path = _path_mm(built)
-    view_x, view_y = design.optics.view_mm
+def view(design: Design) -> Iterator[Row]:
+    """Angles that the crop sees and that enter the acrylic, the share of the face, the focus."""
+    optics, camera, skin = design.optics, design.camera, design.skin
+    path = optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm
+    view_x, view_y = optics.view_mm
     diagonal = math.hypot(view_x, view_y)
-    crop_x, crop_y = design.camera.crop_half_mm
-    focal_mm = design.camera.focal_length_mm
-    keys = ("camera.focal_length_mm", "camera.lens_height_mm")
-    for name, radius_mm, chip_mm in (
-        ("x", view_x / 2, crop_x),
-        ("y", view_y / 2, crop_y),
-        # The picture of a corner lies on the diagonal: the side that it leaves first counts.
-        ("corner", diagonal / 2, diagonal * min(crop_x / view_x, crop_y / view_y)),
+    crop_x, crop_y = camera.crop_half_mm
+    focal_mm = camera.focal_length_mm
+    crop = f"at the {camera.crop_width_px} x {camera.crop_height_px} crop"
+    # The picture of a corner lies on the diagonal: the side that it leaves first counts.
+    corner_mm = diagonal * min(crop_x / view_x, crop_y / view_y)
+    for name, radius_mm, have, why in (
+        ("view cone, x", view_x / 2, crop_x / focal_mm, crop),
+        ("view cone, y", view_y / 2, crop_y / focal_mm, crop),
+        ("view cone, corner", diagonal / 2, corner_mm / focal_mm, crop),
+        ("view enters the acrylic", diagonal / 2, GRAZING_RAD, "where a third is reflected"),
     ):
-        need, have = half_angle_rad(radius_mm, *path), chip_mm / focal_mm
+        need = half_angle_rad(radius_mm, *path)
         found = f"{radius_mm:.2f} mm off the axis cannot be seen at any angle"
         if math.isfinite(need):
             found = f"half angle {math.degrees(need):.1f} deg for {radius_mm:.2f} mm on the face"
-        crop = f"{design.camera.crop_width_px} x {design.camera.crop_height_px}"
-        limit = f"<= {math.degrees(have):.1f} deg at the {crop} crop"
-        yield Row(f"view cone, {name}", "camera", found, limit, need <= have + 1e-9, keys)
+        limit = f"<= {math.degrees(have):.1f} deg {why}"
+        yield at_least(name, "camera", found, limit, have - need, LENS)
+    share = view_x * view_y / (skin.width_mm * skin.length_mm)
+    yield at_least(
+        "view of the face",
+        "camera, skin",
+        f"{view_x:.1f} x {view_y:.1f} mm, {100 * share:.1f} % of the face",
+        f">= {100 * optics.least_view_share:g} % (optics.least_view_share)",
+        share - optics.least_view_share,
+    )
+    focus_mm = _seen_mm(design, 0.0, 0.0)
+    scale = focal_mm**2 / camera.f_number * focus_mm / (focus_mm - focal_mm)
+    scale *= 1000 / (camera.pixel_um * camera.binning)
+    for place, radius_mm, depth_mm, most_px in (
+        ("corner of the view", diagonal / 2, 0.0, CORNER_PX),
+        (f"middle, {PRESS_MM:g} mm deep", 0.0, PRESS_MM, BLUR_PX),
+    ):
+        seen_mm = _seen_mm(design, radius_mm, depth_mm)
+        blur_px = scale * abs(1 / seen_mm - 1 / focus_mm)
+        yield at_least(
+            f"focus, {place}",
+            "camera",
+            f"circle of confusion {blur_px:.2f} px at {seen_mm:.1f} mm, focused on the middle of "
+            f"the face at {focus_mm:.1f} mm, f/{camera.f_number:g}",
+            f"<= {most_px:g} px",
+            most_px - blur_px,
+            ("camera.f_number", *LENS),
+        )
+
+
+def _seen_mm(design: Design, radius_mm: float, depth_mm: float) -> float:
+    """Distance along the ray at which the lens sees a point of the face, each medium by its index.
+
+    A fisheye maps directions: it is taken to be sharp on a sphere about its pupil.
+    """
+    layers = (
+        (design.optics.air_gap_mm, 1.0),
+        (design.optics.acrylic_mm, N_ACRYLIC),
+        (design.skin.thickness_mm - depth_mm, N_SILICONE),
+    )
+    sine = math.sin(min(half_angle_rad(radius_mm, *(mm for mm, _ in layers)), math.pi / 2))
+    return sum(mm / math.sqrt(n**2 - sine**2 + 1e-12) for mm, n in layers)
 
 
 def light_cone(built: BuiltDesign) -> Iterator[Row]:
-    """Rays from the lens to the border of the view, through air, acrylic and gel: none is met."""
+    """Rays from the lens to the border of the view, as far off the middle as it may stand."""
     design = built.design
     path = _path_mm(built)
     border = _border_mm(*design.optics.view_mm)
@@ -79,19 +130,20 @@ def light_cone(built: BuiltDesign) -> Iterator[Row]:
     ]
     corners = np.concatenate([built.mesh(p.name).corners_mm for p in built.parts if p.in_view])
     met = np.zeros(len(way), bool)
-    for k in range(3):
+    off = sum(length.mean_mm + length.spread_mm for length in off_axis(design))
+    for k, x, y in product(range(3), (-off, off), (-off, off)):
         start, end = (
             np.column_stack([way * at_radius[j][:, None], np.full(len(way), heights[j])])
             for j in (k, k + 1)
         )
-        far, _ = first_hit(start, end - start, corners, 0.0)
+        far, _ = first_hit(start + (x, y, 0.0), end - start, corners, 0.0)
         met |= far < 1.0
     reached = BORDER_RAYS - int(met.sum())
     found = (
-        f"{reached} of {BORDER_RAYS} reach it; radius {at_radius[1].max():.2f} mm at the acrylic, "
-        f"bore {bore:.2f} mm"
+        f"{reached} of {BORDER_RAYS} reach it, {off:.2f} mm off in x and y; radius "
+        f"{at_radius[1].max():.2f} mm at the acrylic, bore {bore:.2f} mm"
     )
-    passed = reached == BORDER_RAYS and at_radius[1].max() <= bore
+    passed = reached == BORDER_RAYS and at_radius[1].max() + off * math.sqrt(2) <= bore
     yield Row("light cone", "light-holder", found, limit, bool(passed), keys)
 
 
@@ -102,33 +154,6 @@ def _border_mm(view_x: float, view_y: float) -> NDArray[np.float64]:
     sides = [(t, -one), (one, t), (-t, one), (-one, -t)]
     x, y = (np.concatenate([side[i] for side in sides]) for i in (0, 1))
     return np.column_stack([x * view_x / 2, y * view_y / 2])
-
-
-def strip(built: BuiltDesign) -> Iterator[Row]:
-    """The LED strip on the outer wall of its channel, lying on the channel's floor."""
-    design = built.design
-    walls = [c for c in _rings(built) if c.hole]
-    if len(walls) < 2:
-        raise RunFailed("light-holder has no channel about its axis")
-    outer = max(walls, key=lambda c: c.radius_mm)
-    round_mm = 2 * math.pi * outer.radius_mm
-    light = design.light
-    yield Row(
-        "LED strip length",
-        "light-holder",
-        f"{light.led_count} x {light.pitch_mm:.2f} = {light.strip_mm:.1f} mm",
-        f"<= {round_mm:.1f} mm round the channel",
-        light.strip_mm <= round_mm + 1e-9,
-    )
-    depth_mm = max(c.high_mm[2] for c in walls) - outer.low_mm[2]
-    yield Row(
-        "LED strip width",
-        "light-holder",
-        f"{light.strip_width_mm:.2f} mm",
-        f"<= {depth_mm:.2f} mm deep channel",
-        light.strip_width_mm <= depth_mm + 1e-9,
-        ("camera.lens_height_mm",),
-    )
 
 
 def _rings(built: BuiltDesign) -> list[Cylinder]:

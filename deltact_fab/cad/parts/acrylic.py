@@ -20,7 +20,6 @@ from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape
 from ..part import CLEAR, LASER_CUT, Part
-from ..rule import Quantity, Rule
 from ..solid_gate import Expected, around
 from .solids import prism, without_corners
 
@@ -57,30 +56,18 @@ def build(design: Design) -> Shape:
     return prism(outline, design.z_joint_mm, design.optics.acrylic_mm).val()
 
 
-def rules(d: Design) -> Iterator[Rule]:
-    """The plate on the frame's ledge, and what the notches leave of it."""
-    yield Quantity("plate.ledge_mm", d.plate.ledge_mm).at_most(
-        "half acrylic in y - half ledge opening", d.acrylic_half_mm[1] - d.skin.length_mm / 2
-    )
-    notch = d.acrylic_notch_mm
-    for i, axis in enumerate("xy"):
-        yield Quantity(f"notch in {axis} + 2", notch[i] + 2.0).below(
-            f"half the plate in {axis}", d.acrylic_half_mm[i]
-        )
-
-
 def fits(d: Design) -> Iterator[PlayFit]:
     """In the frame's pocket, round its posts, and between the ledges of frame and shell."""
-    parts, printer, laser, keys = "acrylic, skin-frame", d.resin_printer, d.laser, "plate.fit_mm"
+    parts, printer, laser = "acrylic, skin-frame", d.resin_printer, d.laser
     for i, axis in enumerate("xy"):
         pocket = printer.inner(2 * d.seat_half_mm[i])
         plate = laser.cut(2 * d.acrylic_half_mm[i])
-        yield PlayFit(f"plate in its pocket, {axis}", parts, (pocket,), (plate,), keys)
+        yield PlayFit(f"plate in its pocket, {axis}", parts, (pocket,), (plate,))
     for i, axis in enumerate("xy"):
         if d.acrylic_notch_mm[i] > 0:
             posts = printer.inner(2 * d.post_edge_mm[i])
             neck = laser.cut(2 * (d.acrylic_half_mm[i] - d.acrylic_notch_mm[i]))
-            yield PlayFit(f"plate between the posts, {axis}", parts, (posts,), (neck,), keys)
+            yield PlayFit(f"plate between the posts, {axis}", parts, (posts,), (neck,))
     thick = laser.sheet(d.optics.acrylic_mm)
     pocket = printer.tall(d.optics.acrylic_mm)
     drop = printer.tall(d.shell.ledge_drop_mm)
@@ -90,7 +77,6 @@ def fits(d: Design) -> Iterator[PlayFit]:
         "acrylic, skin-frame, shell",
         (pocket, drop),
         (thick,),
-        "shell.ledge_drop_mm, laser.sheet_tolerance",
     )
     opening = printer.inner(d.skin.length_mm)
     pocket_y = printer.inner(2 * d.seat_half_mm[1])
@@ -101,7 +87,6 @@ def fits(d: Design) -> Iterator[PlayFit]:
         parts,
         (plate_y,),
         (opening.half(), pocket_y.half()),
-        "frame.seat_y_mm, plate.ledge_mm",
         d.plate.ledge_mm,
     )
     # The shell stands off the frame by what its screws leave it.
@@ -117,7 +102,6 @@ def fits(d: Design) -> Iterator[PlayFit]:
             "acrylic, shell",
             (laser.cut(2 * d.acrylic_half_mm[i]),),
             (behind.half(), pocket.half(), hole.half(), shank.half()),
-            f"shell.{key}, plate.ledge_mm",
             d.plate.ledge_mm,
         )
 
@@ -167,7 +151,6 @@ PARTS = (
             "acrylic_half_mm", "acrylic_notch_mm", "seat_half_mm", "post_edge_mm", "z_ledge_mm",
             "z_joint_mm",
         ),
-        rules=rules,
         fits=fits,
         callouts=callouts,
         note=note,

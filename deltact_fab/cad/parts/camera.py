@@ -18,20 +18,23 @@ found: lens diameter and height are assumed (`Design.unverified`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import fields, replace
-from functools import wraps
+from collections.abc import Iterator
+from dataclasses import fields
 
 from ..dimensions import Design
+from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import BOUGHT, GREEN, Part
+from ..process import PLANE
 from ..rule import Quantity, Rule
 from ..sensor_sections import CameraDimensions
 from ..solid_gate import Expected
-from . import view
 from .solids import cylinders
 
 CABLE = "flat, 15 way, 1.0 mm pitch, 16 mm wide"
+# The cable with the stiffener at its end, as such cables are sold (unverified): both must pass.
+CABLE_WIDTH = Length(16.0, 0.1)
+CABLE_HEIGHT = Length(0.3, 0.05)
 COMPUTER = "Nvidia Jetson Nano B01"
 
 
@@ -102,62 +105,45 @@ SHOWN = (
 
 
 def rules(d: Design) -> Iterator[Rule]:
-    """The board among posts and walls, its own holes and lens, and what the lens sees."""
-    yield from _board(d)
-    yield from view.rules(d)
-
-
-def on_board(rules: Callable[[Design], Iterator[Rule]]) -> Callable[[Design], Iterator[Rule]]:
-    """Rules that rest on the board, whose outline and holes nobody has measured."""
-
-    @wraps(rules)
-    def resting(d: Design) -> Iterator[Rule]:
-        return (replace(rule, rests_on=(*rule.rests_on, *BOARD_KEYS)) for rule in rules(d))
-
-    return resting
-
-
-@on_board
-def _board(d: Design) -> Iterator[Rule]:
-    """Board, lens and screws among posts and walls."""
-    cam = d.camera
-    fit = d.holder.fit_mm
-    half = cam.board_width_mm / 2
-    # The board's upper corners stand beside the posts of the shell and the bosses of the cover.
-    clear = max(d.post_edge_mm[0] - half, d.post_edge_mm[1] - cam.board_top_mm)
-    yield Quantity("fit_mm", fit).at_most(
-        "room between the camera's board and the corner posts", clear
-    )
-    for name, edge, room in (
-        ("half the board in x", half, d.cavity_half_mm[0]),
-        ("the board's +y edge", cam.board_top_mm, d.cavity_half_mm[1]),
-        ("the board's -y edge", -cam.board_bottom_mm, d.cavity_half_mm[1]),
-    ):
-        yield Quantity(f"{name} + fit", edge + fit).at_most("half the shell's cavity", room)
-    yield Quantity("connector_height_mm", cam.connector_height_mm).at_most(
-        "holder.clearance_mm", d.holder.clearance_mm
-    )
-    yield Quantity("connector_width_mm", cam.connector_width_mm).at_most(
-        "board_width_mm", cam.board_width_mm
-    )
+    """The board's own holes and lens, which nothing else looks at."""
+    cam, radius = d.camera, d.camera.hole_mm / 2
     upper, lower = cam.hole_rows_mm
-    radius = cam.hole_mm / 2
-    yield Quantity("half hole_mm", radius).below("hole_edge_mm", cam.hole_edge_mm)
-    yield Quantity("half hole pitch in x + radius", cam.hole_pitch_x_mm / 2 + radius).below(
-        "half the board", half
-    )
-    yield Quantity("the board's -y edge + hole radius", cam.board_bottom_mm + radius).below(
-        "lower holes", lower
-    )
-    yield Quantity("hole_mm", cam.hole_mm).below("hole_pitch_y_mm", upper - lower)
     corner = math.hypot(cam.hole_pitch_x_mm / 2, min(abs(upper), abs(lower)))
-    yield Quantity("lens radius + hole radius", cam.lens_diameter_mm / 2 + radius).below(
-        "lens axis to the nearest hole", corner, ("camera.lens_diameter_mm",)
-    )
-    for name, edge in (("+y", cam.board_top_mm), ("-y", -cam.board_bottom_mm), ("x", half)):
-        yield Quantity("lens radius", cam.lens_diameter_mm / 2).at_most(
-            f"lens axis to the board's {name} edge", edge, ("camera.lens_diameter_mm",)
-        )
+    across = cam.hole_pitch_x_mm / 2 + radius
+    for name, least, what, room in (
+        ("half hole_mm", radius, "hole_edge_mm", cam.hole_edge_mm),
+        ("half hole_pitch_x_mm + radius", across, "half the board", cam.board_width_mm / 2),
+        ("the board's -y edge + hole radius", cam.board_bottom_mm + radius, "lower holes", lower),
+        ("lens radius + hole radius", cam.lens_diameter_mm / 2 + radius, "nearest hole", corner),
+    ):
+        yield Quantity(name, least).below(what, room, ("camera.lens_diameter_mm", *BOARD_KEYS))
+
+
+def fits(d: Design) -> Iterator[PlayFit]:
+    """The board in the shell and beside its posts, and the ends of what it sees of the face."""
+    cam, printer = d.camera, d.resin_printer
+    off, parts = cam.tolerance_mm, "camera, shell"
+    sides = cam.board_width_mm, 2 * max(cam.board_top_mm, -cam.board_bottom_mm)
+    posts = max(range(2), key=lambda i: 2 * d.post_edge_mm[i] - sides[i])
+    for name, room, side in (
+        *((f"in the shell, {'xy'[i]}", d.cavity_half_mm[i], sides[i]) for i in range(2)),
+        ("beside the posts", d.post_edge_mm[posts], sides[posts]),
+    ):
+        board = Length(side, 2 * off, BOARD_KEYS)
+        yield PlayFit(f"board {name}", parts, (printer.inner(2 * room),), (board,))
+    face = d.skin.opening_half_mm
+    for i, axis in enumerate("xy"):
+        flat = Length(face[i] - d.skin.edge_fillet_mm)
+        seen = Length(d.optics.view_mm[i] / 2)
+        name = f"view within the face's fillet, {axis}"
+        yield PlayFit(name, "camera, camera-holder, shell, skin", (flat,), (seen, *off_axis(d)))
+
+
+def off_axis(d: Design) -> tuple[Length, Length]:
+    """The most that the lens stands off the middle: by the board's holes, by the holder's fit."""
+    hole_mm = (d.camera.hole_mm - d.holder.row.thread_mm) / 2
+    hole = Length(hole_mm, d.camera.tolerance_mm, BOARD_KEYS)
+    return hole, Length(d.holder.fit_mm, d.resin_printer.plane_mm, PLANE)
 
 
 PARTS = (
@@ -180,6 +166,7 @@ PARTS = (
             "raw_size_px",
         ),
         rules=rules,
+        fits=fits,
         note="Waveshare IMX219-200 or alike; {d.camera.crop_width_px} x {d.camera.crop_height_px}",
         how="bought",
         look_for="measure lens and board: see what nobody has verified",

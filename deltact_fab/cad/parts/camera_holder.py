@@ -28,7 +28,8 @@ from ..part import BLACK, PRINT, RESIN, Part
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
 from ..solid_gate import Expected
-from .camera import UPPER_HOLES, on_board
+from ..standards import screw_tolerance_mm
+from .camera import BOARD_KEYS, UPPER_HOLES
 from .solids import cylinders, prism
 
 
@@ -75,99 +76,47 @@ def build(design: Design) -> Shape:
     return body.val()
 
 
-@on_board
 def rules(d: Design) -> Iterator[Rule]:
-    """Window, tongue, arms and screws."""
-    holder, cam = d.holder, d.camera
-    yield Quantity(
-        "half the window + window_rest_mm", d.holder_window_half_mm + holder.window_rest_mm
-    ).at_most("half the board", cam.board_width_mm / 2)
-    yield Quantity("half the window + wall_mm", d.holder_window_half_mm + holder.wall_mm).at_most(
-        "peg axis - hole / 2", d.peg_at_mm[0] - d.cover.hole_mm / 2
+    """The board rests on either side of the window, which the arms close."""
+    holder = d.holder
+    half = d.holder_window_half_mm + holder.window_rest_mm
+    yield Quantity("half the window + window_rest_mm", half).at_most(
+        "half the board", d.camera.board_width_mm / 2, BOARD_KEYS
     )
-    tongue, top = d.holder_tongue_mm
-    yield Quantity("half the tongue (camera.hole_pitch_x_mm)", tongue).at_most(
-        "corner posts", d.post_edge_mm[0]
-    )
-    yield Quantity("the tongue's edge + fit_mm", top + holder.fit_mm).at_most(
-        "half the shell's cavity in y", d.cavity_half_mm[1]
-    )
-    arm, window_top = d.holder_arm_mm, d.holder_window_top_mm
-    yield Quantity("peg_y_mm + hole / 2 + wall", arm).at_most("corner posts", d.post_edge_mm[1])
-    yield Quantity(
-        "the connector's upper edge", cam.board_bottom_mm + cam.connector_length_mm
-    ).at_most("the window's upper edge", window_top)
-    yield Quantity("the window's upper edge", window_top).below("the arms' edge", arm)
-    grip = holder.screw_length_mm - cam.board_mm
-    yield Quantity(f"thread {holder.screw}", holder.row.thread_mm).at_most(
-        "screw_length_mm - board", grip
-    )
-    yield Quantity("screw_length_mm - board", grip).at_most("clearance_mm", holder.clearance_mm)
-    (px, py), (sx, sy) = d.peg_at_mm, d.camera_screw_centres_mm[1]
-    apart = min(math.hypot(px - sx, py - sy), math.hypot(px - sx, py + sy))
-    yield Quantity(
-        "half a peg's hole + half a pilot + wall_mm",
-        (d.cover.hole_mm + holder.row.pilot_mm) / 2 + holder.wall_mm,
-    ).at_most("peg axis to screw axis", apart)
-    yield Quantity("hole of a peg + wall_mm", d.cover.hole_mm + holder.wall_mm).at_most(
-        "2 cover.peg_y_mm", 2 * d.cover.peg_y_mm
+    yield Quantity("the window's upper edge", d.holder_window_top_mm).below(
+        "the arms' edge", d.holder_arm_mm, BOARD_KEYS
     )
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """In the shell, between the cover's bosses, under the board."""
-    part, printer, cam = "camera-holder", d.resin_printer, d.camera
-    cavity_x, cavity_y = d.cavity_half_mm
-    tongue, top = d.holder_tongue_mm
-    keys = "holder.fit_mm"
-    inner, outer = printer.inner, printer.outer
-    room = inner(2 * cavity_x)
-    plate = outer(2 * d.holder_half_x_mm)
-    yield PlayFit("camera holder in the shell, x", f"{part}, shell", (room,), (plate,), keys)
-    beyond = inner(cavity_y)
-    reach = outer(max(top, d.holder_arm_mm))
-    yield PlayFit("camera holder in the shell, y", f"{part}, shell", (beyond,), (reach,), keys)
-    for i, (axis, half, key) in enumerate(
-        (("x", tongue, "holder.wall_mm"), ("y", d.holder_arm_mm, "cover.peg_y_mm"))
+    """In the shell, between the cover's bosses, under the board, round the board's screws."""
+    part, printer, cam, screw = "camera-holder", d.resin_printer, d.camera, d.holder.row
+    (cavity_x, cavity_y), (tongue, top) = d.cavity_half_mm, d.holder_tongue_mm
+    inner, outer, off = printer.inner, printer.outer, cam.tolerance_mm
+    for name, other, room, body in (
+        ("in the shell, x", "shell", 2 * cavity_x, 2 * d.holder_half_x_mm),
+        ("in the shell, y", "shell", cavity_y, max(top, d.holder_arm_mm)),
+        ("between the bosses, x", "cover", 2 * d.post_edge_mm[0], 2 * tongue),
+        ("between the bosses, y", "cover", 2 * d.post_edge_mm[1], 2 * d.holder_arm_mm),
     ):
-        bosses = inner(2 * d.post_edge_mm[i])
-        yield PlayFit(
-            f"camera holder between the bosses, {axis}",
-            f"{part}, cover",
-            (bosses,),
-            (outer(2 * half),),
-            key,
-        )
-    off = cam.tolerance_mm
+        parts = f"{part}, {other}"
+        yield PlayFit(f"camera holder {name}", parts, (inner(room),), (outer(body),))
     connector = Length(cam.connector_width_mm, off, ("camera.connector_width_mm",))
     window = inner(2 * d.holder_window_half_mm)
-    yield PlayFit(
-        "connector in the window",
-        f"{part}, camera",
-        (window,),
-        (connector,),
-        "holder.window_fit_mm",
-    )
+    yield PlayFit("connector in the window", f"{part}, camera", (window,), (connector,))
     hole = Length(cam.hole_mm, off, ("camera.hole_mm",))
     # Two screws in a row along x: only that pitch can disagree, and either end takes half of it.
     pitch = Length(0.0, printer.plane_mm + off, ("resin_printer.plane_mm",))
-    screw = Length(d.holder.row.thread_mm)
-    yield PlayFit(
-        f"{d.holder.screw} through the board",
-        f"camera, camera-screw, {part}",
-        (hole,),
-        (screw, pitch),
-        "camera.hole_mm, holder.screw",
-    )
+    screws, shank = f"camera, camera-screw, {part}", Length(screw.thread_mm)
+    yield PlayFit(f"{d.holder.screw} through the board", screws, (hole,), (shank, pitch))
     deep = printer.tall(d.holder.clearance_mm)
     high = Length(cam.connector_height_mm, off, ("camera.connector_height_mm",))
-    yield PlayFit(
-        "connector above the cover, z",
-        "camera, camera-holder, cover",
-        (deep,),
-        (high,),
-        "holder.clearance_mm",
-    )
+    stack = "camera, camera-holder, cover"
+    yield PlayFit("connector above the cover, z", stack, (deep,), (high,))
+    length_mm = d.holder.screw_length_mm
+    tip = Length(length_mm, screw_tolerance_mm(length_mm))
+    board = Length(cam.board_mm, off, ("camera.board_mm",))
+    yield PlayFit("camera's screws above the cover, z", f"{screws}, cover", (board, deep), (tip,))
 
 
 def callouts(d: Design) -> Callouts:
@@ -206,7 +155,7 @@ def callouts(d: Design) -> Callouts:
     silent = {
         "holder.screw_length_mm": "the screw's",
         "holder.head_clearance_mm": "of the light holder's reliefs",
-        "holder.window_rest_mm": "the least between window and pegs, which the rules hold",
+        "holder.window_rest_mm": "the least between window and pegs",
     }
     rests_on = ("camera.connector_width_mm", *UPPER_HOLES)
     return Callouts(tuple(items), notes, rests_on=rests_on, silent=silent)

@@ -14,15 +14,12 @@ Built on the axis x = y = 0. The shank has the thread's nominal diameter, and so
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..kernel import Shape, require
 from ..part import BOUGHT, STEEL, Part, Shift
 from ..planes import band_mm2
-from ..rule import Quantity, Rule
 from ..solid_gate import Expected, around
-from .camera import on_board
 from .solids import cylinders
 
 
@@ -62,26 +59,6 @@ def places(d: Design) -> list[Shift]:
     return [(x, y, 0.0) for x, y in d.camera_screw_centres_mm]
 
 
-@on_board
-def rules(d: Design) -> Iterator[Rule]:
-    """The heads stand on the board's front, beside the posts and the cover's bosses."""
-    fit, upper = d.holder.fit_mm, d.camera.hole_rows_mm[0]
-    head = d.holder.row.head_mm / 2
-    beside = max(
-        d.post_edge_mm[0] - d.camera.hole_pitch_x_mm / 2 - head,
-        d.post_edge_mm[1] - abs(upper) - head,
-    )
-    yield Quantity("holder.fit_mm", fit).at_most(
-        "room between the heads and the corner posts", beside
-    )
-    yield Quantity("upper holes + head / 2 + fit", abs(upper) + head + fit).at_most(
-        "half the shell's cavity in y", d.cavity_half_mm[1]
-    )
-    yield Quantity("head + 2 holder.head_clearance_mm", 2 * d.head_relief_mm).at_most(
-        "camera.hole_pitch_x_mm", d.camera.hole_pitch_x_mm
-    )
-
-
 PARTS = (
     Part(
         "camera-screw",
@@ -95,7 +72,6 @@ PARTS = (
         places=places,
         sections=("holder",),
         derived=("camera_screw_centres_mm", "z_board_front_mm"),
-        rules=rules,
         bound_by=("camera-holder",),
         note="{d.holder.screw} x {d.holder.screw_length_mm:g}, slotted",
         how="bought",

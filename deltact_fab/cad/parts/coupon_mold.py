@@ -14,7 +14,6 @@ tacky on a resin that inhibits it: each well takes another post-cure or barrier 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import asdict
 
 from ..dimensions import Design
@@ -22,7 +21,6 @@ from ..drafting.dimensioning import Cut, Item, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..kernel import Shape, require
 from ..part import AMBER, PRINT, RESIN, Part
-from ..rule import Quantity, Rule
 from ..solid_gate import Expected, around
 from .solids import cylinders
 
@@ -48,11 +46,6 @@ def build(design: Design) -> Shape:
     at = [(first_mm + i * pitch_mm, 0.0) for i in range(coupon.wells)]
     wells = cylinders(at, coupon.diameter_mm, coupon.base_mm, coupon.depth_mm + 1)
     return cq.Workplane().rect(x, y).extrude(z).cut(wells).val()
-
-
-def rules(d: Design) -> Iterator[Rule]:
-    """Wells that can be peeled."""
-    yield Quantity("2", 2.0).at_most("diameter_mm", d.coupon.diameter_mm)
 
 
 def callouts(d: Design) -> Callouts:
@@ -88,7 +81,6 @@ PARTS = (
         colour=AMBER,
         sections=("coupon",),
         derived=("coupon_outer_mm",),
-        rules=rules,
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
         note="to test whether the resin inhibits the cure",

@@ -134,30 +134,15 @@ def _leg(cq: Any, design: Design) -> Any:
 
 
 def rules(d: Design) -> Iterator[Rule]:
-    """Pegs: strain, legs and lips."""
+    """Legs within the peg, a slot that stays open, lips no higher than the light holder's floor."""
     cover = d.cover
-    yield Quantity("strain of a peg", d.snap_strain).at_most("strain_limit", cover.strain_limit)
-    yield Quantity("resin_printer.least_wall_mm", d.resin_printer.least_wall_mm).at_most(
-        "leg_mm", cover.leg_mm
-    )
     yield Quantity("slot_mm / 2 + leg_mm", cover.slot_mm / 2 + cover.leg_mm).below(
         "peg_mm / 2", cover.peg_mm / 2
     )
-    yield Quantity("resin_printer.least_gap_mm", d.resin_printer.least_gap_mm).at_most(
-        "cover.slot_mm", cover.slot_mm
-    )
-    # Both legs bend inwards by the lip before they touch.
-    yield Quantity("2 lip_mm", 2 * cover.lip_mm).below("slot_mm", cover.slot_mm)
-    # The lips stand in reliefs of the light holder's floor.
+    gap = Quantity("resin_printer.least_gap_mm", d.resin_printer.least_gap_mm)
+    yield gap.at_most("cover.slot_mm", cover.slot_mm)
     yield Quantity("peg_play_mm + lip_height_mm", cover.peg_play_mm + cover.lip_height_mm).at_most(
         "camera.board_mm + light.floor_mm", d.camera.board_mm + d.light.floor_mm
-    )
-    lip = cover.hole_mm / 2 + cover.lip_mm
-    yield Quantity("board / 2 + lip radius", d.camera.board_width_mm / 2 + lip).at_most(
-        "peg axis in x", d.peg_at_mm[0]
-    )
-    yield Quantity("lip radius", lip).at_most(
-        "peg axis to the shell", d.cavity_half_mm[0] - d.peg_at_mm[0]
     )
 
 
@@ -166,40 +151,21 @@ def fits(d: Design) -> Iterator[PlayFit]:
     printer, cover, row = d.resin_printer, d.cover, d.screw.row
     parts, pitch = "cover, camera-holder", printer.pitch()
     hole = printer.inner(cover.hole_mm)
-    peg = printer.outer(cover.peg_mm)
-    yield PlayFit("peg in its hole", parts, (hole,), (peg, pitch), "cover.peg_clearance_mm")
+    yield PlayFit("peg in its hole", parts, (hole,), (printer.outer(cover.peg_mm), pitch))
     # Over both lips of a peg that stands in the middle of its hole.
     lips = printer.outer(cover.hole_mm + 2 * cover.lip_mm)
-    yield PlayFit("lips over their hole", parts, (lips,), (hole,), "cover.lip_mm")
-    most_mm = PlayFit("", "", (lips,), (hole,), "").range_mm[1] / 2
-    bends_mm = cover.strain_limit * d.peg_leg_mm**2 / (3 * cover.fibre_mm)
-    yield PlayFit(
-        "largest lip within the strain",
-        parts,
-        (Length(bends_mm),),
-        (Length(most_mm, 0.0, lips.rests_on),),
-        "cover.lip_mm, cover.leg_mm, cover.strain_limit",
-    )
+    over = PlayFit("lips over their hole", parts, (lips,), (hole,))
+    yield over
+    most = Length(over.range_mm[1] / 2, 0.0, lips.rests_on)
+    bends = Length(cover.strain_limit * d.peg_leg_mm**2 / (3 * cover.fibre_mm))
+    yield PlayFit("largest lip within the strain", parts, (bends,), (most,))
     legs = printer.tall(d.peg_leg_mm)
     holder = printer.tall(d.holder.clearance_mm)
-    yield PlayFit("legs through the holder, z", parts, (legs,), (holder,), "cover.peg_play_mm")
+    yield PlayFit("legs through the holder, z", parts, (legs,), (holder,))
     slot = printer.inner(cover.slot_mm)
-    yield PlayFit(
-        "slot when both legs bend",
-        "cover",
-        (slot,),
-        (Length(2 * most_mm, 0.0, lips.rests_on),),
-        "cover.slot_mm",
-    )
-    head = Length(row.head_mm)
-    bore = printer.inner(row.bore_mm)
-    yield PlayFit(
-        "screw head in its bore",
-        "cover, screw, skin-frame",
-        (bore,),
-        (head, pitch),
-        "screw.thread, resin_printer.plane_mm",
-    )
+    yield PlayFit("slot when both legs bend", "cover", (slot,), (most, most))
+    head, bore = Length(row.head_mm), printer.inner(row.bore_mm)
+    yield PlayFit("screw head in its bore", "cover, screw, skin-frame", (bore,), (head, pitch))
 
 
 def callouts(d: Design) -> Callouts:

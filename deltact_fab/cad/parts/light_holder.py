@@ -37,6 +37,7 @@ from .camera import UPPER_HOLES
 from .solids import cylinders
 
 WIRE = "0.08 mm²"
+WIRE_OUTER = Length(1.2, 0.1)  # of such a wire with its insulation (AWG 28, UL 1007)
 WIRE_COLOURS = ("red", "black")  # plus, minus
 
 
@@ -109,48 +110,20 @@ SHOWN = ("strip_width_mm", "channel_mm", "diffuser_mm", "wall_mm", "floor_mm", "
 
 
 def rules(d: Design) -> Iterator[Rule]:
-    """Light holder: strip, bore, floor and reliefs."""
+    """Light holder: the strip in its channel, the heads of the camera's screws in the floor."""
     light = d.light
     yield Quantity("led_count x pitch", light.strip_mm).at_most(
         "2 pi strip radius", 2 * math.pi * max(d.strip_radius_mm, 0.0)
-    )
-    lens = d.camera.lens_diameter_mm / 2
-    yield Quantity("lens radius + lens_clearance_mm", lens + light.lens_clearance_mm).at_most(
-        "bore radius", d.light_bore_mm, ("camera.lens_diameter_mm",)
     )
     depth = d.z_light_mm - d.z_board_front_mm - light.floor_mm
     yield Quantity("strip_width_mm", light.strip_width_mm).at_most(
         "depth of the channel", depth, ("camera.lens_height_mm",)
     )
+    yield Quantity("0", 0.0).below("bore radius", d.light_bore_mm)
     head = d.holder.row.head_height_mm + light.head_room_mm
     yield Quantity(f"{d.holder.screw} head + head_room_mm", head).at_most(
         "floor_mm", light.floor_mm
     )
-    wall = Quantity("wall_mm", light.wall_mm)
-    # A relief that does not reach the ring's edge leaves a strip of floor, and that is a wall.
-    away = math.hypot(*d.camera_screw_centres_mm[0])
-    for name, key, rest in (
-        ("outside", "light.fit_mm", d.light_radius_mm - away - d.head_relief_mm),
-        ("inside", "light.diffuser_mm", away - d.head_relief_mm - d.light_bore_mm),
-    ):
-        if rest > 0:
-            yield wall.at_most(f"floor {name} the reliefs (holder.head_clearance_mm, {key})", rest)
-    (sx, sy), (px, py) = d.camera_screw_centres_mm[-1], d.peg_at_mm
-    apart = min(math.hypot(px - sx, py - sy), math.hypot(px - sx, py + sy), 2 * px, 2 * py)
-    yield Quantity(
-        "two reliefs + wall_mm",
-        max(d.head_relief_mm, d.peg_relief_mm) + d.peg_relief_mm + light.wall_mm,
-    ).at_most("peg axis to the next peg or camera screw", apart)
-    inside = math.hypot(px, py) - d.peg_relief_mm - d.light_bore_mm
-    yield wall.at_most("floor inside the lips' reliefs (cover.peg_y_mm)", inside)
-    outside = d.light_radius_mm - math.hypot(px, py) - d.peg_relief_mm
-    if outside > 0:
-        yield wall.at_most("floor outside the lips' reliefs", outside)
-    corner = math.hypot(*d.post_edge_mm)
-    yield Quantity("outer radius + fit_mm", d.light_radius_mm + light.fit_mm).at_most(
-        "inner corner of the posts", corner
-    )
-    yield Quantity("slot_mm", light.slot_mm).below("bore radius", d.light_bore_mm)
 
 
 def led_room_mm(d: Design) -> float:
@@ -166,38 +139,25 @@ def led_room_mm(d: Design) -> float:
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """In the shell, below the acrylic, round the lens, and with its LEDs."""
+    """In the shell, below the acrylic, round the lens, and with its LEDs and wires."""
     part, printer, light, cam = "light-holder", d.resin_printer, d.light, d.camera
     ring = printer.outer(2 * d.light_radius_mm)
-    opening = printer.inner(2 * min(d.ledge_half_mm))
-    yield PlayFit("ring in the shell", f"{part}, shell", (opening,), (ring,), "light.fit_mm")
+    # Between the ledges, and between the posts' corners.
+    opening = printer.inner(2 * min(*d.ledge_half_mm, math.hypot(*d.post_edge_mm)))
+    yield PlayFit("ring in the shell", f"{part}, shell", (opening,), (ring,))
     relief = printer.inner(2 * d.peg_relief_mm)
     lips = printer.outer(d.cover.hole_mm + 2 * d.cover.lip_mm)
-    yield PlayFit(
-        "lips in the ring's reliefs",
-        f"{part}, cover",
-        (relief,),
-        (lips, printer.pitch()),
-        "light.lip_clearance_mm",
-    )
+    reliefs = "lips in the ring's reliefs"
+    yield PlayFit(reliefs, f"{part}, cover", (relief,), (lips, printer.pitch()))
     led = Length(led_room_mm(d), light.led_tolerance_mm)
     channel = printer.inner(light.channel_mm)
-    yield PlayFit(
-        "LED in its channel",
-        f"{part}, LED strip",
-        (channel,),
-        (led,),
-        "light.channel_mm, light.led_height_mm",
-    )
-    off = cam.tolerance_mm
-    lens = Length(cam.lens_diameter_mm, off, ("camera.lens_diameter_mm",))
-    yield PlayFit(
-        "lens in the bore",
-        f"{part}, camera",
-        (printer.inner(2 * d.light_bore_mm),),
-        (lens,),
-        "light.lens_clearance_mm",
-    )
+    yield PlayFit("LED in its channel", f"{part}, LED strip", (channel,), (led,))
+    slot = printer.inner(light.slot_mm)
+    yield PlayFit("two wires in the slot", f"{part}, wires", (slot,), (WIRE_OUTER, WIRE_OUTER))
+    lens = Length(cam.lens_diameter_mm, cam.tolerance_mm, ("camera.lens_diameter_mm",))
+    bore = printer.inner(2 * d.light_bore_mm)
+    least_mm = 2 * light.lens_clearance_mm
+    yield PlayFit("lens in the bore", f"{part}, camera", (bore,), (lens,), least_mm)
     yield below_plate(d)
 
 
@@ -211,17 +171,8 @@ def below_plate(d: Design) -> PlayFit:
         printer.tall(d.z_light_mm - d.z_board_front_mm),
         d.laser.sheet(d.optics.acrylic_mm),
     )
-    room = (
-        printer.tall(d.shell_depth_mm),
-        printer.tall(d.optics.acrylic_mm),
-    )
-    return PlayFit(
-        "ring below the acrylic, z",
-        "light-holder, acrylic",
-        room,
-        stack,
-        "light.axial_fit_mm, laser.sheet_tolerance",
-    )
+    room = printer.tall(d.shell_depth_mm), printer.tall(d.optics.acrylic_mm)
+    return PlayFit("ring below the acrylic, z", "light-holder, acrylic", room, stack)
 
 
 def callouts(d: Design) -> Callouts:

@@ -153,75 +153,50 @@ def rules(d: Design) -> Iterator[Rule]:
         "depth of the shell", d.z_joint_mm - d.z_floor_mm
     )
     yield Quantity("mount.width_mm", mount.width_mm).at_most("outer x", d.frame_outer_mm[0])
-    # Where the mount stands over the cover's bosses it keeps their fit.
-    solid = {
-        "block": (mount.length_mm - mount.hole_pitch_mm - mount.hole_mm) / 2,
-        "franka": mount.length_mm - mount.flange_mm,
-        "plate": mount.length_mm,
-    }
-    yield Quantity("cover.fit_mm", d.cover.fit_mm).below(
-        "solid length of the mount", solid[mount.kind]
-    )
-    wall = 1.5
-    if mount.kind == "plate":
-        return
-    along = mount.length_mm if mount.kind == "block" else mount.flange_height_mm
-    pitch = mount.hole_pitch_mm if mount.kind == "block" else mount.flange_pitch_mm
-    key = "hole_pitch_mm" if mount.kind == "block" else "flange_pitch_mm"
-    side = "length_mm" if mount.kind == "block" else "flange_height_mm"
-    rests_on = () if mount.kind == "block" else ("mount.flange_pitch_mm", "mount.flange_height_mm")
-    hole, hole_mm = "hole", mount.hole_mm
+    if mount.kind == "block":
+        # A head or a washer beside the shell, two of them side by side, and on the bar.
+        washer = Quantity(f"mount: washer {mount.screw}", mount.washer_mm)
+        yield Quantity(
+            f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + mount.washer_mm
+        ).at_most("mount.length_mm", mount.length_mm)
+        yield washer.at_most("mount.hole_pitch_mm", mount.hole_pitch_mm)
+        yield washer.at_most("mount.width_mm", mount.width_mm)
     if mount.kind == "franka":
-        hole, hole_mm = "counterbore", mount.counterbore_mm
-    yield Quantity(f"mount.{key} + {hole} + 2 x 1.5", pitch + hole_mm + 2 * wall).at_most(
-        f"mount.{side}", along, rests_on
-    )
-    yield Quantity(f"mount: {hole} + 1.5", hole_mm + wall).at_most(f"mount.{key}", pitch, rests_on)
-    width = mount.width_mm if mount.kind == "block" else mount.flange_width_mm
-    yield Quantity(f"mount: {hole} + 2 x 1.5", hole_mm + 2 * wall).at_most("mount's width", width)
-    if mount.kind == "franka":
-        yield Quantity("mount.flange_mm + 2", mount.flange_mm + 2.0).below(
-            "mount.length_mm", mount.length_mm
-        )
-        yield Quantity("mount.flange_height_mm", mount.flange_height_mm).at_most(
-            "height of the sensor", -d.z_back_mm, ("mount.flange_height_mm",)
-        )
-        yield Quantity("mount.flange_width_mm", mount.flange_width_mm).at_most(
-            "outer x", d.frame_outer_mm[0], ("mount.flange_width_mm",)
-        )
+        yield from _flange_rules(d)
+
+
+def _flange_rules(d: Design) -> Iterator[Rule]:
+    """Counterbores on the flange, the arm between them, and screws that go in head last."""
+    mount = d.mount
+    own = ("mount.flange_pitch_mm", "mount.flange_height_mm", "mount.flange_width_mm")
+    screw_mm = float(mount.screw.removeprefix("M"))
+    under_mm = mount.flange_mm - mount.counterbore_depth_mm
+    for name, value, what, room in (
+        ("flange_pitch_mm + counterbore_mm + 3", mount.flange_pitch_mm + mount.counterbore_mm + 3,
+         "flange_height_mm", mount.flange_height_mm),
+        ("counterbore_mm + 3", mount.counterbore_mm + 3,
+         "flange_width_mm", mount.flange_width_mm),
+        ("flange_mm + 2", mount.flange_mm + 2, "length_mm", mount.length_mm),
+        ("flange_height_mm", mount.flange_height_mm, "height of the sensor", -d.z_back_mm),
+        ("flange_width_mm", mount.flange_width_mm, "outer x", d.frame_outer_mm[0]),
         # The heads have their place above and below the arm, and 2 mm of flange under them.
-        yield Quantity(
-            "mount.arm_mm + mount.counterbore_mm + 0.4", mount.arm_mm + mount.counterbore_mm + 0.4
-        ).at_most("mount.flange_pitch_mm", mount.flange_pitch_mm, rests_on)
-        yield Quantity(f"mount: head {mount.screw} + 0.5", mount.head_mm + 0.5).at_most(
-            "mount.counterbore_mm", mount.counterbore_mm
-        )
-        yield Quantity("mount.flange_hole_mm", mount.flange_hole_mm).below(
-            f"mount: head {mount.screw}", mount.head_mm, ("mount.flange_hole_mm",)
-        )
-        yield Quantity("mount.counterbore_depth_mm + 2", mount.counterbore_depth_mm + 2.0).at_most(
-            "mount.flange_mm", mount.flange_mm
-        )
-        yield Quantity(
-            f"stress in mount.arm_mm under {d.plate.force_n:g} N, MPa", arm_stress_mpa(d)
-        ).at_most("mount.stress_limit_mpa", mount.stress_limit_mpa, ("mount.stress_limit_mpa",))
+        ("arm_mm + counterbore_mm + 0.4", mount.arm_mm + mount.counterbore_mm + 0.4,
+         "flange_pitch_mm", mount.flange_pitch_mm),
+        (f"head {mount.screw} + 0.5", mount.head_mm + 0.5,
+         "counterbore_mm", mount.counterbore_mm),
+        ("flange_hole_mm + 0.5", mount.flange_hole_mm + 0.5,
+         f"head {mount.screw}", mount.head_mm),
+        ("counterbore_depth_mm + 2", mount.counterbore_depth_mm + 2.0,
+         "flange_mm", mount.flange_mm),
+        ("stress in arm_mm under plate.force_n, MPa", arm_stress_mpa(d),
+         "stress_limit_mpa", mount.stress_limit_mpa),
         # A screw that grips by 1.5 d goes in head last: the gap takes all of it.
-        under_mm = mount.flange_mm - mount.counterbore_depth_mm
-        yield Quantity(
-            f"flange under the head + 2.5 x {mount.screw}",
-            under_mm + 2.5 * float(mount.screw.removeprefix("M")),
-        ).at_most("gap between shell and flange", mount.length_mm - mount.flange_mm)
-        yield Quantity("front of the mount's arm", d.flange_arm_z_mm[1]).at_most(
-            "joint", d.z_joint_mm, ("mount.flange_height_mm",)
-        )
-        return
-    # A head or a washer beside the shell, and two of them side by side.
-    yield Quantity(
-        f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + mount.washer_mm
-    ).at_most("mount.length_mm", mount.length_mm)
-    yield Quantity(f"mount: washer {mount.screw}", mount.washer_mm).at_most(
-        "mount.hole_pitch_mm", mount.hole_pitch_mm
-    )
+        (f"flange under the head + 2.5 x {mount.screw}", under_mm + 2.5 * screw_mm,
+         "gap between shell and flange", mount.length_mm - mount.flange_mm),
+        ("front of the arm", d.flange_arm_z_mm[1], "joint", d.z_joint_mm),
+    ):  # fmt: skip
+        rests_on = (*own, "mount.flange_hole_mm", "mount.stress_limit_mpa")
+        yield Quantity(f"mount: {name}", value).at_most(what, room, rests_on)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -232,8 +207,8 @@ def fits(d: Design) -> Iterator[PlayFit]:
     pitch = Length(0.0, printer.height_mm, ("mount.flange_pitch_mm",))
     screw = Length(float(mount.screw.removeprefix("M")))
     hole = printer.tall(mount.hole_mm)
-    parts, keys = "shell, finger", "mount.screw, mount.flange_pitch_mm"
-    yield PlayFit(f"{mount.screw} through the flange", parts, (hole,), (screw, pitch), keys)
+    name = f"{mount.screw} through the flange"
+    yield PlayFit(name, "shell, finger", (hole,), (screw, pitch))
 
 
 def callouts(d: Design) -> list[Item]:

@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import asdict
 
-from ..bench_sections import BOLT, BOLTS
+from ..bench_sections import BOLT, BOLTS, SCREW
 from ..dimensions import Design
 from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
@@ -60,34 +60,24 @@ def build(design: Design) -> Shape:
 
 
 def rules(d: Design) -> Iterator[Rule]:
-    """Walls between the holes, and thread enough."""
-    plate, tool = d.adapter, d.tool
+    """Room for the heads, on the sensor."""
+    plate = d.adapter
     yield Quantity("bolt_bore_depth_mm + 2", plate.bolt_bore_depth_mm + 2.0).at_most(
         "adapter.thickness_mm", plate.thickness_mm
     )
     yield Quantity(
         "adapter.bolt_circle_mm + hole", plate.bolt_circle_mm + plate.bolt_hole_mm
     ).at_most("adapter.sensor_mm", plate.sensor_mm, KEYS)
-    wall = Quantity("shell.wall_mm", d.shell.wall_mm)
-    outer = [(at, plate.pilot_mm) for at in tool.screw_centres_mm] + [(tool.pin_at_mm, tool.pin_mm)]
-    near = min(
-        math.dist(a, b) - hole / 2 - plate.bolt_bore_mm / 2
-        for a in plate.bolt_centres_mm
-        for b, hole in outer
-    )
-    yield wall.at_most("wall between the holes", near, KEYS)
-    apart = plate.bolt_circle_mm * math.sin(math.pi / BOLTS) - plate.bolt_bore_mm
-    yield wall.at_most("wall between two heads", apart, KEYS)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """Three screws into a sensor, whose own pattern is taken to be exact."""
+    """Three screws into a sensor, whose own pattern counts as exact; the flange's four bite."""
     plate, printer = d.adapter, d.resin_printer
-    hole = printer.inner(plate.bolt_hole_mm)
+    hole, pilot = printer.inner(plate.bolt_hole_mm), printer.inner(plate.pilot_mm)
     body = (Length(BOLT.thread_mm, 0.0, KEYS), printer.pitch(0.0))
-    yield PlayFit(
-        "M2 into the force sensor", "nano17-adapter", (hole,), body, "adapter.bolt_hole_mm"
-    )
+    yield PlayFit("M2 into the force sensor", "nano17-adapter", (hole,), body)
+    bites = "M3 bites in its pilot"
+    yield PlayFit(bites, "nano17-adapter", (Length(SCREW.thread_mm),), (pilot,))
 
 
 def callouts(d: Design) -> Callouts:

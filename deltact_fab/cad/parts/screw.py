@@ -61,14 +61,9 @@ def places(d: Design) -> list[Shift]:
 
 
 def rules(d: Design) -> Iterator[Rule]:
-    """The length that grips, and the heads behind nothing."""
-    screw, row = d.screw, d.screw.row
-    yield Quantity(f"2 x thread {screw.thread}", 2 * row.thread_mm).at_most(
-        "screw.engagement_mm", screw.engagement_mm
-    )
-    yield Quantity("screw.engagement_mm", screw.engagement_mm).below("length_mm", screw.length_mm)
+    """The heads behind nothing."""
     yield Quantity("back of the sensor", d.z_back_mm).at_most(
-        "back of the screw heads (screw.length_mm)", d.z_head_mm - row.head_height_mm
+        "back of the screw heads (screw.length_mm)", d.z_head_mm - d.screw.row.head_height_mm
     )
 
 

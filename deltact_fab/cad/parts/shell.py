@@ -35,6 +35,8 @@ from ..rule import Quantity, Rule
 from ..solid_gate import Box, Expected, around
 from . import mount
 from .acrylic import notched
+from .camera import CABLE_HEIGHT, CABLE_WIDTH
+from .light_holder import WIRE_OUTER
 from .mount import boss_room
 from .solids import cuboid, cylinders, prism
 
@@ -130,63 +132,46 @@ def body(design: Design) -> Workplane:
 
 def rules(d: Design) -> Iterator[Rule]:
     """Posts, cable notch and ledge, and the mount's own."""
-    shell = d.shell
-    room_x = 2 * d.post_edge_mm[0]
-    yield Quantity("cable_width_mm", shell.cable_width_mm).below("room between the posts", room_x)
+    shell, posts = d.shell, d.z_joint_mm - d.z_boss_mm
     # The board stands between the cable's notch and the room of the light holder.
     room_z = d.holder.clearance_mm
     yield Quantity("cable_height_mm", shell.cable_height_mm).at_most("holder.clearance_mm", room_z)
-    yield Quantity("ledge_height_mm + 2", shell.ledge_height_mm + 2.0).below(
-        "depth of the shell", d.z_joint_mm - d.z_floor_mm
+    yield Quantity("ledge_drop_mm", shell.ledge_drop_mm).below(
+        "ledge_height_mm", shell.ledge_height_mm
     )
-    edge = Quantity("plate.ledge_mm", d.plate.ledge_mm)
-    held = d.acrylic_half_mm[1] - d.ledge_half_mm[1]
-    yield edge.at_most("acrylic's edge on the ledge", held)
-    if shell.ledge_x_mm > 0:
-        held = d.acrylic_half_mm[0] - d.ledge_half_mm[0]
-        what = "acrylic's edge on the ledge in x (shell.ledge_x_mm, frame.seat_x_mm)"
-        yield edge.at_most(what, held)
-    yield Quantity(
-        "ledge_drop_mm + least wall", shell.ledge_drop_mm + d.resin_printer.least_wall_mm
-    ).at_most("ledge_height_mm", shell.ledge_height_mm)
     yield Quantity(
         "cable_width_mm + 2 (cover.fit_mm + wall_mm)",
         shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm),
-    ).at_most("room between the posts", room_x)
+    ).at_most("room between the posts", 2 * d.post_edge_mm[0])
     yield Quantity(
         "cable_height_mm + ledge_height_mm + wall_mm",
         shell.cable_height_mm + shell.ledge_height_mm + shell.wall_mm,
     ).at_most("depth of the shell", d.shell_depth_mm)
     # The ledge ends on the posts, in both directions.
-    yield Quantity("ledge_height_mm", shell.ledge_height_mm).at_most(
-        "height of the posts", d.z_joint_mm - d.z_boss_mm
-    )
+    yield Quantity("ledge_height_mm", shell.ledge_height_mm).at_most("height of the posts", posts)
     yield Quantity("ledge_mm and what the wall leaves before it", max(d.ledge_reach_mm)).at_most(
         "posts beyond the wall", d.post_mm - shell.wall_mm
     )
     yield Quantity("floor", d.z_floor_mm).at_most("back of the posts", d.z_boss_mm)
-    yield Quantity("back of the posts + 2", d.z_boss_mm + 2.0).below("joint", d.z_joint_mm)
+    yield Quantity("2", 2.0).below("height of the posts", posts)
     yield from mount.rules(d)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """Round the cover's bosses, and for the screws on their way into the frame."""
-    printer, row = d.resin_printer, d.screw.row
+    """The cover's bosses, screws on their way into the frame, and what the notch lets through."""
+    printer, shell, row = d.resin_printer, d.shell, d.screw.row
     if d.z_boss_mm > d.z_floor_mm:
-        corner = printer.inner(d.boss_room_mm)
-        boss = printer.outer(d.post_mm)
-        yield PlayFit("boss in its corner", "shell, cover", (corner,), (boss,), "cover.fit_mm")
-    shank = Length(row.thread_mm)
-    pitch = printer.pitch()
+        corner, boss = printer.inner(d.boss_room_mm), printer.outer(d.post_mm)
+        yield PlayFit("boss in its corner", "shell, cover", (corner,), (boss,))
+    shank, hole = (Length(row.thread_mm), printer.pitch()), (printer.inner(row.clearance_mm),)
     for name in ("shell", "cover"):
-        hole = printer.inner(row.clearance_mm)
-        yield PlayFit(
-            f"{d.screw.thread} through the {name}",
-            f"{name}, screw, skin-frame",
-            (hole,),
-            (shank, pitch),
-            "screw.thread, resin_printer.plane_mm",
-        )
+        parts = f"{name}, screw, skin-frame"
+        yield PlayFit(f"{d.screw.thread} through the {name}", parts, hole, shank)
+    wide, high = printer.inner(shell.cable_width_mm), printer.tall(shell.cable_height_mm)
+    yield PlayFit("flat cable in its notch, x", "shell, cable", (wide,), (CABLE_WIDTH,))
+    # The light holder's wires leave there too, over the cable.
+    through = (CABLE_HEIGHT, WIRE_OUTER)
+    yield PlayFit("cable and wires in the notch, z", "shell, cable, wires", (high,), through)
     yield from mount.fits(d)
 
 

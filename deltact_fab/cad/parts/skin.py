@@ -12,11 +12,13 @@ The vertical edges stay sharp: the mold's cavity is the plain block above the fr
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 
 from ..dimensions import Design
 from ..kernel import Shape, require
 from ..part import CLEAR, Part
+from ..rule import Quantity, Rule
 from ..solid_gate import Expected, around
 
 
@@ -64,6 +66,15 @@ def build(design: Design) -> Shape:
 CORNERS = ((-1, -1), (1, -1), (-1, 1), (1, 1))
 
 
+def rules(d: Design) -> Iterator[Rule]:
+    """The camera's picture ends within the face: there is nothing to see beside it."""
+    for view_mm, px, side in zip(
+        d.optics.view_mm, ("width", "height"), ("width", "length"), strict=True
+    ):
+        view = Quantity(f"view (optics.image_{px}_px x mm_per_px)", view_mm)
+        yield view.at_most(f"skin.{side}_mm", getattr(d.skin, f"{side}_mm"))
+
+
 def note(d: Design) -> str:
     """How much silicone one takes."""
     return f"{d.skin_volume_mm3 / 1000:.2f} cm³ each; see Solaris"
@@ -80,6 +91,7 @@ PARTS = (
         colour=CLEAR,
         sections=("skin", "frame", "screw", "shell"),
         derived=("post_in_window_mm", "z_front_mm", "z_ledge_mm", "skin_volume_mm3"),
+        rules=rules,
         bound_by=("skin-frame",),
         note=note,
         how="cast in its frame, step D",

@@ -16,15 +16,19 @@ Frame: the sensor's; its top is the plane of the sensor's back.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import asdict
 
 from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Centres, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from ..fit import Length, PlayFit
 from ..kernel import Shape, require
-from ..part import STEEL, Part
+from ..part import MACHINED, STEEL, Part
+from ..rule import Quantity, Rule
 from ..solid_gate import Expected, around
+from ..standards import PITCH_MM
 from .solids import cylinders
 
 KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
@@ -83,6 +87,30 @@ def build(design: Design) -> Shape:
     return body.cut(drills).cut(slots.extrude(high + 2)).val()
 
 
+DRILL_MM = 0.1
+"""What a drilled or milled hole comes out over its nominal, at most (assumed)."""
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """Thread enough for the tabs' screws: one diameter of it in aluminium."""
+    screw_mm = float(d.table.screw.removeprefix("M"))
+    thick = d.stage_plate.thickness_mm
+    yield Quantity(f"thread {d.table.screw}", screw_mm).at_most("stage_plate.thickness_mm", thick)
+
+
+def fits(d: Design) -> Iterator[PlayFit]:
+    """Screws through the slots, and threads that are neither stripped nor too tight for the tap."""
+    plate, part, screw = d.stage_plate, "stage-plate", d.table.screw
+    off = DRILL_MM / 2
+    slot = Length(plate.slot_mm + off, off, KEYS)
+    core = Length(plate.thread_hole_mm + off, off)
+    yield PlayFit("M6 through its slot", part, (slot,), (Length(6.0),))
+    # ISO 724: the thread is 0.61 of its pitch deep; a tap for 60 to 85 % of that is stocked.
+    major, depth = float(screw.removeprefix("M")), 1.0825 * PITCH_MM[screw]
+    yield PlayFit(f"{screw} holds in its thread", part, (Length(major - 0.5 * depth),), (core,))
+    yield PlayFit(f"{screw} can be tapped", part, (core,), (Length(major - depth),))
+
+
 def callouts(d: Design) -> Callouts:
     """Outline, slots and threads."""
     plate, top = d.stage_plate, d.z_back_mm
@@ -109,7 +137,8 @@ def callouts(d: Design) -> Callouts:
         f"Long edges square to the stage within 0.1. {SQUARE_EDGES}",
         f"rig register --jig: half_mm = [{fx:g}, {fy:g}], top_mm = {d.z_front_mm:g}.",
     )
-    return Callouts(tuple(items), notes, rests_on=KEYS)
+    silent = {"stage_plate.least_wall_mm": "the mill's"}
+    return Callouts(tuple(items), notes, rests_on=KEYS, silent=silent)
 
 
 def note(d: Design) -> str:
@@ -122,7 +151,7 @@ PARTS = (
     Part(
         "stage-plate",
         "aluminium, EN AW-6082",
-        "machined",
+        MACHINED,
         build,
         expect,
         group="bench",
@@ -130,6 +159,8 @@ PARTS = (
         colour=STEEL,
         sections=("stage_plate", "table", "frame"),
         derived=("frame_outer_mm", "z_back_mm"),
+        rules=rules,
+        fits=fits,
         callouts=callouts,
         note=note,
         how="milled or cut from sheet, four holes tapped",

@@ -104,32 +104,28 @@ def rules(d: Design) -> Iterator[Rule]:
     yield Quantity("bore + 2 x 3 for the set screw's thread", 2 * tool.bore_mm + 6.0).at_most(
         "tool.body_mm", tool.body_mm
     )
-    half = tool.clamp_mm / 2
-    yield Quantity("hole / 2 + 1.5", half + 1.5).at_most("tool.clamp_z_mm", tool.clamp_z_mm)
-    yield Quantity("tool.clamp_z_mm + hole / 2 + 1.5", tool.clamp_z_mm + half + 1.5).at_most(
+    above = tool.clamp_z_mm + tool.clamp_mm / 2 + 1.5
+    yield Quantity("tool.clamp_z_mm + hole / 2 + 1.5", above).at_most(
         "underside of the flange", tool.height_mm - tool.flange_mm
     )
-    yield Quantity("tool.roof_mm", tool.roof_mm).at_most("tool.flange_mm", tool.flange_mm)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """Stem and flat in the D bore, and that a turned stem does not go in."""
+    """Stem and flat in the D bore, that a turned stem does not go in, and the flange's screws."""
     tool, printer = d.tool, d.resin_printer
-    parts, keys = "tool-holder, indenters", "tool.fit_mm"
-    stem = Indenter.stem_diameter_mm
+    parts, stem = "tool-holder, indenters", Indenter.stem_diameter_mm
     bore = printer.inner(2 * tool.bore_mm)
-    yield PlayFit("stem in the bore", parts, (bore,), (printer.outer(stem),), keys)
+    yield PlayFit("stem in the bore", parts, (bore,), (printer.outer(stem),))
     flat = printer.inner(tool.bore_mm + tool.flat_mm)
     across = printer.outer(stem / 2 + Indenter.stem_flat_at_mm)
-    yield PlayFit("stem's flat in the bore", parts, (flat,), (across,), keys)
-    yield PlayFit("turned stem stays out", parts, (printer.outer(stem),), (flat,), keys)
-    screws = "tool-holder, nano17-adapter"
-    hole, screw = printer.inner(tool.screw_hole_mm), Length(SCREW.thread_mm)
-    yield PlayFit(
-        "M3 through the flange", screws, (hole,), (screw, printer.pitch()), "tool.screw_hole_mm"
-    )
+    yield PlayFit("stem's flat in the bore", parts, (flat,), (across,))
+    yield PlayFit("turned stem stays out", parts, (printer.outer(stem),), (flat,))
+    clamp, screw = printer.inner(tool.clamp_mm), Length(SCREW.thread_mm)
+    yield PlayFit("set screw M3 bites", "tool-holder", (screw,), (clamp,))
+    screws, hole = "tool-holder, nano17-adapter", printer.inner(tool.screw_hole_mm)
+    yield PlayFit("M3 through the flange", screws, (hole,), (screw, printer.pitch()))
     hole, pin = printer.inner(tool.pin_mm + tool.pin_fit_mm), Length(tool.pin_mm)
-    yield PlayFit("pin in the flange", screws, (hole,), (pin, printer.pitch()), "tool.pin_fit_mm")
+    yield PlayFit("pin in the flange", screws, (hole,), (pin, printer.pitch()))
 
 
 def callouts(d: Design) -> Callouts:
