@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...errors import RunFailed
+from ..features import near
 from ..solid_gate import bounding_box
 from .built import BuiltDesign
-from .cylinders import near
 from .row import Row
 
 

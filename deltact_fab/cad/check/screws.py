@@ -9,9 +9,9 @@ import numpy as np
 
 from ...aliases import Point2
 from ...errors import RunFailed
+from ..features import Round, near
 from ..parts.camera import BOARD_KEYS
 from .built import BuiltDesign
-from .cylinders import Cylinder, near
 from .pairs import pieces
 from .row import Row, at
 
@@ -169,7 +169,7 @@ def grips(built: BuiltDesign, screw: str, holder: str) -> list[ScrewGrip]:
     return found
 
 
-def _shanks(built: BuiltDesign, screw: str) -> list[Cylinder]:
+def _shanks(built: BuiltDesign, screw: str) -> list[Round]:
     """The shank of each placed screw: the thinnest face that is no hole, out to the tip."""
     outer = [c for c in built.cylinders(screw) if not c.hole]
     if not outer:
@@ -184,9 +184,9 @@ def _shanks(built: BuiltDesign, screw: str) -> list[Cylinder]:
         if screw == "screw":
             # A chamfered tip reaches further than its cylinder.
             high = (*high[:2], max(high[2], piece.box(built)[1][2]))
-        shanks.append(Cylinder(low, high, thinnest.radius_mm, False))
+        shanks.append(replace(thinnest, low_mm=low, high_mm=high))
     return shanks
 
 
-def _holes(cylinders: list[Cylinder]) -> list[Cylinder]:
+def _holes(cylinders: list[Round]) -> list[Round]:
     return [c for c in cylinders if c.hole]

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ...errors import RunFailed
 from ...optics import half_angle_rad, reached_mm
+from ..features import Round, near
 from ..rays import first_hit
 from .built import BuiltDesign
-from .cylinders import Cylinder, near
 from .row import Row
 
 BORDER_RAYS = 96
@@ -131,6 +131,6 @@ def strip(built: BuiltDesign) -> Iterator[Row]:
     )
 
 
-def _rings(built: BuiltDesign) -> list[Cylinder]:
+def _rings(built: BuiltDesign) -> list[Round]:
     """The light holder's cylinders about the lens's axis."""
     return near(built.cylinders("light-holder"), 0.0, 0.0, 0.1)
