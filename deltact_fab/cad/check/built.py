@@ -10,12 +10,12 @@ from ...errors import RunFailed
 from ..build import build_from
 from ..design import IndenterList
 from ..dimensions import Design
+from ..features import Features, Round, features_of
 from ..mesh import Mesh, mesh_solid
 from ..part import Part
 from ..rays import Walls
 from ..registry import listed
 from ..solid_gate import Box, bounding_box
-from .cylinders import Cylinder, along_z
 from .memo import Known
 from .row import Row, from_plain, to_plain
 
@@ -40,7 +40,7 @@ class BuiltDesign:
     _failed: dict[str, str] = field(default_factory=dict)
     _meshes: dict[str, Mesh] = field(default_factory=dict)
     _walls: dict[str, Walls] = field(default_factory=dict)
-    _cylinders: dict[str, list[Cylinder]] = field(default_factory=dict)
+    _features: dict[str, Features] = field(default_factory=dict)
     # What was read to make a part, which whoever uses it depends on as well.
     _reads: dict[str, dict[str, Any]] = field(default_factory=dict)
     known: Known | None = None
@@ -82,7 +82,7 @@ class BuiltDesign:
             kept(self._failed),
             kept(self._meshes),
             kept(self._walls),
-            kept(self._cylinders),
+            kept(self._features),
             _reads=kept(self._reads),
         )
 
@@ -160,12 +160,16 @@ class BuiltDesign:
             self._walls[name] = Walls(solid, mesh)
         return self._walls[name]
 
-    def cylinders(self, name: str) -> list[Cylinder]:
-        """Its cylindrical faces along z."""
+    def features(self, name: str) -> Features:
+        """What it is made of."""
         solid = self.solid(name)
-        if name not in self._cylinders:
-            self._cylinders[name] = along_z(solid)
-        return self._cylinders[name]
+        if name not in self._features:
+            self._features[name] = features_of(solid)
+        return self._features[name]
+
+    def cylinders(self, name: str) -> list[Round]:
+        """Its rounds along z."""
+        return [r for r in self.features(name).rounds if r.axis == 2]
 
     def box(self, name: str) -> Box:
         """Its exact bounding box."""

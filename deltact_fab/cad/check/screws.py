@@ -9,9 +9,9 @@ import numpy as np
 
 from ...aliases import Point2
 from ...errors import RunFailed
+from ..features import Round, near
 from ..parts.camera import BOARD_KEYS
 from .built import BuiltDesign
-from .cylinders import Cylinder, near
 from .pairs import pieces
 from .row import Row
 
@@ -103,7 +103,7 @@ def engagement(built: BuiltDesign) -> Iterator[Row]:
         )
 
 
-def _grip_mm(built: BuiltDesign, shank: Cylinder, holder: str) -> float:
+def _grip_mm(built: BuiltDesign, shank: Round, holder: str) -> float:
     """How far a screw stands in its pilot. Raises RunFailed where it has none."""
     x, y = shank.low_mm[:2]
     holes = [c for c in built.cylinders(holder) if c.hole]
@@ -115,7 +115,7 @@ def _grip_mm(built: BuiltDesign, shank: Cylinder, holder: str) -> float:
     return max(high - low, 0.0)
 
 
-def _shanks(built: BuiltDesign, screw: str) -> list[Cylinder]:
+def _shanks(built: BuiltDesign, screw: str) -> list[Round]:
     """The shank of each placed screw: the thinnest face that is no hole."""
     outer = [c for c in built.cylinders(screw) if not c.hole]
     if not outer:
@@ -127,5 +127,5 @@ def _shanks(built: BuiltDesign, screw: str) -> list[Cylinder]:
         low, high = (
             (end[0] + x, end[1] + y, end[2] + z) for end in (thinnest.low_mm, thinnest.high_mm)
         )
-        shanks.append(Cylinder(low, high, thinnest.radius_mm, False))
+        shanks.append(replace(thinnest, low_mm=low, high_mm=high))
     return shanks

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from ...optics import half_angle_rad, reached_mm
 from ...shapes.sensor import N_ACRYLIC, N_SILICONE
 from ..dimensions import Design
+from ..features import Round, near
 from ..parts.camera import off_axis
 from ..rays import first_hit
 from .built import BuiltDesign
-from .cylinders import Cylinder, near
 from .row import Row, at_least
 
 BORDER_RAYS = 96
@@ -156,6 +156,6 @@ def _border_mm(view_x: float, view_y: float) -> NDArray[np.float64]:
     return np.column_stack([x * view_x / 2, y * view_y / 2])
 
 
-def _rings(built: BuiltDesign) -> list[Cylinder]:
+def _rings(built: BuiltDesign) -> list[Round]:
     """The light holder's cylinders about the lens's axis."""
     return near(built.cylinders("light-holder"), 0.0, 0.0, 0.1)

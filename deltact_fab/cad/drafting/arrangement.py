@@ -64,6 +64,7 @@ class ArrangedView:
     lines: dict[Side, list[_Line]] = field(default_factory=dict)
     labels: list[tuple[Leader, float, float]] = field(default_factory=list)
     margins: Rect = (0.0, 0.0, 0.0, 0.0)
+    inner: Rect = (0.0, 0.0, 0.0, 0.0)  # the margins without the labels
 
     def __post_init__(self) -> None:
         taken: list[Rect] = []
@@ -77,6 +78,7 @@ class ArrangedView:
             left, right = max(left, -line.takes[0]), max(right, line.takes[1] - self.size_mm[0])
         for line in self.lines["left"] + self.lines["right"]:
             top, bottom = max(top, -line.takes[0]), max(bottom, line.takes[1] - self.size_mm[1])
+        inner = (left, right)
         beside: tuple[Literal["left", "right"], ...] = ("left", "right")
         for side in beside:
             room = left if side == "left" else right
@@ -98,6 +100,19 @@ class ArrangedView:
             right = max(right, x + reach - self.size_mm[0])
             bottom = max(bottom, y + reach - self.size_mm[1])
         self.margins = (left, top, right, bottom)
+        self.inner = (inner[0], top, inner[1], bottom)
+        if self.details:
+            self.inner = self.margins
+
+    def taken(self, at: Point2) -> list[Rect]:
+        """What the view takes with its dimensions, and each of its labels, in paper mm."""
+        (x, y), (w, h), (left, top, right, bottom) = at, self.size_mm, self.inner
+        rects = [(x - left, y - top, x + w + right, y + h + bottom)]
+        for leader, lx, ly in self.labels:
+            wide = label_width_mm(leader)
+            low = x + lx - (wide if leader.side == "left" else 0.0)
+            rects.append((low, y + ly - SMALL_MM - 1.0, low + wide, y + ly + 1.0))
+        return rects
 
     @property
     def size_mm(self) -> Point2:

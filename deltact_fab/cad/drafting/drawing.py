@@ -18,13 +18,16 @@ import numpy as np
 from ...aliases import Point2, Points
 from ...errors import InputError
 from ..dimensions import Design
+from ..features import features_of
 from ..kernel import guarded
 from ..part import LASER_CUT, PRINT, Part
 from .arrangement import ArrangedView
-from .dimensioning import Detail
+from .dimensioning import Detail, Limits
 from .items import GENERAL_TOLERANCE
 from .layout import Layout, free_square, laid_out
 from .page import LARGE_MM, SMALL_MM, DrawingPage, text_width_mm
+from .placing import Placing
+from .scheme import scheme
 from .sheet import LINE_MM, SHEETS, Title, draw_frame
 from .views import DrawnView, enlarged, views
 
@@ -46,7 +49,10 @@ def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
     notes = [*said.notes]
     if open_keys := [key for key in said.rests_on if key in design.unverified()]:
         notes.append(f"Rests on unverified values: {', '.join(open_keys)}.")
-    layout = laid_out(part.name, drawn, said, notes)
+    found = features_of(solid)
+    placing = Placing(found, said, drawn, _limits(part, design))
+    items = tuple(placing.items(scheme(found, said)))
+    layout = laid_out(part.name, drawn, said, items, notes)
     page = DrawingPage(SHEETS[layout.sheet], f"{part.name}, {layout.scale}")
     title = Title(
         part.name, _belongs(part), part.material, part.process, part.quantity, layout.scale,
@@ -73,6 +79,17 @@ def _general_tolerance(part: Part, design: Design) -> str:
     if part.process == LASER_CUT:
         return design.laser.general_tolerance
     return GENERAL_TOLERANCE
+
+
+def _limits(part: Part, design: Design) -> tuple[Limits | None, Limits | None, Limits | None]:
+    """Of a fitted length along x, y and z."""
+    if part.process == PRINT:
+        plan = design.resin_printer.limits_mm
+        return plan, plan, design.resin_printer.tall_limits_mm
+    if part.process == LASER_CUT:
+        sheet_mm = design.laser.sheet_tolerance * design.optics.acrylic_mm
+        return design.laser.limits_mm, design.laser.limits_mm, (-sheet_mm, sheet_mm)
+    return None, None, None
 
 
 def _belongs(part: Part) -> str:

@@ -1,4 +1,4 @@
-"""What a part's drawing says beside its lines, and short ways to say it.
+"""What a part knows of its drawing that its solid does not tell: fits, words, notes, the section.
 
 Views: `front` looks along +y, `top` along -z, `left` along +x; a part whose drawing is `flipped` is
 turned half about x first, so that its back or its tips are seen from above.
@@ -6,56 +6,70 @@ turned half about x first, so that its back or its tips are seen from above.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from .dimensioning import Centres, Cut, Detail, Item, Leader, Limits, Linear, Side, toleranced
+from .dimensioning import Cut, Detail, Leader
 
 GENERAL_TOLERANCE = "ISO 2768-m"
 SQUARE_EDGES = "Sharp edges broken 0.2 at most."
 
 
 @dataclass(frozen=True)
-class Callouts:
-    """A part's dimensions and notes.
+class Told:
+    """A length along an axis (0, 1, 2) from a coordinate to another one.
 
-    cut: section A-A in place of the left view. rests_on: unverified keys that the part is made
-    from; those still open are named on the drawing. details: parts of views drawn larger. silent:
-    keys of the part's table that make no length on its drawing, with the reason.
+    before, after: what stands around it. fitted: it carries the limits of what makes the part, for
+    it fits something. auxiliary: it follows from others and is bracketed.
     """
 
-    items: tuple[Item, ...]
-    notes: tuple[str, ...]
+    axis: int
+    a_mm: float
+    b_mm: float
+    after: str = ""
+    fitted: bool = True
+    before: str = ""
+    auxiliary: bool = False
+
+    @property
+    def value_mm(self) -> float:
+        """What is printed."""
+        return abs(self.b_mm - self.a_mm)
+
+
+def x_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
+    """A length along x that fits something."""
+    return Told(0, a_mm, b_mm, after, fitted)
+
+
+def y_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
+    """A length along y that fits something."""
+    return Told(1, a_mm, b_mm, after, fitted)
+
+
+def z_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
+    """A length along z that fits something."""
+    return Told(2, a_mm, b_mm, after, fitted)
+
+
+@dataclass(frozen=True)
+class Callouts:
+    """What a part's own file says of its drawing; every other length is read off the solid.
+
+    lengths: that fit something, or that a machinist must see as such. rounds: by diameter in mm,
+    what its label adds. fitted: diameters with limits of their own. labels: for faces that are
+    neither flat nor round. axes: (axis, coordinate) of places where the same features stand. cut:
+    section A-A in place of the left view. rests_on: unverified keys that the part is made from;
+    those still open are named on the drawing. details: parts of views drawn larger.
+    """
+
+    lengths: tuple[Told, ...] = ()
+    rounds: Mapping[float, str] = field(default_factory=dict)
+    fitted: tuple[float, ...] = ()
+    notes: tuple[str, ...] = ()
+    labels: tuple[Leader, ...] = ()
+    axes: tuple[tuple[int, float], ...] = ()
     cut: Cut | None = None
     flipped: bool = False
     rests_on: tuple[str, ...] = ()
     details: tuple[Detail, ...] = ()
-    silent: Mapping[str, str] = field(default_factory=dict)
-
-
-def x_of(view: str, a: float, b: float, side: Side, y: float = 0.0, z: float = 0.0,
-       before: str = "", after: str = "", limits: Limits | None = None) -> Linear:  # fmt: skip
-    return Linear(view, (a, y, z), (b, y, z), side, before, after, limits)
-
-
-def y_of(view: str, a: float, b: float, side: Side, x: float = 0.0, z: float = 0.0,
-       before: str = "", after: str = "", limits: Limits | None = None) -> Linear:  # fmt: skip
-    return Linear(view, (x, a, z), (x, b, z), side, before, after, limits)
-
-
-def z_of(view: str, a: float, b: float, side: Side, x: float = 0.0, y: float = 0.0,
-       before: str = "", after: str = "", limits: Limits | None = None) -> Linear:  # fmt: skip
-    return Linear(view, (x, y, a), (x, y, b), side, before, after, limits)
-
-
-def holes(at: Sequence[tuple[float, float]], z: float, diameter_mm: float, words: str = "",
-           side: str = "right", mark: bool = True,
-           limits: Limits | None = None) -> Iterator[Item]:  # fmt: skip
-    """Crosses on equal holes along z and one label, at the hole nearest to the label."""
-    if mark:
-        yield Centres("top", tuple((x, y, z) for x, y in at), diameter_mm / 2)
-    sign = 1 if side == "right" else -1
-    x, y = max(at, key=lambda p: (round(sign * p[0], 6), p[1]))
-    count = f"{len(at)}× " if len(at) > 1 else ""
-    label = f"{count}Ø{toleranced(diameter_mm, limits)}{words}"
-    yield Leader("top", (x, y, z), diameter_mm / 2, label, "right" if sign > 0 else "left")

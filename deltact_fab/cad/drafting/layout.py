@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
 from ...aliases import Point2
 from ...errors import InputError
 from .arrangement import ArrangedView
-from .dimensioning import Detail
+from .dimensioning import Detail, Item
 from .items import Callouts
 from .page import Rect, meet
 from .sheet import BORDER_MM, LINE_MM, SHEETS, block_rect, wrapped
@@ -32,15 +33,10 @@ class Layout:
     at: dict[str, Point2]
     notes: list[str] = field(default_factory=list)
 
-    @property
-    def taken(self) -> list[Rect]:
-        """What the views take with all that is written around them."""
-        rects = []
-        for name, view in self.arranged.items():
-            (x, y), (w, h) = self.at[name], view.size_mm
-            left, top, right, bottom = view.margins
-            rects.append((x - left, y - top, x + w + right, y + h + bottom))
-        return rects
+    def taken(self, but: str = "") -> list[Rect]:
+        """What the views take with all that is written around them, without one of them."""
+        views = (name for name in self.arranged if name != but)
+        return [rect for name in views for rect in self.arranged[name].taken(self.at[name])]
 
     @property
     def reserved(self) -> Rect:
@@ -58,19 +54,27 @@ class Layout:
             return False
         inside = all(
             x0 >= edge and y0 >= edge and x1 <= width - edge and y1 <= height - edge
-            for x0, y0, x1, y1 in self.taken
+            for x0, y0, x1, y1 in self.taken()
         )
-        rects = [*self.taken, self.reserved]
-        return inside and not any(meet(a, b) for a, b in combinations(rects, 2))
+        # What stands around one view keeps apart from itself already.
+        views = [view.taken(self.at[name]) for name, view in self.arranged.items()]
+        pairs = combinations([*views, [self.reserved]], 2)
+        return inside and not any(meet(a, b) for one, other in pairs for a in one for b in other)
 
 
-def laid_out(part: str, drawn: dict[str, DrawnView], said: Callouts, notes: list[str]) -> Layout:
+def laid_out(
+    part: str,
+    drawn: dict[str, DrawnView],
+    said: Callouts,
+    items: Sequence[Item],
+    notes: list[str],
+) -> Layout:
     """The largest scale that fits a sheet, on the smallest sheet that takes it."""
     left, _, right, _ = block_rect("A4")
     lines = [line for note in notes for line in wrapped(note, right - left - 6)]
     for scale in SCALES:
         for sheet in SHEETS:
-            layout = _placed(sheet, scale, drawn, said, lines)
+            layout = _placed(sheet, scale, drawn, said, items, lines)
             if layout.fits:
                 return layout
     (x0, y0), (x1, y1) = drawn["top"].box_mm
@@ -80,7 +84,12 @@ def laid_out(part: str, drawn: dict[str, DrawnView], said: Callouts, notes: list
 
 
 def _placed(
-    sheet: str, scale: str, drawn: dict[str, DrawnView], said: Callouts, notes: list[str]
+    sheet: str,
+    scale: str,
+    drawn: dict[str, DrawnView],
+    said: Callouts,
+    items: Sequence[Item],
+    notes: list[str],
 ) -> Layout:
     arranged = {
         name: ArrangedView(
@@ -88,7 +97,7 @@ def _placed(
             drawn[name].view,
             SCALES[scale],
             drawn[name].box_mm,
-            [item for item in said.items if item.view == name],
+            [item for item in items if item.view == name],
             said.cut.x_mm if said.cut is not None and name == "top" else None,
             "A–A" if said.cut is not None and name == "left" else "",
             [detail for detail in said.details if detail.view == name],
@@ -120,13 +129,13 @@ def _placed(
     }
     layout = Layout(sheet, scale, arranged, at, notes)
     for detail in said.details:
-        _place_detail(layout, detail, drawn[detail.view], said)
+        mine = [item for item in items if item.view == detail.letter]
+        _place_detail(layout, detail, drawn[detail.view], mine)
     return layout
 
 
-def _place_detail(layout: Layout, detail: Detail, parent: DrawnView, said: Callouts) -> None:
+def _place_detail(layout: Layout, detail: Detail, parent: DrawnView, items: Sequence[Item]) -> None:
     """Put a detail where the sheet is free, as large as goes; where nothing goes, off the sheet."""
-    items = [item for item in said.items if item.view == detail.letter]
     drawn = enlarged(parent, detail)
     layout.at[detail.letter] = SHEETS[layout.sheet]
     larger = {n: scale for n, scale in DETAIL_SCALES.items() if scale > SCALES[layout.scale]}
@@ -150,8 +159,8 @@ def _free_place(layout: Layout, room: Point2, but: str) -> Point2 | None:
     """The upper left corner of a free rectangle of a size, towards the upper right of the sheet."""
     width, height = SHEETS[layout.sheet]
     edge, gap = BORDER_MM + 4, 3.0
-    taken = [r for name, r in zip(layout.arranged, layout.taken, strict=True) if name != but]
-    taken = [(a - gap, b - gap, c + gap, d + gap) for a, b, c, d in [*taken, layout.reserved]]
+    taken = [*layout.taken(but), layout.reserved]
+    taken = [(a - gap, b - gap, c + gap, d + gap) for a, b, c, d in taken]
     xs = {edge, width - edge - room[0], *(r[2] for r in taken), *(r[0] - room[0] for r in taken)}
     ys = {edge, height - edge - room[1], *(r[3] for r in taken), *(r[1] - room[1] for r in taken)}
     found = [
@@ -169,7 +178,7 @@ def free_square(layout: Layout) -> Rect:
     """The free rectangle in which a square fits best."""
     width, height = SHEETS[layout.sheet]
     b = BORDER_MM + 2
-    taken = [*layout.taken, layout.reserved]
+    taken = [*layout.taken(), layout.reserved]
     xs = sorted({b, width - b, *(v for r in taken for v in (r[0], r[2]) if b < v < width - b)})
     ys = sorted({b, height - b, *(v for r in taken for v in (r[1], r[3]) if b < v < height - b)})
     best = (0.0, 0.0, 0.0, 0.0)

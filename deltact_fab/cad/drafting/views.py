@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...aliases import Point2, Points
 from ..kernel import ordered, require
@@ -83,6 +84,20 @@ class DrawnView:
             return (x - r, y - r), (x + r, y + r)
         (x0, y0), (x1, y1) = (c.tolist() for c in self.lines.box_mm)
         return (x0, y0), (x1, y1)
+
+    def shows(self, points: Points, near_mm: float) -> NDArray[np.bool_]:
+        """Which points (n, 2) on the model's plane lie on a visible line."""
+        a, b = self._segments
+        way = b - a
+        length = np.maximum(np.einsum("ij,ij->i", way, way), 1e-18)
+        t = np.einsum("nij,ij->ni", points[:, None] - a, way) / length
+        off = points[:, None] - (a + np.clip(t, 0, 1)[..., None] * way)
+        return np.asarray(np.hypot(off[..., 0], off[..., 1]).min(axis=1) < near_mm)
+
+    @cached_property
+    def _segments(self) -> tuple[Points, Points]:
+        lines = [*self.lines.visible, *self.lines.smooth]
+        return np.concatenate([p[:-1] for p in lines]), np.concatenate([p[1:] for p in lines])
 
 
 def views_of(said: Callouts) -> dict[str, View]:

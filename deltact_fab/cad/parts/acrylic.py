@@ -15,7 +15,6 @@ from collections.abc import Iterator
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import Item
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape
@@ -109,24 +108,14 @@ def fits(d: Design) -> Iterator[PlayFit]:
 def callouts(d: Design) -> Callouts:
     """The plate: outline, notches, thickness."""
     (x, y), (nx, ny) = d.acrylic_half_mm, d.acrylic_notch_mm
-    back, front = d.z_joint_mm, d.z_ledge_mm
-    cut = d.laser.limits_mm
-    sheet = d.laser.sheet_tolerance * d.optics.acrylic_mm
-    items: list[Item] = [
-        x_of("top", -x, x, "bottom", -y, limits=cut),
-        y_of("top", -y, y, "left", -x, limits=cut),
-        z_of("front", back, front, "left", -x, limits=(-sheet, sheet)),
-    ]
+    lengths = [x_of(-x, x), y_of(-y, y), z_of(d.z_joint_mm, d.z_ledge_mm)]
     if nx > 0:
-        items += [
-            x_of("top", nx - x, x - nx, "top", y, limits=cut),
-            y_of("top", ny - y, y - ny, "right", x, limits=cut),
-        ]
+        lengths += [x_of(nx - x, x - nx), y_of(ny - y, y - ny)]
     notes = (
         "Cut from cast PMMA, clear on both faces; protective film stays on until bonding.",
         f"Plan dimensions are those of the finished plate. {d.laser.path}",
     )
-    return Callouts(tuple(items), notes)
+    return Callouts(tuple(lengths), notes=notes)
 
 
 def note(d: Design) -> str:

@@ -20,8 +20,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Axis, Item
-from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape
 from ..part import BLACK, PRINT, RESIN, Part
@@ -121,44 +120,25 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 def callouts(d: Design) -> Callouts:
     """The plate behind the board."""
-    back, front = d.z_floor_mm, d.z_board_back_mm
-    x, arm = d.holder_half_x_mm, d.holder_arm_mm
-    tongue, top = d.holder_tongue_mm
-    window, window_top = d.holder_window_half_mm, d.holder_window_top_mm
-    (px, py), upper = d.peg_at_mm, d.camera.hole_rows_mm[0]
-    pitch = d.camera.hole_pitch_x_mm / 2
-    row = d.holder.row
-    fitted = d.resin_printer.limits_mm
-    items: list[Item] = [
-        x_of("top", -x, x, "bottom", -arm, limits=fitted),
-        x_of("top", -px, px, "bottom", -py, limits=fitted),
-        x_of("top", -window, window, "bottom", -arm, limits=fitted),
-        x_of("top", -tongue, tongue, "top", top, limits=fitted),
-        x_of("top", -pitch, pitch, "top", upper, limits=fitted),
-        y_of("top", -arm, arm, "left", -x),
-        y_of("top", -py, py, "left", -px, limits=fitted),
-        y_of("top", -arm, top, "left", -tongue),
-        y_of("top", 0, window_top, "right", window),
-        y_of("top", 0, upper, "right", pitch),
-        *holes([(s * px, t * py) for s in (-1, 1) for t in (-1, 1)], front, d.cover.hole_mm,
-                " through", limits=fitted),
-        *holes([(-pitch, upper), (pitch, upper)], front, row.pilot_mm, " through"),
-        Axis("top", (0, -arm, 0), (0, top, 0)),
-        Axis("top", (-x, 0, 0), (x, 0, 0)),
-        z_of("front", back, front, "left", -x, limits=d.resin_printer.tall_limits_mm),
-    ]  # fmt: skip
-    notes = (
-        f"{d.holder.screw} cuts its own thread in the two pilot holes; the four others are for the "
-        "pegs of the cover.",
-        SQUARE_EDGES,
+    (px, py), pitch = d.peg_at_mm, d.camera.hole_pitch_x_mm / 2
+    half_x, window, tongue = d.holder_half_x_mm, d.holder_window_half_mm, d.holder_tongue_mm[0]
+    lengths = (
+        x_of(-half_x, half_x),
+        x_of(-px, px),
+        x_of(-window, window),
+        x_of(-tongue, tongue),
+        x_of(-pitch, pitch),
+        y_of(-py, py),
+        z_of(d.z_floor_mm, d.z_board_back_mm),
     )
-    silent = {
-        "holder.screw_length_mm": "the screw's",
-        "holder.head_clearance_mm": "of the light holder's reliefs",
-        "holder.window_rest_mm": "the least between window and pegs",
+    rounds = {
+        d.cover.hole_mm: "for the cover's pegs",
+        d.holder.row.pilot_mm: f"pilot, {d.holder.screw} cuts its own thread",
     }
     rests_on = ("camera.connector_width_mm", *UPPER_HOLES)
-    return Callouts(tuple(items), notes, rests_on=rests_on, silent=silent)
+    return Callouts(
+        lengths, rounds, fitted=(d.cover.hole_mm,), notes=(SQUARE_EDGES,), rests_on=rests_on
+    )
 
 
 PARTS = (

@@ -17,8 +17,8 @@ import math
 from dataclasses import asdict
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut, Item, shown
-from ..drafting.items import Callouts, holes, x_of, y_of, z_of
+from ..drafting.dimensioning import Cut
+from ..drafting.items import Callouts
 from ..kernel import Shape, require
 from ..part import AMBER, PRINT, RESIN, Part
 from ..solid_gate import Expected, around
@@ -51,23 +51,9 @@ def build(design: Design) -> Shape:
 def callouts(d: Design) -> Callouts:
     """The wells; section through the first."""
     coupon = d.coupon
-    pitch = coupon.diameter_mm + coupon.wall_mm
-    first = -pitch * (coupon.wells - 1) / 2
-    half = first - coupon.diameter_mm / 2 - coupon.wall_mm
-    y = coupon.diameter_mm / 2 + coupon.wall_mm
-    top = coupon.base_mm + coupon.depth_mm
-    centres = [(first + pitch * i, 0.0) for i in range(coupon.wells)]
-    items: list[Item] = [
-        x_of("top", half, -half, "bottom", -y),
-        y_of("top", -y, y, "left", half),
-        *holes(centres, top, coupon.diameter_mm, f" depth {shown(coupon.depth_mm)}"),
-        z_of("left", 0, top, "right", first, y),
-        z_of("left", 0, coupon.base_mm, "left", first, -coupon.diameter_mm / 2),
-    ]
-    if coupon.wells > 1:
-        items.append(x_of("top", first, first + pitch, "top", 0, top))
+    first = -(coupon.diameter_mm + coupon.wall_mm) * (coupon.wells - 1) / 2
     notes = ("Same resin, same wash, cure and coat as the mold: it is there to test them.",)
-    return Callouts(tuple(items), notes, Cut(first))
+    return Callouts(notes=notes, cut=Cut(first))
 
 
 PARTS = (

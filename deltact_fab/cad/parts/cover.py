@@ -24,8 +24,8 @@ from typing import Any
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import Axis, Cut, Detail, Item, Linear, shown
-from ..drafting.items import Callouts, holes, x_of, y_of, z_of
+from ..drafting.dimensioning import Cut, Detail, shown
+from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import BLACK, PRINT, RESIN, Part
@@ -171,53 +171,33 @@ def fits(d: Design) -> Iterator[PlayFit]:
 def callouts(d: Design) -> Callouts:
     """The cover; section through two of the bosses."""
     row, cover = d.screw.row, d.cover
-    ox, oy = (s / 2 for s in d.frame_outer_mm)
-    (sx, sy), (px, py) = d.screw_at_mm, d.peg_at_mm
-    post = d.post_mm
-    back, floor, boss, head = d.z_back_mm, d.z_floor_mm, d.z_boss_mm, d.z_head_mm
+    (ox, oy), (sx, sy), (px, py) = d.frame_outer_mm, d.screw_at_mm, d.peg_at_mm
+    floor = d.z_floor_mm
     under, tip = floor + d.peg_leg_mm, floor + d.peg_length_mm
     slot, lip = cover.slot_mm / 2, cover.hole_mm / 2 + cover.lip_mm
-    tip_x = _lip_mm(d)[1] + cover.lip_mm
     side = slot + cover.leg_mm
-    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
-    pegs = [(s * px, t * py) for s in (-1, 1) for t in (-1, 1)]
-    items: list[Item] = [
-        x_of("top", -ox, ox, "bottom", -oy),
-        x_of("top", -sx, sx, "bottom", -sy, limits=fitted),
-        x_of("top", -px, px, "top", py, limits=fitted),
-        x_of("top", ox - post, ox, "top", oy, after=" (4×, x and y)", limits=fitted),
-        y_of("top", -oy, oy, "left", -ox),
-        y_of("top", -sy, sy, "left", -sx, limits=fitted),
-        y_of("top", -py, py, "left", -px, limits=fitted),
-        *holes(d.screw_centres_mm, boss, row.clearance_mm, " through", limits=fitted),
-        *holes(pegs, tip, cover.peg_mm, " peg", limits=fitted),
-        Linear("front", (-ox, 0, back), (-px - side, 0, tip), "left", auxiliary=True),
-        z_of("front", back, boss, "left", -ox),
-        z_of("front", back, floor, "right", ox - post),
-        z_of("left", back, head, "right", 0, -sy),
-        y_of("left", -sy - row.bore_mm / 2, -sy + row.bore_mm / 2, "bottom", 0, back,
-           before="Ø", after=" (4×)", limits=fitted),
-        *(Axis("left", (-sx, s * sy, back), (-sx, s * sy, boss)) for s in (-1, 1)),
-        x_of("B", px - slot, px + slot, "top", -py, tip, after=" slot"),
-        x_of("B", px - side, px + side, "bottom", -py, floor, after=" over both legs",
-             limits=fitted),
-        x_of("B", px - lip, px + lip, "top", -py, under, after=" over both lips",
-             limits=fitted),
-        z_of("B", under, tip, "right", px + tip_x, -py),
-        z_of("B", floor, under, "left", px - side, -py, limits=tall),
-    ]  # fmt: skip
+    lengths = (
+        x_of(-sx, sx),
+        y_of(-sy, sy),
+        x_of(-px, px),
+        y_of(-py, py),
+        x_of(ox / 2 - d.post_mm, ox / 2),
+        y_of(oy / 2 - d.post_mm, oy / 2),
+        x_of(px - slot, px + slot, " slot", fitted=False),
+        x_of(px - side, px + side, " over both legs"),
+        x_of(px - lip, px + lip, " over both lips"),
+        z_of(floor, under),
+    )
     notes = (
         "Four pegs alike, slots along y, legs flat outside. Lips flat underneath, "
         f"{shown(cover.lip_mm)} beyond the hole of Ø{shown(cover.hole_mm)}.",
         f"Strain of a peg when snapped in: {shown(100 * d.snap_strain)} %. Pegs without support "
         "marks. Opaque.",
     )
+    rounds = {row.bore_mm: "for the heads, from the outer face"}
+    fitted = (row.clearance_mm, row.bore_mm, cover.peg_mm)
     detail = Detail("B", "front", (px, -py, (floor + tip) / 2), 0.7 * d.peg_length_mm)
-    silent = {
-        "cover.strain_limit": "of the resin",
-        "cover.fit_mm": "of the corners that the shell leaves",
-    }
-    return Callouts(tuple(items), notes, Cut(-sx), details=(detail,), silent=silent)
+    return Callouts(lengths, rounds, fitted, notes, cut=Cut(-sx), details=(detail,))
 
 
 PARTS = (

@@ -20,8 +20,8 @@ from collections.abc import Iterator
 from dataclasses import asdict
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut, Item, Leader, shown
-from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..drafting.dimensioning import Cut
+from ..drafting.items import Callouts, x_of
 from ..kernel import Shape, require
 from ..part import AMBER, PRINT, RESIN, Part
 from ..rule import Quantity, Rule
@@ -68,33 +68,14 @@ def rules(d: Design) -> Iterator[Rule]:
 
 def callouts(d: Design) -> Callouts:
     """The coupon; section through the block."""
-    coupon, (x, y) = d.fit_coupon, (side / 2 for side in d.fit_coupon.outer_mm)
-    at, row, base = coupon.at_x_mm, coupon.row_y_mm, coupon.base_mm
-    sizes = coupon.sizes_mm
-    top = base + coupon.block_height_mm
-    middle, half = coupon.block_x_mm, coupon.block_mm / 2
-    span = f"{shown(sizes[0])} to {shown(sizes[-1])} by {shown(coupon.step_mm)}"
-    items: list[Item] = [
-        x_of("top", -x, x, "bottom", -y),
-        y_of("top", -y, y, "right", x),
-        x_of("top", at[0], at[1], "bottom", -y + coupon.slot_mm, base),
-        x_of("top", middle - half, middle + half, "top", row + half, top),
-        y_of("top", -y, coupon.slot_mm - y, "left", at[0], base),
-        y_of("top", -y, row, "left", at[0], base),
-        Leader("top", (at[0], row, base), sizes[0] / 2, f"{coupon.count}× Ø{span} through", "left"),
-        Leader(
-            "top", (middle, row, top + coupon.peg_height_mm), coupon.peg_mm / 2,
-            f"Ø{shown(coupon.peg_mm)} peg",
-        ),
-        z_of("left", 0, base, "right", middle, -y),
-        z_of("left", base, top, "left", middle, row + half),
-        z_of("left", top, top + coupon.peg_height_mm, "left", middle, row + coupon.peg_mm / 2),
-    ]  # fmt: skip
     notes = (
         "Each slot is as wide as the hole above it. No edge is broken or rubbed.",
         "Measure each hole, slot and outside length; enter nominal and measured in a table.",
     )
-    return Callouts(tuple(items), notes, Cut(middle))
+    coupon = d.fit_coupon
+    at, half = coupon.block_x_mm, coupon.block_mm / 2
+    block = x_of(at - half, at + half, fitted=False)
+    return Callouts((block,), notes=notes, cut=Cut(at))
 
 
 PARTS = (

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 
 from ..dimensions import Design
-from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..drafting.items import Callouts
 from ..kernel import Shape, require
 from ..part import CLEAR, LASER_CUT, Part
 from ..rule import Quantity, Rule
@@ -47,17 +47,11 @@ def rules(d: Design) -> Iterator[Rule]:
 
 def callouts(d: Design) -> Callouts:
     """The strip."""
-    x, y = d.kerf_coupon.length_mm / 2, d.kerf_coupon.width_mm / 2
-    items = (
-        x_of("top", -x, x, "bottom", -y),
-        y_of("top", -y, y, "left", -x),
-        z_of("front", 0, d.optics.acrylic_mm, "left", -x),
-    )
     notes = (
         f"{PIECES} pieces from the plate's own sheet, with the plate's own settings.",
         f"Measure {PIECES} side by side along the short side, each alone, and its thickness.",
     )
-    return Callouts(items, notes)
+    return Callouts(notes=notes)
 
 
 PARTS = (

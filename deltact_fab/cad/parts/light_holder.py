@@ -24,8 +24,8 @@ from collections.abc import Iterator
 from dataclasses import asdict
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Axis, Centres, Cut, Item, Leader, shown
-from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
+from ..drafting.dimensioning import Cut
+from ..drafting.items import SQUARE_EDGES, Callouts, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import PRINT, RESIN, WHITE, Part
@@ -177,51 +177,19 @@ def below_plate(d: Design) -> PlayFit:
 
 def callouts(d: Design) -> Callouts:
     """The ring; section through channel, floor and wire slot."""
-    light = d.light
-    back, front = d.z_board_front_mm, d.z_light_mm
-    r, channel, diffuser, bore = (
-        d.light_radius_mm,
-        d.strip_radius_mm,
-        d.channel_inner_mm,
-        d.light_bore_mm,
-    )
-    slot = light.slot_mm / 2
-    floor = back + light.floor_mm
-    upper, screws = d.camera.hole_rows_mm[0], d.camera_screw_centres_mm
-    relief, lips, (px, py) = d.head_relief_mm, d.peg_relief_mm, d.peg_at_mm
-    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
-    # The ring ends inside the relief: the arrow goes to the side of the relief that it keeps.
-    (x, y), inward = screws[1], 1 - relief / math.hypot(*screws[1])
-    near = (x * inward, y * inward)
-    inward = 1 - lips / math.hypot(px, py)
-    at_lip = (px * inward, -py * inward)
-    items: list[Item] = [
-        Centres("top", ((0, 0, front),), r),
-        y_of("left", -r, r, "bottom", 0, back, before="Ø", limits=fitted),
-        y_of("left", -channel, channel, "top", 0, front, before="Ø", limits=fitted),
-        y_of("left", -diffuser, diffuser, "top", 0, front, before="Ø", limits=fitted),
-        y_of("left", -bore, bore, "bottom", 0, back, before="Ø"),
-        z_of("left", back, front, "left", 0, r, limits=tall),
-        z_of("left", back, floor, "left", 0, channel),
-        x_of("top", -slot, slot, "bottom", -r, front),
-        x_of("top", screws[0][0], screws[1][0], "top", upper, back),
-        y_of("top", 0, upper, "left", screws[0][0], back),
-        Centres("top", tuple((x, y, back) for x, y in screws), relief),
-        Leader("top", (*near, back), 0, f"2× Ø{shown(2 * relief)} through the floor, from below"),
-        Centres("top", tuple((x, y, back) for x, y in d.peg_centres_mm), lips),
-        Leader("top", (*at_lip, back), 0, f"4× Ø{shown(2 * lips)} through the floor, from below"),
-        x_of("top", -px, px, "bottom", -py, back),
-        y_of("top", -py, py, "right", px, back),
-        Axis("left", (0, 0, back), (0, 0, front)),
-    ]
+    rounds = {
+        2 * d.head_relief_mm: "for the camera's screws, from below",
+        2 * d.peg_relief_mm: "for the lips of the pegs, from below",
+    }
+    radii = (d.light_radius_mm, d.strip_radius_mm, d.channel_inner_mm)
     notes = (
         "Translucent white; the inner wall is the diffuser: no polish, no paint.",
         f"Slot at -y through the outer wall only, down to the channel's floor. {SQUARE_EDGES}",
     )
     return Callouts(
-        tuple(items), notes, Cut(0.0),
+        (z_of(d.z_board_front_mm, d.z_light_mm),), rounds, tuple(2 * r for r in radii), notes,
+        cut=Cut(0.0),
         rests_on=("camera.lens_diameter_mm", "camera.lens_height_mm", *UPPER_HOLES),
-        silent={"light.strip_width_mm": "the strip's: it stands proud of no face"},
     )  # fmt: skip
 
 

@@ -19,14 +19,13 @@ seat takes the blade that lifts the frame out. Every wall is upright: the silico
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import Axis, Cut, Item, Leader, Linear, shown
+from ..drafting.dimensioning import Cut, Leader
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import PlayFit
 from ..kernel import Shape, require
@@ -126,66 +125,32 @@ def fits(d: Design) -> Iterator[PlayFit]:
 def callouts(d: Design) -> Callouts:
     """The mold; section through one column of cavities."""
     mold, skin = d.mold, d.skin
-    x, y, z = d.mold_outer_mm
     fx, fy = d.frame_outer_mm
-    px, py = fx + mold.web_mm, fy + mold.web_mm
-    # The first cavity is the one at the lower left.
-    cx, cy = -px * (mold.columns - 1) / 2, -py * (mold.rows - 1) / 2
+    centres = centres_mm(d)
+    (cx, cy), w, h = min(centres), skin.width_mm / 2, skin.length_mm / 2
     sx, sy = fx / 2 + mold.fit_mm, fy / 2 + mold.fit_mm
-    w, h = skin.width_mm / 2, skin.length_mm / 2
-    seat = mold.base_mm + skin.protrusion_mm
-    pry, last = mold.pry_width_mm / 2, cy + py * (mold.rows - 1)
-    axes_x = [cx + px * i for i in range(mold.columns)]
-    fitted = d.resin_printer.limits_mm
-    axes_y = [cy + py * i for i in range(mold.rows)]
-    items: list[Item] = [
-        x_of("top", -x / 2, x / 2, "bottom", -y / 2),
-        y_of("top", -y / 2, y / 2, "left", -x / 2),
-        x_of("top", cx - w, cx + w, "bottom", cy, mold.base_mm),
-        x_of("top", cx - sx, cx + sx, "bottom", cy - sy, limits=fitted),
-        y_of("top", cy - h, cy + h, "left", cx, mold.base_mm),
-        y_of("top", cy - sy, cy + sy, "left", cx - sx, limits=fitted),
-        x_of("top", cx - pry, cx + pry, "top", last + sy + mold.pry_mm),
-        y_of("top", last + sy, last + sy + mold.pry_mm, "right", axes_x[-1] + pry),
-        *(Axis("top", (a, -y / 2, z), (a, y / 2, z)) for a in axes_x),
-        *(Axis("top", (-x / 2, a, z), (x / 2, a, z)) for a in axes_y),
-        Linear("left", (cx, -y / 2, 0), (cx, -y / 2, z), "right", auxiliary=True),
-        z_of("left", 0, mold.base_mm, "right", cx, cy - h),
-        z_of("left", seat, z, "left", cx, last + sy),
-        z_of(
-            "left", mold.base_mm, seat, "left", cx, last + h, limits=d.resin_printer.tall_limits_mm
-        ),
-    ]
-    if mold.columns > 1:
-        items.append(x_of("top", cx, cx + px, "top", 0, z))
-    if mold.rows > 1:
-        items.append(y_of("top", cy, cy + py, "right", 0, z))
-    r, slant = skin.edge_fillet_mm, math.sqrt(0.5)
-    items.append(
-        Leader(
-            "left",
-            (cx, cy - h + r * (1 - slant), mold.base_mm + r * (1 - slant)),
-            0,
-            f"R{shown(r)} all around the floor",
-        )
+    pry, floor = mold.pry_width_mm / 2, mold.base_mm
+    lengths = (
+        x_of(cx - sx, cx + sx),
+        y_of(cy - sy, cy + sy),
+        x_of(cx - w, cx + w, fitted=False),
+        y_of(cy - h, cy + h, fitted=False),
+        x_of(cx - pry, cx + pry, fitted=False),
+        y_of(cy - sy - mold.pry_mm, cy + sy + mold.pry_mm, fitted=False),
+        z_of(floor, floor + skin.protrusion_mm),
     )
-    items.append(
-        Leader(
-            "left",
-            (cx, cy + h / 2, mold.base_mm),
-            0,
-            "floor, the touched face",
-            flatness_mm=mold.floor_flatness_mm,
-            roughness_um=mold.floor_roughness_um,
-        )
-    )
+    touched = Leader(
+        "left", (cx, cy + h / 2, floor), 0, "floor, the touched face",
+        flatness_mm=mold.floor_flatness_mm, roughness_um=mold.floor_roughness_um,
+    )  # fmt: skip
     notes = (
         f"{mold.columns} × {mold.rows} cavities alike. Floors smooth: they form the touched face. "
         + RELEASE_AGENT,
         "Post-cure and coat the resin; cast a coupon first. Vertical corners sharp.",
     )
-    silent = {"skin.thickness_mm": "the frame holds the rest of the skin"}
-    return Callouts(tuple(items), notes, Cut(cx), silent=silent)
+    rounds = {2 * skin.edge_fillet_mm: "all around the floors"}
+    axes = sorted({(0, x) for x, _ in centres} | {(1, y) for _, y in centres})
+    return Callouts(lengths, rounds, (), notes, (touched,), tuple(axes), Cut(cx))
 
 
 def note(d: Design) -> str:

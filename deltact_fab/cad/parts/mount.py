@@ -24,10 +24,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from ...aliases import Point, Vector
+from ...aliases import Point
 from ..dimensions import Design
-from ..drafting.dimensioning import Axis, Item, Leader, Linear, shown
-from ..drafting.items import holes, x_of, y_of, z_of
+from ..drafting.items import Told, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Workplane, require
 from ..rule import Quantity, Rule
@@ -211,48 +210,18 @@ def fits(d: Design) -> Iterator[PlayFit]:
     yield PlayFit(name, "shell, finger", (hole,), (screw, pitch))
 
 
-def callouts(d: Design) -> list[Item]:
-    """What the shell's drawing says of the mount."""
-    mount, (ox, oy) = d.mount, (side / 2 for side in d.frame_outer_mm)
-    floor, end = d.z_floor_mm, oy + mount.length_mm
-    reach = {"block": mount.width_mm / 2, "franka": mount.flange_width_mm / 2, "plate": ox}
-    items: list[Item] = [
-        Linear("top", (-ox, -oy, 0), (-reach[mount.kind], end, 0), "left", auxiliary=True),
-        y_of("left", oy, end, "bottom", 0, floor),
-    ]
+def lengths(d: Design) -> list[Told]:
+    """What the shell's drawing says of the mount beside what is read off it."""
+    mount, face = d.mount, d.frame_outer_mm[1] / 2
+    end = face + mount.length_mm
+    whole = y_of(face, end, fitted=False)
     if mount.kind == "plate":
-        return items  # as high as the shell
+        return [whole]
     if mount.kind == "block":
-        half, top = mount.width_mm / 2, floor + mount.height_mm
-        middle, pitch = oy + mount.length_mm / 2, mount.hole_pitch_mm / 2
-        return [
-            *items,
-            x_of("top", -half, half, "top", end, top),
-            z_of("left", floor, top, "left", 0, end),
-            y_of("top", middle - pitch, middle + pitch, "right", half, top),
-            y_of("top", middle + pitch, end, "right", half, top),
-            *holes([(0, middle - pitch), (0, middle + pitch)], top, mount.hole_mm, " through"),
-        ]
-    half, wide = mount.width_mm / 2, mount.flange_width_mm / 2
-    low, high = d.flange_arm_z_mm
-    back, top = d.z_back_mm, d.z_back_mm + mount.flange_height_mm
-    middle, pitch = (back + top) / 2, mount.flange_pitch_mm / 2
-    bores: tuple[Vector, ...] = ((0, end, middle - pitch), (0, end, middle + pitch))
-    return [
-        *items,
-        x_of("top", -half, half, "top", end - mount.flange_mm),
-        x_of("top", -wide, wide, "top", end),
-        y_of("left", end - mount.flange_mm, end, "top", 0, top),
-        z_of("left", back, top, "left", 0, end),
-        z_of("left", middle - pitch, middle + pitch, "left", 0, end),
-        z_of("left", low, high, "left", 0, end),
-        *(Axis("left", (0, end - mount.flange_mm, at[2]), at) for at in bores),
-        Leader("left", bores[1], 0, f"2× Ø{shown(mount.hole_mm)} through", "left"),
-        Leader(
-            "left", (0, end - mount.flange_mm, middle - pitch), 0,
-            f"2× Ø{shown(mount.counterbore_mm)} depth {shown(mount.counterbore_depth_mm)}", "left",
-        ),
-    ]  # fmt: skip
+        middle, pitch = end - mount.length_mm / 2, mount.hole_pitch_mm / 2
+        return [whole, y_of(middle - pitch, middle + pitch, fitted=False)]
+    middle, pitch = d.z_back_mm + mount.flange_height_mm / 2, mount.flange_pitch_mm / 2
+    return [whole, z_of(middle - pitch, middle + pitch, fitted=False)]
 
 
 FLANGE = (
@@ -267,14 +236,3 @@ def rests_on(d: Design) -> tuple[str, ...]:
     if d.mount.kind != "franka":
         return ()
     return tuple(f"mount.flange_{key}_mm" for key in ("width", "height", "pitch", "hole"))
-
-
-def silent(d: Design) -> dict[str, str]:
-    """Keys that only other kinds of mounts are made from."""
-    own = {
-        "block": ("width_mm", "height_mm", "hole_pitch_mm", "screw"),
-        "franka": ("width_mm", "arm_mm", *FLANGE),
-        "plate": (),
-    }[d.mount.kind]
-    of_others = {"width_mm", "height_mm", "hole_pitch_mm", "screw", "arm_mm", *FLANGE} - {*own}
-    return {f"mount.{key}": f"no part of a {d.mount.kind}" for key in sorted(of_others)}

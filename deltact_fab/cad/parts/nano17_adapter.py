@@ -16,8 +16,8 @@ from dataclasses import asdict
 
 from ..bench_sections import BOLT, BOLTS, SCREW
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut, Item, Leader, shown
-from ..drafting.items import Callouts, holes, x_of, z_of
+from ..drafting.dimensioning import Cut
+from ..drafting.items import Callouts
 from ..fit import Length, PlayFit
 from ..kernel import Shape
 from ..part import BLACK, PRINT, RESIN, Part, Shift
@@ -83,24 +83,14 @@ def fits(d: Design) -> Iterator[PlayFit]:
 def callouts(d: Design) -> Callouts:
     """Holes of both patterns; section through the first of the sensor's screws."""
     plate, tool = d.adapter, d.tool
-    r, high = tool.flange_diameter_mm / 2, plate.thickness_mm
-    first = plate.bolt_centres_mm[0]
-    items: list[Item] = [
-        x_of("front", -r, r, "top", 0, high, before="Ø"),
-        z_of("front", 0, high, "right", r),
-        z_of("left", 0, plate.bolt_bore_depth_mm, "left", 0, first[1]),
-        *holes(tool.screw_centres_mm, high, plate.pilot_mm,
-               f" through for M3, on Ø{shown(tool.bolt_circle_mm)}"),
-        Leader("top", (*tool.pin_at_mm, high), tool.pin_mm / 2,
-               f"Ø{shown(tool.pin_mm)} through for the pin"),
-        *holes(plate.bolt_centres_mm, high, plate.bolt_hole_mm,
-               f" through, head Ø{shown(plate.bolt_bore_mm)} from the back, "
-               f"on Ø{shown(plate.bolt_circle_mm)}, first at {shown(plate.bolt_turn_deg)}°",
-               "left"),
-    ]  # fmt: skip
+    rounds = {
+        plate.pilot_mm: "for M3",
+        tool.pin_mm: "for the pin",
+        plate.bolt_hole_mm: "for M2",
+        plate.bolt_bore_mm: "for the heads, from the back",
+    }
     notes = ("Measure the force sensor's own screws first: its pattern is assumed.",)
-    silent = dict.fromkeys(SIZE, "the force sensor's own size")
-    return Callouts(tuple(items), notes, Cut(first[0]), rests_on=KEYS, silent=silent)
+    return Callouts(rounds=rounds, notes=notes, cut=Cut(plate.bolt_centres_mm[0][0]), rests_on=KEYS)
 
 
 def places(design: Design) -> list[Shift]:

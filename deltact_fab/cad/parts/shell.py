@@ -25,8 +25,8 @@ import math
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Axis, Cut, Detail, Item, shown
-from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from ..drafting.dimensioning import Cut, Detail, shown
+from ..drafting.items import SQUARE_EDGES, Callouts, Told, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape, Workplane
 from ..part import BLACK, PRINT, RESIN, Part
@@ -175,52 +175,27 @@ def fits(d: Design) -> Iterator[PlayFit]:
     yield from mount.fits(d)
 
 
-def body_items(d: Design) -> list[Item]:
+def body_lengths(d: Design) -> list[Told]:
     """What shell and testing shell have in common."""
-    shell = d.shell
-    ox, oy = (s / 2 for s in d.frame_outer_mm)
-    (sx, sy), (cx, cy) = d.screw_at_mm, d.cavity_half_mm
-    px, py = d.post_edge_mm
-    floor, joint, boss = d.z_floor_mm, d.z_joint_mm, d.z_boss_mm
-    cable = shell.cable_width_mm / 2
-    oy_ledge = d.ledge_half_mm[1]
-    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
-    behind = joint - shell.ledge_drop_mm
-    drop = [z_of("B", behind, joint, "left", 0, oy_ledge, limits=tall)] if behind < joint else []
-    items: list[Item] = [
-        x_of("top", -sx, sx, "bottom", -sy, limits=fitted),
-        y_of("top", -sy, sy, "left", -sx, limits=fitted),
-        y_of("top", -oy, oy, "left", -ox),
-        *holes(d.screw_centres_mm, joint, d.screw.row.clearance_mm, " through", limits=fitted),
-        x_of("top", -px, px, "top", py),
-        y_of("top", -py, py, "right", px),
-        x_of("front", -cable, cable, "bottom", -oy, floor),
-        z_of("front", floor, floor + shell.cable_height_mm, "right", cable, -oy),
-        *(Axis("front", (s * sx, -sy, floor), (s * sx, -sy, joint)) for s in (-1, 1)),
-        z_of("left", joint - shell.ledge_height_mm, joint, "right", 0, -oy_ledge),
-        *drop,
-        y_of("left", -cy, cy, "bottom", 0, floor),
-        y_of("left", -oy_ledge, oy_ledge, "top", 0, joint, limits=fitted),
-        x_of("top", -cx, cx, "top", 0, limits=fitted),
+    shell, room = d.shell, d.boss_room_mm
+    (sx, sy), (cx, _), (px, py) = d.screw_at_mm, d.cavity_half_mm, d.post_edge_mm
+    (ox, oy), ledge_y = (side / 2 for side in d.frame_outer_mm), d.ledge_half_mm[1]
+    joint = d.z_joint_mm
+    lengths = [
+        x_of(-sx, sx),
+        y_of(-sy, sy),
+        x_of(-cx, cx),
+        x_of(-px, px),
+        y_of(-py, py),
+        y_of(-ledge_y, ledge_y),
+        z_of(d.z_floor_mm, joint),
+        z_of(joint - shell.ledge_height_mm, joint, fitted=False),
     ]
-    if shell.ledge_x_mm > 0:
-        items.append(x_of("top", d.ledge_half_mm[0], cx, "top", 0))
-    if boss > floor:
-        room = d.boss_room_mm
-        items += [
-            z_of("front", floor, boss, "right", ox, -oy),
-            x_of(
-                "front",
-                -ox,
-                -ox + room,
-                "bottom",
-                -oy,
-                floor,
-                after=" (4×, x and y)",
-                limits=fitted,
-            ),
-        ]
-    return items
+    if shell.ledge_drop_mm > 0:
+        lengths.append(z_of(joint - shell.ledge_drop_mm, joint))
+    if d.z_boss_mm > d.z_floor_mm:
+        lengths += [x_of(ox - room, ox), y_of(oy - room, oy)]
+    return lengths
 
 
 def details(d: Design) -> tuple[Detail, ...]:
@@ -231,28 +206,14 @@ def details(d: Design) -> tuple[Detail, ...]:
 
 def callouts(d: Design) -> Callouts:
     """The shell with its mount; section through cable notch, ledge and mount."""
-    ox, oy = (s / 2 for s in d.frame_outer_mm)
-    items = [
-        *body_items(d),
-        x_of("top", -ox, ox, "bottom", -oy),
-        z_of(
-            "front",
-            d.z_floor_mm,
-            d.z_joint_mm,
-            "left",
-            -ox,
-            -oy,
-            limits=d.resin_printer.tall_limits_mm,
-        ),
-        *mount.callouts(d),
-    ]
     notes = (
         f"Walls {shown(d.shell.wall_mm)} all around. Opaque: no light through the walls.",
         SQUARE_EDGES,
     )
+    lengths = (*body_lengths(d), *mount.lengths(d))
     return Callouts(
-        tuple(items), notes, Cut(0.0), rests_on=mount.rests_on(d), silent=mount.silent(d),
-        details=details(d),
+        lengths, fitted=(d.screw.row.clearance_mm,), notes=notes, cut=Cut(0.0),
+        rests_on=mount.rests_on(d), details=details(d),
     )  # fmt: skip
 
 

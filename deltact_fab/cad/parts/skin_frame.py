@@ -26,8 +26,8 @@ from dataclasses import asdict, replace
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import Axis, Cut, Item, shown
-from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from ..drafting.dimensioning import Cut
+from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape, Workplane, require
 from ..part import BLACK, PRINT, RESIN, Part, nothing
@@ -134,41 +134,29 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 def callouts(d: Design) -> Callouts:
     """The frame, seen from its back; section through window and pocket."""
-    ox, oy = (s / 2 for s in d.frame_outer_mm)
-    sx, sy = d.screw_at_mm
-    w, h = d.skin.width_mm / 2, d.skin.length_mm / 2
-    px, py = d.post_edge_mm
-    seat = d.seat_half_mm[1]
-    back, ledge, front = d.z_joint_mm, d.z_ledge_mm, d.z_front_mm
-    pilot = d.screw.row.pilot_mm
-    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
-    items: list[Item] = [
-        x_of("top", -ox, ox, "bottom", oy, limits=fitted),
-        y_of("top", -oy, oy, "left", -ox, limits=fitted),
-        x_of("top", -sx, sx, "bottom", sy, limits=fitted),
-        y_of("top", -sy, sy, "left", -sx, limits=fitted),
-        x_of("top", -w, w, "top", limits=fitted),
-        *holes(d.screw_centres_mm, back, pilot, f" depth {shown(d.screw.pilot_depth_mm)}",
-               limits=fitted),
-        z_of("front", back, front, "left", -ox),
-        *(Axis("front", (s * sx, 0, back), (s * sx, 0, back + d.screw.pilot_depth_mm))
-          for s in (-1, 1)),
-        y_of("left", -h, h, "top", 0, front),
-        y_of("left", -seat, seat, "bottom", 0, back, limits=fitted),
-        z_of("left", back, ledge, "right", 0, oy, limits=tall),
-    ]  # fmt: skip
+    (sx, sy), (px, py), (ox, oy) = d.screw_at_mm, d.post_edge_mm, d.frame_outer_mm
+    seat_x, seat_y = d.seat_half_mm
+    window_x = d.skin.width_mm / 2
+    lengths = [
+        x_of(-ox / 2, ox / 2),
+        y_of(-oy / 2, oy / 2),
+        x_of(-sx, sx),
+        y_of(-sy, sy),
+        x_of(-window_x, window_x),
+        y_of(-seat_y, seat_y),
+        z_of(d.z_joint_mm, d.z_ledge_mm),
+    ]
     if d.frame.seat_x_mm > 0:
-        items.append(x_of("top", -d.seat_half_mm[0], d.seat_half_mm[0], "top", 0, back))
+        lengths.append(x_of(-seat_x, seat_x))
     if d.post_in_window_mm[0] > 0:
-        items += [
-            x_of("top", -px, px, "top", -py, limits=fitted),
-            y_of("top", -py, py, "right", px, limits=fitted),
-        ]
+        lengths += [x_of(-px, px), y_of(-py, py)]
     notes = (
         f"Holes: {d.screw.thread} cuts its own thread; ream, do not tap.",
         f"Window (all around) bonds to the silicone: keep it clean. {SQUARE_EDGES}",
     )
-    return Callouts(tuple(items), notes, Cut(0.0), flipped=True)
+    return Callouts(
+        tuple(lengths), fitted=(d.screw.row.pilot_mm,), notes=notes, cut=Cut(0.0), flipped=True
+    )
 
 
 FRAME = Part(

@@ -21,8 +21,7 @@ from dataclasses import asdict
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import Centres, Item, Leader, shown
-from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from ..drafting.items import SQUARE_EDGES, Callouts, x_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import MACHINED, STEEL, Part
@@ -113,32 +112,19 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 def callouts(d: Design) -> Callouts:
     """Outline, slots and threads."""
-    plate, top = d.stage_plate, d.z_back_mm
-    x, y = (side / 2 for side in sides_mm(d))
-    sx, sy = (pitch / 2 for pitch in slot_pitch_mm(d))
-    tx, ty = tab_centres_mm(d)[-1]
-    half = plate.slot_travel_mm / 2
-    items: list[Item] = [
-        x_of("top", -x, x, "bottom", -y, top),
-        y_of("top", -y, y, "left", -x, top),
-        z_of("front", top - plate.thickness_mm, top, "right", x),
-        x_of("top", -sx, sx, "top", sy, top),
-        y_of("top", -sy, sy, "right", sx, top),
-        x_of("top", -sx - half, -sx + half, "top", sy, top),
-        x_of("top", -tx, tx, "bottom", -ty, top),
-        y_of("top", -ty, ty, "right", tx, top),
-        *holes(tab_centres_mm(d), top, plate.thread_hole_mm, f" tapped {d.table.screw}, through"),
-        Centres("top", tuple((a, b, top) for a, b in slot_centres_mm(d)), plate.slot_mm / 2),
-        Leader("top", (-sx - half, -sy, top), plate.slot_mm / 2,
-               f"4× slot, {shown(plate.slot_mm)} wide, along x", "left"),
-    ]  # fmt: skip
     fx, fy = (side / 2 for side in d.frame_outer_mm)
+    slot, half = slot_pitch_mm(d)[0] / 2, d.stage_plate.slot_travel_mm / 2
     notes = (
         f"Long edges square to the stage within 0.1. {SQUARE_EDGES}",
         f"rig register --jig: half_mm = [{fx:g}, {fy:g}], top_mm = {d.z_front_mm:g}.",
     )
-    silent = {"stage_plate.least_wall_mm": "the mill's"}
-    return Callouts(tuple(items), notes, rests_on=KEYS, silent=silent)
+    rounds = {
+        d.stage_plate.thread_hole_mm: f"tapped {d.table.screw}",
+        d.stage_plate.slot_mm: "both ends of four slots along x",
+    }
+    travel = x_of(slot - half, slot + half, fitted=False)
+    axes = ((0, -slot), (0, slot))
+    return Callouts((travel,), rounds, notes=notes, axes=axes, rests_on=KEYS)
 
 
 def note(d: Design) -> str:

@@ -15,8 +15,8 @@ import math
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut, Linear, shown
-from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from ..drafting.dimensioning import Cut, shown
+from ..drafting.items import SQUARE_EDGES, Callouts, x_of
 from ..fit import PlayFit
 from ..kernel import Shape, Workplane
 from ..part import BLACK, PRINT, RESIN, Part
@@ -102,30 +102,17 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 def callouts(d: Design) -> Callouts:
     """The shell with its two table tabs."""
-    table = d.table
-    ox = d.frame_outer_mm[0] / 2
-    back, joint = d.z_back_mm, d.z_joint_mm
-    end, middle = ox + table.tab_mm, ox + table.tab_mm / 2
-    half, pitch, top = table.width_mm / 2, table.hole_pitch_mm / 2, back + table.height_mm
-    fit = d.cover.fit_mm
-    bores = [(s * middle, t * pitch) for s in (-1, 1) for t in (-1, 1)]
-    items = shell.body_items(d)
-    items += [
-        x_of("top", -ox, ox, "top", 0),
-        x_of("top", -middle, middle, "bottom", -pitch, top),
-        x_of("top", -end, end, "bottom", -half, top),
-        y_of("top", -half, half, "right", end, top),
-        y_of("top", -pitch, pitch, "right", middle, top),
-        *holes(bores, top, table.hole_mm, " through"),
-        Linear("front", (-end, 0, back), (-ox, 0, joint), "left"),
-        z_of("front", back, top, "right", end),
-        z_of("front", back, d.z_floor_mm, "left", -ox),
-    ]
     notes = (
-        f"Walls {shown(d.shell.wall_mm)} all around. Tabs clear the cover by {shown(fit)}.",
+        f"Walls {shown(d.shell.wall_mm)} all around. Tabs clear the cover by "
+        f"{shown(d.cover.fit_mm)}.",
         f"Undersides of both tabs level and flat: they stand on the table. {SQUARE_EDGES}",
     )
-    return Callouts(tuple(items), notes, Cut(0.0), details=shell.details(d))
+    ox = d.frame_outer_mm[0] / 2
+    lengths = (*shell.body_lengths(d), x_of(-ox, ox, fitted=False))
+    return Callouts(
+        lengths, fitted=(d.screw.row.clearance_mm,), notes=notes,
+        cut=Cut(0.0), details=shell.details(d),
+    )  # fmt: skip
 
 
 PARTS = (

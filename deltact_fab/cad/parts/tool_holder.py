@@ -25,8 +25,8 @@ import numpy as np
 from ...shapes import Indenter
 from ..bench_sections import SCREW, ToolDimensions
 from ..dimensions import Design
-from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown
-from ..drafting.items import Callouts, holes, x_of, z_of
+from ..drafting.dimensioning import Cut, shown
+from ..drafting.items import Callouts
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import BLACK, PRINT, RESIN, Part
@@ -131,30 +131,17 @@ def fits(d: Design) -> Iterator[PlayFit]:
 def callouts(d: Design) -> Callouts:
     """D bore, body, flange; section through the axis."""
     tool = d.tool
-    high, low, r = tool.height_mm, tool.height_mm - tool.flange_mm, tool.flange_diameter_mm / 2
-    body, bore, flat = tool.body_mm / 2, tool.bore_mm, tool.flat_mm
-    items: list[Item] = [
-        x_of("front", -r, r, "top", 0, high, before="Ø"),
-        x_of("front", -body, body, "bottom", before="Ø"),
-        x_of("top", 0, flat, "bottom", 0, 0, after=" to the flat"),
-        z_of("left", 0, tool.depth_mm, "left", 0, -bore),
-        z_of("left", tool.depth_mm, high, "left", 0, -bore),
-        z_of("left", low, high, "right", 0, r),
-        z_of("front", 0, tool.clamp_z_mm, "left", -body),
-        *holes(tool.screw_centres_mm, high, tool.screw_hole_mm,
-               f" through, on Ø{shown(tool.bolt_circle_mm)}"),
-        Leader("top", (*tool.pin_at_mm, high), (tool.pin_mm + tool.pin_fit_mm) / 2,
-               f"Ø{shown(tool.pin_mm + tool.pin_fit_mm)} for a pin of {shown(tool.pin_mm)}"),
-        Leader("left", (0, -bore, 2), 0, f"bore Ø{shown(2 * bore)}, flat at +x"),
-        Leader("front", (-body, 0, tool.clamp_z_mm), 0,
-               f"Ø{shown(tool.clamp_mm)} for a set screw M3, at −x", "left"),
-        Axis("front", (0, 0, 0), (0, 0, high)),
-    ]  # fmt: skip
+    rounds = {
+        2 * tool.bore_mm: "for the stem, flat at +x",
+        tool.screw_hole_mm: "for M3",
+        tool.pin_mm + tool.pin_fit_mm: f"for a pin of {shown(tool.pin_mm)}",
+        tool.clamp_mm: "for a set screw M3",
+    }
     notes = (
         "The indenter's flat, which faces its tip's +x, lies on the bore's flat.",
         f"Flats out of parallel by 0.1 turn the tip by {tool.clocking_deg:.1f}°.",
     )
-    return Callouts(tuple(items), notes, Cut(0.0))
+    return Callouts(rounds=rounds, fitted=(2 * tool.bore_mm,), notes=notes, cut=Cut(0.0))
 
 
 PARTS = (

@@ -1,0 +1,259 @@
+"""Where the lengths and labels of a scheme stand: which view shows best what each one ends on.
+
+A length goes to the view and the side of it where both of its ends are seen, near the edge, and not
+many others stand yet; an end that is hidden counts most. A label goes to the view that looks along
+its round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from ...aliases import Point, Points, Vector
+from ..features import Features, Other, Round
+from .dimensioning import Axis, Centres, Detail, Item, Leader, Limits, Linear, Side, toleranced
+from .items import Callouts, Told
+from .scheme import SAME_MM, Rounds, Scheme
+from .views import DrawnView
+
+# The views in which a length along an axis lies across or upright, the better one first.
+SEEN_IN = ({"top": 0, "front": 0}, {"top": 1, "left": 0}, {"front": 1, "left": 1})
+ALONG = ("left", "front", "top")  # the view that looks along an axis
+NEAR_MM = 2e-3  # of a drawn line
+HIDDEN, FAR, ENLARGED = 10.0, 6.0, 20.0
+CROWDED = (2.0, 0.7)  # a level more across, and upright: a sheet is wider than it is high
+SIDES: tuple[tuple[Side, Side], ...] = (("bottom", "top"), ("left", "right"))
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """A point on which a length may end, and the points of which one shows that it is seen."""
+
+    at: Vector
+    seen_at: tuple[Vector, ...]
+
+
+class Placing:
+    """Items for the views of one part.
+
+    limits: of a fitted length along each axis, None where the general tolerance holds.
+    """
+
+    def __init__(
+        self,
+        found: Features,
+        said: Callouts,
+        drawn: Mapping[str, DrawnView],
+        limits: Sequence[Limits | None],
+    ) -> None:
+        self._found, self._said, self._drawn, self._limits = found, said, drawn, limits
+        self._count: dict[tuple[str, Side], int] = {}
+
+    def items(self, plan: Scheme) -> Iterator[Item]:
+        """All that stands around the views."""
+        yield from self._said.labels
+        for alike, words in plan.others:
+            yield self._of_face(alike, words)
+        for length in sorted(plan.lengths, key=lambda t: t.value_mm):
+            a, b = (self._anchors(length.axis, end) for end in (length.a_mm, length.b_mm))
+            limits = self._limits[length.axis] if length.fitted else None
+            yield self._taken(self._best(length, a, b, limits))
+        for group in plan.rounds:
+            yield from self._label(group)
+        yield from self._centre_lines(plan)
+
+    def _best(
+        self, told: Told, a: list[Anchor], b: list[Anchor], limits: Limits | None
+    ) -> tuple[float, Linear]:
+        """The length in the view and on the side that cost least."""
+        found = []
+        for name, along in SEEN_IN[told.axis].items():
+            shown = [(name, None), *((d.letter, d) for d in self._details(name, told))]
+            for side in SIDES[along]:
+                for view, detail in shown:
+                    start = self._nearest(name, side, a, detail)
+                    end = self._nearest(name, side, b, detail)
+                    if start is None or end is None:
+                        continue
+                    (one_cost, one), (other_cost, other) = start, end
+                    crowd = CROWDED[along] * self._count.get((view, side), 0)
+                    cost = one_cost + other_cost + crowd - (ENLARGED if detail else 0.0)
+                    item = Linear(
+                        view, one.at, other.at, side, told.before, told.after, limits,
+                        told.auxiliary,
+                    )  # fmt: skip
+                    found.append((round(cost, 6), item))
+        return min(found, key=lambda f: f[0])
+
+    def _details(self, view: str, told: Told) -> Iterator[Detail]:
+        """Details of a view in which a length is not too long."""
+        for detail in self._said.details:
+            if detail.view == view and told.value_mm < 1.5 * detail.radius_mm:
+                yield detail
+
+    def _taken(self, best: tuple[float, Linear]) -> Linear:
+        item = best[1]
+        self._count[item.view, item.side] = self._count.get((item.view, item.side), 0) + 1
+        return item
+
+    def _nearest(
+        self, name: str, side: Side, anchors: Sequence[Anchor], detail: Detail | None
+    ) -> tuple[float, Anchor] | None:
+        """The cheapest end in a view: its cost and itself; None where a detail has none of them."""
+        drawn = self._drawn[name]
+        (x0, y0), (x1, y1) = drawn.box_mm
+        flat = drawn.view.flat(np.array([a.at for a in anchors]))
+        if detail is not None:
+            off = flat - drawn.view.flat(np.array(detail.at))
+            within = np.hypot(off[:, 0], off[:, 1]) < detail.radius_mm
+            if not within.any():
+                return None
+            anchors = [a for a, inside in zip(anchors, within, strict=True) if inside]
+            flat = flat[within]
+        seen = [drawn.shows(drawn.view.flat(np.array(a.seen_at)), NEAR_MM).any() for a in anchors]
+        away = {
+            "left": (flat[:, 0] - x0) / (x1 - x0), "right": (x1 - flat[:, 0]) / (x1 - x0),
+            "bottom": (flat[:, 1] - y0) / (y1 - y0), "top": (y1 - flat[:, 1]) / (y1 - y0),
+        }[side]  # fmt: skip
+        cost = HIDDEN * ~np.array(seen) + FAR * away
+        k = int(np.argmin(cost.round(6)))
+        return float(cost[k]), anchors[k]
+
+    def _anchors(self, axis: int, at_mm: float) -> list[Anchor]:
+        """Corners of faces and centres of rounds at a coordinate; sides of rounds; the middle."""
+        found = self._found
+        anchors = [
+            Anchor(point, (point,))
+            for plane in found.planes
+            if plane.axis == axis and abs(plane.at_mm - at_mm) < SAME_MM
+            for point in map(_point, plane.corners)
+        ]
+        across = [r for r in (*found.rounds, *found.edges) if r.axis != axis]
+        for r in across:
+            if abs(r.low_mm[axis] - at_mm) < SAME_MM:
+                for end in (r.low_mm, r.high_mm):
+                    anchors.append(Anchor(end, tuple(_sides(r, end))))
+            elif abs(abs(r.low_mm[axis] - at_mm) - r.radius_mm) < SAME_MM:
+                for end in (r.low_mm, r.high_mm):
+                    side = _moved(end, axis, at_mm)
+                    anchors.append(Anchor(side, (side,)))
+        if not anchors:  # an axis of the part, or the end of a face of another kind
+            low, high = found.low_mm, found.high_mm
+            middle = _point([(a + b) / 2 for a, b in zip(low, high, strict=True)])
+            for other in {0, 1, 2} - {axis}:
+                for bound in (low[other], high[other]):
+                    point = _moved(_moved(middle, other, bound), axis, at_mm)
+                    anchors.append(Anchor(point, (point,)))
+        return anchors
+
+    def _label(self, group: Rounds) -> Iterator[Item]:
+        """A diameter across, or a label with an arrow and crosses over the centres."""
+        r = group.first
+        diameter = any(abs(d - 2 * r.radius_mm) < 1e-6 for d in self._said.fitted)
+        limits = self._limits[0] if diameter else None
+        if group.about_middle:
+            yield self._taken(self._diameter(group, limits))
+            return
+        view, drawn = ALONG[r.axis], self._drawn[ALONG[r.axis]]
+        words = group.words
+        if limits is not None:
+            said = toleranced(2 * r.radius_mm)
+            words = words.replace(f"Ø{said}", f"Ø{toleranced(2 * r.radius_mm, limits)}", 1)
+        if r.turn_deg > 180:
+            yield Centres(view, tuple(a.high_mm for a in group.alike), r.radius_mm)
+        (x0, _), (x1, _) = drawn.box_mm
+
+        def cost(one: Round) -> tuple[float, float]:
+            u, v = drawn.view.flat(one.on if one.turn_deg < 360 else one.high_mm)
+            shown = drawn.shows(drawn.view.flat(np.array(list(_sides(one, one.high_mm)))), NEAR_MM)
+            return HIDDEN * (not shown.any()) + FAR * min(u - x0, x1 - u) / (x1 - x0), -v
+
+        nearest = min(group.alike, key=cost)
+        u = drawn.view.flat(nearest.high_mm)[0]
+        side: Literal["left", "right"] = "right" if x1 - u <= u - x0 + 1e-6 else "left"
+        if nearest.turn_deg < 180:
+            yield Leader(view, nearest.on, 0, words, side)
+        else:
+            yield Leader(view, nearest.high_mm, nearest.radius_mm, words, side)
+
+    def _of_face(self, alike: Sequence[Other], words: str) -> Leader:
+        """A label with an arrow to one of equal faces of another kind, in a detail if there is."""
+        flat = self._drawn["front"].view.flat
+        for detail in self._said.details:
+            for face in alike:
+                away = np.hypot(*(flat(face.at) - flat(detail.at)))
+                if detail.view == "front" and away < detail.radius_mm:
+                    return Leader(detail.letter, face.at, 0, words)
+        (x0, _), (x1, _) = self._drawn["front"].box_mm
+        right = 2 * flat(alike[0].at)[0] >= x0 + x1
+        return Leader("front", alike[0].at, 0, words, "right" if right else "left")
+
+    def _diameter(self, group: Rounds, limits: Limits | None) -> tuple[float, Linear]:
+        """A diameter as a length, in a view from the side where one shows both of its ends."""
+        r = group.first
+        after = group.words.partition(f"Ø{toleranced(2 * r.radius_mm)}")[2]
+        found = []
+        for across in (i for i in range(3) if i != r.axis):
+            told = Told(across, -r.radius_mm, r.radius_mm, after.removeprefix(" through"))
+            told = replace(told, before="Ø")
+            a, b = (
+                [
+                    Anchor(p, (p,))
+                    for end in (r.low_mm, r.high_mm)
+                    for p in (_moved(end, across, sign * r.radius_mm),)
+                ]
+                for sign in (-1, 1)
+            )
+            cost, item = self._best(told, a, b, limits)
+            found.append((cost + FAR * (item.view == ALONG[r.axis]), item))
+        return min(found, key=lambda f: f[0])
+
+    def _centre_lines(self, plan: Scheme) -> Iterator[Item]:
+        """Axes of rounds seen from the side, and the middle of what is even about it."""
+        low, high = self._found.low_mm, self._found.high_mm
+        said: set[tuple[str, float]] = set()
+        for r in self._found.rounds:
+            if r.axis != 2 or not r.whole:
+                continue
+            for name, across in (("front", 0), ("left", 1)):
+                place = (name, round(r.low_mm[across], 3))
+                cut = self._said.cut
+                hidden = name == "left" and cut and abs(r.low_mm[0] - cut.x_mm) > SAME_MM
+                if place not in said and not hidden:
+                    said.add(place)
+                    yield Axis(name, r.low_mm, r.high_mm)
+        for axis in plan.middle:
+            if axis < 2:
+                ends = [
+                    _moved(_moved((0.0, 0.0, 0.0), 1 - axis, box[1 - axis]), axis, 0.0)
+                    for box in (low, high)
+                ]
+                if not (axis == 0 and self._said.cut and abs(self._said.cut.x_mm) < SAME_MM):
+                    yield Axis("top", ends[0], ends[1])
+        for axis, at_mm in self._said.axes:
+            ends = [
+                _moved(_moved((0.0, 0.0, high[2]), 1 - axis, box[1 - axis]), axis, at_mm)
+                for box in (low, high)
+            ]
+            yield Axis("top", ends[0], ends[1])
+
+
+def _point(p: Sequence[float] | Points) -> Point:
+    return float(p[0]), float(p[1]), float(p[2])
+
+
+def _moved(point: Point, axis: int, at_mm: float) -> Point:
+    """The point with one coordinate replaced."""
+    return _point([at_mm if i == axis else c for i, c in enumerate(point)])
+
+
+def _sides(r: Round, end: Point) -> Iterator[Point]:
+    """Four points of its circle at an end."""
+    for i in range(3):
+        if i != r.axis:
+            for sign in (-1, 1):
+                yield _moved(end, i, end[i] + sign * r.radius_mm)
