@@ -15,7 +15,6 @@ from deltact_fab.cad.check import bench, electric, fits, stray_light
 from deltact_fab.cad.check.built import BuiltDesign
 from deltact_fab.cad.check.row import Row
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.drafting.coverage import coverage
 from deltact_fab.cad.drafting.page import Polylines, Text, meet, within
 from deltact_fab.cad.drafting.wiring import wiring
 from deltact_fab.cad.export.formats import dxf
@@ -68,14 +67,6 @@ def test_a_tight_bore_and_a_loose_one_fail_their_rows() -> None:
     for value, name in (("0.05", "stem in the bore"), ("0.5", "turned stem stays out")):
         rows = fits.rows(load_design(changes=[f"tool.fit_mm={value}"]))
         assert [row for row in rows if name in row.found and not row.passed]
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_drawing_says_each_length_once(name: str) -> None:
-    found = coverage(find(name), load_design())
-    assert not (found.unsaid)
-    assert not (found.twice)
-    assert not (found.chains)
 
 
 def _electric(*changes: str) -> dict[str, Row]:

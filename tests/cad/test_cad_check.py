@@ -12,10 +12,10 @@ import pytest
 from deltact_fab.cad import check, rays
 from deltact_fab.cad.check import electric, inequalities, printed, thickness, visibility
 from deltact_fab.cad.check.built import MESH_MM, BuiltDesign
-from deltact_fab.cad.check.cylinders import along_z, near
 from deltact_fab.cad.check.row import Row, at, verified
 from deltact_fab.cad.check.run import CHECKS
 from deltact_fab.cad.design import load_design
+from deltact_fab.cad.features import features_of, near
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.registry import find
@@ -150,8 +150,8 @@ def test_a_thin_place_far_from_any_corner_is_found(cq):
 
 def test_holes_and_shanks_are_told_apart_with_their_ends(cq):
     part = _box(cq, (20, 20, 6)).cut(_rod(cq, 1.5, 5, (5, 5, -1))).fuse(_rod(cq, 2, 9, (14, 14, 0)))
-    holes = [c for c in along_z(part) if c.hole]
-    shanks = [c for c in along_z(part) if not c.hole]
+    holes = [c for c in features_of(part).rounds if c.hole]
+    shanks = [c for c in features_of(part).rounds if not c.hole]
     assert [(c.radius_mm, c.low_mm[2], c.high_mm[2]) for c in holes] == [
         (1.5, pytest.approx(0.0), pytest.approx(4.0))
     ]
@@ -166,7 +166,7 @@ def test_a_hole_that_leans_shows_at_its_ends_and_one_across_is_none(cq):
     lean = math.radians(3)
     tilted = _rod(cq, 1, 30, (10 - 5 * math.sin(lean), 10, -5), (math.sin(lean), 0, math.cos(lean)))
     part = _box(cq, (20, 20, 10)).cut(tilted).cut(_rod(cq, 1, 30, (-1, 3, 5), (1, 0, 0)))
-    (hole,) = along_z(part)
+    (hole,) = features_of(part).rounds
     assert hole.hole
     assert hole.offset_mm(10, 10) > 10 * math.sin(lean) * 0.95
 

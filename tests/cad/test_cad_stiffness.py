@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from dataclasses import replace
 
@@ -87,25 +86,23 @@ def test_a_press_goes_with_force_place_and_modulus():
 @pytest.mark.parametrize(
     ("name", "changes", "fails"),
     [
-        ("deltact", [], {}),
-        ("skin-30x34", [], {}),
-        ("skin-44x40", [], {}),
-        ("large-56x50", [], {}),
-        ("deltact", ["optics.acrylic_mm=1"], {"deflection": "acrylic_mm", "clear": "axial_fit_mm"}),
-        ("deltact", ["shell.ledge_x_mm=0"], {"deflection": "ledge_x_mm", "clear": "axial_fit_mm"}),
-        ("deltact", ["shell.ledge_drop_mm=1.2"], {"deflection": "drop_mm", "clear": "ledge_mm"}),
-        ("deltact", ["plate.bead_modulus_mpa=0.3"], {"deflection": "bead_mod", "clear": "axial"}),
-        ("deltact", ["light.axial_fit_mm=0.9"], {"clear": "raise .* or light.axial_fit_mm"}),
-        ("deltact", ["plate.stress_limit_mpa=8"], {"stress": "raise optics.acrylic_mm"}),
-        ("deltact", ["plate.spread_mm=35"], {"load": "<= 34 mm.*lower plate.spread_mm"}),
-        ("skin-44x40", ["optics.acrylic_mm=2"], {"deflection": "raise optics.acrylic_mm"}),
+        ("deltact", [], ()),
+        ("skin-30x34", [], ()),
+        ("skin-44x40", [], ()),
+        ("large-56x50", [], ()),
+        ("deltact", ["optics.acrylic_mm=1"], ("deflection", "clear")),
+        ("deltact", ["shell.ledge_x_mm=0"], ("deflection", "clear")),
+        ("deltact", ["shell.ledge_drop_mm=1.2"], ("deflection", "clear")),
+        ("deltact", ["plate.bead_modulus_mpa=0.3"], ("deflection", "clear")),
+        ("deltact", ["light.axial_fit_mm=0.9"], ("clear",)),
+        ("deltact", ["plate.stress_limit_mpa=8"], ("stress",)),
+        ("deltact", ["plate.spread_mm=35"], ("load",)),
+        ("skin-44x40", ["optics.acrylic_mm=2"], ("deflection",)),
     ],
 )  # fmt: skip
-def test_rows_hold_the_plate_against_its_limits_and_name_a_key(name, changes, fails):
+def test_rows_hold_the_plate_against_its_limits(name, changes, fails):
     built = BuiltDesign(load_design(name, changes), (), {})
-    failing = {row.check.split()[1]: row.limit for row in bending.rows(built) if not row.passed}
-    assert list(failing) == list(fails)
-    assert all(re.search(key, failing[check]) for check, key in fails.items())
+    assert fails == tuple(row.check.split()[1] for row in bending.rows(built) if not row.passed)
 
 
 def test_a_row_says_what_the_bead_yields_and_what_nobody_measured():

@@ -91,8 +91,6 @@ def scheme(found: Features, said: Callouts) -> Scheme:
         else:
             where = ", ".join(map(shown, alike[0].at))
             faults.append(f"no number for the {alike[0].kind} at ({where})")
-    known = {_key(2 * r.radius_mm) for r in found.rounds}
-    faults += [f"no round of Ø{shown(d)}" for d in said.rounds if _key(d) not in known]
     return Scheme(tuple(lengths), tuple(groups), tuple(others), tuple(middle), tuple(faults))
 
 

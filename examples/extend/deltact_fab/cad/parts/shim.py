@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ..dimensions import Design
-from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..drafting.items import Callouts
 from ..kernel import Shape, require
 from ..part import PRINT, RESIN, Part
 from ..rule import Quantity, Rule
@@ -34,10 +34,8 @@ def rules(d: Design) -> Iterable[Rule]:
 
 
 def callouts(d: Design) -> Callouts:
-    """The drawing's dimensions."""
-    x, y, z = size(d)
-    items = (x_of("top", 0, x, "bottom"), y_of("top", 0, y, "left"), z_of("front", 0, z, "left"))
-    return Callouts(items, ("Flat.",))
+    """What its drawing says beside the lengths, which are read off the solid."""
+    return Callouts(notes=("Flat.",))
 
 
 def note(d: Design) -> str:
