@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 79086,
-    ("deltact_fab", "files"): 605,
-    ("tests", "lines"): 46006,
+    ("deltact_fab", "lines"): 79057,
+    ("deltact_fab", "files"): 604,
+    ("tests", "lines"): 46078,
 }
 
 

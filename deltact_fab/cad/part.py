@@ -17,7 +17,7 @@ from .print_orientation import FLAT, PrintPose
 if TYPE_CHECKING:
     from .design import IndenterDimensions
     from .dimensions import Design
-    from .drafting.items import Callouts
+    from .drafting.dimensioning import Callouts
     from .fit import PlayFit
     from .rule import Rule
     from .solid_gate import Expected

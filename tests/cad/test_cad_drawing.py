@@ -15,9 +15,8 @@ import pytest
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.drafting.dimensioning import Leader, Linear, shown, toleranced
+from deltact_fab.cad.drafting.dimensioning import Callouts, Leader, Linear, shown, toleranced
 from deltact_fab.cad.drafting.drawing import drawing
-from deltact_fab.cad.drafting.items import Callouts
 from deltact_fab.cad.drafting.layout import SCALES
 from deltact_fab.cad.drafting.page import (
     CAP,
@@ -28,16 +27,11 @@ from deltact_fab.cad.drafting.page import (
     text_width_mm,
     within,
 )
-from deltact_fab.cad.drafting.placing import Placing
 from deltact_fab.cad.drafting.projection import View, project
-from deltact_fab.cad.drafting.scheme import scheme
 from deltact_fab.cad.drafting.sheet import BORDER_MM, SHEETS, block_rect, wrapped
-from deltact_fab.cad.drafting.views import FLIPPED, VIEWS, views_of
-from deltact_fab.cad.drafting.views import views as views_drawn
-from deltact_fab.cad.features import features_of
+from deltact_fab.cad.drafting.views import FLIPPED, VIEWS
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
-from deltact_fab.cad.parts import mold
 from deltact_fab.errors import InputError
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -71,15 +65,6 @@ def made(cq):
         return kept[key]
 
     return make
-
-
-def items_of(part, design, solid):
-    """All that stands around the views of a drawing, and the views."""
-    said = part.callouts(part.source(design))
-    drawn = views_drawn(solid, said)
-    found = features_of(solid)
-    placing = Placing(found, said, drawn, (None, None, None))
-    return said, list(placing.items(scheme(found, said)))
 
 
 def texts(root):
@@ -242,52 +227,6 @@ def test_texts_lie_on_the_sheet_and_on_no_other(made, name):
     for words, (left, top, right, bottom) in found:
         assert min(left, top) > BORDER_MM, words
         assert max(right - width, bottom - height) < -BORDER_MM, words
-
-
-@pytest.mark.parametrize(
-    "name", [*PARTS, "indenter-2dots", "indenter-cylinder", "indenter-sphere-10"]
-)
-def test_dimensions_end_where_the_solid_has_something(made, name):
-    """An end lies on an edge's end, on an outline's extreme, or on the centre of a round edge."""
-    part, design, solid, _, _ = made(name)
-    said, items = items_of(part, design, solid)
-    round_edges = [e for e in solid.Edges() if e.geomType() == "CIRCLE"]
-    points = [v.toTuple() for v in solid.Vertices()]
-    points += [e.arcCenter().toTuple() for e in round_edges]
-    # Diameters end on the whole circle, also where a slot takes that end of it.
-    points += [
-        (x + dx * e.radius(), y + dy * e.radius(), z)
-        for e in round_edges
-        for x, y, z in [e.arcCenter().toTuple()]
-        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1))
-        if abs(e.normal().z) > 1 - 1e-9
-    ]
-    # Axes of the part, and of its tips.
-    points.append((0.0, 0.0, 0.0))
-    if part.indenter is not None:
-        points += [(t.x_mm, t.y_mm, 0.0) for t in part.indenter.indenter.tips]
-    if name == "mold":
-        points += [(x, y, 0.0) for x, y in mold.centres_mm(design)]
-    views = views_of(said)
-    lines = {n: project([solid], v.direction, v.up)[0] for n, v in views.items()}
-    for item in items:
-        where = views[item.view]
-        if isinstance(item, Linear):
-            along = 0 if item.side in ("top", "bottom") else 1
-            drawn = [*lines[item.view].visible, *lines[item.view].hidden]
-            known = [*where.flat(points)[:, along]]
-            for p in drawn:
-                known += [p[0, along], p[-1, along], p[:, along].min(), p[:, along].max()]
-            for end in (item.a, item.b):
-                gap = np.abs(np.array(known) - where.flat(end)[along]).min()
-                assert gap < 2e-3, f"{item}: nothing at {end}"
-        elif isinstance(item, Leader) and item.radius_mm and "around" not in item.words:
-            radii = [
-                e.radius() for e in round_edges
-                if np.allclose(where.flat(e.arcCenter().toTuple()), where.flat(item.at), atol=1e-6)
-            ]  # fmt: skip
-            ball = item.words.removeprefix("4× ").removeprefix("2× ").startswith(("SR", "R"))
-            assert ball or any(abs(r - item.radius_mm) < 1e-6 for r in radii), item
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.drafting.items import Callouts, x_of, z_of
+from deltact_fab.cad.drafting.dimensioning import Callouts, x_of, z_of
 from deltact_fab.cad.drafting.scheme import Scheme, scheme
 from deltact_fab.cad.features import features_of
 from deltact_fab.cad.kernel import require

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from ...aliases import Point2, Vector
-from .dimensioning import Axis, Centres, Circle, Detail, Item, Leader, Linear, Side, shown
+from .dimensioning import Axis, Centres, Detail, Item, Leader, Linear, Side, shown
 from .page import ARROW_MM, SMALL_MM, DrawingPage, Rect, meet, text_width_mm, within
 from .projection import View
 from .sheet import LINE_MM
@@ -234,9 +234,6 @@ class ArrangedView:
                     # The cutting plane is a centre line already.
                     if self.cut_x is None or abs(self.view.flat(centre)[0] - self.cut_x) > 1e-6:
                         page.line(at(x, y - arm), at(x, y + arm), "centre")
-            elif isinstance(item, Circle):
-                (x, y), radius = self.local(item.at), item.radius_mm * self.scale
-                page.circle(at(x, y), radius, "centre")
             elif isinstance(item, Axis):
                 (ax, ay), (bx, by) = self.local(item.a), self.local(item.b)
                 length = math.hypot(bx - ax, by - ay)

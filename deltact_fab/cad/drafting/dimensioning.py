@@ -1,11 +1,13 @@
-"""What can stand around a view, as data: dimensions, labels, centre lines."""
+"""What a drawing is made of, as data: what a part says of it, and what stands around its views.
+
+Views: `front` looks along +y, `top` along -z, `left` along +x; a part whose drawing is `flipped` is
+turned half about x first, so that its back or its tips are seen from above.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 from ...aliases import Vector
@@ -15,23 +17,9 @@ Side = Literal["left", "right", "top", "bottom"]
 Limits = tuple[float, float]
 
 
-_DIGITS: ContextVar[int] = ContextVar("digits", default=2)
-
-
 def shown(value_mm: float) -> str:
     """A length as it is printed: hundredths, no trailing zeros."""
-    digits = _DIGITS.get()
-    return f"{round(value_mm, digits) + 0.0:.{digits}f}".rstrip("0").rstrip(".")
-
-
-@contextmanager
-def exactly() -> Iterator[None]:
-    """Inside, lengths are printed with ten digits: for what compares drawings, not for paper."""
-    token = _DIGITS.set(10)
-    try:
-        yield
-    finally:
-        _DIGITS.reset(token)
+    return f"{round(value_mm, 2) + 0.0:.2f}".rstrip("0").rstrip(".")
 
 
 def toleranced(value_mm: float, limits: Limits | None = None) -> str:
@@ -113,15 +101,6 @@ class Centres:
 
 
 @dataclass(frozen=True)
-class Circle:
-    """A thin circle of radius_mm on which something else lies."""
-
-    view: str
-    at: Vector
-    radius_mm: float
-
-
-@dataclass(frozen=True)
 class Axis:
     """A centre line between two points, drawn a little beyond both."""
 
@@ -150,4 +129,68 @@ class Detail:
     radius_mm: float
 
 
-Item = Linear | Leader | Centres | Circle | Axis
+Item = Linear | Leader | Centres | Axis
+
+
+GENERAL_TOLERANCE = "ISO 2768-m"
+SQUARE_EDGES = "Sharp edges broken 0.2 at most."
+
+
+@dataclass(frozen=True)
+class Told:
+    """A length along an axis (0, 1, 2) from a coordinate to another one.
+
+    before, after: what stands around it. fitted: it carries the limits of what makes the part, for
+    it fits something. auxiliary: it follows from others and is bracketed.
+    """
+
+    axis: int
+    a_mm: float
+    b_mm: float
+    after: str = ""
+    fitted: bool = True
+    before: str = ""
+    auxiliary: bool = False
+
+    @property
+    def value_mm(self) -> float:
+        """What is printed."""
+        return abs(self.b_mm - self.a_mm)
+
+
+def x_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
+    """A length along x that fits something."""
+    return Told(0, a_mm, b_mm, after, fitted)
+
+
+def y_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
+    """A length along y that fits something."""
+    return Told(1, a_mm, b_mm, after, fitted)
+
+
+def z_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
+    """A length along z that fits something."""
+    return Told(2, a_mm, b_mm, after, fitted)
+
+
+@dataclass(frozen=True)
+class Callouts:
+    """What a part's own file says of its drawing; every other length is read off the solid.
+
+    lengths: that fit something, or that a machinist must see as such. rounds: by diameter in mm,
+    what its label adds. fitted: diameters with limits of their own. labels: for faces that are
+    neither flat nor round. axes: (axis, coordinate) of places where the same features stand. cut:
+    section A-A in place of the left view. rests_on: unverified keys that the part is made from;
+    those still open are named on the drawing. details: parts of views drawn larger.
+    """
+
+    lengths: tuple[Told, ...] = ()
+    rounds: Mapping[float, str] = field(default_factory=dict)
+    fitted: tuple[float, ...] = ()
+    notes: tuple[str, ...] = ()
+    labels: tuple[Leader, ...] = ()
+    axes: tuple[tuple[int, float], ...] = ()
+    cut: Cut | None = None
+    flipped: bool = False
+    rests_on: tuple[str, ...] = ()
+    details: tuple[Detail, ...] = ()

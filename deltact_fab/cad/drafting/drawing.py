@@ -22,8 +22,7 @@ from ..features import features_of
 from ..kernel import guarded
 from ..part import LASER_CUT, PRINT, Part
 from .arrangement import ArrangedView
-from .dimensioning import Detail, Limits
-from .items import GENERAL_TOLERANCE
+from .dimensioning import GENERAL_TOLERANCE, Detail, Limits
 from .layout import Layout, free_square, laid_out
 from .page import LARGE_MM, SMALL_MM, DrawingPage, text_width_mm
 from .placing import Placing

@@ -9,8 +9,7 @@ from itertools import combinations
 from ...aliases import Point2
 from ...errors import InputError
 from .arrangement import ArrangedView
-from .dimensioning import Detail, Item
-from .items import Callouts
+from .dimensioning import Callouts, Detail, Item
 from .page import Rect, meet
 from .sheet import BORDER_MM, LINE_MM, SHEETS, block_rect, wrapped
 from .views import DrawnView, enlarged

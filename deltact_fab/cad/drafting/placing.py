@@ -15,8 +15,19 @@ import numpy as np
 
 from ...aliases import Point, Points, Vector
 from ..features import Features, Other, Round
-from .dimensioning import Axis, Centres, Detail, Item, Leader, Limits, Linear, Side, toleranced
-from .items import Callouts, Told
+from .dimensioning import (
+    Axis,
+    Callouts,
+    Centres,
+    Detail,
+    Item,
+    Leader,
+    Limits,
+    Linear,
+    Side,
+    Told,
+    toleranced,
+)
 from .scheme import SAME_MM, Rounds, Scheme
 from .views import DrawnView
 

@@ -20,8 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..features import Features, Other, Round
-from .dimensioning import shown
-from .items import Callouts, Told
+from .dimensioning import Callouts, Told, shown
 
 AXES = "xyz"
 SAME_MM = 1e-4

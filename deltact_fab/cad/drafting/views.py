@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from ...aliases import Point2, Points
 from ..kernel import ordered, require
-from .dimensioning import Detail
-from .items import Callouts
+from .dimensioning import Callouts, Detail
 from .projection import ProjectedLines, View, project, sampled
 
 SIDES = 120

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..drafting.dimensioning import Callouts, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape
 from ..part import CLEAR, LASER_CUT, Part

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 
 from ..dimensions import Design
-from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape
 from ..part import BLACK, PRINT, RESIN, Part

@@ -17,8 +17,7 @@ import math
 from dataclasses import asdict
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut
-from ..drafting.items import Callouts
+from ..drafting.dimensioning import Callouts, Cut
 from ..kernel import Shape, require
 from ..part import AMBER, PRINT, RESIN, Part
 from ..solid_gate import Expected, around

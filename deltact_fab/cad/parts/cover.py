@@ -24,8 +24,7 @@ from typing import Any
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut, Detail, shown
-from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..drafting.dimensioning import Callouts, Cut, Detail, shown, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import BLACK, PRINT, RESIN, Part

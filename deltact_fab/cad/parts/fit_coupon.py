@@ -20,8 +20,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut
-from ..drafting.items import Callouts, x_of
+from ..drafting.dimensioning import Callouts, Cut, x_of
 from ..kernel import Shape, require
 from ..part import AMBER, PRINT, RESIN, Part
 from ..rule import Quantity, Rule

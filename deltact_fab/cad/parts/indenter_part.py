@@ -8,8 +8,7 @@ from itertools import pairwise
 from ...shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip
 from ...shapes.turned import TurnedTip
 from ..design import IndenterBody, IndenterDimensions
-from ..drafting.dimensioning import Detail, Leader, shown
-from ..drafting.items import Callouts, Told, z_of
+from ..drafting.dimensioning import Callouts, Detail, Leader, Told, shown, z_of
 from ..part import PRINT, RESIN, WHITE, Part
 from ..print_orientation import PrintPose
 from .indenter import build, expect

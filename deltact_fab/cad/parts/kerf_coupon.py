@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 
 from ..dimensions import Design
-from ..drafting.items import Callouts
+from ..drafting.dimensioning import Callouts
 from ..kernel import Shape, require
 from ..part import CLEAR, LASER_CUT, Part
 from ..rule import Quantity, Rule

@@ -24,8 +24,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut
-from ..drafting.items import SQUARE_EDGES, Callouts, z_of
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import PRINT, RESIN, WHITE, Part

@@ -25,8 +25,7 @@ from typing import Any
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut, Leader
-from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..drafting.dimensioning import Callouts, Cut, Leader, x_of, y_of, z_of
 from ..fit import PlayFit
 from ..kernel import Shape, require
 from ..part import AMBER, PRINT, RESIN, Part

@@ -26,7 +26,7 @@ from collections.abc import Iterator
 
 from ...aliases import Point
 from ..dimensions import Design
-from ..drafting.items import Told, y_of, z_of
+from ..drafting.dimensioning import Told, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Workplane, require
 from ..rule import Quantity, Rule

@@ -16,8 +16,7 @@ from dataclasses import asdict
 
 from ..bench_sections import BOLT, BOLTS, SCREW
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut
-from ..drafting.items import Callouts
+from ..drafting.dimensioning import Callouts, Cut
 from ..fit import Length, PlayFit
 from ..kernel import Shape
 from ..part import BLACK, PRINT, RESIN, Part, Shift

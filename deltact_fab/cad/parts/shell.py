@@ -25,8 +25,17 @@ import math
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut, Detail, shown
-from ..drafting.items import SQUARE_EDGES, Callouts, Told, x_of, y_of, z_of
+from ..drafting.dimensioning import (
+    SQUARE_EDGES,
+    Callouts,
+    Cut,
+    Detail,
+    Told,
+    shown,
+    x_of,
+    y_of,
+    z_of,
+)
 from ..fit import Length, PlayFit
 from ..kernel import Shape, Workplane
 from ..part import BLACK, PRINT, RESIN, Part

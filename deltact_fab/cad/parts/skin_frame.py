@@ -26,8 +26,7 @@ from dataclasses import asdict, replace
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut
-from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape, Workplane, require
 from ..part import BLACK, PRINT, RESIN, Part, nothing

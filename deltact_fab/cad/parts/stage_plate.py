@@ -21,7 +21,7 @@ from dataclasses import asdict
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.items import SQUARE_EDGES, Callouts, x_of
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import MACHINED, STEEL, Part

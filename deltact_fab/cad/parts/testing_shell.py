@@ -15,8 +15,7 @@ import math
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut, shown
-from ..drafting.items import SQUARE_EDGES, Callouts, x_of
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, shown, x_of
 from ..fit import PlayFit
 from ..kernel import Shape, Workplane
 from ..part import BLACK, PRINT, RESIN, Part

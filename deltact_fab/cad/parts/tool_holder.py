@@ -25,8 +25,7 @@ import numpy as np
 from ...shapes import Indenter
 from ..bench_sections import SCREW, ToolDimensions
 from ..dimensions import Design
-from ..drafting.dimensioning import Cut, shown
-from ..drafting.items import Callouts
+from ..drafting.dimensioning import Callouts, Cut, shown
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import BLACK, PRINT, RESIN, Part

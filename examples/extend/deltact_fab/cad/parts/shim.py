@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ..dimensions import Design
-from ..drafting.items import Callouts
+from ..drafting.dimensioning import Callouts
 from ..kernel import Shape, require
 from ..part import PRINT, RESIN, Part
 from ..rule import Quantity, Rule
