@@ -22,7 +22,7 @@ TILT_DEG = 5.0  # a round that leans further belongs to no axis
 
 
 @dataclass(frozen=True)
-class Plane:
+class FlatFace:
     """A flat face normal to an axis (0, 1, 2) of the frame, at a coordinate.
 
     up: whether the solid lies below it. corners: (n, 3).
@@ -74,7 +74,7 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Other:
+class OtherFace:
     """A face of another kind, whose form is said by a printed number.
 
     kind: as a drawing calls it. sizes: numbers of which one has to be printed. at: a point on it.
@@ -89,29 +89,29 @@ class Other:
 
 
 @dataclass(frozen=True)
-class Features:
+class SolidFeatures:
     """All faces of a solid, and its box. edges: round edges normal to an axis, without length."""
 
-    planes: tuple[Plane, ...]
+    planes: tuple[FlatFace, ...]
     rounds: tuple[Round, ...]
-    others: tuple[Other, ...]
+    others: tuple[OtherFace, ...]
     edges: tuple[Round, ...]
     low_mm: Point
     high_mm: Point
 
 
-def features_of(solid: Any) -> Features:
+def features_of(solid: Any) -> SolidFeatures:
     """The features of one solid, in a fixed order."""
     from .solid_gate import bounding_box
 
-    planes: list[Plane] = []
+    planes: list[FlatFace] = []
     pieces: list[Round] = []
-    others: list[Other] = []
+    others: list[OtherFace] = []
     for face in solid.Faces():
         found = _of_face(face)
-        if isinstance(found, Plane):
+        if isinstance(found, FlatFace):
             planes.append(found)
-        elif isinstance(found, Other):
+        elif isinstance(found, OtherFace):
             others.append(found)
         else:
             pieces.append(found)
@@ -120,7 +120,7 @@ def features_of(solid: Any) -> Features:
     planes.sort(key=lambda p: (p.axis, p.at_mm, p.corners.tolist()))
     others.sort(key=lambda o: (o.kind, o.at))
     edges = sorted(_round_edges(solid), key=lambda r: (r.axis, r.low_mm, r.radius_mm))
-    return Features(tuple(planes), tuple(rounds), tuple(others), tuple(edges), low, high)
+    return SolidFeatures(tuple(planes), tuple(rounds), tuple(others), tuple(edges), low, high)
 
 
 def _round_edges(solid: Any) -> Iterator[Round]:
@@ -138,7 +138,7 @@ def near(rounds: Iterable[Round], x_mm: float, y_mm: float, reach_mm: float) -> 
     return [r for r in rounds if r.axis == 2 and r.offset_mm(x_mm, y_mm) <= reach_mm]
 
 
-def _of_face(face: Any) -> Plane | Round | Other:
+def _of_face(face: Any) -> FlatFace | Round | OtherFace:
     from OCP.BRepAdaptor import BRepAdaptor_Surface
 
     surface = BRepAdaptor_Surface(face.wrapped, True)
@@ -149,27 +149,27 @@ def _of_face(face: Any) -> Plane | Round | Other:
         axis = int(np.argmax(np.abs(normal)))
         if abs(normal[axis]) > 1 - STRAIGHT:
             corners = np.array([v.toTuple() for v in face.Vertices()])
-            return Plane(axis, _tidy(centre[axis]), bool(normal[axis] > 0), corners)
+            return FlatFace(axis, _tidy(centre[axis]), bool(normal[axis] > 0), corners)
         tilt = [math.degrees(math.acos(min(abs(float(n)), 1.0))) for n in normal]
         sizes = tuple(a for a in tilt if 1e-6 < a < 90 - 1e-6)
-        return Other("slant", sizes, centre, normal=_point(face.normalAt()))
+        return OtherFace("slant", sizes, centre, normal=_point(face.normalAt()))
     if kind == "CYLINDER":
         return _cylinder(face, surface)
     if kind == "SPHERE":
         sphere = surface.Sphere()
         r, middle = sphere.Radius(), _point(sphere.Location())
-        return Other("SR", (r, 2 * r), _on(surface), middle)
+        return OtherFace("SR", (r, 2 * r), _on(surface), middle)
     if kind == "TORUS":
-        return Other("R", (surface.Torus().MinorRadius(),), _on(surface))
+        return OtherFace("R", (surface.Torus().MinorRadius(),), _on(surface))
     if kind == "CONE":
         half = math.degrees(abs(surface.Cone().SemiAngle()))
-        return Other("cone", (half, 90 - half, 2 * half), _on(surface))
+        return OtherFace("cone", (half, 90 - half, 2 * half), _on(surface))
     box = face.BoundingBox()
     sides = (box.xlen, box.ylen, box.zlen)
-    return Other("curve", tuple(s * f for s in sides for f in (1.0, 0.5)), centre)
+    return OtherFace("curve", tuple(s * f for s in sides for f in (1.0, 0.5)), centre)
 
 
-def _cylinder(face: Any, surface: Any) -> Other | Round:
+def _cylinder(face: Any, surface: Any) -> OtherFace | Round:
     """A face of a round; one that leans is told by its radius alone."""
     from OCP.BRepGProp import BRepGProp_Face
     from OCP.gp import gp_Pnt, gp_Vec
@@ -183,7 +183,7 @@ def _cylinder(face: Any, surface: Any) -> Other | Round:
     straight = abs(way[axis]) > 1 - STRAIGHT
     # A hole that was drilled askew is one all the same; a rounded edge that leans is an edge.
     if not straight and (turn_deg < 180 or way[axis] ** 2 < math.cos(math.radians(TILT_DEG)) ** 2):
-        return Other("R", (radius, 2 * radius), _on(surface))
+        return OtherFace("R", (radius, 2 * radius), _on(surface))
     base = np.array(_point(cylinder.Axis().Location()))
     ends = [base + v * way for v in (surface.FirstVParameter(), surface.LastVParameter())]
     low, high = sorted((_point_of(end) for end in ends), key=lambda p: p[axis])
@@ -196,7 +196,7 @@ def _cylinder(face: Any, surface: Any) -> Other | Round:
     return Round(axis, low, high, radius, hole, _on(surface), turn_deg)
 
 
-def _joined(pieces: list[Round], planes: list[Plane]) -> list[Round]:
+def _joined(pieces: list[Round], planes: list[FlatFace]) -> list[Round]:
     """Faces of one cylinder as one round."""
     groups: dict[tuple[object, ...], list[Round]] = {}
     for piece in pieces:
@@ -221,7 +221,7 @@ def _runs(group: list[Round]) -> Iterator[list[Round]]:
     yield run
 
 
-def _one(pieces: list[Round], planes: list[Plane]) -> Round:
+def _one(pieces: list[Round], planes: list[FlatFace]) -> Round:
     """One round of its faces."""
     axis = pieces[0].axis
     low = min((p.low_mm for p in pieces), key=lambda p: p[axis])
@@ -241,7 +241,7 @@ def _over(piece: Round, of: Round) -> bool:
     return piece.low_mm[of.axis] - SAME_MM <= at <= piece.high_mm[of.axis] + SAME_MM
 
 
-def _floors(plane: Plane, end: Point, name: str, hole: Round) -> bool:
+def _floors(plane: FlatFace, end: Point, name: str, hole: Round) -> bool:
     """Whether a face closes a hole there: it looks into it and lies within its circle."""
     axis = hole.axis
     if plane.axis != axis or plane.up != (name == "low"):

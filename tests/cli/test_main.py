@@ -89,7 +89,7 @@ def test_every_command_stands_in_the_readme() -> None:
         (["cad", "check", "--set", "skin.widht_mm=3"], "did you mean 'width_mm'?"),
         (
             ["cad", "export", "--set", "skin.width_mm=24", "--set", "skin.length_mm=24"],
-            "the camera's board and the corner posts",
+            "room between the posts",
         ),
         (["cad", "export", "--format", "obj"], "format 'obj': unknown"),
         (["cad", "export", "skin", "--tolerance", "nan"], "expected 0.001 to 1 mm"),

@@ -137,7 +137,7 @@ def test_own_designs_are_rows_of_their_dimensions(result: StudyResult) -> None:
     assert own.loc["own: deltact", "size_mm"] == "39 x 60 x 30"
     assert own.loc["own: deltact", "area_mm2"] == pytest.approx(798 * 586 * 0.0378**2)
     assert own.loc["own: deltact", "pixel_mm"] == pytest.approx(0.0378)
-    assert own.loc["own: skin-44x40", "volume_cm3"] == pytest.approx(47 * 66 * 30.5 / 1e3)
+    assert own.loc["own: skin-44x40", "volume_cm3"] == pytest.approx(47 * 66 * 30.6 / 1e3)
     assert own.loc["own: skin-30x34", "pixels"] == "660 x 586"
     assert own.loc["own: mine", "size_mm"] == "39 x 65 x 30"
     assert own.loc["own: mine", "area_mm2"] == pytest.approx(700 * 586 * 0.0378**2)
@@ -152,7 +152,7 @@ def test_a_view_beyond_the_face_is_bad_input(tmp_path: Path) -> None:
 
 
 def test_the_size_is_that_of_the_parts() -> None:
-    assert size_mm(load_design("skin-44x40")) == pytest.approx((47, 66, 30.5))
+    assert size_mm(load_design("skin-44x40")) == pytest.approx((47, 66, 30.6))
     higher = load_design("deltact", ["mount.height_mm=8", "mount.length_mm=25"])
     assert size_mm(higher) == pytest.approx((39, 65, 30))
 

@@ -10,7 +10,7 @@ from ...errors import RunFailed
 from ..build import build_from
 from ..design import IndenterList
 from ..dimensions import Design
-from ..features import Features, Round, features_of
+from ..features import Round, SolidFeatures, features_of
 from ..mesh import Mesh, mesh_solid
 from ..part import Part
 from ..rays import Walls
@@ -40,7 +40,7 @@ class BuiltDesign:
     _failed: dict[str, str] = field(default_factory=dict)
     _meshes: dict[str, Mesh] = field(default_factory=dict)
     _walls: dict[str, Walls] = field(default_factory=dict)
-    _features: dict[str, Features] = field(default_factory=dict)
+    _features: dict[str, SolidFeatures] = field(default_factory=dict)
     # What was read to make a part, which whoever uses it depends on as well.
     _reads: dict[str, dict[str, Any]] = field(default_factory=dict)
     known: Known | None = None
@@ -160,7 +160,7 @@ class BuiltDesign:
             self._walls[name] = Walls(solid, mesh)
         return self._walls[name]
 
-    def features(self, name: str) -> Features:
+    def features(self, name: str) -> SolidFeatures:
         """What it is made of."""
         solid = self.solid(name)
         if name not in self._features:

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from ...aliases import Point, Points, Vector
-from ..features import Features, Other, Round
+from ..features import OtherFace, Round, SolidFeatures
 from .dimensioning import (
     Axis,
     Callouts,
@@ -56,7 +56,7 @@ class Placing:
 
     def __init__(
         self,
-        found: Features,
+        found: SolidFeatures,
         said: Callouts,
         drawn: Mapping[str, DrawnView],
         limits: Sequence[Limits | None],
@@ -191,7 +191,7 @@ class Placing:
         else:
             yield Leader(view, nearest.high_mm, nearest.radius_mm, words, side)
 
-    def _of_face(self, alike: Sequence[Other], words: str) -> Leader:
+    def _of_face(self, alike: Sequence[OtherFace], words: str) -> Leader:
         """A label with an arrow to one of equal faces of another kind, in a detail if there is."""
         flat = self._drawn["front"].view.flat
         for detail in self._said.details:

@@ -19,7 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..features import Features, Other, Round
+from ..features import OtherFace, Round, SolidFeatures
 from .dimensioning import Callouts, Told, shown
 
 AXES = "xyz"
@@ -55,12 +55,12 @@ class Scheme:
 
     lengths: tuple[Told, ...]
     rounds: tuple[Rounds, ...]
-    others: tuple[tuple[tuple[Other, ...], str], ...]
+    others: tuple[tuple[tuple[OtherFace, ...], str], ...]
     middle: tuple[int, ...]
     faults: tuple[str, ...]
 
 
-def scheme(found: Features, said: Callouts) -> Scheme:
+def scheme(found: SolidFeatures, said: Callouts) -> Scheme:
     """The scheme of a solid whose part says what fits."""
     groups = _grouped(found, said)
     on_circle = {r for group in groups if " apart" in group.words for r in group.alike}
@@ -77,7 +77,7 @@ def scheme(found: Features, said: Callouts) -> Scheme:
         if chain.even:
             middle.append(axis)
     printed = _printed(lengths, groups, said)
-    open_faces: dict[tuple[object, ...], list[Other]] = {}
+    open_faces: dict[tuple[object, ...], list[OtherFace]] = {}
     for other in found.others:
         if not _is_told(other, found, printed):
             key = (other.kind, *(round(size, 6) for size in other.sizes[:1]))
@@ -93,7 +93,7 @@ def scheme(found: Features, said: Callouts) -> Scheme:
     return Scheme(tuple(lengths), tuple(groups), tuple(others), tuple(middle), tuple(faults))
 
 
-def _face_words(alike: Sequence[Other]) -> str:
+def _face_words(alike: Sequence[OtherFace]) -> str:
     """The label of equal faces of another kind; empty where no single number gives their form."""
     count = f"{len(alike)}× " if len(alike) > 1 else ""
     size = alike[0].sizes[0] if alike[0].sizes else 0.0
@@ -111,7 +111,7 @@ class _Chain:
     """The coordinates of one axis, and which of them lengths have joined."""
 
     axis: int
-    found: Features
+    found: SolidFeatures
     said: Callouts
     on_circle: set[Round]
     lengths: list[Told] = field(default_factory=list)
@@ -324,7 +324,7 @@ def _key(value_mm: float) -> int:
     return round(value_mm / SAME_MM)
 
 
-def _grouped(found: Features, said: Callouts) -> list[Rounds]:
+def _grouped(found: SolidFeatures, said: Callouts) -> list[Rounds]:
     """Equal rounds together, with their labels."""
     groups: dict[tuple[object, ...], list[Round]] = {}
     for r in found.rounds:
@@ -335,7 +335,7 @@ def _grouped(found: Features, said: Callouts) -> list[Rounds]:
     return [Rounds(tuple(group), _words(group, found, said)) for group in groups.values()]
 
 
-def _words(group: Sequence[Round], found: Features, said: Callouts) -> str:
+def _words(group: Sequence[Round], found: SolidFeatures, said: Callouts) -> str:
     first, count = group[0], len(group)
     diameter = 2 * first.radius_mm
     own = next((w for d, w in said.rounds.items() if abs(d - diameter) < 1e-6), None)
@@ -348,7 +348,7 @@ def _words(group: Sequence[Round], found: Features, said: Callouts) -> str:
     return words + _circle(group, found)
 
 
-def _circle(group: Sequence[Round], found: Features) -> str:
+def _circle(group: Sequence[Round], found: SolidFeatures) -> str:
     """Where rounds stand evenly on a circle about the middle: a round part's holes, corners."""
     axis, r = group[0].axis, group[0].radius_mm
     plan = [i for i in range(3) if i != axis]
@@ -381,7 +381,7 @@ def _printed(lengths: Sequence[Told], groups: Sequence[Rounds], said: Callouts) 
     return numbers + [told.value_mm for told in lengths]
 
 
-def _is_told(other: Other, found: Features, printed: Sequence[float]) -> bool:
+def _is_told(other: OtherFace, found: SolidFeatures, printed: Sequence[float]) -> bool:
     """Whether a number tells a face of another kind, or what it touches does."""
     said = any(abs(size - number) < 0.006 for size in other.sizes for number in printed)
     if other.kind != "slant":

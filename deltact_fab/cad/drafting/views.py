@@ -99,12 +99,6 @@ class DrawnView:
         return np.concatenate([p[:-1] for p in lines]), np.concatenate([p[1:] for p in lines])
 
 
-def views_of(said: Callouts) -> dict[str, View]:
-    """The views of a drawing by name, those of its details too."""
-    views = FLIPPED if said.flipped else VIEWS
-    return views | {detail.letter: views[detail.view] for detail in said.details}
-
-
 def views(solid: Any, said: Callouts) -> dict[str, DrawnView]:
     """The four projections; the left one cut where the callouts ask for a section."""
     views = FLIPPED if said.flipped else VIEWS
