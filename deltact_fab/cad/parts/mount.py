@@ -215,8 +215,8 @@ def lengths(d: Design) -> list[Told]:
     mount, face = d.mount, d.frame_outer_mm[1] / 2
     end = face + mount.length_mm
     whole = y_of(face, end, fitted=False)
-    if mount.kind == "plate":
-        return [whole]
+    if mount.kind == "plate":  # as wide as the shell, whose face is gone
+        return []
     if mount.kind == "block":
         middle, pitch = end - mount.length_mm / 2, mount.hole_pitch_mm / 2
         return [whole, y_of(middle - pitch, middle + pitch, fitted=False)]

@@ -203,7 +203,7 @@ def body_lengths(d: Design) -> list[Told]:
     if shell.ledge_drop_mm > 0:
         lengths.append(z_of(joint - shell.ledge_drop_mm, joint))
     if d.z_boss_mm > d.z_floor_mm:
-        lengths += [x_of(ox - room, ox), y_of(oy - room, oy)]
+        lengths += [x_of(ox - room, ox), y_of(-oy, room - oy)]
     return lengths
 
 
