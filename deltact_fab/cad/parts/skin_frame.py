@@ -113,7 +113,8 @@ def rules(d: Design) -> Iterator[Rule]:
     depth = Quantity("screw.engagement_mm + screw.tip_clearance_mm", d.screw.pilot_depth_mm)
     least = Quantity("resin_printer.least_hole_mm", d.resin_printer.least_hole_mm)
     yield least.at_most(f"pilot of screw.thread {d.screw.thread}", d.screw.row.pilot_mm)
-    yield depth.below("frame height", d.frame_height_mm)
+    # Above a pilot is the face that seals in the mold: no skin is cast on one that is too thin.
+    yield depth.at_most("frame height - shell.wall_mm", d.frame_height_mm - d.shell.wall_mm)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
