@@ -66,7 +66,7 @@ ROUNDING_MM = 1e-9
 STEP_RAD = 1e-8
 """A ray has been found when Newton's step is shorter: what it leaves is its square, 1e-9 px."""
 MAX_ITERATIONS = 40
-DECENTRING_ITERATIONS = 20
+DECENTRING_ITERATIONS, DECENTRING_SETTLED = 20, 1e-8
 """Each leaves less than a tenth: p1 and p2 of real lenses are some thousandths."""
 
 
@@ -207,8 +207,12 @@ class Fisheye(Bounded):
             off = off / (1.0, self.aspect)
         if self.p1 or self.p2:
             seen = off
-            for _ in range(DECENTRING_ITERATIONS):
-                off = seen - self._decentring(off)
+            with np.errstate(over="ignore", invalid="ignore"):
+                for _ in range(DECENTRING_ITERATIONS):
+                    before, off = off, seen - self._decentring(off)
+                # Where it runs away, decentring folds the image: no one ray is seen there.
+                settled = np.abs(off - before).max(axis=-1, keepdims=True) < DECENTRING_SETTLED
+                off = np.where(settled, off, np.nan)
         radius = np.hypot(off[..., 0], off[..., 1])
         theta = self._angle(radius)
         with np.errstate(invalid="ignore", divide="ignore"):
