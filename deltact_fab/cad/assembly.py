@@ -113,7 +113,7 @@ def common_mm3(a: PlacedPart, b: PlacedPart) -> float:
 
     pair = f"{a.part.name} {a.index + 1} and {b.part.name} {b.index + 1}"
     # A boolean that fails returns an empty shape without an exception: that would read as 0.
-    with guarded(pair, {"z_mm": a.shift_mm[2]}):
+    with guarded(pair):
         both = float(
             Shape.cast(BRepAlgoAPI_Common(a.solid.wrapped, b.solid.wrapped).Shape()).Volume()
         )

@@ -8,14 +8,14 @@ from . import feasibility
 from .dimensions import Design
 from .kernel import guarded
 from .part import Part
-from .solid_gate import Expected, SolidProperties, gate
+from .solid_gate import SolidProperties, gate
 
 
 def build_part(part: Part, design: Design) -> tuple[Any, SolidProperties]:
     """Build one part and gate it: a cadquery Solid and its measures.
 
     Raises InputError when a dimension breaks an inequality, before the kernel runs; RunFailed
-    naming part and parameters when the kernel fails or returns something else.
+    naming the part when the kernel fails or returns something else.
     """
     if part.indenter is None:
         feasibility.check(design)
@@ -24,13 +24,5 @@ def build_part(part: Part, design: Design) -> tuple[Any, SolidProperties]:
 
 def build_from(part: Part, source: Any) -> tuple[Any, SolidProperties]:
     """The same from what `part.source` gives, whose inequalities hold already."""
-    wanted = part.expect(source)
-    with guarded(part.name, wanted.parameters):
-        return gate(part.name, part.build(source), wanted)
-
-
-def expected(part: Part, design: Design) -> Expected:
-    """What the part must be, without the kernel. Raises InputError where a rule is broken."""
-    if part.indenter is None:
-        feasibility.check(design)
-    return part.expect(part.source(design))
+    with guarded(part.name):
+        return gate(part.name, part.build(source), part.box(source))

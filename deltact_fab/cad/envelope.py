@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from .build import expected
+from . import feasibility
 from .dimensions import Design
 from .registry import of_group
+from .solid_gate import enclosing, shifted
 
 
 def size_mm(design: Design) -> tuple[float, float, float]:
     """Sides of the box around all parts of the sensor, (x, y, z).
 
-    From the closed forms that every part's solid is held against. Raises InputError where a
-    dimension breaks an inequality.
+    From the boxes that every part's solid is held against. Raises InputError where a dimension
+    breaks an inequality.
     """
-    corners = [
-        tuple(edge + shift for edge, shift in zip(corner, place, strict=True))
-        for part in of_group("sensor")
-        for place in part.places(design)
-        for corner in expected(part, design).box_mm
-    ]
-    x, y, z = (max(axis) - min(axis) for axis in zip(*corners, strict=True))
+    feasibility.check(design)
+    sensor = of_group("sensor")
+    low, high = enclosing(
+        shifted(part.box(design), place) for part in sensor for place in part.places(design)
+    )
+    x, y, z = (b - a for a, b in zip(low, high, strict=True))
     return x, y, z

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..errors import DeltactFabError
 from ..notebook import card, drawing
-from .build import expected
+from .build import build_part
 from .design import load_design
 from .part import Part
 
@@ -14,12 +14,13 @@ def html(part: Part) -> str:
     from .drafting.picture import part_svg
 
     design = load_design()
-    wanted = expected(part, design)
-    low, high = wanted.box_mm
+    low, high = part.box(part.source(design))
     sides = (f"{b - a:.4g}" for a, b in zip(low, high, strict=True))
-    note, picture = "of the standard design", ""
+    note, picture, volume = "of the standard design", "", "not known"
     try:
-        picture = drawing(part_svg(part, design))
+        solid, measured = build_part(part, design)
+        volume = f"{measured.volume_mm3 / 1000:.3g} cm³"
+        picture = drawing(part_svg(part, design, solid))
     except DeltactFabError as why:
         note += f"; no picture: {why}"
     rows = {
@@ -27,6 +28,6 @@ def html(part: Part) -> str:
         "made by": part.making or part.process,
         "pieces": f"{part.quantity} a {'sensor' if part.per_sensor else 'lab'}",
         "box": f"{' x '.join(sides)} mm",
-        "volume": f"{sum(wanted.volume_mm3) / 2 / 1000:.3g} cm³",
+        "volume": volume,
     }
     return card(part.name, rows, picture, note)

@@ -6,7 +6,7 @@ import importlib
 import re
 import signal
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
@@ -78,8 +78,8 @@ def ordered(wire: Any) -> Iterator[Any]:
 
 
 @contextmanager
-def guarded(part: str, parameters: Mapping[str, float]) -> Iterator[None]:
-    """Turn whatever the kernel raises inside into RunFailed naming part and parameters.
+def guarded(part: str) -> Iterator[None]:
+    """Turn whatever the kernel raises inside into RunFailed naming the part.
 
     The kernel's exceptions (StdFail_NotDone, Standard_DomainError...) share no base below
     Exception.
@@ -90,11 +90,4 @@ def guarded(part: str, parameters: Mapping[str, float]) -> Iterator[None]:
         raise
     except Exception as why:
         first = (str(why).splitlines() or [""])[0]
-        raise RunFailed(
-            f"{part}: the CAD kernel failed ({type(why).__name__}: {first}) with {show(parameters)}"
-        ) from why
-
-
-def show(parameters: Mapping[str, float]) -> str:
-    """Parameters as `name=value, ...` for a message."""
-    return ", ".join(f"{name}={value:g}" for name, value in parameters.items())
+        raise RunFailed(f"{part}: the CAD kernel failed ({type(why).__name__}: {first})") from why

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .drafting.dimensioning import Callouts
     from .fit import PlayFit
     from .rule import Rule
-    from .solid_gate import Expected
+    from .solid_gate import Box
 
 Group = Literal["sensor", "electronics", "tools", "bench", "indenters"]
 GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indenters")
@@ -65,8 +65,8 @@ class Part:
     """One part.
 
     name: unique; files are named after it. build: dimensions to one solid of the CAD kernel.
-    expect: the same dimensions to what that solid must be, from closed forms. Both take a Design,
-    of an indenter its `indenter`. quantity: pieces for one sensor, one mold or one test bench.
+    box: the same dimensions to that solid's bounding box. Both take a Design, of an indenter its
+    `indenter`. quantity: pieces for one sensor, one mold or one test bench.
     number: as in the paper's exploded view, 0 for what it does not number. explode_mm: shift along
     z in the exploded view, by which the parts of a group are also ordered, face first. colour:
     sRGB and opacity in pictures. places: where its pieces go in the sensor, as translations.
@@ -91,7 +91,7 @@ class Part:
     material: str
     process: str
     build: Callable[[Any], Any]
-    expect: Callable[[Any], Expected]
+    box: Callable[[Any], Box]
     quantity: int = 1
     group: Group = "sensor"
     number: int = 0
@@ -114,7 +114,7 @@ class Part:
     flat: Callable[[Any], tuple[Flat, ...]] | None = None
 
     def source(self, design: Design) -> Any:
-        """What `build`, `expect` and `callouts` take."""
+        """What `build`, `box` and `callouts` take."""
         return design if self.indenter is None else self.indenter
 
     def noted(self, design: Design) -> str:

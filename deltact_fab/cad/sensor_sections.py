@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from ..aliases import Point2
-from .planes import segment_mm2
 from .record import Record, assumed, measured, number, standard_row
 from .standards import (
     CAP_SCREWS,
@@ -143,7 +142,7 @@ class CoverDimensions(Record):
         if not b <= r:
             return math.nan
         moment = 2 / 3 * ((r**2 - a**2) ** 1.5 - (r**2 - b**2) ** 1.5)
-        centroid = moment / (segment_mm2(a, r) - segment_mm2(b, r))
+        centroid = moment / (_segment_mm2(a, r) - _segment_mm2(b, r))
         return max(b - centroid, centroid - a)
 
     @property
@@ -339,3 +338,9 @@ class ShellDimensions(Record):
     cable_width_mm: float = number(17.0, "notch for the camera's flat cable (16 mm)", 1, 60)
     cable_height_mm: float = number(2.0, "height of that notch", 0.5, 20)
     cable_foam_mm: float = number(5.0, "black foam around the cable in that notch, 0: none", 0, 30)
+
+
+def _segment_mm2(from_mm: float, radius_mm: float) -> float:
+    """Area of the disc beyond x = from_mm, which lies within the disc."""
+    c, r = from_mm, radius_mm
+    return r**2 * math.acos(c / r) - c * math.sqrt(r**2 - c**2)

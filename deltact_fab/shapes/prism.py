@@ -154,27 +154,6 @@ class PrismTip(LowestInTheMiddle):
         normal = math.atan2(self._side.normal[1], self._side.normal[0])
         return normal - self._half_angle
 
-    def volume_mm3(self, length_mm: float) -> float:
-        """Volume of the tip and its shank up to z = length_mm.
-
-        What the rounded edge takes away is integrated over the curves parallel to the outline:
-        at inset t they are shorter by 2 pi t.
-        """
-        side, half, n, rho = self._side, self._half_angle, self.points, self.edge_mm
-        c, q, back = self.corner_mm, self.notch_mm, max(self._notch_angle, 0.0)
-        turn = half + back
-        perimeter = 2 * n * (c * turn + side.length_mm + q * back)
-        # Half a point, as triangles from the middle: under the arc, the side and the notch's arc.
-        start = (side.corner_x_mm + c * side.normal[0], c * side.normal[1])
-        end = (start[0] + side.length_mm * side.along[0], start[1] + side.length_mm * side.along[1])
-        notch = side.notch_r_mm - q
-        foot = (notch * math.cos(half), notch * math.sin(half))
-        area = (_cross((self.outer_mm, 0.0), start) + _cross(start, end) + _cross(end, foot)) / 2
-        area += (turn - math.sin(turn)) / 2 * c**2 - (back - math.sin(back)) / 2 * q**2
-        first = rho**2 * (1 - math.pi / 4)
-        second = rho * first - rho**3 / 6
-        return 2 * n * area * length_mm - perimeter * first + 2 * math.pi * second
-
 
 @dataclass(frozen=True)
 class _Side:
@@ -190,10 +169,6 @@ class _Side:
     corner_x_mm: float
     notch_r_mm: float
     length_mm: float
-
-
-def _cross(a: Point2, b: Point2) -> float:
-    return a[0] * b[1] - a[1] * b[0]
 
 
 def _turned(p: Point2, angle: float) -> Point2:

@@ -1,8 +1,8 @@
 """Tips: the surfaces by which an indenter touches the gel, each one definition in numbers.
 
 A tip has its lowest point at z = 0. Its underside rises to `equator_mm`, where its sides turn
-vertical; from there a shank of the same outline goes on. `height_mm` is the underside, the CAD
-solid is made from the same numbers, and `volume_mm3` is what that solid must hold.
+vertical; from there a shank of the same outline goes on. `height_mm` is the underside, and the CAD
+solid is made from the same numbers.
 
 Every tip states:
 x_mm, y_mm: where it stands in the indenter's frame.
@@ -66,11 +66,6 @@ class SphereTip(LowestInTheMiddle):
         inside = r2 <= self.radius_mm**2
         cap = self.radius_mm - np.sqrt(np.where(inside, self.radius_mm**2 - r2, 0.0))
         return np.where(inside, cap, np.inf)
-
-    def volume_mm3(self, length_mm: float) -> float:
-        """Volume of the tip and its shank up to z = length_mm: half a ball, then a cylinder."""
-        r = self.radius_mm
-        return math.pi * r**2 * (2 / 3 * r + length_mm - r)
 
 
 @dataclass(frozen=True)
@@ -140,19 +135,6 @@ class RidgeTip(LowestInTheMiddle):
         height = np.where(d <= self.nose_half_mm, round_, flank)
         return np.where(d <= self.half_width_mm, height, np.inf)
 
-    def volume_mm3(self, length_mm: float) -> float:
-        """Volume of the tip and its shank up to z = length_mm: extruded middle, turned ends."""
-        r, n, w = self.radius_mm, self.nose_half_mm, self.half_width_mm
-        alpha = math.radians(self.flank_deg)
-        run, rise = w - n, self.equator_mm - self.nose_height_mm
-        # Below the underside, over one half of the profile: nose, then flank.
-        area = r * n - (n * r * math.sin(alpha) + r**2 * (math.pi / 2 - alpha)) / 2
-        area += run * (self.nose_height_mm + rise / 2)
-        turned = r * n**2 - 2 / 3 * (r**3 - (r * math.sin(alpha)) ** 3)
-        turned += self.nose_height_mm * (w**2 - n**2) + rise * run * (n + 2 / 3 * run)
-        middle = 2 * (w * length_mm - area) * self.length_mm
-        return middle + math.pi * (w**2 * length_mm - turned)
-
 
 @dataclass(frozen=True)
 class EllipsoidTip(LowestInTheMiddle):
@@ -197,10 +179,6 @@ class EllipsoidTip(LowestInTheMiddle):
         inside = s2 <= 1.0
         cap = self.b_mm * (1 - np.sqrt(np.where(inside, 1 - s2, 0.0)))
         return np.where(inside, cap, np.inf)
-
-    def volume_mm3(self, length_mm: float) -> float:
-        """Volume of the tip and its shank up to z = length_mm: half an ellipsoid, a cylinder."""
-        return math.pi * self.a_mm * self.b_mm * (length_mm - self.b_mm / 3)
 
 
 def require_positive(record: object, *names: str) -> None:

@@ -160,12 +160,6 @@ class TurnedTip:
             height = np.where(here, _height(a, piece, d), height)
         return height
 
-    def volume_mm3(self, length_mm: float) -> float:
-        """Volume of the tip and its shank up to z = length_mm: a tube less what is below the
-        underside, 2 pi times the integral of d z (Guldin)."""
-        below = sum(_moment(a, piece) for a, piece in self._drawn())
-        return math.pi * ((self.rim_mm**2 - self.start_mm[0] ** 2) * length_mm - 2 * below)
-
     def profile(self) -> tuple[Point2, list[tuple[str, tuple[Point2, ...]]]]:
         """The profile as it is drawn: a start, then ("line", (end,)) or ("arc", (middle, end))."""
         drawn: list[tuple[str, tuple[Point2, ...]]] = []
@@ -222,23 +216,6 @@ def _height(a: Point2, piece: ProfilePiece, d: Field) -> Field:
     m, n = piece.centre_mm
     r2 = (d0 - m) ** 2 + (z0 - n) ** 2
     return n + _way(a, piece) * np.sqrt(np.maximum(r2 - (d - m) ** 2, 0.0))
-
-
-def _moment(a: Point2, piece: ProfilePiece) -> float:
-    """Integral of d z over a piece that starts at `a` (mm3)."""
-    (d0, z0), (d1, z1) = a, piece.end_mm
-    if piece.centre_mm is None:
-        return (d1 - d0) * (d0 * (2 * z0 + z1) + d1 * (z0 + 2 * z1)) / 6
-    m, n = piece.centre_mm
-    r = math.dist(a, piece.centre_mm)
-
-    def arc(d: float) -> float:
-        v = min(max(d - m, -r), r)
-        root = math.sqrt((r - v) * (r + v))
-        # Not asin(v / r): where the arc turns upright its rounding and the root's do not cancel.
-        return m * (v * root + r**2 * math.atan2(v, root)) / 2 - root**3 / 3
-
-    return n * (d1**2 - d0**2) / 2 + _way(a, piece) * (arc(d1) - arc(d0))
 
 
 def _middle(a: Point2, piece: ProfilePiece) -> Point2:

@@ -294,7 +294,7 @@ def test_what_the_gate_refuses_becomes_a_row(sound, monkeypatch):
     built = BuiltDesign.make(DESIGN, given, LIST)
     assert list(built.failed) == ["cover"]
     found = {row.part: row.found for row in soundness.rows(built)}
-    assert found["sensor"].startswith("1 of 10 not: cover: volume ")
+    assert found["sensor"].startswith("1 of 10 not: cover: bounding box ")
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import lib3mf
 import numpy as np
 import pytest
 import trimesh
+from closed_forms import segment_mm2
 
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
@@ -19,7 +20,6 @@ from deltact_fab.cad.export import export_parts
 from deltact_fab.cad.export.plates import arranged, bed_mm
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.overhangs import MIN_CONTACT_MM2, laid, stand
-from deltact_fab.cad.planes import segment_mm2
 from deltact_fab.cad.print_orientation import PrintPose
 from deltact_fab.errors import InputError
 
@@ -61,14 +61,14 @@ def test_each_file_stands_on_the_platform_as_the_manifest_turns_it(exported):
         assert np.allclose(mesh.bounds, entry["bounding_box_mm"], atol=1e-5)
         if not part.printed:
             assert entry["turned"] is None
-            assert np.allclose(mesh.bounds, part.expect(part.source(DESIGN)).box_mm, atol=0.2)
+            assert np.allclose(mesh.bounds, part.box(part.source(DESIGN)), atol=0.2)
             continue
         assert np.allclose(entry["turned"], part.lies.turn)
         low, high = mesh.bounds
         assert low[2] == 0
         assert np.allclose(low[:2], -high[:2], atol=1e-5)
         own = np.linalg.inv(np.array(entry["turned"])) @ mesh.vertices.T
-        box = np.array(part.expect(part.source(DESIGN)).box_mm)
+        box = np.array(part.box(part.source(DESIGN)))
         assert np.allclose(np.ptp(own, axis=1), box[1] - box[0], atol=0.2)
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import closed_forms
 import numpy as np
 import pytest
+from closed_forms import held
 
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
@@ -15,7 +17,7 @@ from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.parts import coupon_mold, mold, skin, skin_frame
-from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.errors import InputError
 
 DEFAULT = Design()
 MOLD, COUPON = registry.find("mold"), registry.find("coupon-mold")
@@ -44,10 +46,7 @@ def cq() -> Any:
 @pytest.mark.parametrize("name", ["one", "uneven", "shallow", "large fillet", "44 x 40", "30 x 34"])
 def test_other_molds_pass_the_gate(name: str, cq: Any) -> None:
     design = VARIANTS[name]
-    solid, found = build_part(MOLD, design)
-    assert solid.isValid()
-    low, high = mold.expect(design).volume_mm3
-    assert low == high == pytest.approx(found.volume_mm3, rel=1e-9)
+    held(MOLD, design)
 
 
 def cast(cq: Any, design: Design, at: tuple[float, float]) -> tuple[Any, Any]:
@@ -88,10 +87,10 @@ def test_the_mold_with_its_frame_casts_the_skin(name: str, cq: Any) -> None:
 def test_the_volumes_close(cq: Any) -> None:
     """The cavity alone, measured between two planes of the mold's solid, and by its closed form."""
     for design in (DEFAULT, VARIANTS["30 x 34"]):
-        deep = design.skin.thickness_mm - design.skin.protrusion_mm
-        window_mm3 = skin_frame.window_area_mm2(design) * deep
-        cavity_mm3 = mold.cavity_volume_mm3(design)
-        assert cavity_mm3 + window_mm3 == pytest.approx(design.skin_volume_mm3, rel=1e-12)
+        cavity_mm3 = closed_forms.cavity_mm3(design)
+        assert cavity_mm3 + closed_forms.window_mm3(design) == pytest.approx(
+            design.skin_volume_mm3, rel=1e-12
+        )
         x, y, _ = design.mold_outer_mm
         base, high = design.mold.base_mm, design.skin.protrusion_mm
         slab = cq.Solid.makeBox(x, y, high, cq.Vector(-x / 2, -y / 2, base))
@@ -158,13 +157,13 @@ def test_a_broken_inequality_is_told_before_the_kernel_runs(change: str, says: s
         build_part(MOLD, changed(change))
 
 
-def test_a_mold_of_other_numbers_is_stopped_by_the_gate(cq: Any) -> None:
+def test_a_mold_of_other_numbers_is_noticed(cq: Any) -> None:
     sharp = dataclasses.replace(
         DEFAULT, skin=dataclasses.replace(DEFAULT.skin, edge_fillet_mm=1.99)
     )
     other = dataclasses.replace(MOLD, build=lambda design: mold.build(sharp))
-    with pytest.raises(RunFailed, match=r"^mold: volume .*, expected .*; parameters width_mm=36"):
-        build_part(other, DEFAULT)
+    with pytest.raises(AssertionError, match="mold"):
+        held(other, DEFAULT)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from closed_forms import indenter_mm3, segment_mm2
 
 from deltact_fab.aliases import Field
 from deltact_fab.cad import registry, solid_gate
@@ -14,8 +15,6 @@ from deltact_fab.cad.design import IndenterBody, IndenterDimensions, load_indent
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import is_closed, mesh_solid
 from deltact_fab.cad.parts import indenter as indenter_part
-from deltact_fab.cad.planes import segment_mm2
-from deltact_fab.errors import RunFailed
 from deltact_fab.shapes import Indenter, SphereTip, TurnedTip
 from deltact_fab.shapes.bounded import ShapeError
 from deltact_fab.shapes.indenter import parse
@@ -76,8 +75,7 @@ SHAPES = (
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.name)
 def test_the_solid_s_underside_is_the_height_field(shape: Indenter, cq: Any) -> None:
     dims = IndenterDimensions(shape, IndenterBody())
-    expected = indenter_part.expect(dims)
-    solid, _ = solid_gate.gate(shape.slug, indenter_part.build(dims), expected)
+    solid, made = solid_gate.gate(shape.slug, indenter_part.build(dims), indenter_part.box(dims))
     rng = np.random.default_rng(7)
     hx, hy = indenter_part.plate_half_mm(dims)
     x, y = rng.uniform(-1.05 * hx, 1.05 * hx, 600), rng.uniform(-1.05 * hy, 1.05 * hy, 600)
@@ -88,7 +86,9 @@ def test_the_solid_s_underside_is_the_height_field(shape: Indenter, cq: Any) -> 
     # In a ring's hole, too, nothing stands lower than the plate.
     assert found[~tips].min() > dims.plate_z_mm - 1e-9
     # Boxes that overlap give bounds, everything else one number.
-    assert (expected.volume_mm3[0] == expected.volume_mm3[1]) == (shape is not PAIR)
+    low, high = indenter_mm3(dims)
+    assert (low == high) == (shape is not PAIR)
+    assert low * (1 - 1e-6) <= made.volume_mm3 <= high * (1 + 1e-6)
 
 
 def test_a_ring_s_shank_is_a_tube(cq: Any) -> None:
@@ -112,10 +112,8 @@ def test_another_height_field_is_noticed(cq: Any) -> None:
     d = np.linspace(1.6, 4.4, 50)
     gap = underside_mm(solid, d, np.zeros(50)) - other.height_mm(d, np.zeros(50))
     assert np.abs(gap).max() > 5e-3
-    with pytest.raises(RunFailed, match=r"^ring: volume .*, expected "):
-        solid_gate.gate(
-            "ring", solid, indenter_part.expect(IndenterDimensions(other, IndenterBody()))
-        )
+    low, high = indenter_mm3(IndenterDimensions(other, IndenterBody()))
+    assert not low * (1 - 1e-6) <= solid.Volume() <= high * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("name", ["cylinder", "ring", "hat"])

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..build import expected
 from ..dimensions import Design
 from ..part import PRINT
 from ..registry import of_design
@@ -35,7 +34,7 @@ def platform(design: Design) -> Iterator[Row]:
     sides = {}
     for part in of_design():
         if part.process == PRINT:
-            low, high = expected(part, design).box_mm
+            low, high = part.box(part.source(design))
             x, y, z = part.lies.size_mm(low, high)
             sides[part.name] = [max(x, y), min(x, y), z]
     left = {

@@ -76,10 +76,10 @@ def run(
     """Check a design: inequalities first, then every part and the whole as built.
 
     progress: called with (done, total, what) before each part that is built and each check. solids:
-    by part name, to be checked in place of what would be built; they are not held against their
-    closed forms. indenters: cad/indenters.toml when None. cached: rows of earlier checks are used
-    where they would come out the same, and kept for the next time; when all are found the CAD
-    kernel is not imported.
+    by part name, to be checked in place of what would be built; the gate does not see them.
+    indenters: cad/indenters.toml when None. cached: rows of earlier checks are used where they
+    would come out the same, and kept for the next time; when all are found the CAD kernel is not
+    imported.
 
     What fails is a row, a broken inequality and a part that cannot be built among them; one more
     row counts the checks that it leaves undone. Raises MissingLibrary without the CAD kernel, and
@@ -125,7 +125,7 @@ def of_built(
         if tell is not None:
             tell(check.name)
         try:
-            with guarded(check.name, {}):
+            with guarded(check.name):
                 rows += check.found(built)
         except RunFailed as why:
             if str(why).endswith(NO_PART):

@@ -43,7 +43,7 @@ def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
     if part.callouts is None:
         raise InputError(f"part {part.name!r}: has no drawing; it is {part.process}")
     said = part.callouts(part.source(design))
-    with guarded(part.name, {}):
+    with guarded(part.name):
         drawn = views(solid, said)
     notes = [*said.notes]
     if open_keys := [key for key in said.rests_on if key in design.unverified()]:

@@ -56,7 +56,7 @@ def part_svg(part: Part, design: Design, solid: Any = None) -> str:
     if solid is None:
         solid, _ = build_part(part, design)
     view = TIPS_UP if part.indenter is not None else CORNER
-    with guarded(part.name, {}):
+    with guarded(part.name):
         lines = project([solid], view.direction, view.up, CHORD_MM)[0]
         body = Body(part, 0, lines, mesh(solid), view)
     low, high = lines.box_mm
@@ -124,7 +124,7 @@ def _numbered(
 
     axes_of: the design whose screws' axes are drawn too.
     """
-    with guarded(title, {}):
+    with guarded(title):
         found = project([p.solid for p in placed], view.direction, view.up, CHORD_MM)
         bodies = [
             Body(p.part, p.index, lines, mesh(p.solid), view)

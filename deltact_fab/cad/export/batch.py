@@ -12,7 +12,7 @@ from pathlib import Path
 from ...aliases import Progress
 from ...errors import InputError
 from ...jobs import arrivals, processors
-from ..build import expected
+from .. import feasibility
 from ..dimensions import Design
 from ..part import Part
 from ..registry import of_group
@@ -92,8 +92,8 @@ def export_parts(
     ]
     if not any(own for _, own in units):
         raise InputError(f"format {', '.join(kinds)}: applies to none of {', '.join(named)}")
-    for part in named.values():
-        expected(part, design)
+    if any(part.indenter is None for part in named.values()):
+        feasibility.check(design)
     # In the registry's order, where all of them are there.
     whole_sensor = [part.name for part in of_group("sensor")]
     complete = assembly and set(whole_sensor) <= set(named)

@@ -17,7 +17,7 @@ from ..kernel import guarded
 from ..mesh import Mesh, mesh_solid
 from ..overhangs import laid
 from ..part import BOUGHT, LASER_CUT, Part
-from ..solid_gate import Box, SolidProperties
+from ..solid_gate import Box, SolidProperties, enclosing, shifted
 from .formats import dxf, glb, step, stl, threemf
 
 ASSEMBLY, WIRING = "assembly", "wiring"
@@ -97,7 +97,7 @@ def make(task: Task) -> list[FileBytes]:
     page: DrawingPage | None = None
     # Meshes last: they leave triangles on the solid.
     for kind in sorted(task.formats, key=lambda f: (f in MESHED, FORMATS.index(f))):
-        with guarded(part.name, {"tolerance_mm": task.tolerance_mm}):
+        with guarded(part.name):
             if kind in MESHED:
                 mesh = mesh or _mesh(solid, measured, task)
                 if on_platform(part, kind):
@@ -118,15 +118,8 @@ def make(task: Task) -> list[FileBytes]:
 
 def whole(parts: Sequence[tuple[float, Box, Sequence[Point]]]) -> tuple[float, Box]:
     """Volume and box of an assembly of (volume, box, places), one place a copy."""
-    boxes = [
-        tuple(tuple(c + p for c, p in zip(corner, place, strict=True)) for corner in box)
-        for _, box, places in parts
-        for place in places
-    ]
-    low = tuple(min(box[0][axis] for box in boxes) for axis in range(3))
-    high = tuple(max(box[1][axis] for box in boxes) for axis in range(3))
     volume_mm3 = sum(volume * len(places) for volume, _, places in parts)
-    return volume_mm3, ((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+    return volume_mm3, enclosing(shifted(box, at) for _, box, places in parts for at in places)
 
 
 def whole_name(kind: str) -> str:
@@ -150,7 +143,7 @@ def _assembly_step(design: Design, parts: Sequence[Part]) -> FileBytes:
         where = part.places(design)
         products.append((part.name, solid, where))
         sizes.append((measured.volume_mm3, measured.box_mm, where))
-    with guarded(ASSEMBLY, {"parts": len(parts)}):
+    with guarded(ASSEMBLY):
         data = step.assembly_bytes(products, ASSEMBLY)
     return FileBytes("step", data, *whole(sizes), None)
 

@@ -10,7 +10,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from ...errors import InputError
-from ..build import expected
 from ..dimensions import Design
 from ..part import Part
 
@@ -77,7 +76,7 @@ def arranged(design: Design, parts: Iterable[Part]) -> list[PrintPlate]:
 
 def _footprint_mm(design: Design, part: Part) -> tuple[float, float]:
     """Sides of its box on the platform; of a tilted part an upper bound."""
-    wide_mm, deep_mm, _ = part.lies.size_mm(*expected(part, design).box_mm)
+    wide_mm, deep_mm, _ = part.lies.size_mm(*part.box(part.source(design)))
     bed = bed_mm(design)
     room_x_mm, room_y_mm = (side - 2 * EDGE_MM for side in bed)
     if wide_mm > room_x_mm or deep_mm > room_y_mm:

@@ -19,7 +19,7 @@ from ..drafting.dimensioning import Callouts, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape
 from ..part import CLEAR, LASER_CUT, Part
-from ..solid_gate import Expected, around
+from ..solid_gate import Box, around
 from .solids import prism, without_corners
 
 
@@ -31,22 +31,9 @@ def notched(half_mm: Point2, notch_mm: Point2) -> list[Point2]:
     return without_corners(half_mm, (w - notch_mm[0], h - notch_mm[1]))
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of the plate = (rectangle - 4 notches) x thickness."""
-    (w, h), (nx, ny) = design.acrylic_half_mm, design.acrylic_notch_mm
-    thickness_mm = design.optics.acrylic_mm
-    volume_mm3 = 4 * (w * h - nx * ny) * thickness_mm
-    return Expected.exact(
-        volume_mm3,
-        around(w, h, design.z_joint_mm, design.z_ledge_mm),
-        {
-            "acrylic_mm": thickness_mm,
-            "half_x_mm": w,
-            "half_y_mm": h,
-            "notch_x_mm": nx,
-            "notch_y_mm": ny,
-        },
-    )
+def box(design: Design) -> Box:
+    """The plate's rectangle, from the joint to the frame's ledge."""
+    return around(*design.acrylic_half_mm, design.z_joint_mm, design.z_ledge_mm)
 
 
 def build(design: Design) -> Shape:
@@ -131,7 +118,7 @@ PARTS = (
         "cast PMMA, clear",
         LASER_CUT,
         build,
-        expect,
+        box,
         number=2,
         explode_mm=14,
         colour=CLEAR,

@@ -28,7 +28,7 @@ from ..part import BOUGHT, GREEN, Part
 from ..process import PLANE
 from ..rule import Quantity, Rule
 from ..sensor_sections import CameraDimensions
-from ..solid_gate import Expected
+from ..solid_gate import Box
 from .solids import cylinders
 
 CABLE = "flat, 15 way, 1.0 mm pitch, 16 mm wide"
@@ -53,22 +53,11 @@ UPPER_HOLES = (
 )
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of the envelope. A hole above the connector ends at the board's back."""
-    cam = design.camera
-    board_mm2 = cam.board_width_mm * cam.board_length_mm - math.pi * cam.hole_mm**2
-    volume_mm3 = board_mm2 * cam.board_mm
-    volume_mm3 += math.pi / 4 * cam.lens_diameter_mm**2 * cam.lens_height_mm
-    volume_mm3 += cam.connector_width_mm * cam.connector_length_mm * cam.connector_height_mm
-    half = cam.board_width_mm / 2
-    return Expected.exact(
-        volume_mm3,
-        (
-            (-half, cam.board_bottom_mm, design.z_board_back_mm - cam.connector_height_mm),
-            (half, cam.board_top_mm, design.z_lens_mm),
-        ),
-        {key: getattr(cam, key) for key in SHOWN},
-    )
+def box(design: Design) -> Box:
+    """Board, lens and connector."""
+    cam, half = design.camera, design.camera.board_width_mm / 2
+    back = design.z_board_back_mm - cam.connector_height_mm
+    return (-half, cam.board_bottom_mm, back), (half, cam.board_top_mm, design.z_lens_mm)
 
 
 def build(design: Design) -> Shape:
@@ -95,13 +84,6 @@ def build(design: Design) -> Shape:
         .extrude(-cam.connector_height_mm)
     )
     return board.cut(holes).union(lens).union(connector).val()
-
-
-SHOWN = (
-    "board_width_mm", "board_length_mm", "board_mm", "hole_mm", "hole_pitch_x_mm",
-    "hole_pitch_y_mm", "hole_edge_mm", "lens_offset_mm", "lens_diameter_mm", "lens_height_mm",
-    "connector_width_mm", "connector_length_mm", "connector_height_mm",
-)  # fmt: skip
 
 
 def rules(d: Design) -> Iterator[Rule]:
@@ -152,7 +134,7 @@ PARTS = (
         "IMX219 board with a 200 degree lens",
         BOUGHT,
         build,
-        expect,
+        box,
         number=5,
         explode_mm=-48,
         colour=GREEN,

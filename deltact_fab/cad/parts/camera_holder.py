@@ -15,9 +15,7 @@ The board lies on its front; the cover's floor bears on its back.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import asdict
 
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
@@ -26,34 +24,16 @@ from ..kernel import Shape
 from ..part import BLACK, PRINT, RESIN, Part
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Box
 from ..standards import screw_tolerance_mm
 from .camera import BOARD_KEYS, UPPER_HOLES
 from .solids import cylinders, prism
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of the plate."""
-    holder, half_x, arm = design.holder, design.holder_half_x_mm, design.holder_arm_mm
-    tongue, top = design.holder_tongue_mm
-    window_mm2 = 2 * design.holder_window_half_mm * (arm + design.holder_window_top_mm)
-    area_mm2 = 4 * half_x * arm + 2 * tongue * max(top - arm, 0.0) - window_mm2
-    area_mm2 -= math.pi * design.cover.hole_mm**2
-    area_mm2 -= math.pi / 2 * holder.row.pilot_mm**2
-    volume_mm3 = area_mm2 * holder.clearance_mm
-    numbers = {key: value for key, value in asdict(holder).items() if key.endswith("_mm")}
-    return Expected.exact(
-        volume_mm3,
-        ((-half_x, -arm, design.z_floor_mm), (half_x, max(arm, top), design.z_board_back_mm)),
-        {
-            **numbers,
-            "holder_half_x_mm": half_x,
-            "holder_arm_mm": arm,
-            "holder_window_half_mm": design.holder_window_half_mm,
-            "holder_window_top_mm": design.holder_window_top_mm,
-            "peg_hole_mm": design.cover.hole_mm,
-        },
-    )
+def box(design: Design) -> Box:
+    """Arms and tongue."""
+    half_x, arm, top = design.holder_half_x_mm, design.holder_arm_mm, design.holder_tongue_mm[1]
+    return (-half_x, -arm, design.z_floor_mm), (half_x, max(arm, top), design.z_board_back_mm)
 
 
 def build(design: Design) -> Shape:
@@ -147,7 +127,7 @@ PARTS = (
         f"{RESIN}, black",
         PRINT,
         build,
-        expect,
+        box,
         number=6,
         explode_mm=-64,
         colour=BLACK,

@@ -13,29 +13,17 @@ Built on the axis x = y = 0. The shank has the thread's nominal diameter, and so
 
 from __future__ import annotations
 
-import math
-
 from ..dimensions import Design
 from ..kernel import Shape, require
 from ..part import BOUGHT, STEEL, Part, Shift
-from ..planes import band_mm2
-from ..solid_gate import Expected, around
+from ..solid_gate import Box, around
 from .solids import cylinders
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of the camera's screw."""
-    row, length_mm = design.holder.row, design.holder.screw_length_mm
-    head = row.head_mm / 2
-    volume_mm3 = math.pi * head**2 * row.head_height_mm
-    volume_mm3 -= band_mm2(row.slot_mm / 2, head) * row.slot_depth_mm
-    volume_mm3 += math.pi / 4 * row.thread_mm**2 * length_mm
-    under_mm = design.z_board_front_mm
-    return Expected.exact(
-        volume_mm3,
-        around(head, head, under_mm - length_mm, under_mm + row.head_height_mm),
-        {"screw_length_mm": length_mm, "thread_mm": row.thread_mm, "head_mm": row.head_mm},
-    )
+def box(design: Design) -> Box:
+    """Head and shank."""
+    row, under, head = design.holder.row, design.z_board_front_mm, design.holder.row.head_mm / 2
+    return around(head, head, under - design.holder.screw_length_mm, under + row.head_height_mm)
 
 
 def build(design: Design) -> Shape:
@@ -65,7 +53,7 @@ PARTS = (
         "steel, ISO 1207",
         BOUGHT,
         build,
-        expect,
+        box,
         quantity=2,
         explode_mm=-41,
         colour=STEEL,

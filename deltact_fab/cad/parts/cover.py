@@ -17,9 +17,7 @@ round about the peg's axis would be wider along y than the hole, where no leg gi
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import asdict
 from typing import Any
 
 from ...aliases import Point2
@@ -28,34 +26,17 @@ from ..drafting.dimensioning import Callouts, Cut, Detail, shown, x_of, y_of, z_
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import BLACK, PRINT, RESIN, Part
-from ..planes import cone_segment_mm3, segment_mm2
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected, around
+from ..solid_gate import Box, around
 from .solids import cylinders, prism, without_corners
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of the cover."""
-    row, (outer_x, outer_y) = design.screw.row, design.frame_outer_mm
-    boss_mm, head_mm = design.z_boss_mm - design.z_floor_mm, design.z_head_mm - design.z_back_mm
-    volume_mm3 = outer_x * outer_y * design.cover.floor_mm + 4 * design.post_mm**2 * boss_mm
-    volume_mm3 -= math.pi * row.bore_mm**2 * head_mm
-    volume_mm3 -= math.pi * row.clearance_mm**2 * (design.z_boss_mm - design.z_head_mm)
-    volume_mm3 += 8 * _leg_mm3(design)
+def box(design: Design) -> Box:
+    """From the back to the bosses or the pegs, whichever are higher."""
+    x, y = (side / 2 for side in design.frame_outer_mm)
     top = max(design.z_boss_mm, design.z_floor_mm + design.peg_length_mm)
-    half = (outer_x / 2, outer_y / 2)
-    return Expected.exact(
-        volume_mm3,
-        around(half[0], half[1], design.z_back_mm, top),
-        {
-            **asdict(design.cover),
-            "post_mm": design.post_mm,
-            "bore_mm": row.bore_mm,
-            "boss_mm": boss_mm,
-            "peg_length_mm": design.peg_length_mm,
-        },
-    )
+    return around(x, y, design.z_back_mm, top)
 
 
 def build(design: Design) -> Shape:
@@ -88,18 +69,6 @@ def _lip_mm(design: Design) -> tuple[float, float, float]:
     """
     cover = design.cover
     return cover.hole_mm / 2, cover.peg_mm / 2 - cover.lip_mm, cover.lip_height_mm / 2
-
-
-def _leg_mm3(design: Design) -> float:
-    """Volume of one leg above the floor: shaft, lip and lead-in, each beyond half the slot."""
-    cover, half_slot_mm = design.cover, design.cover.slot_mm / 2
-    radius, tip, height_mm = _lip_mm(design)
-    outside_mm, peg = half_slot_mm + cover.leg_mm, cover.peg_mm / 2
-    leg_mm2 = segment_mm2(half_slot_mm, peg) - segment_mm2(outside_mm, peg)
-    shaft_mm3 = leg_mm2 * design.peg_leg_mm
-    beyond_mm = half_slot_mm - cover.lip_mm
-    lip_mm3 = segment_mm2(beyond_mm, radius) * height_mm
-    return shaft_mm3 + lip_mm3 + cone_segment_mm3(beyond_mm, radius, tip, height_mm)
 
 
 def _leg(cq: Any, design: Design) -> Any:
@@ -205,7 +174,7 @@ PARTS = (
         f"{RESIN}, black",
         PRINT,
         build,
-        expect,
+        box,
         number=7,
         explode_mm=-78,
         colour=BLACK,

@@ -15,26 +15,21 @@ of the other. What is measured goes into a table of readings, and `cad fit` read
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import asdict
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut, x_of
 from ..kernel import Shape, require
 from ..part import AMBER, PRINT, RESIN, Part
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected, around
+from ..solid_gate import Box, around
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms = base - holes - slots + block + peg."""
+def box(design: Design) -> Box:
+    """Base, block and peg."""
     coupon, (x, y) = design.fit_coupon, design.fit_coupon.outer_mm
-    plan_mm2 = x * y - sum(math.pi / 4 * d**2 + d * coupon.slot_mm for d in coupon.sizes_mm)
-    volume_mm3 = plan_mm2 * coupon.base_mm + coupon.block_mm**2 * coupon.block_height_mm
-    volume_mm3 += math.pi / 4 * coupon.peg_mm**2 * coupon.peg_height_mm
     top = coupon.base_mm + coupon.block_height_mm + coupon.peg_height_mm
-    return Expected.exact(volume_mm3, around(x / 2, y / 2, 0.0, top), asdict(coupon))
+    return around(x / 2, y / 2, 0.0, top)
 
 
 def build(design: Design) -> Shape:
@@ -83,7 +78,7 @@ PARTS = (
         RESIN,
         PRINT,
         build,
-        expect,
+        box,
         group="tools",
         colour=AMBER,
         sections=("fit_coupon", "resin_printer"),

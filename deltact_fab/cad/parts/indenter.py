@@ -16,15 +16,13 @@ the underside is `Indenter.height_mm`; elsewhere nothing lies lower than the pla
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import Any
 
 from ...shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 from ..design import IndenterDimensions
 from ..kernel import Shape, require
-from ..planes import segment_mm2
-from ..solid_gate import Expected
+from ..solid_gate import Box, around
 
 _APART_MM = 1e-6
 
@@ -64,53 +62,10 @@ def round_plate_mm(dims: IndenterDimensions) -> float:
     return plate_half_mm(dims)[0] if round_ and not others else 0.0
 
 
-def expect(dims: IndenterDimensions) -> Expected:
-    """Closed forms of the indenter.
-
-    Where the boxes around two tips overlap the tips may, and the volume is bounded by one tip and
-    by the sum of all.
-    """
-    indenter, body = dims.indenter, dims.body
-    plate_z = dims.plate_z_mm
-    x, y = plate_half_mm(dims)
-    if radius := round_plate_mm(dims):
-        plate_mm2 = math.pi * radius**2
-    else:
-        corner = corner_mm(dims)
-        plate_mm2 = 4 * x * y - (4 - math.pi) * corner**2
-    stem_mm2 = math.pi / 4 * indenter.stem_diameter_mm**2
-    stem_mm2 -= segment_mm2(indenter.stem_flat_at_mm, indenter.stem_diameter_mm / 2)
-    stem_mm3 = stem_mm2 * indenter.stem_length_mm
-    tips_mm3 = [t.volume_mm3(plate_z) for t in indenter.tips]
-    solid_mm3 = plate_mm2 * body.plate_mm + stem_mm3
-    disjoint = all(_apart(a, b) for a, b in itertools.combinations(indenter.tips, 2))
-    high = solid_mm3 + sum(tips_mm3)
-    top = plate_z + body.plate_mm + indenter.stem_length_mm
-    return Expected(
-        (high if disjoint else solid_mm3 + max(tips_mm3), high),
-        ((-x, -y, 0.0), (x, y, top)),
-        {
-            **{
-                f"tip_{i}_{label}": value
-                for i, tip in enumerate(indenter.tips)
-                for label, value in vars(tip).items()
-                if isinstance(value, int | float)
-            },
-            "reach_mm": indenter.reach_mm,
-            "plate_mm": body.plate_mm,
-            "stem_diameter_mm": indenter.stem_diameter_mm,
-            "stem_length_mm": indenter.stem_length_mm,
-            "stem_flat_at_mm": indenter.stem_flat_at_mm,
-        },
-    )
-
-
-def _apart(a: Tip, b: Tip) -> bool:
-    """Whether two tips surely share no volume; spheres by their distance, others by their boxes."""
-    dx, dy = abs(a.x_mm - b.x_mm), abs(a.y_mm - b.y_mm)
-    if isinstance(a, SphereTip) and isinstance(b, SphereTip):
-        return math.hypot(dx, dy) >= a.radius_mm + b.radius_mm
-    return dx >= a.half_mm[0] + b.half_mm[0] or dy >= a.half_mm[1] + b.half_mm[1]
+def box(dims: IndenterDimensions) -> Box:
+    """From the lowest point to the end of the stem; the plate is the widest."""
+    top = dims.plate_z_mm + dims.body.plate_mm + dims.indenter.stem_length_mm
+    return around(*plate_half_mm(dims), 0.0, top)
 
 
 def build(dims: IndenterDimensions) -> Shape:

@@ -11,7 +11,7 @@ from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Callouts, Detail, Leader, Told, shown, z_of
 from ..part import PRINT, RESIN, WHITE, Part
 from ..print_orientation import PrintPose
-from .indenter import build, expect
+from .indenter import box, build
 
 SMALL_MM = 1.0  # what is smaller is drawn again in a detail
 
@@ -23,7 +23,7 @@ def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
         RESIN,
         PRINT,
         build,
-        expect,
+        box,
         quantity,
         "indenters",
         colour=WHITE,

@@ -10,25 +10,21 @@ Frame: z = 0 is the underside, z up, x and y from the middle of the strip.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts
 from ..kernel import Shape, require
 from ..part import CLEAR, LASER_CUT, Part
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected, around
+from ..solid_gate import Box, around
 
 PIECES = 10
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of a cuboid."""
-    coupon, thick = design.kerf_coupon, design.optics.acrylic_mm
-    x, y = coupon.length_mm / 2, coupon.width_mm / 2
-    volume_mm3 = coupon.length_mm * coupon.width_mm * thick
-    about = {**asdict(coupon), "acrylic_mm": thick}
-    return Expected.exact(volume_mm3, around(x, y, 0.0, thick), about)
+def box(design: Design) -> Box:
+    """The strip."""
+    coupon = design.kerf_coupon
+    return around(coupon.length_mm / 2, coupon.width_mm / 2, 0.0, design.optics.acrylic_mm)
 
 
 def build(design: Design) -> Shape:
@@ -60,7 +56,7 @@ PARTS = (
         "cast PMMA, clear",
         LASER_CUT,
         build,
-        expect,
+        box,
         quantity=PIECES,
         group="tools",
         colour=CLEAR,

@@ -19,7 +19,7 @@ from ..dimensions import Design
 from ..kernel import Shape, require
 from ..part import AMBER, BOUGHT, Flat, Part
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Box, around
 
 CUT, LED, MARK, RING = "CUT", "LED", "MARK", "RING"
 PAD_MM = 1.5  # length of a pad; its width and place are shares of the strip's width
@@ -28,18 +28,11 @@ BEYOND_MM = 1.0  # a cut mark stands out so far
 APART_MM = 10.0  # between strip and ring
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of a cuboid with cuboids on it."""
+def box(design: Design) -> Box:
+    """Strip and LEDs."""
     light = design.light
-    x, y, thick = light.strip_mm / 2, light.strip_width_mm / 2, light.strip_thickness_mm
-    volume_mm3 = 4 * x * y * thick + light.led_count * light.led_width_mm**2 * light.led_height_mm
-    about = {
-        "strip_mm": light.strip_mm,
-        "strip_width_mm": light.strip_width_mm,
-        "led_width_mm": light.led_width_mm,
-    }
-    box = ((-x, -y, 0.0), (x, y, thick + light.led_height_mm))
-    return Expected.exact(volume_mm3, box, about)
+    high = light.strip_thickness_mm + light.led_height_mm
+    return around(light.strip_mm / 2, light.strip_width_mm / 2, 0.0, high)
 
 
 def led_at_mm(design: Design) -> list[float]:
@@ -133,7 +126,7 @@ PARTS = (
         "LED strip, 5050, white",
         BOUGHT,
         build,
-        expect,
+        box,
         group="electronics",
         colour=AMBER,
         sections=("light",),

@@ -21,17 +21,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict
 
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import PRINT, RESIN, WHITE, Part
-from ..planes import band_mm2, common_circles_mm2
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected, around
+from ..solid_gate import Box, around
 from .camera import UPPER_HOLES
 from .solids import cylinders
 
@@ -40,39 +38,10 @@ WIRE_OUTER = Length(1.2, 0.1)  # of such a wire with its insulation (AWG 28, UL 
 WIRE_COLOURS = ("red", "black")  # plus, minus
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of the ring, also where a relief meets its edge or misses it."""
-    light = design.light
-    radius, strip, inner, bore = (
-        design.light_radius_mm,
-        design.strip_radius_mm,
-        design.channel_inner_mm,
-        design.light_bore_mm,
-    )
-    height_mm = design.z_light_mm - design.z_board_front_mm
-    depth_mm = height_mm - light.floor_mm
-    volume_mm3 = math.pi * (radius**2 - bore**2) * height_mm
-    volume_mm3 -= math.pi * (strip**2 - inner**2) * depth_mm
-    half_slot_mm = light.slot_mm / 2
-    slot_mm2 = (band_mm2(half_slot_mm, radius) - band_mm2(half_slot_mm, strip)) / 2
-    volume_mm3 -= slot_mm2 * depth_mm
-    reliefs = [(at, design.head_relief_mm) for at in design.camera_screw_centres_mm]
-    reliefs += [(at, design.peg_relief_mm) for at in design.peg_centres_mm]
-    for (x, y), relief in reliefs:
-        away = math.hypot(x, y)
-        met_mm2 = common_circles_mm2(relief, radius, away) - common_circles_mm2(relief, bore, away)
-        volume_mm3 -= met_mm2 * light.floor_mm
-    return Expected.exact(
-        volume_mm3,
-        around(radius, radius, design.z_board_front_mm, design.z_light_mm),
-        {
-            **{key: asdict(light)[key] for key in SHOWN},
-            "light_radius_mm": radius,
-            "light_bore_mm": bore,
-            "head_relief_mm": design.head_relief_mm,
-            "peg_relief_mm": design.peg_relief_mm,
-        },
-    )
+def box(design: Design) -> Box:
+    """The ring."""
+    radius = design.light_radius_mm
+    return around(radius, radius, design.z_board_front_mm, design.z_light_mm)
 
 
 def build(design: Design) -> Shape:
@@ -103,9 +72,6 @@ def build(design: Design) -> Shape:
     ):
         body = body.cut(cylinders(centres, 2 * relief_mm, low_mm - 1, light.floor_mm + 1))
     return body.val()
-
-
-SHOWN = ("strip_width_mm", "channel_mm", "diffuser_mm", "wall_mm", "floor_mm", "fit_mm", "slot_mm")
 
 
 def rules(d: Design) -> Iterator[Rule]:
@@ -198,7 +164,7 @@ PARTS = (
         f"{RESIN}, white, translucent",
         PRINT,
         build,
-        expect,
+        box,
         number=4,
         explode_mm=-28,
         colour=WHITE,

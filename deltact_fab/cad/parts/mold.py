@@ -20,7 +20,6 @@ seat takes the blade that lifts the frame out. Every wall is upright: the silico
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from typing import Any
 
 from ...aliases import Point2
@@ -30,8 +29,7 @@ from ..fit import PlayFit
 from ..kernel import Shape, require
 from ..part import AMBER, PRINT, RESIN, Part
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected, around
-from .skin_frame import window_area_mm2
+from ..solid_gate import Box, around
 
 # The mold's drawing and the guide say the same.
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
@@ -54,25 +52,10 @@ def seat_mm(design: Design) -> Point2:
     return x + 2 * design.mold.fit_mm, y + 2 * design.mold.fit_mm
 
 
-def cavity_volume_mm3(design: Design) -> float:
-    """Volume of one cavity = skin - the frame's window in front of the ledge.
-
-    That window is (thickness - protrusion) deep, and the frame brings it along.
-    """
-    behind_mm = design.skin.thickness_mm - design.skin.protrusion_mm
-    return design.skin_volume_mm3 - window_area_mm2(design) * behind_mm
-
-
-def expect(design: Design) -> Expected:
-    """Closed forms of the mold."""
-    mold, (x, y, z) = design.mold, design.mold_outer_mm
-    seat = seat_mm(design)
-    cut_mm2 = seat[0] * seat[1] + 2 * mold.pry_width_mm * mold.pry_mm
-    cut_mm3 = cavity_volume_mm3(design) + cut_mm2 * mold.seat_mm
-    volume_mm3 = x * y * z - mold.columns * mold.rows * cut_mm3
-    return Expected.exact(
-        volume_mm3, around(x / 2, y / 2, 0.0, z), {**asdict(design.skin), **asdict(mold)}
-    )
+def box(design: Design) -> Box:
+    """The block."""
+    x, y, z = design.mold_outer_mm
+    return around(x / 2, y / 2, 0.0, z)
 
 
 def build(design: Design) -> Shape:
@@ -163,7 +146,7 @@ PARTS = (
         RESIN,
         PRINT,
         build,
-        expect,
+        box,
         group="tools",
         colour=AMBER,
         sections=("mold", "skin", "frame"),

@@ -30,7 +30,7 @@ from ..drafting.dimensioning import Told, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Workplane, require
 from ..rule import Quantity, Rule
-from ..solid_gate import Box, Expected
+from ..solid_gate import Box
 from .solids import cuboid
 
 
@@ -79,35 +79,6 @@ def arm_stress_mpa(design: Design) -> float:
         return math.nan
     lever_mm = design.frame_outer_mm[1] / 2 + mount.length_mm - mount.flange_mm
     return 6 * design.plate.force_n * lever_mm / (mount.width_mm * mount.arm_mm**2)
-
-
-def relief_mm3(design: Design) -> float:
-    """What the cover's bosses take of the mount, fit deep, on both sides together."""
-    (_, _, low), (x, _, high) = bars(design)[0]
-    outer_x, _ = design.frame_outer_mm
-    width_mm = max(x - (outer_x / 2 - design.boss_room_mm), 0.0)
-    height_mm = max(min(high, design.z_boss_mm) - low, 0.0)
-    return 2 * width_mm * height_mm * design.cover.fit_mm
-
-
-def expect(design: Design) -> Expected:
-    """Closed forms of the mount alone = cuboids - two holes - relief."""
-    mount, cuboids = design.mount, bars(design)
-    volume_mm3 = sum(math.prod(b - a for a, b in zip(*box, strict=True)) for box in cuboids)
-    drilled_mm = sum(math.dist(*axis) for axis in hole_axes(design))
-    volume_mm3 -= math.pi / 4 * mount.hole_mm**2 * drilled_mm + relief_mm3(design)
-    if mount.kind == "franka":
-        ring_mm2 = math.pi / 4 * (mount.counterbore_mm**2 - mount.hole_mm**2)
-        volume_mm3 -= 2 * ring_mm2 * mount.counterbore_depth_mm
-    (x0, y0, z0), (x1, y1, z1) = cuboids[0]
-    for low, high in cuboids[1:]:
-        x0, y0, z0 = min(x0, low[0]), min(y0, low[1]), min(z0, low[2])
-        x1, y1, z1 = max(x1, high[0]), max(y1, high[1]), max(z1, high[2])
-    return Expected.exact(
-        volume_mm3,
-        ((x0, y0, z0), (x1, y1, z1)),
-        {key: getattr(mount, key) for key in SHAPED},
-    )
 
 
 def build(design: Design) -> Workplane:
@@ -222,13 +193,6 @@ def lengths(d: Design) -> list[Told]:
         return [whole, y_of(middle - pitch, middle + pitch, fitted=False)]
     middle, pitch = d.z_back_mm + mount.flange_height_mm / 2, mount.flange_pitch_mm / 2
     return [whole, z_of(middle - pitch, middle + pitch, fitted=False)]
-
-
-FLANGE = (
-    "flange_mm", "flange_width_mm", "flange_height_mm", "flange_pitch_mm", "flange_hole_mm",
-    "counterbore_mm", "counterbore_depth_mm",
-)  # fmt: skip
-SHAPED = ("length_mm", "width_mm", "height_mm", "hole_pitch_mm", *FLANGE, "arm_mm")
 
 
 def rests_on(d: Design) -> tuple[str, ...]:

@@ -10,11 +10,9 @@ the lab's own sensor before the plate is made. Frame: as the tool holder's, z = 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import asdict
 
-from ..bench_sections import BOLT, BOLTS, SCREW
+from ..bench_sections import BOLT, SCREW
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut
 from ..fit import Length, PlayFit
@@ -22,25 +20,17 @@ from ..kernel import Shape
 from ..part import BLACK, PRINT, RESIN, Part, Shift
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected, around
+from ..solid_gate import Box, around
 from .solids import cylinders
-from .tool_holder import SCREWS
 
 SIZE = ("adapter.sensor_mm", "adapter.sensor_height_mm")
 KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_turn_deg")
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of a disc with holes."""
-    plate, tool = design.adapter, design.tool
-    r, high = tool.flange_diameter_mm / 2, plate.thickness_mm
-    sunk = plate.bolt_bore_depth_mm
-    through_mm2 = math.pi / 4 * (SCREWS * plate.pilot_mm**2 + tool.pin_mm**2)
-    volume_mm3 = (math.pi * r**2 - through_mm2) * high
-    bolt = plate.bolt_hole_mm**2 * (high - sunk) + plate.bolt_bore_mm**2 * sunk
-    volume_mm3 -= BOLTS * math.pi / 4 * bolt
-    about = {k: v for k, v in asdict(plate).items() if k != "measured"}
-    return Expected.exact(volume_mm3, around(r, r, 0.0, high), about)
+def box(design: Design) -> Box:
+    """The disc."""
+    radius = design.tool.flange_diameter_mm / 2
+    return around(radius, radius, 0.0, design.adapter.thickness_mm)
 
 
 def build(design: Design) -> Shape:
@@ -103,7 +93,7 @@ PARTS = (
         f"{RESIN}, black",
         PRINT,
         build,
-        expect,
+        box,
         group="bench",
         explode_mm=80.0,
         colour=BLACK,

@@ -14,29 +14,20 @@ so overlaps its pilot.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..kernel import Shape, require
 from ..part import BOUGHT, STEEL, Part, Shift
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected, around
+from ..solid_gate import Box, around
 from .solids import cylinders
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of the cap screw."""
-    row, length_mm = design.screw.row, design.screw.length_mm
-    volume_mm3 = math.pi / 4 * row.head_mm**2 * row.head_height_mm
-    volume_mm3 -= math.sqrt(3) / 2 * row.socket_mm**2 * row.head_height_mm / 2
-    volume_mm3 += math.pi / 4 * row.thread_mm**2 * length_mm
-    head = row.head_mm / 2
-    return Expected.exact(
-        volume_mm3,
-        around(head, head, design.z_head_mm - row.head_height_mm, design.z_head_mm + length_mm),
-        {"length_mm": length_mm, "thread_mm": row.thread_mm, "head_mm": row.head_mm},
-    )
+def box(design: Design) -> Box:
+    """Head and shank."""
+    row, under, head = design.screw.row, design.z_head_mm, design.screw.row.head_mm / 2
+    return around(head, head, under - row.head_height_mm, under + design.screw.length_mm)
 
 
 def build(design: Design) -> Shape:
@@ -98,7 +89,7 @@ PARTS = (
         "steel, ISO 4762",
         BOUGHT,
         build,
-        expect,
+        box,
         quantity=4,
         number=8,
         explode_mm=-104,

@@ -21,7 +21,6 @@ edges it would bend twice as far.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 from ..dimensions import Design
@@ -41,7 +40,7 @@ from ..kernel import Shape, Workplane
 from ..part import BLACK, PRINT, RESIN, Part
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Box, Expected, around
+from ..solid_gate import Box, around, enclosing
 from . import mount
 from .acrylic import notched
 from .camera import CABLE_HEIGHT, CABLE_WIDTH
@@ -50,59 +49,10 @@ from .mount import boss_room
 from .solids import cuboid, cylinders, prism
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of the shell with its mount: they share a face and no volume."""
-    alone, added = bare(design), mount.expect(design)
-    volume_mm3 = alone.volume_mm3[0] + added.volume_mm3[0]
-    (low, high), (low_m, high_m) = alone.box_mm, added.box_mm
-    return Expected.exact(
-        volume_mm3,
-        (
-            (min(low[0], low_m[0]), low[1], min(low[2], low_m[2])),
-            (max(high[0], high_m[0]), high_m[1], max(high[2], high_m[2])),
-        ),
-        {**alone.parameters, **{f"mount.{k}": v for k, v in added.parameters.items()}},
-    )
-
-
-def bare(design: Design) -> Expected:
-    """Closed forms of the shell without mount and tabs.
-
-    Tube + posts beyond the wall - screw holes - wall beside the bosses + ledges - cable notch.
-    """
-    shell, (outer_x, outer_y) = design.shell, design.frame_outer_mm
-    (x, y), wall, room = design.cavity_half_mm, shell.wall_mm, design.boss_room_mm
-    post_mm = design.z_joint_mm - design.z_boss_mm
-    boss_mm = design.z_boss_mm - design.z_floor_mm
-    carried_mm = shell.ledge_height_mm - shell.ledge_drop_mm
-    volume_mm3 = (outer_x * outer_y - 4 * x * y) * design.shell_depth_mm
-    hole_mm2 = math.pi / 4 * design.screw.row.clearance_mm**2
-    volume_mm3 += 4 * ((design.post_mm - wall) ** 2 - hole_mm2) * post_mm
-    volume_mm3 -= 4 * (2 * room - wall) * wall * boss_mm
-    px, py = design.post_edge_mm
-    ledge_x, ledge_y = design.ledge_reach_mm
-    volume_mm3 += 4 * (px * ledge_y + py * ledge_x) * carried_mm
-    volume_mm3 -= shell.cable_width_mm * shell.cable_height_mm * wall
-    half = (outer_x / 2, outer_y / 2)
-    return Expected.exact(
-        volume_mm3,
-        around(half[0], half[1], design.z_floor_mm, design.z_joint_mm),
-        {
-            "outer_x_mm": outer_x,
-            "outer_y_mm": outer_y,
-            "depth_mm": design.shell_depth_mm,
-            "wall_mm": wall,
-            "post_mm": design.post_mm,
-            "boss_mm": boss_mm,
-            "cover.fit_mm": design.cover.fit_mm,
-            "ledge_mm": shell.ledge_mm,
-            "ledge_x_mm": shell.ledge_x_mm,
-            "ledge_height_mm": shell.ledge_height_mm,
-            "ledge_drop_mm": shell.ledge_drop_mm,
-            "cable_width_mm": shell.cable_width_mm,
-            "cable_height_mm": shell.cable_height_mm,
-        },
-    )
+def box(design: Design) -> Box:
+    """Shell and mount."""
+    x, y = (side / 2 for side in design.frame_outer_mm)
+    return enclosing([around(x, y, design.z_floor_mm, design.z_joint_mm), *mount.bars(design)])
 
 
 def build(design: Design) -> Shape:
@@ -232,7 +182,7 @@ PARTS = (
         f"{RESIN}, black",
         PRINT,
         build,
-        expect,
+        box,
         number=3,
         colour=BLACK,
         sections=("shell", "mount", "screw", "skin", "frame"),

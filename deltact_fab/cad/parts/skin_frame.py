@@ -20,9 +20,8 @@ Frame and skin share faces and no volume.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 from ...aliases import Point2
 from ..dimensions import Design
@@ -32,47 +31,15 @@ from ..kernel import Shape, Workplane, require
 from ..part import BLACK, PRINT, RESIN, Part, nothing
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected, around
+from ..solid_gate import Box, around
 from ..standards import screw_tolerance_mm
 from .solids import cylinders, prism, without_corners
 
 
-def window_area_mm2(design: Design) -> float:
-    """Area of the window in front of the ledge = width x length - 4 post corners."""
-    x_mm, y_mm = design.post_in_window_mm
-    return design.skin.width_mm * design.skin.length_mm - 4 * x_mm * y_mm
-
-
-def pocket_area_mm2(design: Design) -> float:
-    """Area of the acrylic's pocket behind the ledge = its rectangle - what the posts take."""
-    x, y = design.seat_half_mm
-    px, py = design.post_edge_mm
-    corner = max(x - px, 0.0) * max(y - py, 0.0)
-    return 4 * (x * y - corner)
-
-
-def expect(design: Design) -> Expected:
-    """Closed forms of the frame."""
-    skin, screw = design.skin, design.screw
-    outer_x, outer_y = design.frame_outer_mm
-    hole_mm3 = math.pi / 4 * screw.row.pilot_mm**2 * screw.pilot_depth_mm
-    behind_mm = skin.thickness_mm - skin.protrusion_mm
-    acrylic_mm = design.optics.acrylic_mm
-    volume_mm3 = outer_x * outer_y * design.frame_height_mm - 4 * hole_mm3
-    volume_mm3 -= window_area_mm2(design) * behind_mm + pocket_area_mm2(design) * acrylic_mm
-    half = (outer_x / 2, outer_y / 2)
-    return Expected.exact(
-        volume_mm3,
-        around(half[0], half[1], design.z_joint_mm, design.z_front_mm),
-        {
-            "width_mm": skin.width_mm,
-            "length_mm": skin.length_mm,
-            **asdict(design.frame),
-            "post_mm": design.post_mm,
-            "frame_height_mm": design.frame_height_mm,
-            "pilot_depth_mm": screw.pilot_depth_mm,
-        },
-    )
+def box(design: Design) -> Box:
+    """From the joint to the front."""
+    x, y = (side / 2 for side in design.frame_outer_mm)
+    return around(x, y, design.z_joint_mm, design.z_front_mm)
 
 
 def build(design: Design) -> Shape:
@@ -164,7 +131,7 @@ FRAME = Part(
     f"{RESIN}, black",
     PRINT,
     build,
-    expect,
+    box,
     number=1,
     explode_mm=28,
     colour=BLACK,

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict
 
 from ...aliases import Point2
 from ..dimensions import Design
@@ -26,7 +25,7 @@ from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import MACHINED, STEEL, Part
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected, around
+from ..solid_gate import Box, around
 from ..standards import PITCH_MM
 from .solids import cylinders
 
@@ -63,15 +62,10 @@ def tab_centres_mm(design: Design) -> list[Point2]:
     return [(sx * x, sy * y) for sy in (-1, 1) for sx in (-1, 1)]
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of a plate with four holes and four slots."""
-    plate, (x, y) = design.stage_plate, (side / 2 for side in sides_mm(design))
-    z = design.z_back_mm
-    slot_mm2 = plate.slot_mm * plate.slot_travel_mm + math.pi / 4 * plate.slot_mm**2
-    open_mm2 = 4 * slot_mm2 + math.pi * plate.thread_hole_mm**2
-    volume_mm3 = (4 * x * y - open_mm2) * plate.thickness_mm
-    about = {k: v for k, v in asdict(plate).items() if k != "measured"}
-    return Expected.exact(volume_mm3, around(x, y, z - plate.thickness_mm, z), about)
+def box(design: Design) -> Box:
+    """The plate; its top is the sensor's back."""
+    (x, y), z = sides_mm(design), design.z_back_mm
+    return around(x / 2, y / 2, z - design.stage_plate.thickness_mm, z)
 
 
 def build(design: Design) -> Shape:
@@ -139,7 +133,7 @@ PARTS = (
         "aluminium, EN AW-6082",
         MACHINED,
         build,
-        expect,
+        box,
         group="bench",
         explode_mm=-40.0,
         colour=STEEL,

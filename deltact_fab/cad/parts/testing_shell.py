@@ -11,7 +11,6 @@ Seen along -y:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 from ..dimensions import Design
@@ -21,35 +20,16 @@ from ..kernel import Shape, Workplane
 from ..part import BLACK, PRINT, RESIN, Part
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected, around
+from ..solid_gate import Box, around
 from . import shell
 from .mount import boss_room
 from .solids import cuboid, cylinders
 
 
-def expect(design: Design) -> Expected:
-    """Closed forms of the testing shell; a tab = cuboid - holes - what clears the cover."""
-    bare, table, fit = shell.bare(design), design.table, design.cover.fit_mm
-    outer_x, outer_y = design.frame_outer_mm
-    top = design.z_back_mm + table.height_mm
-    beside_mm = max(table.width_mm / 2 - (outer_y / 2 - design.boss_room_mm), 0.0)
-    boss_mm = max(min(design.z_boss_mm, top) - design.z_floor_mm, 0.0)
-    tab_mm3 = table.tab_mm * table.width_mm * table.height_mm
-    tab_mm3 -= 2 * math.pi / 4 * table.hole_mm**2 * table.height_mm
-    tab_mm3 -= fit * (table.width_mm * design.cover.floor_mm + 2 * beside_mm * boss_mm)
-    volume_mm3 = bare.volume_mm3[0] + 2 * tab_mm3
-    reach = outer_x / 2 + table.tab_mm
-    return Expected.exact(
-        volume_mm3,
-        around(reach, outer_y / 2, design.z_back_mm, design.z_joint_mm),
-        {
-            **bare.parameters,
-            "table.tab_mm": table.tab_mm,
-            "table.width_mm": table.width_mm,
-            "table.height_mm": table.height_mm,
-            "table.hole_pitch_mm": table.hole_pitch_mm,
-        },
-    )
+def box(design: Design) -> Box:
+    """Shell and tabs."""
+    x, y = (side / 2 for side in design.frame_outer_mm)
+    return around(x + design.table.tab_mm, y, design.z_back_mm, design.z_joint_mm)
 
 
 def build(design: Design) -> Shape:
@@ -120,7 +100,7 @@ PARTS = (
         f"{RESIN}, black",
         PRINT,
         build,
-        expect,
+        box,
         group="bench",
         colour=BLACK,
         sections=("shell", "table", "screw", "skin", "frame"),

@@ -16,56 +16,25 @@ x. The bore is deeper than the stem is long, so the free length is the indenter'
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import asdict
-
-import numpy as np
 
 from ...shapes import Indenter
-from ..bench_sections import SCREW, ToolDimensions
+from ..bench_sections import SCREW
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut, shown
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import BLACK, PRINT, RESIN, Part
-from ..planes import segment_mm2
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Box, around
 from .solids import cylinders
 
-SCREWS = 4
 
-
-def _clamp_mm3(tool: ToolDimensions) -> float:
-    """What the set screw's hole takes between body and bore: a cylinder across two others.
-
-    Chords of the hole times the way between the circles, by Gauss's rule, exact to rounding.
-    """
-    radius = tool.clamp_mm / 2
-    nodes, weights = np.polynomial.legendre.leggauss(60)
-    angle = nodes * math.pi / 2
-    y = radius * np.sin(angle)
-    way = np.sqrt((tool.body_mm / 2) ** 2 - y**2) - np.sqrt(tool.bore_mm**2 - y**2)
-    return float(math.pi / 2 * np.sum(weights * 2 * radius**2 * np.cos(angle) ** 2 * way))
-
-
-def expect(design: Design) -> Expected:
-    """Closed forms of the holder."""
-    tool = design.tool
-    r, body = tool.flange_diameter_mm / 2, tool.height_mm - tool.flange_mm
-    hole = tool.pin_mm + tool.pin_fit_mm
-    bore_mm2 = math.pi * tool.bore_mm**2 - segment_mm2(tool.flat_mm, tool.bore_mm)
-    drilled_mm2 = math.pi / 4 * (SCREWS * tool.screw_hole_mm**2 + hole**2)
-    volume_mm3 = math.pi / 4 * tool.body_mm**2 * body
-    volume_mm3 += (math.pi * r**2 - drilled_mm2) * tool.flange_mm
-    clamp_mm3 = _clamp_mm3(tool)
-    volume_mm3 -= bore_mm2 * tool.depth_mm + clamp_mm3
-    # The kernel integrates over faces that end in the curve of two cylinders to some 1e-3.
-    spread_mm3 = 1e-3 * clamp_mm3
-    box = ((-r, -r, 0.0), (r, r, tool.height_mm))
-    return Expected((volume_mm3 - spread_mm3, volume_mm3 + spread_mm3), box, asdict(tool))
+def box(design: Design) -> Box:
+    """Flange and body."""
+    radius = design.tool.flange_diameter_mm / 2
+    return around(radius, radius, 0.0, design.tool.height_mm)
 
 
 def build(design: Design) -> Shape:
@@ -149,7 +118,7 @@ PARTS = (
         f"{RESIN}, black",
         PRINT,
         build,
-        expect,
+        box,
         group="bench",
         explode_mm=60.0,
         colour=BLACK,
