@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ MOST = 4000  # points spread over the area, besides four in each triangle
 REFINED = 24  # points measured exactly after the mesh has none that seems thinner
 TRIED = 2000  # points measured exactly at most
 NEAR_MM = 1e-4
+REACHES_MM = (2.0, 8.0, math.inf)  # walls are looked for so far, further where there is none
+BLOCK = 256  # rays
 START_MM = 1e-4  # a ray does not hit the surface that it leaves
 # Rays x triangles held at once: what stays in the processor's cache, and little enough (times six,
 # 2^18) for OpenBLAS to work on one thread; several wait for each other on a busy machine.
@@ -117,19 +120,11 @@ class Walls:
     """The walls of one solid: sampled on its mesh, the thinnest measured on its exact surfaces."""
 
     def __init__(self, solid: Any, mesh: Mesh) -> None:
-        corners = mesh.corners_mm
-        outward = normals(corners)
+        self._corners = mesh.corners_mm
+        self._outward = normals(self._corners)
         self._exact = ExactRays(solid)
-        self.points_mm, triangle = samples(corners)
-        inward = -outward[triangle]
-        self._face = mesh.face[triangle]
-        self.screened_mm, hit = first_hit(self.points_mm, inward, corners)
-        opposite = np.einsum("ij,ij->i", inward, outward[hit])
-        real = np.linalg.norm(inward, axis=1) > 0
-        # A facet leans from its surface: the exact normals decide what is left.
-        lean = math.radians(OPPOSITE_DEG) + 0.2
-        wall = real & (hit >= 0) & (opposite > math.cos(lean))
-        self.screened_mm = np.where(wall, self.screened_mm, np.inf)
+        self.points_mm, self._triangle = samples(self._corners)
+        self._face = mesh.face[self._triangle]
 
     def thinnest(self, where: NDArray[np.bool_] | None = None) -> Thickness | None:
         """The thinnest wall among the points of the mask; None where there is no wall at all.
@@ -137,7 +132,37 @@ class Walls:
         An upper bound of the true minimum: what lies between the points is not seen. Walls that
         lean from each other by more than OPPOSITE_DEG are edges and do not count.
         """
-        screened = self.screened_mm if where is None else np.where(where, self.screened_mm, np.inf)
+        for reach_mm in REACHES_MM:
+            screened = self._screened(reach_mm)
+            found = self._measured(screened if where is None else np.where(where, screened, np.inf))
+            if found is not None and found.thickness_mm < reach_mm:
+                return found
+        return None
+
+    @cache  # noqa: B019  # of one part, gone with it
+    def _screened(self, reach_mm: float) -> Field:
+        """Walls (n,) of no more than reach_mm on the mesh, inf for none."""
+        inward = -self._outward[self._triangle]
+        low, high = self._corners.min(axis=1), self._corners.max(axis=1)
+        far = np.full(len(inward), np.inf)
+        hit = np.full(len(inward), -1, np.int64)
+        # Rays of neighbouring triangles meet few triangles within reach.
+        order = np.argsort(self._triangle, kind="stable")
+        for block in np.array_split(order, math.ceil(len(order) / BLOCK)):
+            start, way = self.points_mm[block], inward[block]
+            ends = np.concatenate([start, start + way * min(reach_mm, 1e4)])
+            near = ((low <= ends.max(axis=0)) & (high >= ends.min(axis=0))).all(axis=1)
+            near = np.flatnonzero(near)
+            far[block], found = first_hit(start, way, self._corners[near])
+            hit[block] = np.where(found >= 0, near[found], -1)
+        opposite = np.einsum("ij,ij->i", inward, self._outward[hit])
+        real = np.linalg.norm(inward, axis=1) > 0
+        # A facet leans from its surface: the exact normals decide what is left.
+        lean = math.radians(OPPOSITE_DEG) + 0.2
+        wall = real & (hit >= 0) & (opposite > math.cos(lean)) & (far <= reach_mm)
+        return np.where(wall, far, np.inf)
+
+    def _measured(self, screened: Field) -> Thickness | None:
         order = np.argsort(screened, kind="stable")
         best: Thickness | None = None
         beyond = 0

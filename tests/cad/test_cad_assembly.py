@@ -55,9 +55,9 @@ def hull(placed):
 
 def overlaps(design, solids):
     """Names and common volume of every pair of the sensor's pieces whose boxes meet."""
-    built = BuiltDesign.make(design, solids)
+    built = BuiltDesign(design, tuple(registry.listed()), dict(solids or {}))
     parts = [part for part in built.parts if part.group == "sensor"]
-    return list(shared(built, "sensor", pieces(parts, built)))
+    return list(shared(built, pieces(parts, built)))
 
 
 def test_importing_the_assembly_imports_no_kernel():

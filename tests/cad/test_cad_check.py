@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mutated import mutated
 
 from deltact_fab.cad import check, rays
 from deltact_fab.cad.check import electric, inequalities, printed, thickness, visibility
@@ -262,7 +263,7 @@ def test_one_led_behind_the_middle_lights_by_the_fourth_power():
 def test_what_no_ray_reaches_is_told(inner, cq):
     """Without air the silicone alone bends rays to 12.1 mm at most (facts, optics)."""
     low, joint = inner.box("camera")[0][2], inner.box("acrylic")[0][2]
-    close = inner.replaced({"camera": _rod(cq, 2.0, joint - low - 1e-9, (0, 0, low))})
+    close = mutated(inner, {"camera": _rod(cq, 2.0, joint - low - 1e-9, (0, 0, low))})
     (cone,) = visibility.light_cone(close)
     assert "bent away" in cone.found
     assert not cone.passed

@@ -6,7 +6,9 @@ import dataclasses
 from dataclasses import dataclass, fields
 
 import pytest
+from mutated import mutated
 
+from deltact_fab.cad import registry
 from deltact_fab.cad.check import soundness
 from deltact_fab.cad.check.built import BuiltDesign
 from deltact_fab.cad.check.row import Row
@@ -47,13 +49,9 @@ class Watched(BuiltDesign):
         self.looked_at.add(name)
         return super().mesh(name)
 
-    def walls(self, name):
-        self.looked_at.add(name)
-        return super().walls(name)
-
-    def cylinders(self, name):
-        self.looked_at.add(name)
-        return super().cylinders(name)
+    def fact(self, what, names, compute, given=None):
+        self.looked_at.update(names)
+        return super().fact(what, names, compute, given)
 
 
 @dataclass
@@ -76,7 +74,7 @@ class Sound:
         What looks at none of them is not run again.
         """
         mutants = {name.replace("_", "-"): solid for name, solid in solids.items()}
-        built, rows = self.built.replaced(mutants), []
+        built, rows = mutated(self.built, mutants), []
         for check in CHECKS:
             # Drawings have mutants of their own (test_cad_scheme).
             if check.name == "drawings" or self.looked_at[check.name].isdisjoint(mutants):
@@ -89,7 +87,7 @@ class Sound:
 @pytest.fixture(scope="module")
 def sound(cq):
     """Every part of the default design, with two indenters."""
-    built = BuiltDesign.make(DESIGN, indenters=LIST)
+    built = BuiltDesign(DESIGN, tuple(registry.listed(LIST)))
     watched = Watched(**{f.name: getattr(built, f.name) for f in fields(built)})
     rows, looked_at = {}, {}
     for check in CHECKS:
@@ -274,9 +272,8 @@ def test_an_indenter_of_another_stem_or_another_size(sound, cq):
 @pytest.mark.slow
 def test_a_part_that_cannot_be_built_fails_its_rows_and_stops_nothing(sound):
     solids = {name: solid for name, solid in sound.built.solids.items() if name != "cover"}
-    built = BuiltDesign(
-        DESIGN, sound.built.parts, solids, {"cover": "cover: the CAD kernel failed"}
-    )
+    told = {"cover": "cover: the CAD kernel failed"}
+    built = BuiltDesign(DESIGN, sound.built.parts, solids, failed=told)
     rows = of_built(built)
     found = {row.part: row.found for row in rows if row.verdict == "FAIL"}
     assert found == {"sensor": "1 of 10 not: cover: the CAD kernel failed"}
@@ -291,9 +288,9 @@ def test_what_the_gate_refuses_becomes_a_row(sound, monkeypatch):
     wrong = dataclasses.replace(cover.PARTS[0], build=skin_frame.build)
     monkeypatch.setattr(cover, "PARTS", (wrong,))
     given = {name: solid for name, solid in sound.built.solids.items() if name != "cover"}
-    built = BuiltDesign.make(DESIGN, given, LIST)
-    assert list(built.failed) == ["cover"]
+    built = BuiltDesign(DESIGN, tuple(registry.listed(LIST)), given)
     found = {row.part: row.found for row in soundness.rows(built)}
+    assert list(built.failed) == ["cover"]
     assert found["sensor"].startswith("1 of 10 not: cover: bounding box ")
 
 
@@ -313,7 +310,8 @@ def test_the_bench_put_together_is_held_apart(cq, sound):
 @pytest.mark.slow
 def test_a_press_as_deep_as_the_tips_are_long_is_refused():
     stack = [check for check in CHECKS if check.name == "bench clear"]
-    built = BuiltDesign.make(load_design(changes=["plate.depth_mm=11.5"]), indenters=LIST)
+    deep = load_design(changes=["plate.depth_mm=11.5"])
+    built = BuiltDesign(deep, tuple(registry.listed(LIST)))
     reach = next(row for row in of_built(built, checks=stack) if row.check == "bench reach")
     assert not reach.passed
     assert "plate.depth_mm" in reach.limit

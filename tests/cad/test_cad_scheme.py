@@ -130,8 +130,7 @@ def test_a_row_names_the_part_and_what_its_drawing_lacks():
 
     plate = registry.find("acrylic")
     wrong = replace(plate, callouts=lambda _: Callouts((x_of(0.0, 1.0),)))
-    built = BuiltDesign.make(load_design())
-    (row,) = drawings.rows(replace(built, every=(wrong,), known=None))
+    (row,) = drawings.rows(BuiltDesign(load_design(), (wrong,)))
     assert not row.passed
     assert row.part == "acrylic"
     assert "1 along x ends at 1, where the part has nothing" in row.found

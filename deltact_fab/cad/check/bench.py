@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import partial
 
 from ..assembly import IN_PLACE_OF, ON_STAGE, ON_TABLE, mouth_mm
+from ..dimensions import Design
 from ..part import Part, Shift
 from ..parts.indenter import plate_half_mm
 from ..parts.nano17_adapter import SIZE
@@ -44,18 +44,18 @@ def stack(built: BuiltDesign) -> Iterator[Row]:
         yield Row(CLEAR, "bench", "no indenter is listed", "one indenter at least", False)
         return
     # All stems are alike: the widest back plate has the least room.
-    widest = max(tips, key=lambda part: max(plate_half_mm(built.source(part))))
+    widest = max(tips, key=lambda part: max(plate_half_mm(part.source(built.design))))
     named = {part.name: part for part in built.parts}
     under = pieces([named[name] for name in ON_TABLE], built)
     sensor = pieces(
         [p for p in built.parts if p.group == "sensor" and p.name != IN_PLACE_OF], built
     )
     held = [widest, *(named[name] for name in ON_STAGE)]
-    hanging = [PlacedSolid(part, 0, partial(_hung, part, widest)) for part in held]
-    standing, label = [*under, *sensor], "bench"
+    hanging = [PlacedSolid(part, 0, _hung(built.design, part, widest)) for part in held]
+    standing = [*under, *sensor]
     shares = [
-        *shared(built, label, under), *shared(built, label, under, sensor),
-        *shared(built, label, hanging), *shared(built, label, hanging, standing),
+        *shared(built, under), *shared(built, under, sensor),
+        *shared(built, hanging), *shared(built, hanging, standing),
     ]  # fmt: skip
     pressed = {widest.name, "skin"}
     clashes = sorted(
@@ -74,7 +74,7 @@ def stack(built: BuiltDesign) -> Iterator[Row]:
         not clashes,
         SIZE,
     )
-    free = {part.name: built.source(part).plate_z_mm for part in tips}
+    free = {part.name: part.source(built.design).plate_z_mm for part in tips}
     gap, short = min((mm - depth_mm - top, name) for name, mm in free.items())
     yield Row(
         REACH,
@@ -87,13 +87,12 @@ def stack(built: BuiltDesign) -> Iterator[Row]:
     )
 
 
-def _hung(part: Part, indenter: Part, built: BuiltDesign) -> Shift:
+def _hung(design: Design, part: Part, indenter: Part) -> Shift:
     """Where a piece hangs: the tip plate.depth_mm in the gel, the holder's mouth on its plate."""
-    built.source(indenter)
-    depth_mm = built.design.plate.depth_mm
+    depth_mm = design.plate.depth_mm
     if part is indenter:
         return 0.0, 0.0, -depth_mm
-    x, y, z = part.places(built.design)[0]
+    x, y, z = part.places(design)[0]
     return x, y, z + mouth_mm(indenter) - depth_mm
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..kernel import require
+from ..mesh import Mesh
 from ..parts.mold import centres_mm
 from ..rays import first_hit, normals, samples
 from ..solid_gate import VOLUME_TOLERANCE, bounding_box
@@ -20,8 +21,12 @@ OFF_MM = 1e-3  # from the surface, to where a ray starts
 
 def closure(built: BuiltDesign) -> Iterator[Row]:
     """V(cavity) + V(the frame's window in front of the ledge) = V(skin), by filling the mold."""
-    skin_mm3 = float(built.solid("skin").Volume())
-    held = [_held_mm3(built, frame, at) for frame, at in _seated(built)]
+
+    def filled() -> tuple[float, list[float]]:
+        held = [_held_mm3(built, frame, at) for frame, at in _seated(built)]
+        return float(built.solid("skin").Volume()), held
+
+    skin_mm3, held = built.fact("held", ("mold", "skin-frame", "skin"), filled)
     worst = max(held, key=lambda v: abs(v - skin_mm3))
     yield Row(
         "mold volume closure",
@@ -62,7 +67,18 @@ def _held_mm3(built: BuiltDesign, frame: Any, at_mm: tuple[float, float]) -> flo
 
 def undercut(built: BuiltDesign) -> Iterator[Row]:
     """Nothing but the underside looks down, and every point of a cavity sees the sky."""
-    mesh = built.mesh("mold")
+    down_mm2, blocked, rays = built.fact("undercut", ("mold",), lambda: _looks(built.mesh("mold")))
+    yield Row(
+        "no undercut",
+        "mold",
+        f"{down_mm2:.3g} mm2 look down, {blocked} of {rays} rays up are blocked",
+        "0 mm2, 0 rays",
+        down_mm2 == 0.0 and blocked == 0,
+    )
+
+
+def _looks(mesh: Mesh) -> tuple[float, int, int]:
+    """Area that looks down beside the underside, rays up that are blocked, all rays."""
     corners = mesh.corners_mm
     outward = normals(corners)
     area = np.linalg.norm(
@@ -76,10 +92,4 @@ def undercut(built: BuiltDesign) -> Iterator[Row]:
     up = np.broadcast_to(np.array((0.0, 0.0, 1.0)), points.shape)
     far, _ = first_hit(points + OFF_MM * away, up, corners)
     blocked = int(np.isfinite(far).sum())
-    yield Row(
-        "no undercut",
-        "mold",
-        f"{down_mm2:.3g} mm2 look down, {blocked} of {len(points)} rays up are blocked",
-        "0 mm2, 0 rays",
-        down_mm2 == 0.0 and blocked == 0,
-    )
+    return down_mm2, blocked, len(points)

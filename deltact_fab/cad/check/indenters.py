@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -32,7 +33,10 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
         f"{HOLDER_MM:g} mm, the stage's tool holder",
         fits,
     )
-    misses = {part.name: _miss_mm(built, part) for part in parts}
+    misses = {
+        part.name: built.fact("height field", (part.name,), partial(_miss_mm, built, part))
+        for part in parts
+    }
     worst = max(misses, key=lambda name: misses[name])
     miss = misses[worst]
     found = f"{miss:.1e} mm at most, {len(parts)} x {POINTS} points"

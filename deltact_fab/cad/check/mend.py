@@ -11,7 +11,6 @@ from typing import Any
 
 from ...errors import DeltactFabError
 from ..assembly import assemble, common_mm3
-from ..design import IndenterList
 from ..dimensions import Design
 from ..registry import of_design
 from . import bending, space, thickness
@@ -43,7 +42,7 @@ def mended(row: Row, design: Design) -> Row:
 def _wall(row: Row, design: Design) -> bool:
     name = row.part.partition(",")[0]
     part = next(p for p in of_design() if p.name == name)
-    built = BuiltDesign.make(design, indenters=IndenterList())
+    built = BuiltDesign(design, tuple(of_design()))
     return _holds(row, thickness.of_part(built, part))
 
 

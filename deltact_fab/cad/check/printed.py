@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from dataclasses import asdict
 
-from ..overhangs import MIN_CONTACT_MM2, laid, stand
+from ..overhangs import MIN_CONTACT_MM2, Ceiling, Stand, laid, stand
 from ..part import Part
 from .built import BuiltDesign
 from .row import Row
@@ -20,11 +20,14 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     """
     for part in built.parts:
         if part.printed:
-            yield from built.rows(f"{CONTACT}: {part.name}", partial(_of_part, built, part))
+            yield from _of_part(built, part)
 
 
 def _of_part(built: BuiltDesign, part: Part) -> Iterator[Row]:
-    on = stand(laid(built.mesh(part.name), part.lies))
+    kept = built.fact(
+        CONTACT, (part.name,), lambda: asdict(stand(laid(built.mesh(part.name), part.lies)))
+    )
+    on = Stand(kept["contact_mm2"], tuple(Ceiling(**one) for one in kept["ceilings"]))
     if not part.lies.tilt_deg:
         limit = f">= {MIN_CONTACT_MM2:g} mm2"
         passed = on.contact_mm2 >= MIN_CONTACT_MM2

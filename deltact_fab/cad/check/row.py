@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from ..dimensions import Design
 from ..parts.camera import BOARD_KEYS
@@ -108,13 +107,3 @@ def at_least(
 def at(point_mm: Iterable[float]) -> str:
     """A place as `(16.30, -2.00, -14.00)`; no minus before a zero."""
     return "(" + ", ".join(f"{round(float(v), 2) + 0.0:.2f}" for v in point_mm) + ")"
-
-
-def to_plain(rows: Iterable[Row]) -> list[dict[str, Any]]:
-    """Rows as JSON holds them."""
-    return [{**asdict(row), "passed": bool(row.passed)} for row in rows]
-
-
-def from_plain(kept: Iterable[dict[str, Any]]) -> list[Row]:
-    """The rows of to_plain."""
-    return [Row(**{**row, "rests_on": tuple(row["rests_on"])}) for row in kept]

@@ -11,6 +11,8 @@ from ...errors import RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded
+from ..part_key import Facts
+from ..registry import listed
 from . import (
     bench,
     bending,
@@ -39,10 +41,6 @@ class CheckKind:
 
     name: str
     rows: Callable[[BuiltDesign], Iterator[Row]]
-
-    def found(self, built: BuiltDesign) -> list[Row]:
-        """Its rows, or those found earlier for a design that gives the same ones."""
-        return built.rows(self.name, lambda: verified(self.rows(built), built.design))
 
 
 CHECKS = (
@@ -77,9 +75,9 @@ def run(
 
     progress: called with (done, total, what) before each part that is built and each check. solids:
     by part name, to be checked in place of what would be built; the gate does not see them.
-    indenters: cad/indenters.toml when None. cached: rows of earlier checks are used where they
-    would come out the same, and kept for the next time; when all are found the CAD kernel is not
-    imported.
+    indenters: cad/indenters.toml when None. cached: what earlier checks found on
+    parts that are the same is used, and what is found kept; when nothing is missing the CAD kernel
+    is not imported.
 
     What fails is a row, a broken inequality and a part that cannot be built among them; one more
     row counts the checks that it leaves undone. Raises MissingLibrary without the CAD kernel, and
@@ -100,11 +98,12 @@ def run(
             progress(done, total, what)
         done += 1
 
-    built = BuiltDesign.make(design, solids, indenters, tell, cached)
-    total = len(built.every) + len(CHECKS)
+    facts = Facts() if cached and not solids else None
+    built = BuiltDesign(design, tuple(listed(indenters)), dict(solids or {}), facts, tell)
+    total = len(built.parts) + len(CHECKS)
     rows += (mended(row, design) for row in of_built(built, tell))
-    if built.known is not None:
-        built.known.save()
+    if facts is not None:
+        facts.save()
     if progress is not None:
         progress(total, total, "done")
     return rows
@@ -126,7 +125,7 @@ def of_built(
             tell(check.name)
         try:
             with guarded(check.name):
-                rows += check.found(built)
+                rows += verified(check.rows(built), built.design)
         except RunFailed as why:
             if str(why).endswith(NO_PART):
                 undone.append(str(why))

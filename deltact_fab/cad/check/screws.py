@@ -123,7 +123,7 @@ def _shanks(built: BuiltDesign, screw: str) -> list[Round]:
     thinnest = min(outer, key=lambda c: c.radius_mm)
     shanks = []
     for piece in pieces([part for part in built.parts if part.name == screw], built):
-        x, y, z = piece.place(built)
+        x, y, z = piece.shift_mm
         low, high = (
             (end[0] + x, end[1] + y, end[2] + z) for end in (thinnest.low_mm, thinnest.high_mm)
         )

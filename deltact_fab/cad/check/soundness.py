@@ -19,25 +19,20 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     """A row for each group of parts, naming what is wrong with which."""
     for group in GROUPS:
         names = [part.name for part in built.parts if part.group == group]
-        seen = {
-            name: built.result(f"{NAME}: {name}", partial(_seen, built, name)) for name in names
-        }
-        wrong = {name: text for name, (text, _) in seen.items() if text}
+        wrong, triangles = [], 0
+        for name in names:
+            try:
+                triangles += built.fact("triangles", (name,), partial(_triangles, built, name))
+            except RunFailed as why:
+                wrong.append(built.failed.get(name, str(why)))
+        found = f"{len(names)} of {len(names)}, {triangles} triangles at {MESH_MM:g} mm"
         if wrong:
-            found = f"{len(wrong)} of {len(names)} not: " + "; ".join(wrong.values())
-        else:
-            triangles = sum(count for _, count in seen.values())
-            found = f"{len(names)} of {len(names)}, {triangles} triangles at {MESH_MM:g} mm"
+            found = f"{len(wrong)} of {len(names)} not: " + "; ".join(wrong)
         yield Row(NAME, group, found, LIMIT, not wrong)
 
 
-def _seen(built: BuiltDesign, name: str) -> tuple[str, int]:
-    """What is wrong with a part, empty when nothing is, and the triangles of its mesh."""
-    if why := built.why_not(name):
-        return why, 0
+def _triangles(built: BuiltDesign, name: str) -> int:
+    """Of its mesh. Raises RunFailed saying what is wrong with the part."""
     if flaw := flaw_of(built.solid(name)):
-        return f"{name}: {flaw}", 0
-    try:
-        return "", len(built.mesh(name).triangles)
-    except RunFailed as why_open:
-        return str(why_open), 0
+        raise RunFailed(f"{name}: {flaw}")
+    return len(built.mesh(name).triangles)

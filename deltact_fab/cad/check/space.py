@@ -47,7 +47,7 @@ def interference(built: BuiltDesign) -> Iterator[Row]:
     sensor = _sensor(built)
     pairs = len(sensor) * (len(sensor) - 1) // 2
     clashes: list[tuple[float, str, str]] = []
-    for first, second, common_mm3 in shared(built, "in common", sensor):
+    for first, second, common_mm3 in shared(built, sensor):
         threaded = any({s, holder} == {first, second} for s, holder in THREADED.items())
         if common_mm3 > TOUCH_MM3 and not threaded:
             text = f"{first} in {second}: {common_mm3:.3f} mm3"

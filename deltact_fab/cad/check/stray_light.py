@@ -11,6 +11,7 @@ import numpy as np
 
 from ..rays import first_hit
 from .built import BuiltDesign
+from .pairs import pieces
 from .row import Row
 
 NAME = "no light through the notch"
@@ -36,17 +37,16 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     aims = np.array([(0.0, 0.0, design.z_lens_mm), *back])
     start = np.repeat(mouth, len(aims), axis=0)
     way = np.tile(aims, (len(mouth), 1)) - start
-    names = [p.name for p in built.parts if p.group == "sensor" and p.name not in CLEAR]
-    corners = np.concatenate(
-        [
-            built.mesh(part.name).corners_mm + np.array(shift)
-            for part in built.parts
-            if part.name in names
-            for shift in part.places(design)
-        ]
-    )
-    far, _ = first_hit(start, way, corners, 0.0)
-    way_open = far > SHORT
+    dark = [p for p in built.parts if p.group == "sensor" and p.name not in CLEAR]
+    standing = pieces(dark, built)
+
+    def is_open() -> list[bool]:
+        corners = [built.mesh(p.part.name).corners_mm + np.array(p.shift_mm) for p in standing]
+        far, _ = first_hit(start, way, np.concatenate(corners), 0.0)
+        return list((far > SHORT).tolist())
+
+    given = [start.tolist(), way.tolist(), [p.shift_mm for p in standing]]
+    way_open = np.array(built.fact("open ways", [p.name for p in dark], is_open, given))
     through = int(way_open.sum())
     end = aims[np.flatnonzero(way_open) % len(aims)]
     # Where the open ways end: what the camera sees counts most, the plate's rim beside the ring
@@ -58,7 +58,7 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     foam = shell.cable_foam_mm
     closed = foam >= FOAM_HEIGHTS * shell.cable_height_mm
     found = (
-        f"open without foam, of {len(far)} straight ways: {on_lens} to the lens, {in_view} to the "
+        f"open without foam, of {len(way)} straight ways: {on_lens} to the lens, {in_view} to the "
         f"plate in view, {through - on_lens - in_view} to its rim beside it; foam {foam:g} mm"
     )
     limit = (

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import asdict
 from functools import partial
 from itertools import combinations
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..dimensions import Design
 from ..part import LASER_CUT, MACHINED, PRINT, Part
-from ..rays import Thickness
+from ..rays import Thickness, Walls
 from .built import BuiltDesign
 from .row import Row, at
 
@@ -31,28 +33,34 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     """The thinnest wall of each part with its place."""
     for part in built.parts:
         if part.process in LEAST:
-            yield from built.rows(f"{NAME}: {part.name}", partial(of_part, built, part))
+            yield from of_part(built, part)
 
 
 def of_part(built: BuiltDesign, part: Part) -> Iterator[Row]:
     """The thinnest wall or web; of the cover two rows, for its pegs must bend."""
-    walls, web = built.walls(part.name), _web(built, part.name)
-    if part.name != "cover":
-        yield _row(built.design, part, part.name, (walls.thinnest(), web), part.wall_keys)
-        return
-    legs = _of_legs(built.design, walls.points_mm)
-    found = walls.thinnest(~legs), web
-    yield _row(built.design, part, part.name, found, part.wall_keys)
-    # No wall of theirs is as thick as the housing's.
-    found = walls.thinnest(legs), None
-    yield _row(built.design, part, "cover, legs of the pegs", found, ("cover.leg_mm",))
+    kept = built.fact("walls", (part.name,), partial(_walls, built, part.name))
+    wall, legs = (Thickness(t["thickness_mm"], tuple(t["at_mm"])) if t else None for t in kept)
+    yield _row(built.design, part, part.name, (wall, _web(built, part.name)), part.wall_keys)
+    if part.name == "cover":
+        # No wall of theirs is as thick as the housing's.
+        yield _row(built.design, part, "cover, legs of the pegs", (legs,), ("cover.leg_mm",))
+
+
+def _walls(built: BuiltDesign, name: str) -> list[dict[str, Any] | None]:
+    """The thinnest wall, and apart from it that of a cover's legs."""
+    walls = Walls(built.solid(name), built.mesh(name))
+    legs = _of_legs(built.design, walls.points_mm) if name == "cover" else None
+    found = [walls.thinnest(), None]
+    if legs is not None:
+        found = [walls.thinnest(~legs), walls.thinnest(legs)]
+    return [asdict(one) if one else None for one in found]
 
 
 def _row(
     design: Design,
     part: Part,
     name: str,
-    walls: tuple[Thickness | None, Thickness | None],
+    walls: tuple[Thickness | None, ...],
     meant: tuple[str, ...],
 ) -> Row:
     """Against the larger of what is meant, the least of its keys, and what the process makes."""

@@ -128,17 +128,23 @@ def light_cone(built: BuiltDesign) -> Iterator[Row]:
         np.array([reached_mm(float(a), path[0], path[1], 0.0) for a in angle]),
         radius,
     ]
-    corners = np.concatenate([built.mesh(p.name).corners_mm for p in built.parts if p.in_view])
-    met = np.zeros(len(way), bool)
     off = sum(length.mean_mm + length.spread_mm for length in off_axis(design))
-    for k, x, y in product(range(3), (-off, off), (-off, off)):
-        start, end = (
-            np.column_stack([way * at_radius[j][:, None], np.full(len(way), heights[j])])
-            for j in (k, k + 1)
-        )
-        far, _ = first_hit(start + (x, y, 0.0), end - start, corners, 0.0)
-        met |= far < 1.0
-    reached = BORDER_RAYS - int(met.sum())
+    points = [
+        np.column_stack([way * r[:, None], np.full(len(way), z)])
+        for r, z in zip(at_radius, heights, strict=True)
+    ]
+    names = [part.name for part in built.parts if part.in_view]
+
+    def reach() -> int:
+        corners = np.concatenate([built.mesh(name).corners_mm for name in names])
+        met = np.zeros(len(way), bool)
+        for k, x, y in product(range(3), (-off, off), (-off, off)):
+            start, end = points[k : k + 2]
+            far, _ = first_hit(start + (x, y, 0.0), end - start, corners, 0.0)
+            met |= far < 1.0
+        return BORDER_RAYS - int(met.sum())
+
+    reached = built.fact("light cone", names, reach, [off, [p.tolist() for p in points]])
     found = (
         f"{reached} of {BORDER_RAYS} reach it, {off:.2f} mm off in x and y; radius "
         f"{at_radius[1].max():.2f} mm at the acrylic, bore {bore:.2f} mm"

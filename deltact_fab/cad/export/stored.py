@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from ... import cache
 from ..dimensions import Design
-from ..drafting.title import TitleBlock
 from ..kernel import LIBRARIES
 from ..part import Part
+from ..part_key import part_key
 from .part_files import DRAWN, MESHED, FileBytes
 
 KIND = "cad"
+# What a drawing says beside its part: limits of its machine, the title block.
+BESIDE_DRAWINGS = ("drawing", "resin_printer", "laser", "optics")
 # About ten designs at 0.01 mm; the longest unused go first.
 LIMIT_BYTES = 512 * 2**20
 
@@ -40,18 +42,19 @@ class Store:
             cache.put(KIND, self.key(parts, made.format), vars(made), LIMIT_BYTES)
 
     def key(self, parts: Sequence[Part], kind: str) -> dict[str, Any]:
-        """Everything that a file is made from; a Design brings no part's file."""
-        # What the title block says changes drawings only.
-        untitled = replace(self.design, drawing=TitleBlock())
-        design = self.design if kind in DRAWN else untitled
-        # An indenter is made from its own numbers; its drawing may quote the design's.
-        alone = kind not in DRAWN and all(part.indenter is not None for part in parts)
+        """Everything that a file is made from."""
+        design, alone = self.design, len(parts) == 1
+        beside: Any = None if alone else [part.places(design) for part in parts]
+        if kind in DRAWN:
+            # The wiring is drawn of the whole design.
+            sections = {name: getattr(design, name) for name in BESIDE_DRAWINGS}
+            beside = [sections, design.unverified()] if alone else design
         return cache.key(
             "cad.export.part_files",
             *(part.build.__module__.removeprefix("deltact_fab.") for part in parts),
             libraries=LIBRARIES,
-            parts=parts,
-            design=None if alone else design,
+            parts=[part_key(part, design) for part in parts],
+            beside=beside,
             format=kind,
             tolerance_mm=self.tolerance_mm if kind in MESHED else None,
         )

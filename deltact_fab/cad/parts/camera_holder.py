@@ -134,8 +134,8 @@ PARTS = (
         sections=("holder", "camera", "cover", "shell"),
         derived=(
             "holder_half_x_mm", "holder_window_half_mm", "holder_window_top_mm", "holder_arm_mm",
-            "holder_tongue_mm", "peg_centres_mm", "camera_screw_centres_mm", "z_board_back_mm",
-            "z_floor_mm",
+            "holder_tongue_mm", "peg_at_mm", "peg_centres_mm", "camera_screw_centres_mm",
+            "z_board_back_mm", "z_floor_mm",
         ),
         rules=rules,
         fits=fits,

@@ -180,9 +180,9 @@ PARTS = (
         colour=BLACK,
         sections=("cover", "screw", "shell"),
         derived=(
-            "post_mm", "screw_at_mm", "peg_at_mm", "peg_leg_mm", "peg_length_mm", "snap_strain",
-            "z_floor_mm",
-            "z_back_mm", "z_head_mm", "z_boss_mm",
+            "frame_outer_mm", "post_mm", "post_edge_mm", "screw_at_mm", "screw_centres_mm",
+            "peg_at_mm", "peg_centres_mm", "peg_leg_mm", "peg_length_mm", "snap_strain",
+            "z_floor_mm", "z_back_mm", "z_head_mm", "z_boss_mm",
         ),
         rules=rules,
         fits=fits,

@@ -103,10 +103,11 @@ PARTS = (
         box,
         group="bench",
         colour=BLACK,
-        sections=("shell", "table", "screw", "skin", "frame"),
+        sections=("shell", "cover", "table", "screw", "skin", "frame"),
         derived=(
             "frame_outer_mm", "cavity_half_mm", "post_mm", "post_edge_mm", "boss_room_mm",
-            "screw_at_mm", "shell_depth_mm", "z_joint_mm", "z_boss_mm", "z_floor_mm", "z_back_mm",
+            "ledge_half_mm", "ledge_reach_mm", "screw_at_mm", "screw_centres_mm", "shell_depth_mm",
+            "z_joint_mm", "z_boss_mm", "z_floor_mm", "z_back_mm",
         ),
         rules=rules,
         fits=fits,
