@@ -18,7 +18,7 @@ from .dimensions import Design
 from .kernel import LIBRARIES
 from .part import Part
 
-KIND = "cad-check"
+KIND, CODE = "cad-check", "cad.check.run"
 LIMIT_BYTES = 64 * 2**20
 MOST = 20_000  # facts; a design has some 500
 
@@ -33,7 +33,7 @@ class Facts:
     """Plain data about solids by what they were found on, in the user's cache."""
 
     def __init__(self) -> None:
-        self._held: dict[str, Any] = cache.get(KIND, _code()) or {}
+        self._held: dict[str, Any] = cache.get(KIND, made_by(CODE)) or {}
         self.computed: list[str] = []
 
     def found(self, what: str, key: Any, compute: Callable[[], Any]) -> Any:
@@ -56,10 +56,10 @@ class Facts:
         """Store what is new for the next time; a folder that refuses costs time and no more."""
         if self.computed:
             kept = dict(list(self._held.items())[-MOST:])
-            cache.put(KIND, _code(), kept, LIMIT_BYTES)
+            cache.put(KIND, made_by(CODE), kept, LIMIT_BYTES)
 
 
-def _code() -> dict[str, Any]:
-    """All code that any check runs, each part's file included, and the libraries."""
-    files = (f"cad.parts.{module.name}" for module in pkgutil.iter_modules(parts_package.__path__))
-    return cache.key("cad.check.run", *files, libraries=LIBRARIES)
+def made_by(module: str, **given: Any) -> dict[str, Any]:
+    """A key of the cache: all code of a module and of every part, the libraries, what is given."""
+    files = (f"cad.parts.{part.name}" for part in pkgutil.iter_modules(parts_package.__path__))
+    return cache.key(module, *files, libraries=LIBRARIES, **given)

@@ -313,15 +313,6 @@ def test_a_new_title_makes_new_drawings_and_nothing_else(tmp_path):
     assert Store(DESIGN, 0.01, True).get([cover], "pdf") is not None
 
 
-def test_a_part_counts_its_own_file_and_the_order_of_parts_does_not():
-    skin, cover, both, turned = (
-        Store(DESIGN, 0.01, True).key([registry.find(name) for name in names], "step")["code"]
-        for names in (["skin"], ["cover"], ["skin", "cover"], ["cover", "skin"])
-    )
-    assert both == turned
-    assert len({skin, cover, both}) == 3
-
-
 # What goes wrong.
 
 

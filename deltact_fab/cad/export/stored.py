@@ -8,9 +8,8 @@ from typing import Any
 
 from ... import cache
 from ..dimensions import Design
-from ..kernel import LIBRARIES
 from ..part import Part
-from ..part_key import part_key
+from ..part_key import made_by, part_key
 from .part_files import DRAWN, MESHED, FileBytes
 
 KIND = "cad"
@@ -49,10 +48,8 @@ class Store:
             # The wiring is drawn of the whole design.
             sections = {name: getattr(design, name) for name in BESIDE_DRAWINGS}
             beside = [sections, design.unverified()] if alone else design
-        return cache.key(
+        return made_by(
             "cad.export.part_files",
-            *(part.build.__module__.removeprefix("deltact_fab.") for part in parts),
-            libraries=LIBRARIES,
             parts=[part_key(part, design) for part in parts],
             beside=beside,
             format=kind,
