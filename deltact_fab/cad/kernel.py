@@ -17,7 +17,7 @@ Shape: TypeAlias = Any  # cadquery's own; naming them by their class would impor
 Workplane: TypeAlias = Any
 
 SYSTEM_PACKAGES = "libgl1 libegl1 libx11-6"
-LIBRARIES = ("cadquery", "cadquery-ocp", "ezdxf", "numpy", "scipy")
+LIBRARIES = ("cadquery", "cadquery-ocp", "ezdxf", "numpy", "scipy", "shapely")
 """Whose versions decide what is made and measured."""
 
 

@@ -11,6 +11,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
+import shapely
 
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
@@ -25,7 +26,6 @@ from deltact_fab.cad.drafting.page import (
     Polylines,
     meet,
     text_width_mm,
-    within,
 )
 from deltact_fab.cad.drafting.projection import View, project
 from deltact_fab.cad.drafting.sheet import BORDER_MM, SHEETS, block_rect, wrapped
@@ -108,8 +108,7 @@ def struck(root):
 
 
 def _crosses(line, box):
-    met = within(line, box)
-    return met is not None and met[1] > met[0]
+    return shapely.LineString(line).crosses(shapely.box(*box))
 
 
 def bare(words):
@@ -153,7 +152,7 @@ def test_a_hole_is_hidden_from_the_side_and_round_from_above(cq):
     circle = next(line for line in above.visible if abs(np.ptp(line[:, 0]) - 4) < 0.1)
     radius = np.hypot(*circle.T)
     middles = np.hypot(*((circle[1:] + circle[:-1]) / 2).T)
-    assert np.allclose(radius, 2, atol=1e-9)
+    assert np.allclose(radius, 2, atol=1e-4)  # SAME_MM
     assert middles.min() > 2 - chord_mm
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 from ...aliases import Point2, Vector
 from .dimensioning import Axis, Centres, Detail, Item, Leader, Linear, Side, shown
-from .page import ARROW_MM, SMALL_MM, DrawingPage, Rect, meet, text_width_mm, within
+from .page import ARROW_MM, SMALL_MM, DrawingPage, Rect, meet, text_width_mm
 from .projection import View
 from .sheet import LINE_MM
 
@@ -183,19 +183,23 @@ class ArrangedView:
         self, side: Literal["left", "right"], room: float
     ) -> list[tuple[Leader, float, float]]:
         """Labels of one side with the x at which they begin or end, and their base lines' y."""
+        import shapely
+
         mine = [i for i in self.items if isinstance(i, Leader) and i.side == side]
         if not mine:
             return []
         mine.sort(key=lambda leader: (self.local(leader.at)[1], self.local(leader.at)[0]))
         x = -room - COLUMN_MM if side == "left" else self.size_mm[0] + room + COLUMN_MM
-        texts = [self._text_rect(line) for line in self.lines[side]]
+        texts = shapely.union_all([shapely.box(*self._text_rect(li)) for li in self.lines[side]])
         column: list[tuple[Leader, float, float]] = []
         for leader in mine:
             least = column[-1][2] + LINE_MM + 1.0 if column else -math.inf
             wanted = [self.local(leader.at)[1] + rise for rise in RISES_MM]
             wanted = [y for y in wanted if y >= least] or [least]
             free = [
-                y for y in wanted if not any(within(self._leader(leader, x, y), r) for r in texts)
+                y
+                for y in wanted
+                if not texts.intersects(shapely.LineString(self._leader(leader, x, y)))
             ]
             column.append((leader, x, (free or wanted)[0]))
         return column

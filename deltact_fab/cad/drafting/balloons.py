@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,11 +35,13 @@ def arranged(pieces: Sequence[tuple[Part, Sequence[Points]]], axis: Points) -> l
     of the rows. Of a part's visible points the one is taken from which the way to a row is free
     and shortest; a part that is hidden altogether has no balloon.
     """
+    import shapely
+
     axis = axis / np.hypot(*axis)
     frame = np.stack([axis, [-axis[1], axis[0]]])  # along the axis, across it
     pieces = [(part, [line @ frame.T for line in lines]) for part, lines in pieces]
-    segments = _segments(line for _, lines in pieces for line in lines)
-    low, high = segments[..., 1].min() - ROW_MM, segments[..., 1].max() + ROW_MM
+    drawn = shapely.MultiLineString([line for _, lines in pieces for line in lines])
+    low, high = drawn.bounds[1] - ROW_MM, drawn.bounds[3] + ROW_MM
     rows: dict[float, list[tuple[float, Points, Part]]] = {low: [], high: []}
     done: set[str] = set()
     for part, _ in pieces:
@@ -50,14 +52,17 @@ def arranged(pieces: Sequence[tuple[Part, Sequence[Points]]], axis: Points) -> l
         if not visible:
             continue
         own = np.concatenate(visible)
-        others = _segments(line for p, lines in pieces if p is not part for line in lines)
+        others = shapely.MultiLineString([x for p, y in pieces if p is not part for x in y])
         best = None
         for row in (high, low):
             order = np.argsort(np.abs(row - own[:, 1]), kind="stable")
             for point in own[order[: max(60, len(order) // 3)]]:
-                crossed = _crossings(point, np.array([point[0], row]), segments)
+                # Beside its own line, from which it starts.
+                start = point[1] + 0.2 * np.sign(row - point[1])
+                leader = shapely.LineString([(point[0], start), (point[0], row)])
+                crossed = len(shapely.get_parts(leader.intersection(drawn)))
                 # A leader that ends where two parts seem to touch does not say which is meant.
-                crossed += _nearest(point, others) < CLEAR_MM
+                crossed += others.distance(shapely.Point(point)) < CLEAR_MM
                 cost = (crossed, round(abs(row - point[1]), 3))
                 if best is None or cost < best[0]:
                     best = (cost, row, point)
@@ -88,30 +93,3 @@ def spread(wanted: Sequence[float], apart: float) -> list[float]:
 
 def _first(group: Sequence[float], apart: float) -> float:
     return sum(v - i * apart for i, v in enumerate(group)) / len(group)
-
-
-def _segments(lines: Iterable[Points]) -> Points:
-    """Polylines as segments (n, 2, 2)."""
-    ends = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
-    return np.concatenate([np.zeros((0, 2, 2)), *ends])
-
-
-def _nearest(point: Points, segments: Points) -> float:
-    """Distance from a point to the nearest of the segments (n, 2, 2)."""
-    p, e = segments[:, 0], segments[:, 1] - segments[:, 0]
-    along = ((point - p) * e).sum(axis=1) / np.maximum((e * e).sum(axis=1), 1e-12)
-    gap = point - p - np.clip(along, 0, 1)[:, None] * e
-    return float(np.hypot(gap[:, 0], gap[:, 1]).min(initial=np.inf))
-
-
-def _crossings(a: Points, b: Points, segments: Points) -> int:
-    """How many of the segments (n, 2, 2) the line from a to b crosses, its start left out."""
-    start = a + 0.2 * (b - a) / max(float(np.hypot(*(b - a))), 1e-9)
-    d, p = b - start, segments[:, 0]
-    e = segments[:, 1] - p
-    cross = d[0] * e[:, 1] - d[1] * e[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = ((p[:, 0] - start[0]) * e[:, 1] - (p[:, 1] - start[1]) * e[:, 0]) / cross
-        t = ((p[:, 0] - start[0]) * d[1] - (p[:, 1] - start[1]) * d[0]) / cross
-        hit = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)
-    return int(np.count_nonzero(hit))

@@ -86,20 +86,6 @@ def path_data(lines: Iterable[Iterable[Sequence[float]]], closed: bool = False) 
     )
 
 
-def within(line: tuple[Point2, Point2], rect: Rect) -> tuple[float, float] | None:
-    """Where a straight line enters and leaves a rectangle, from 0 to 1 (Liang-Barsky)."""
-    (x0, y0), (x1, y1) = line
-    enter, leave = 0.0, 1.0
-    for start, way, low, high in ((x0, x1 - x0, rect[0], rect[2]), (y0, y1 - y0, rect[1], rect[3])):
-        if abs(way) < 1e-12:
-            if not low <= start <= high:
-                return None
-            continue
-        a, b = sorted(((low - start) / way, (high - start) / way))
-        enter, leave = max(enter, a), min(leave, b)
-    return (enter, leave) if enter <= leave else None
-
-
 @dataclass(frozen=True)
 class Polylines:
     """Polylines of one style."""
@@ -107,6 +93,14 @@ class Polylines:
     lines: tuple[tuple[Point2, ...], ...]
     style: str
     closed: bool = False
+
+    @property
+    def shape(self) -> Any:
+        """What it draws."""
+        import shapely
+
+        ends = [(*line, line[0]) if self.closed else line for line in self.lines]
+        return shapely.MultiLineString(ends)
 
 
 @dataclass(frozen=True)
@@ -116,6 +110,13 @@ class Ring:
     at: Point2
     radius: float
     style: str
+
+    @property
+    def shape(self) -> Any:
+        """What it draws."""
+        import shapely
+
+        return shapely.Point(self.at).buffer(self.radius).exterior
 
 
 @dataclass(frozen=True)
@@ -144,6 +145,13 @@ class Text:
         if self.upright:
             return x - self.height_mm, y - width, x, y
         return x, y - self.height_mm, x + width, y
+
+    @property
+    def shape(self) -> Any:
+        """The same."""
+        import shapely
+
+        return shapely.box(*self.box)
 
 
 @dataclass(frozen=True)
@@ -217,35 +225,26 @@ class DrawingPage:
 
     def crossings(self, rect: Rect) -> int:
         """How many lines, circles and texts drawn so far meet a rectangle."""
-        found = 0
-        for mark in self.marks:
-            if isinstance(mark, Text):
-                found += meet(mark.box, rect)
-            elif isinstance(mark, Polylines):
-                found += sum(
-                    within((a, b), rect) is not None
-                    for line in mark.lines
-                    for a, b in itertools.pairwise([*line, line[0]] if mark.closed else line)
-                )
-            elif isinstance(mark, Ring):
-                x = min(max(mark.at[0], rect[0]), rect[2])
-                y = min(max(mark.at[1], rect[1]), rect[3])
-                corners = [(px, py) for px in rect[::2] for py in rect[1::2]]
-                farthest = max(math.dist(mark.at, corner) for corner in corners)
-                found += math.dist(mark.at, (x, y)) <= mark.radius <= farthest
-        return found
+        import shapely
+
+        area = shapely.box(*rect)
+        return sum(
+            int(shapely.intersects(area, shapely.get_parts(mark.shape)).sum())
+            for mark in self.marks
+            if isinstance(mark, Polylines | Ring | Text)
+        )
 
     def broken(self) -> list[Mark]:
         """The marks as they are drawn: narrow lines end at the texts that they would strike."""
-        g = GAP_MM
-        boxes = [
-            (box[0] - g, box[1] - g, box[2] + g, box[3] + g)
-            for box in (mark.box for mark in self.marks if isinstance(mark, Text))
-        ]
+        import shapely
+
+        texts = [m.shape for m in self.marks if isinstance(m, Text)]
+        words = shapely.union_all(texts).buffer(GAP_MM, join_style="mitre")
         drawn: list[Mark] = []
         for mark in self.marks:
             if isinstance(mark, Polylines) and mark.style in BROKEN and not mark.closed:
-                lines = tuple(part for line in mark.lines for part in _outside(line, boxes))
+                left = shapely.get_parts(mark.shape.difference(words))
+                lines = tuple(tuple(p.coords) for p in left if p.length > GAP_MM / 2)
                 if lines:
                     drawn.append(Polylines(lines, mark.style))
             else:
@@ -279,33 +278,6 @@ class DrawingPage:
         content += [line for mark in self.broken() for line in _as_pdf(mark)]
         file.page([side * scale for side in self.size_mm], "\n".join(content))
         return file.finish(self.title, f"deltact-fab {__version__}")
-
-
-def _outside(line: Sequence[Point2], boxes: Sequence[Rect]) -> Iterator[tuple[Point2, ...]]:
-    """The pieces of a polyline that lie in none of the boxes, longer than a dot."""
-    piece: list[Point2] = [line[0]]
-    for a, b in itertools.pairwise(line):
-        cuts = [cut for box in boxes if (cut := within((a, b), box)) is not None]
-        length = math.dist(a, b)
-        at = 0.0
-        for low, high in sorted(cuts):
-            if low > at and (low - at) * length > GAP_MM / 2:
-                yield (*piece, _between(a, b, low))
-            elif len(piece) > 1:
-                yield tuple(piece)
-            if high > at:
-                at = high
-            piece = [_between(a, b, at)]
-        if at < 1.0:
-            piece.append(b)
-        else:
-            piece = [b]
-    if len(piece) > 1 and sum(math.dist(a, b) for a, b in itertools.pairwise(piece)) > (GAP_MM / 2):
-        yield tuple(piece)
-
-
-def _between(a: Point2, b: Point2, t: float) -> Point2:
-    return a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t
 
 
 def _as_svg(mark: Mark) -> str:

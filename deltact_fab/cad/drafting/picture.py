@@ -27,7 +27,7 @@ from ..solid_gate import bounding_box
 from .balloons import RADIUS_MM, Balloon, arranged
 from .hidden_lines import regions
 from .page import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
-from .projection import ProjectedLines, View, project
+from .projection import SAME_MM, ProjectedLines, View, project
 
 CORNER = View((1, 1, -0.9), (0, 0, 1))
 TIPS_UP = View((1, -1, 0.9), (0, 0, -1))
@@ -209,44 +209,17 @@ def mesh(solid: Any) -> Points:
 
 
 def silhouette(triangles: Points, view: View) -> list[Points]:
-    """Loops whose non-zero winding is what the solid covers on paper.
+    """Loops whose even-odd filling is what the solid covers on paper."""
+    import shapely
 
-    The triangles that face the viewer all turn the same way, so only their common border counts.
-    """
     flat = view.flat(triangles)
     a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
-    front = triangles[a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 1e-9]
-    points, index = np.unique(front.reshape(-1, 3).round(5), axis=0, return_inverse=True)
-    index = index.reshape(-1, 3)
-    edges = np.concatenate([index[:, [0, 1]], index[:, [1, 2]], index[:, [2, 0]]])
-    pairs: dict[tuple[int, int], int] = {}
-    for i, j in edges.tolist():
-        if pairs.get((j, i), 0):
-            pairs[j, i] -= 1
-        else:
-            pairs[i, j] = pairs.get((i, j), 0) + 1
-    onward: dict[int, list[int]] = {}
-    for (i, j), count in sorted(pairs.items()):
-        onward.setdefault(i, []).extend([j] * count)
-    places = view.flat(points)
-    loops = []
-    for start in sorted(onward):
-        while onward[start]:
-            loop, here = [start], onward[start].pop()
-            while here != start:
-                loop.append(here)
-                here = onward[here].pop()
-            loops.append(_thinned(places[loop]))
-    return [loop for loop in loops if len(loop) > 2]
-
-
-def _thinned(loop: Points) -> Points:
-    """A loop without the points that lie between their neighbours."""
-    before, after = np.roll(loop, 1, axis=0), np.roll(loop, -1, axis=0)
-    u, v = loop - before, after - loop
-    bend = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-    keep = (bend > 1e-6) | ((u * v).sum(axis=1) < 0)
-    return np.asarray(loop[keep])
+    front = flat[a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 1e-9]
+    whole = shapely.union_all(shapely.polygons(front), grid_size=SAME_MM)
+    # Wide enough that triangles which only touch hang together.
+    whole = whole.buffer(2 * SAME_MM, join_style="mitre").simplify(SAME_MM)
+    faces = shapely.get_parts(whole)
+    return [np.array(r.coords)[:-1] for f in faces for r in (f.exterior, *f.interiors)]
 
 
 def _tint(part: Part) -> str:
@@ -266,7 +239,9 @@ def _drawn(bodies: Sequence[Body], paper: _Paper) -> list[str]:
             f'<path d="{shape}" fill="none" stroke="#000" stroke-width="{2 * CONTOUR}" '
             'stroke-linejoin="round"/>'
         )
-        items.append(f'<path d="{shape}" fill="{_tint(body.part)}" stroke="none"/>')
+        items.append(
+            f'<path d="{shape}" fill="{_tint(body.part)}" fill-rule="evenodd" stroke="none"/>'
+        )
         items += _lines(body, paper)
         items.append("</g>")
     return items

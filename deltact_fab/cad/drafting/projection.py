@@ -76,8 +76,8 @@ def project(
 ) -> list[ProjectedLines]:
     """Each solid's visible and hidden lines, the solids hiding one another.
 
-    chord_mm: largest distance of a polyline from its curve. A straight hidden line is left out
-    where a visible one of any of the solids covers it.
+    chord_mm: largest distance of a polyline from its curve. A hidden line is left out where a
+    visible one of any of the solids covers it.
     """
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
     from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
@@ -103,9 +103,9 @@ def project(
         hidden += _lines(found.OutLineHCompound(shape), chord_mm)
         smooth = [*_lines(found.Rg1LineVCompound(shape), chord_mm)]
         drawn.append((visible, hidden, smooth))
-    covering = _Straights(line for visible, _, _ in drawn for line in visible)
+    covering = _united(line for visible, _, _ in drawn for line in visible)
     return [
-        ProjectedLines(_tidy(visible, None), _tidy(hidden, covering), _tidy(smooth, covering))
+        ProjectedLines(_tidy(visible), _tidy(hidden, covering), _tidy(smooth, covering))
         for visible, hidden, smooth in drawn
     ]
 
@@ -148,139 +148,20 @@ def _unit(vector: Points) -> Points:
     return np.asarray(vector / length)
 
 
-class _Straights:
-    """Straight lines as intervals along their carrier: overlapping ones become one."""
+def _united(lines: Iterable[Points]) -> Any:
+    """All lines as one geometry, each place once."""
+    import shapely
 
-    def __init__(self, lines: Iterable[Points]) -> None:
-        self.along: dict[tuple[int, int, int], list[tuple[float, float]]] = {}
-        self.carrier: dict[tuple[int, int, int], tuple[Points, Points]] = {}
-        for line in lines:
-            if _is_straight(line):
-                self._add(line)
-        self.along = {key: _union(parts) for key, parts in self.along.items()}
-
-    def _add(self, line: Points) -> None:
-        key, origin, step = _carrier(line)
-        # A carrier whose rounding falls on a boundary also answers to its neighbour's key.
-        key = next((k for k in _near(key) if k in self.carrier), key)
-        origin, step = self.carrier.setdefault(key, (origin, step))
-        a, b = sorted(((line[[0, -1]] - origin) @ step).tolist())
-        self.along.setdefault(key, []).append((a, b))
-
-    def less(self, other: _Straights) -> Iterator[Points]:
-        """Own lines without what lies under the other's."""
-        for key, parts in self.along.items():
-            origin, step = self.carrier[key]
-            cover = []
-            for k in _near(key):
-                if k in other.along:
-                    o, s = other.carrier[k]
-                    shift, sense = float((o - origin) @ step), float(s @ step)
-                    ends = [
-                        sorted((shift + sense * a, shift + sense * b)) for a, b in other.along[k]
-                    ]
-                    cover += [(a, b) for a, b in ends]
-            for a, b in _without(parts, _union(cover)):
-                yield np.stack([origin + a * step, origin + b * step])
-
-    def lines(self) -> Iterator[Points]:
-        """All of them."""
-        for key, parts in self.along.items():
-            origin, step = self.carrier[key]
-            for a, b in parts:
-                yield np.stack([origin + a * step, origin + b * step])
+    seen = [shapely.LineString(line) for line in lines if np.hypot(*np.ptp(line, axis=0)) > SAME_MM]
+    return shapely.union_all(seen, grid_size=SAME_MM)
 
 
-def _is_straight(line: Points) -> bool:
-    return len(line) == 2
+def _tidy(lines: Iterable[Points], covering: Any = None) -> tuple[Points, ...]:
+    """Each line once, uncovered, chained where two meet end to end; in a fixed order."""
+    import shapely
 
-
-def _carrier(line: Points) -> tuple[tuple[int, int, int], Points, Points]:
-    """Key, foot of the origin, and direction of the endless line through a straight one."""
-    step = line[-1] - line[0]
-    step = step / np.hypot(*step)
-    if step[0] < -1e-9 or (abs(step[0]) <= 1e-9 and step[1] < 0):
-        step = -step
-    normal = np.array([-step[1], step[0]])
-    off = float(line[0] @ normal)
-    key = (round(float(step[0]) * 1e5), round(float(step[1]) * 1e5), round(off / SAME_MM))
-    return key, normal * off, step
-
-
-def _near(key: tuple[int, int, int]) -> Iterator[tuple[int, int, int]]:
-    for d in (0, -1, 1):
-        yield key[0], key[1], key[2] + d
-
-
-def _union(parts: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
-    joined: list[tuple[float, float]] = []
-    for a, b in sorted(parts):
-        if joined and a <= joined[-1][1] + SAME_MM:
-            joined[-1] = (joined[-1][0], max(b, joined[-1][1]))
-        else:
-            joined.append((a, b))
-    return joined
-
-
-def _without(
-    parts: list[tuple[float, float]], cover: list[tuple[float, float]]
-) -> Iterator[tuple[float, float]]:
-    for a, b in parts:
-        for low, high in cover:
-            if low > a + SAME_MM and low < b:
-                yield a, low
-            a = max(a, min(high, b)) if low < b else a
-        if b - a > SAME_MM:
-            yield a, b
-
-
-def _tidy(lines: Iterable[Points], covering: _Straights | None) -> tuple[Points, ...]:
-    """Each line once, straight ones joined and uncovered, then chained; in a fixed order."""
-    lines = [line for line in lines if np.hypot(*np.ptp(line, axis=0)) > SAME_MM]
-    straight = _Straights(lines)
-    kept = list(straight.lines() if covering is None else straight.less(covering))
-    curved = {}
-    for line in lines:
-        if not _is_straight(line):
-            key = _key(line)
-            curved[min(key, key[::-1])] = line
-    kept += curved.values()
-    return tuple(sorted((_chosen_sense(c) for c in _chained(kept)), key=_key))
-
-
-def _key(line: Points) -> tuple[tuple[int, ...], ...]:
-    return tuple(tuple(round(v / SAME_MM) for v in p) for p in line.tolist())
-
-
-def _chosen_sense(line: Points) -> Points:
-    key = _key(line)
-    return (line if key <= key[::-1] else line[::-1]) + 0.0
-
-
-def _chained(lines: Iterable[Points]) -> list[Points]:
-    """Lines that meet end to end, with no third one there, as one polyline."""
-    lines = sorted((_chosen_sense(line) for line in lines), key=_key)
-    at: dict[tuple[int, ...], list[int]] = {}
-    for i, line in enumerate(lines):
-        for end in (0, -1):
-            at.setdefault(_key(line)[end], []).append(i)
-    used: set[int] = set()
-    chains = []
-    for i, line in enumerate(lines):
-        if i in used:
-            continue
-        used.add(i)
-        for _ in range(2):
-            line = line[::-1]
-            while True:
-                here = at[_key(line)[-1]]
-                onward = [j for j in here if j not in used]
-                if len(here) != 2 or len(onward) != 1:
-                    break
-                nxt = lines[onward[0]]
-                if _key(nxt)[0] != _key(line)[-1]:
-                    nxt = nxt[::-1]
-                used.add(onward[0])
-                line = np.concatenate([line, nxt[1:]])
-        chains.append(line)
-    return chains
+    whole = _united(lines)
+    if covering is not None:
+        whole = shapely.difference(whole, covering, grid_size=SAME_MM)
+    chains = [line.coords for line in shapely.get_parts(shapely.line_merge(whole).normalize())]
+    return tuple(np.array(chain) + 0.0 for chain in sorted(map(list, chains)))

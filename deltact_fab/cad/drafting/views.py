@@ -15,42 +15,38 @@ from ..kernel import ordered, require
 from .dimensioning import Callouts, Detail
 from .projection import ProjectedLines, View, project, sampled
 
-SIDES = 120
+SIDES = 30
 
 
 @dataclass(frozen=True)
 class Circle2:
-    """A circle on the model's plane; what it cuts off ends on a polygon of SIDES sides in it."""
+    """A circle on the model's plane; what it cuts off ends on a polygon of 4 SIDES sides in it."""
 
     centre: tuple[float, float]
     radius: float
 
     @cached_property
-    def _clip(self) -> Any:
-        from ezdxf.math import Vec2
-        from ezdxf.math.clipping import ConvexClippingPolygon2d
+    def _disc(self) -> Any:
+        import shapely
 
-        turn = 2 * np.pi * np.arange(SIDES) / SIDES
-        ring = np.stack([np.cos(turn), np.sin(turn)], axis=1) * self.radius + self.centre
-        return ConvexClippingPolygon2d(Vec2.list(ring.tolist()))
+        return shapely.Point(self.centre).buffer(self.radius, quad_segs=SIDES)
 
     def of_lines(self, lines: Iterable[Points]) -> tuple[Points, ...]:
         """Polylines (n, 2), cut where they leave the circle."""
-        from ezdxf.math import Vec2
+        import shapely
 
-        pieces = (p for line in lines for p in self._clip.clip_polyline(Vec2.list(line.tolist())))
-        return tuple(_points(piece) for piece in pieces if len(piece) > 1)
+        cut = (shapely.LineString(line).intersection(self._disc) for line in lines)
+        parts = (part for piece in cut for part in shapely.get_parts(piece))
+        return tuple(np.array(p.coords) for p in parts if p.length > 0)
 
     def of_face(self, loops: Sequence[Points]) -> list[Points]:
         """Loops around and within a face, cut likewise and closed along the circle."""
-        from ezdxf.math import Vec2
+        import shapely
 
-        pieces = (p for loop in loops for p in self._clip.clip_polygon(Vec2.list(loop.tolist())))
-        return [_points(piece) for piece in pieces if len(piece) > 2]
-
-
-def _points(piece: Sequence[Any]) -> Points:
-    return np.array([(p.x, p.y) for p in piece])
+        cut = shapely.Polygon(loops[0], loops[1:]).intersection(self._disc)
+        faces = [p for p in shapely.get_parts(cut) if p.geom_type == "Polygon" and p.area > 0]
+        rings = [ring for face in faces for ring in (face.exterior, *face.interiors)]
+        return [np.array(ring.coords) for ring in rings]
 
 
 VIEWS = {
@@ -86,17 +82,15 @@ class DrawnView:
 
     def shows(self, points: Points, near_mm: float) -> NDArray[np.bool_]:
         """Which points (n, 2) on the model's plane lie on a visible line."""
-        a, b = self._segments
-        way = b - a
-        length = np.maximum(np.einsum("ij,ij->i", way, way), 1e-18)
-        t = np.einsum("nij,ij->ni", points[:, None] - a, way) / length
-        off = points[:, None] - (a + np.clip(t, 0, 1)[..., None] * way)
-        return np.asarray(np.hypot(off[..., 0], off[..., 1]).min(axis=1) < near_mm)
+        import shapely
+
+        return np.asarray(shapely.distance(self._shown, shapely.points(points)) < near_mm)
 
     @cached_property
-    def _segments(self) -> tuple[Points, Points]:
-        lines = [*self.lines.visible, *self.lines.smooth]
-        return np.concatenate([p[:-1] for p in lines]), np.concatenate([p[1:] for p in lines])
+    def _shown(self) -> Any:
+        import shapely
+
+        return shapely.MultiLineString([*self.lines.visible, *self.lines.smooth])
 
 
 def views(solid: Any, said: Callouts) -> dict[str, DrawnView]:
