@@ -305,7 +305,7 @@ class ScrewDimensions(Record):
     """The four screws that hold cover, shell and frame together (paper: M1.6, 19 mm)."""
 
     thread: str = field(default="M1.6", metadata={"description": "ISO 4762 thread"})
-    length_mm: float = number(19.0, "below the head; 16 is the longest M1.6 sold", 3, 60)
+    length_mm: float = number(16.0, "below the head; M1.6 is sold up to 16 (paper: 19)", 3, 60)
     engagement_mm: float = number(4.6, "length that grips the frame", 1, 20)
     tip_clearance_mm: float = number(1.0, "pilot hole beyond the tip", 0.5, 10)
 

@@ -14,6 +14,7 @@ from ..schema import KINDS, commented, described
 from .folder import SCHEMAS, schema_line
 
 if TYPE_CHECKING:
+    from ..cad.intent import Wish
     from ..rig.devices import FoundDevice
 
 ABOUT_RIG = (
@@ -49,21 +50,36 @@ def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
     return _write("protocol", name, out, commented(KINDS["protocol"], given, about))
 
 
-def design(name: str, base: str = "deltact", out: Path | None = None) -> Path:
-    """Write a design that states nothing but its base, and return its file.
+def design(
+    name: str, base: str = "deltact", out: Path | None = None, wish: Wish | None = None
+) -> Path:
+    """Write a design that states its base, and what a wish changes of it, and return its file.
 
-    Raises InputError as `catalog.write_new`, and for a name or a base that is none.
+    Raises InputError as `catalog.write_new`, for a name or a base that is none, and for a wish as
+    `cad.intent.wished`.
     """
     from ..cad.design import load_design
 
+    hoped = ()
+    inherited = asdict(load_design(base))
+    given: dict[str, Any] = {"base": base}
+    if wish is not None:
+        from ..cad.intent import wished
+
+        made = asdict(wished(wish, load_design(base)))
+        for section, values in made.items():
+            changed = {k: v for k, v in values.items() if v != inherited[section][k]}
+            given |= {section: changed} if changed else {}
+        x, y = wish.face_mm
+        hoped = (f"Made for a face of {x:g} x {y:g} mm, {100 * wish.share:g} % of it seen.",)
     about = (
+        *hoped,
         f"A design that takes from {base!r} all that it does not set itself. Afterwards:",
         f"    deltact-fab cad check --design {name}",
         f"    deltact-fab cad export --design {name} --out parts",
         "What is assumed and not measured is to be measured, and then listed under `measured`.",
     )
-    inherited = asdict(load_design(base))
-    return _write("design", name, out, commented(KINDS["design"], {"base": base}, about, inherited))
+    return _write("design", name, out, commented(KINDS["design"], given, about, inherited))
 
 
 def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path:

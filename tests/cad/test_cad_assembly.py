@@ -21,7 +21,7 @@ from deltact_fab.cad.solid_gate import bounding_box
 
 DESIGNS = {
     "deltact": [],
-    "screws-16mm": [],
+    "screws-19mm": [],
     "skin-30x34": [],
     "skin-44x40": [],
     "franka": [],

@@ -123,12 +123,12 @@ def test_the_stock_note_goes_with_stock_screws():
     def told(design):
         return of(bom.lines(design), "screw").note
 
-    paper = told(load_design())
+    paper = told(load_design("screws-19mm"))
     assert "not stocked; the longest sold is 16 mm" in paper
     assert "M1.6 threaded rod with a nut as head" in paper
-    assert "or use the design screws-16mm" in paper
+    assert "or use screw.length_mm=16" in paper
     assert "cut" not in paper
-    assert told(load_design("screws-16mm")) == "M1.6 x 16, key 1.5 mm"
+    assert told(load_design()) == "M1.6 x 16, key 1.5 mm"
     shorter = told(load_design(changes=["screw.length_mm=14"]))
     assert "M1.6 x 14 is not stocked: cut one of 16 mm down" in shorter
     assert "rod" not in shorter
@@ -205,7 +205,7 @@ def test_the_gaps_carry_the_figures_of_the_design():
     text = " ".join(f"{g.said} {g.found} {g.chosen}" for g in gaps(DEFAULT))
     for figure in ("-59 %", "640 mm²", "0.0380", "2.7 mA", "83 %", "110 ohm", "39 x 60 x 30 mm"):
         assert figure in text
-    stock = gaps(load_design("screws-16mm"))[0]
+    stock = gaps(DEFAULT)[0]
     assert "M1.6 x 16 is stocked" in stock.chosen
     bright = gaps(load_design(changes=["light.resistor_ohm=120"]))
     assert any("2.7 mA" in g.found and "120 ohm: 17 mA" in g.chosen for g in bright)

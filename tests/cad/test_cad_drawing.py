@@ -305,7 +305,7 @@ def test_no_text_is_struck_through(made, name):
     assert not struck(root)
 
 
-@pytest.mark.parametrize("design", ["franka", "screws-16mm", "skin-30x34", "skin-44x40"])
+@pytest.mark.parametrize("design", ["franka", "screws-19mm", "skin-30x34", "skin-44x40"])
 @pytest.mark.parametrize(
     "name", ["shell", "cover", *(pytest.param(p, marks=pytest.mark.slow) for p in VARYING)]
 )

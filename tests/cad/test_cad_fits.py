@@ -19,7 +19,7 @@ from deltact_fab.cad.parts.light_holder import led_room_mm
 from deltact_fab.cad.registry import find, of_design
 from deltact_fab.cli.main import main
 
-SHIPPED = ("deltact", "screws-16mm", "skin-30x34", "skin-44x40", "franka")
+SHIPPED = ("deltact", "screws-19mm", "skin-30x34", "skin-44x40", "franka")
 
 
 def every(design: Design) -> dict[str, PlayFit]:

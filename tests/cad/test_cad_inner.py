@@ -18,7 +18,7 @@ from deltact_fab.cad.kernel import require
 from deltact_fab.errors import InputError
 
 INNER = ("light-holder", "camera", "camera-screw", "camera-holder", "cover", "screw")
-VARIANTS = ("deltact", "screws-16mm", "skin-30x34", "skin-44x40", "franka")
+VARIANTS = ("deltact", "screws-19mm", "skin-30x34", "skin-44x40", "franka")
 
 
 @pytest.fixture(scope="module")

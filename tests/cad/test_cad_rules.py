@@ -17,7 +17,7 @@ from deltact_fab.cad.sensor_sections import CameraDimensions, ScrewDimensions
 from deltact_fab.errors import InputError
 from deltact_fab.shapes.bounded import ShapeError
 
-VARIANTS = ("deltact", "screws-16mm", "skin-30x34", "skin-44x40", "franka")
+VARIANTS = ("deltact", "screws-19mm", "skin-30x34", "skin-44x40", "franka")
 
 
 def broken(*changes: str) -> list[str]:
@@ -190,5 +190,5 @@ def test_every_dimension_has_a_meaning_and_a_default_within_its_limits():
 
 
 def test_screws_that_no_shop_stocks_are_told():
-    assert "19 is not stocked; the longest sold is 16 mm" in stock_note(Design())
-    assert stock_note(load_design("screws-16mm")) == ""
+    assert "19 is not stocked; the longest sold is 16 mm" in stock_note(load_design("screws-19mm"))
+    assert stock_note(Design()) == ""

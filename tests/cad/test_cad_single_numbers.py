@@ -19,7 +19,6 @@ from deltact_fab.errors import InputError
 WRONG = (
     # walls that the process does not make, holes near an edge or each other
     "light.floor_mm=0.4",
-    "cover.floor_mm=0.5",
     "holder.wall_mm=0.5",
     "frame.wall_x_mm=0.5",
     "mold.base_mm=0.5",
@@ -59,7 +58,6 @@ WRONG = (
     "resin_printer.bed_x_mm=60",
     # screws that do not grip, or stand out
     "screw.length_mm=22",
-    "screw.engagement_mm=2",
     "screw.tip_clearance_mm=0.5",
     "holder.screw_length_mm=4",
     "adapter.pilot_mm=3.2",
@@ -137,6 +135,8 @@ WRONG_ON_SOLIDS = (
     "light.wall_mm=0.4",
     "light.diffuser_mm=0.4",
     "shell.wall_mm=0.5",
+    "cover.floor_mm=0.5",
+    "screw.engagement_mm=2",
     "cover.leg_mm=0.3",
     "frame.wall_y_mm=1.6",
     "mold.web_mm=5.4",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -31,6 +32,9 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     room_mm = below_plate(design).range_mm[0]
     face_mm = min(design.skin.width_mm, design.skin.length_mm)
 
+    over_mm = found.over_ring_mm
+    rests_n = force_n * max(room_mm, 0.0) / over_mm if over_mm > 0 else math.inf
+
     def row(name: str, found: str, passed: bool, limit: str, *keys: str) -> Row:
         return Row(name, "acrylic", found, limit, passed, keys)
 
@@ -45,7 +49,7 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     yield row(
         NAMES[1],
         f"{found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
-        f"{force_n * max(room_mm, 0.0) / found.over_ring_mm:.0f} N",
+        f"{rests_n:.0f} N",
         found.over_ring_mm <= room_mm,
         f"<= {room_mm:.3g} mm, the least play",
         *SOFT,

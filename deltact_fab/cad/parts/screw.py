@@ -68,11 +68,10 @@ def stock_note(d: Design) -> str:
     if longer is not None:
         return f"{name}: cut one of {longer:g} mm down and dress the thread"
     longest = row.stock_mm[-1]
-    other = "the design screws-16mm" if screw.thread == "M1.6" else f"screw.length_mm={longest:g}"
     return (
         f"{name}; the longest sold is {longest:g} mm: make it from {screw.thread} threaded rod "
         f"with a nut as head (glued on, corners filed to pass the {row.bore_mm:g} mm bore, a slot "
-        f"sawn across), or use {other}"
+        f"sawn across), or use screw.length_mm={longest:g}"
     )
 
 

@@ -1,0 +1,352 @@
+"""A design from what one wants of it: a face, a camera, how much of the face is seen.
+
+Everything else follows: what has an equation at once, the rest by repair. Whatever inequality, fit
+or limit fails moves the one dimension that is its remedy (`REMEDIES`), until nothing fails or none
+can move further. No solid is built: what only solids tell, `cad check` tells of the result.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+from ..errors import InputError, SolverError
+from ..optics import half_angle_rad, reached_mm
+from ..shapes.bounded import ShapeError
+from . import feasibility
+from .check import bending, electric, fits, visibility
+from .design import load_camera
+from .dimensions import Design
+from .parts.camera import off_axis
+from .sensor_sections import CameraDimensions
+from .standards import CAP_SCREWS
+
+GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)
+SHEETS_MM = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # cast PMMA as it is sold
+STRIPS_MM = (8.0, 5.0)  # widths of LED strips
+THREADS = (("M1.6", 45.0), ("M2", 50.0), ("M2.5", 55.0))  # up to which longer side
+SHARE = 0.55
+FACE_MM = 10.0, 200.0
+STEPS = 400
+# Changes that a refusal tries, the smallest first.
+FACES = [1 + sign * k / 25 for k in range(1, 18) for sign in (-1, 1)]
+SHARES = [1 - k / 25 for k in range(1, 18)]
+CORNER_RAD = math.radians(79.0)  # short of where the acrylic reflects a third
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What a design is to do: a face (x, y), and the least share of it that the camera sees."""
+
+    face_mm: tuple[float, float]
+    camera: CameraDimensions
+    share: float = SHARE
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What is not computed but moved by a remedy."""
+
+    gel_mm: float = GELS_MM[0]
+    sheet_mm: float = SHEETS_MM[0]
+    gap_mm: float = 3.0
+    axial_mm: float = 1.0
+    leds: int = 5
+    strip_mm: float = STRIPS_MM[0]
+    columns: int = 2
+    rows: int = 2
+    share: float = 1.0
+    housing_mm: tuple[float, float] = (0.0, 0.0)
+
+
+def wish_of(base: Design, face: str | None, camera: str | None, share: float) -> Wish:
+    """A wish as it is typed; what is not given is the base's.
+
+    Raises InputError for a face, a camera or a share that is none.
+    """
+    sides = (base.skin.width_mm, base.skin.length_mm)
+    if face is not None:
+        words = face.lower().split("x")
+        try:
+            width, length = (float(word) for word in words)
+        except ValueError:
+            raise InputError(f"--face {face!r}: expected two sides in mm, as in 60x50") from None
+        low, high = FACE_MM
+        if not (low <= width <= high and low <= length <= high):
+            raise InputError(f"--face {face!r}: expected sides of {low:g} to {high:g} mm")
+        sides = width, length
+    if not 0.05 <= share <= 0.95:
+        raise InputError(f"--share {share:g}: expected .05 to .95 of the face")
+    dimensions = base.camera if camera is None else load_camera(camera)
+    return Wish(sides, dimensions, share)
+
+
+class Unsolved(Exception):
+    """No dimension is left that would mend what it says."""
+
+
+def solved(wish: Wish, base: Design) -> Design:
+    """The design of a wish, on which every inequality, fit and limit by arithmetic holds.
+
+    Raises Unsolved.
+    """
+    choices = Choices()
+    seen: set[Choices] = set()
+    for _ in range(STEPS):
+        seen.add(choices)
+        try:
+            design = _made(wish, choices, base)
+        except ShapeError as why:
+            raise Unsolved(str(why)) from why
+        first = ""
+        # What comes later costs more, and is not asked where something earlier can be mended.
+        for text in failures(design, wish):
+            first = first or text
+            moved = _mended(choices, text, design, wish)
+            if moved is not None and moved not in seen:
+                choices = moved
+                break
+        else:
+            if not first:
+                return design
+            raise Unsolved(first)
+    raise Unsolved(f"no end after {STEPS} steps")
+
+
+def wished(wish: Wish, base: Design) -> Design:
+    """The design of a wish.
+
+    Raises InputError with what stands in the way and the smallest change of face or share that
+    passes, as it is typed.
+    """
+    try:
+        return solved(wish, base)
+    except Unsolved as why:
+        x, y = wish.face_mm
+        ways = []
+        if face := _nearest(FACES, lambda k: _scaled(wish, k), base):
+            ways.append((face[0], "--face {:g}x{:g}".format(*face[1].face_mm)))
+        if share := _nearest(SHARES, lambda k: replace(wish, share=round(k * wish.share, 2)), base):
+            ways.append((share[0], f"--share {share[1].share:g}"))
+        told = f"the smallest change that passes: {min(ways)[1]}" if ways else "no face would do"
+        raise InputError(f"a face of {x:g} x {y:g} mm: {why}; {told}") from why
+
+
+def _scaled(wish: Wish, by: float) -> Wish:
+    x, y = (float(round(by * side)) for side in wish.face_mm)
+    return replace(wish, face_mm=(x, y))
+
+
+def _nearest(
+    factors: Sequence[float], changed: Callable[[float], Wish], base: Design
+) -> tuple[float, Wish] | None:
+    """By how much the first wish that passes differs, and that wish."""
+    for factor in factors:
+        with suppress(Unsolved):
+            solved(changed(factor), base)
+            return abs(factor - 1), changed(factor)
+    return None
+
+
+def failures(design: Design, wish: Wish) -> Iterator[str]:
+    """What does not hold, by arithmetic: `check or part: words`."""
+    view_x, view_y = design.optics.view_mm
+    seen = view_x * view_y / math.prod(wish.face_mm)
+    if seen < wish.share:
+        yield f"view of the face: {100 * seen:.0f} % of it, {100 * wish.share:g} % wanted"
+    for rule in feasibility.rules(design):
+        if not rule.holds:
+            yield f"{rule.part}: {rule.text}"
+    plate = cast(Any, SimpleNamespace(design=design))
+    for rows in (fits.rows, electric.rows, visibility.view, fits.platform):
+        yield from (f"{r.check}: {r.part}: {r.found}" for r in rows(design) if not r.passed)
+    try:
+        yield from (f"{r.check}: {r.found}" for r in bending.rows(plate) if not r.passed)
+    except SolverError as why:
+        yield f"plate deflection: {why}"
+
+
+def _made(wish: Wish, choices: Choices, base: Design) -> Design:
+    """The design of a wish and of choices; raises ShapeError at the limits of a dimension."""
+    width, length = wish.face_mm
+    thread = _thread(max(wish.face_mm))
+    design = _with(
+        base,
+        camera=wish.camera,
+        skin=replace(
+            base.skin,
+            width_mm=width, length_mm=length,
+            thickness_mm=choices.gel_mm, protrusion_mm=choices.gel_mm / 2,
+        ),
+        screw=replace(
+            base.screw,
+            thread=thread, engagement_mm=max(4.6, 2 * CAP_SCREWS[thread].thread_mm),
+        ),
+    )  # fmt: skip
+    # The housing holds the skin, and the board beside the posts.
+    least = 1.5 if thread == "M1.6" else 2.0
+    walls = [
+        round(max(low, (room - side) / 2), 3)
+        for low, room, side in zip((least, 3.0), choices.housing_mm, wish.face_mm, strict=True)
+    ]
+    drop = round(max(0.5, 0.1 * choices.sheet_mm + 0.4), 2)
+    design = _with(
+        design,
+        frame=replace(
+            design.frame,
+            wall_x_mm=walls[0], seat_x_mm=max(walls[0] - 1.5, 0.0),
+            wall_y_mm=walls[1], seat_y_mm=walls[1] - 1.5,
+        ),
+        optics=replace(
+            design.optics,
+            acrylic_mm=choices.sheet_mm,
+            air_gap_mm=choices.gap_mm,
+            least_view_share=wish.share,
+        ),
+        shell=replace(design.shell, ledge_drop_mm=drop, ledge_height_mm=drop + 1.5),
+        light=replace(
+            design.light,
+            led_count=choices.leds, strip_width_mm=choices.strip_mm, axial_fit_mm=choices.axial_mm,
+        ),
+        # A press is spread no wider than the face.
+        plate=replace(design.plate, spread_mm=min(design.plate.spread_mm, *wish.face_mm)),
+        mold=replace(design.mold, columns=choices.columns, rows=choices.rows),
+    )  # fmt: skip
+    design = _with(design, optics=_seen(design, choices.share))
+    design = _with(design, screw=replace(design.screw, length_mm=_screw_mm(design)))
+    sides = [math.ceil(10 * side - 1e-6) / 10 for side in design.outer_mm]
+    return _with(design, envelope=type(design.envelope)(*sides))
+
+
+def _with(design: Design, **sections: Any) -> Design:
+    return replace(design, **sections)
+
+
+def _thread(side_mm: float) -> str:
+    """The thread for a face's longer side, as the shipped designs have it."""
+    return next((name for name, most in THREADS if side_mm <= most), "M3")
+
+
+def _screw_mm(design: Design) -> float:
+    """The longest stock screw whose head stays inside the sensor."""
+    screw = design.screw
+    room_mm = design.z_joint_mm + screw.engagement_mm - screw.row.head_height_mm - design.z_back_mm
+    return float(max((mm for mm in screw.row.stock_mm if mm <= room_mm), default=3.0))
+
+
+def _seen(design: Design, share: float) -> Any:
+    """The optics with the largest view that lies on the flat of the face and in the crop.
+
+    share: of that view, along each side.
+    """
+    optics, camera, skin = design.optics, design.camera, design.skin
+    path = optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm
+    off = sum(length.mean_mm + length.spread_mm for length in off_axis(design))
+    crop = camera.crop_half_mm
+    half = [
+        min(side / 2 - skin.edge_fillet_mm - off, _reached_mm(c / camera.focal_length_mm, path))
+        for side, c in zip((skin.width_mm, skin.length_mm), crop, strict=True)
+    ]
+
+    def in_crop(part: float) -> bool:
+        x, y = (part * side for side in half)
+        corner = math.hypot(x, y)
+        angle = half_angle_rad(corner, *path)
+        have = corner * min(crop[0] / x, crop[1] / y) / camera.focal_length_mm
+        return angle <= min(have, CORNER_RAD)
+
+    part = next((p / 200 for p in range(200, 20, -1) if in_crop(p / 200)), 0.1) * share
+    x, y = (2 * part * side for side in half)
+    # As fine as the paper's, unless the face is so large that pixels would be in vain.
+    mm_per_px = max(optics.mm_per_px, math.ceil(10 * x) / 1e4)
+    size = [int(side / mm_per_px + 1e-9) for side in (x, y)]
+    return replace(optics, mm_per_px=mm_per_px, image_width_px=size[0], image_height_px=size[1])
+
+
+def _reached_mm(angle: float, path: tuple[float, float, float]) -> float:
+    return float(reached_mm(min(angle, CORNER_RAD), *path))
+
+
+def _mended(choices: Choices, text: str, design: Design, wish: Wish) -> Choices | None:
+    """The choices with the remedy of a failure; None where there is none, or it is at its end."""
+    for words, remedy in REMEDIES:
+        if words in text:
+            changed = remedy(choices, design, wish)
+            if changed is not None:
+                return changed
+    return None
+
+
+Remedy = Callable[[Choices, Design, Wish], "Choices | None"]
+
+
+def _to_next(name: str, values: tuple[float, ...]) -> Remedy:
+    def moved(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+        larger = [value for value in values if value > getattr(choices, name)]
+        return replace(choices, **{name: larger[0]}) if larger else None
+
+    return moved
+
+
+def _by(name: str, step: float, most: float) -> Remedy:
+    def moved(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+        value = round(getattr(choices, name) + step, 2)
+        return replace(choices, **{name: value}) if step * value <= step * most else None
+
+    return moved
+
+
+def _more_leds(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+    most = int(2 * math.pi * design.strip_radius_mm / design.light.pitch_mm)
+    return replace(choices, leds=choices.leds + 1) if choices.leds < most else None
+
+
+def _less_view(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+    """A little less than is seen, where more is seen than is wanted."""
+    share = math.prod(design.optics.view_mm) / math.prod(wish.face_mm)
+    if 0.96 * share < wish.share:
+        return None
+    return replace(choices, share=round(choices.share - 0.02, 2))
+
+
+def _smaller_mold(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+    if choices.columns * choices.rows == 1:
+        return None
+    return replace(choices, **{"columns" if choices.columns >= choices.rows else "rows": 1})
+
+
+def _housing(axis: int) -> Remedy:
+    def wider(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+        sides = list(choices.housing_mm)
+        sides[axis] = max(sides[axis], math.floor(design.frame_outer_mm[axis])) + 1.0
+        return replace(choices, housing_mm=(sides[0], sides[1])) if sides[axis] < 150 else None
+
+    return wider
+
+
+REMEDIES: tuple[tuple[str, Remedy], ...] = (
+    ("view of the face", _by("gap_mm", 0.5, 45.0)),
+    ("plate clear of the light", _by("axial_mm", 0.1, 3.0)),
+    ("ring below the acrylic", _by("axial_mm", 0.1, 3.0)),
+    ("plate deflection", _to_next("sheet_mm", SHEETS_MM)),
+    ("plate stress", _to_next("sheet_mm", SHEETS_MM)),
+    ("even light", _more_leds),
+    ("even light", _less_view),
+    ("even light", _to_next("gel_mm", GELS_MM)),
+    ("led_count x pitch", _by("leds", -1, 3)),
+    ("strip_width_mm", _by("strip_mm", -3.0, 5.0)),
+    ("strip_width_mm", _by("gap_mm", 0.5, 45.0)),
+    ("fits the printer", _smaller_mold),
+    ("in the shell, x", _housing(0)),
+    ("in the shell, y", _housing(1)),
+    ("between the bosses, x", _housing(0)),
+    ("between the bosses, y", _housing(1)),
+    ("beside the posts", _housing(0)),
+    ("lens in the bore", _housing(1)),
+    ("room between the posts", _housing(0)),
+)
+"""What moves where a failure says these words, the first that still can."""
