@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from .. import catalog
-from ..errors import InputError, did_you_mean
+from ..errors import InputError
 from ..shapes import Indenter
 from ..shapes.bounded import Bounded, ShapeError, number
 from ..shapes.indenter import parse
 from .dimensions import Design
-from .sensor_sections import CameraDimensions
 
 
 @dataclass(frozen=True)
@@ -121,40 +120,6 @@ def _change(data: dict[str, Any], change: str) -> None:
     if not isinstance(table, dict):
         raise InputError(f"--set {change!r}: {section} is not a table")
     table[name] = value
-
-
-@dataclass(frozen=True)
-class ListedCamera:
-    """One camera of cad/cameras.toml."""
-
-    name: str
-    """As --camera takes it."""
-    source: str
-    """Where its dimensions are published."""
-    dimensions: CameraDimensions
-    """`measured` lists those that are; the others are assumed."""
-
-    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
-
-
-@dataclass(frozen=True)
-class CameraList:
-    """cad/cameras.toml."""
-
-    camera: tuple[ListedCamera, ...] = ()
-    """One `[[camera]]` table each."""
-
-    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
-
-
-def load_camera(name: str) -> CameraDimensions:
-    """The dimensions of a camera of cad/cameras.toml. Raises InputError naming file and key."""
-    path = catalog.find("cad", "cameras")
-    known = {c.name: c for c in catalog.validate(CameraList, catalog.read(path), str(path)).camera}
-    if name not in known:
-        raise InputError(f"{path}: camera {name!r}: unknown; {did_you_mean(name, known)}")
-    dimensions: CameraDimensions = known[name].dimensions
-    return dimensions
 
 
 def load_indenters(name: str = "indenters") -> IndenterList:

@@ -1,4 +1,4 @@
-"""A design from what one wants of it: a face, a camera, how much of the face is seen.
+"""A design from what one wants of it: a face, and how much of it the camera sees.
 
 Everything else follows: what has an equation at once, the rest by repair. Whatever inequality, fit
 or limit fails moves the one dimension that is its remedy (`REMEDIES`), until nothing fails or none
@@ -19,10 +19,8 @@ from ..optics import half_angle_rad, reached_mm
 from ..shapes.bounded import ShapeError
 from . import feasibility
 from .check import bending, electric, fits, visibility
-from .design import load_camera
 from .dimensions import Design
 from .parts.camera import off_axis
-from .sensor_sections import CameraDimensions
 from .standards import CAP_SCREWS
 
 GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)
@@ -43,7 +41,6 @@ class Wish:
     """What a design is to do: a face (x, y), and the least share of it that the camera sees."""
 
     face_mm: tuple[float, float]
-    camera: CameraDimensions
     share: float = SHARE
 
 
@@ -63,26 +60,18 @@ class Choices:
     housing_mm: tuple[float, float] = (0.0, 0.0)
 
 
-def wish_of(base: Design, face: str | None, camera: str | None, share: float) -> Wish:
-    """A wish as it is typed; what is not given is the base's.
-
-    Raises InputError for a face, a camera or a share that is none.
-    """
-    sides = (base.skin.width_mm, base.skin.length_mm)
-    if face is not None:
-        words = face.lower().split("x")
-        try:
-            width, length = (float(word) for word in words)
-        except ValueError:
-            raise InputError(f"--face {face!r}: expected two sides in mm, as in 60x50") from None
-        low, high = FACE_MM
-        if not (low <= width <= high and low <= length <= high):
-            raise InputError(f"--face {face!r}: expected sides of {low:g} to {high:g} mm")
-        sides = width, length
+def wish_of(face: str, share: float = SHARE) -> Wish:
+    """A wish as it is typed. Raises InputError for a face or a share that is none."""
+    try:
+        width, length = (float(word) for word in face.lower().split("x"))
+    except ValueError:
+        raise InputError(f"--face {face!r}: expected two sides in mm, as in 60x50") from None
+    low, high = FACE_MM
+    if not (low <= width <= high and low <= length <= high):
+        raise InputError(f"--face {face!r}: expected sides of {low:g} to {high:g} mm")
     if not 0.05 <= share <= 0.95:
-        raise InputError(f"--share {share:g}: expected .05 to .95 of the face")
-    dimensions = base.camera if camera is None else load_camera(camera)
-    return Wish(sides, dimensions, share)
+        raise InputError(f"--share {share:g}: expected 0.05 to 0.95 of the face")
+    return Wish((width, length), share)
 
 
 class Unsolved(Exception):
@@ -176,7 +165,6 @@ def _made(wish: Wish, choices: Choices, base: Design) -> Design:
     thread = _thread(max(wish.face_mm))
     design = _with(
         base,
-        camera=wish.camera,
         skin=replace(
             base.skin,
             width_mm=width, length_mm=length,
@@ -287,7 +275,8 @@ Remedy = Callable[[Choices, Design, Wish], "Choices | None"]
 def _to_next(name: str, values: tuple[float, ...]) -> Remedy:
     def moved(choices: Choices, design: Design, wish: Wish) -> Choices | None:
         larger = [value for value in values if value > getattr(choices, name)]
-        return replace(choices, **{name: larger[0]}) if larger else None
+        changed: dict[str, Any] = {name: larger[0]} if larger else {}
+        return replace(choices, **changed) if larger else None
 
     return moved
 
@@ -295,7 +284,8 @@ def _to_next(name: str, values: tuple[float, ...]) -> Remedy:
 def _by(name: str, step: float, most: float) -> Remedy:
     def moved(choices: Choices, design: Design, wish: Wish) -> Choices | None:
         value = round(getattr(choices, name) + step, 2)
-        return replace(choices, **{name: value}) if step * value <= step * most else None
+        changed: dict[str, Any] = {name: value}
+        return replace(choices, **changed) if step * value <= step * most else None
 
     return moved
 
@@ -316,7 +306,8 @@ def _less_view(choices: Choices, design: Design, wish: Wish) -> Choices | None:
 def _smaller_mold(choices: Choices, design: Design, wish: Wish) -> Choices | None:
     if choices.columns * choices.rows == 1:
         return None
-    return replace(choices, **{"columns" if choices.columns >= choices.rows else "rows": 1})
+    wide = choices.columns >= choices.rows
+    return replace(choices, columns=1) if wide else replace(choices, rows=1)
 
 
 def _housing(axis: int) -> Remedy:

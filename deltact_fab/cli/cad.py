@@ -95,7 +95,6 @@ def file_to_write(out: Path) -> Iterator[None]:
 @click.option("--base", type=DESIGN_NAME, default="deltact", show_default=True, metavar="DESIGN",
               help="Design to start from: a name of `cad designs` or a path.")  # fmt: skip
 @click.option("--face", metavar="WxL", help="Solve for a face of these sides in mm, as in 60x50.")
-@click.option("--camera", metavar="CAMERA", help="The same for a camera of cad/cameras.toml.")
 @click.option("--share", type=float, default=0.55, show_default=True,
               help="Least share of the face that the camera sees.")  # fmt: skip
 @NEW_FILE
@@ -104,7 +103,6 @@ def new(
     name: str,
     base: str,
     face: str | None,
-    camera: str | None,
     share: float,
     out: Path | None,
     as_json: bool,
@@ -112,18 +110,18 @@ def new(
     """Write a new design with every dimension explained.
 
     Each dimension is there as its base has it, commented out; uncomment those to change. With
-    --face or --camera what has to follow is solved for and set: housing, plate, gap, view, light,
-    screws, envelope, mold. What cannot be is refused, with the smallest change that can.
+    --face, what follows from it and from the base's camera is solved for and set: housing, plate,
+    gap, view, light, screws, envelope, mold. What cannot be is refused, with the smallest change
+    that can.
     """
     from ..lab import design as write
     from .output import echo_written
 
     wish = None
-    if face is not None or camera is not None:
-        from ..cad.design import load_design
+    if face is not None:
         from ..cad.intent import wish_of
 
-        wish = wish_of(load_design(base), face, camera, share)
+        wish = wish_of(face, share)
     echo_written(write(name, base, out, wish), as_json, f"cad check --design {name}")
 
 
@@ -152,7 +150,7 @@ def designs(as_json: bool) -> None:
     rows = []
     for name in names("cad"):
         data = read(find("cad", name))
-        if not {"indenter", "camera"} & {k for k, v in data.items() if isinstance(v, list)}:
+        if "indenter" not in data:
             skin = load_design(name).skin
             rows.append((name, data.get("base"), skin.width_mm, skin.length_mm, skin.thickness_mm))
     columns = ("design", "base", "width_mm", "length_mm", "thickness_mm")

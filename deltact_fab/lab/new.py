@@ -60,7 +60,7 @@ def design(
     """
     from ..cad.design import load_design
 
-    hoped = ()
+    hoped: tuple[str, ...] = ()
     inherited = asdict(load_design(base))
     given: dict[str, Any] = {"base": base}
     if wish is not None:
