@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
     ("deltact_fab", "lines"): 78513,
     ("deltact_fab", "files"): 604,
-    ("tests", "lines"): 46495,
+    ("tests", "lines"): 46496,
 }
 
 

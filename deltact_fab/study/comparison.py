@@ -67,7 +67,7 @@ def run(asked: StudyRequest) -> StudyResult:
             "figures of other sensors": "as the paper prints them; their own papers not looked up",
             "pixel size": "sqrt(sensing area / pixels)",
             "volume": "product of the outer sides",
-            "own designs": "outer box by the parts' dimensions, no solid built; area: what the "
+            "own designs": "outer box of the parts' closed forms, no solid built; area: what the "
             "camera has in view of the face",
         },
         notes=(
