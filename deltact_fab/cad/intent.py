@@ -25,7 +25,6 @@ from .standards import CAP_SCREWS
 
 GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)
 SHEETS_MM = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # cast PMMA as it is sold
-STRIPS_MM = (8.0, 5.0)  # widths of LED strips
 THREADS = (("M1.6", 45.0), ("M2", 50.0), ("M2.5", 55.0))  # up to which longer side
 SHARE = 0.55
 FACE_MM = 10.0, 200.0
@@ -53,7 +52,7 @@ class Choices:
     gap_mm: float = 3.0
     axial_mm: float = 1.0
     leds: int = 5
-    strip_mm: float = STRIPS_MM[0]
+    strip_mm: float = 8.0  # or 5, as strips are sold
     columns: int = 2
     rows: int = 2
     share: float = 1.0
@@ -163,7 +162,7 @@ def _made(wish: Wish, choices: Choices, base: Design) -> Design:
     """The design of a wish and of choices; raises ShapeError at the limits of a dimension."""
     width, length = wish.face_mm
     thread = _thread(max(wish.face_mm))
-    design = _with(
+    design = replace(
         base,
         skin=replace(
             base.skin,
@@ -182,12 +181,12 @@ def _made(wish: Wish, choices: Choices, base: Design) -> Design:
         for low, room, side in zip((least, 3.0), choices.housing_mm, wish.face_mm, strict=True)
     ]
     drop = round(max(0.5, 0.1 * choices.sheet_mm + 0.4), 2)
-    design = _with(
+    design = replace(
         design,
         frame=replace(
             design.frame,
-            wall_x_mm=walls[0], seat_x_mm=max(walls[0] - 1.5, 0.0),
-            wall_y_mm=walls[1], seat_y_mm=walls[1] - 1.5,
+            wall_x_mm=walls[0], seat_x_mm=round(max(walls[0] - 1.5, 0.0), 3),
+            wall_y_mm=walls[1], seat_y_mm=round(walls[1] - 1.5, 3),
         ),
         optics=replace(
             design.optics,
@@ -204,14 +203,10 @@ def _made(wish: Wish, choices: Choices, base: Design) -> Design:
         plate=replace(design.plate, spread_mm=min(design.plate.spread_mm, *wish.face_mm)),
         mold=replace(design.mold, columns=choices.columns, rows=choices.rows),
     )  # fmt: skip
-    design = _with(design, optics=_seen(design, choices.share))
-    design = _with(design, screw=replace(design.screw, length_mm=_screw_mm(design)))
+    design = replace(design, optics=_seen(design, choices.share))
+    design = replace(design, screw=replace(design.screw, length_mm=_screw_mm(design)))
     sides = [math.ceil(10 * side - 1e-6) / 10 for side in design.outer_mm]
-    return _with(design, envelope=type(design.envelope)(*sides))
-
-
-def _with(design: Design, **sections: Any) -> Design:
-    return replace(design, **sections)
+    return replace(design, envelope=type(design.envelope)(*sides))
 
 
 def _thread(side_mm: float) -> str:
