@@ -54,7 +54,7 @@ def assemble(
     cq = require()
     ready = dict(solids or {})
     placed = []
-    for part in of_group("sensor") if parts is None else parts:
+    for part in of_group("sensor", design) if parts is None else parts:
         if part.name not in ready:
             ready[part.name] = build_part(part, design)[0]
         for index, (x, y, z) in enumerate(part.places(design)):
@@ -91,8 +91,8 @@ def bench(
     indenter: in the tool holder, over the middle of the face. solids: as for `assemble`. Raises
     what build_part raises.
     """
-    every = {part.name: part for part in of_design()}
-    sensor = [part for part in of_group("sensor") if part.name != IN_PLACE_OF]
+    every = {part.name: part for part in of_design(design)}
+    sensor = [part for part in of_group("sensor", design) if part.name != IN_PLACE_OF]
     standing = [*(every[name] for name in ON_TABLE), *sensor, indenter]
     hanging = assemble(design, 0.0, [every[name] for name in ON_STAGE], solids)
     up = (0.0, 0.0, mouth_mm(indenter))

@@ -86,6 +86,13 @@ class Design(SensorDimensions):
         return 1000 * self.camera.focal_length_mm / (self.camera.pixel_um * self.camera.binning)
 
     @property
+    def lens_terms(self) -> tuple[float, float, float, float]:
+        """The camera's projection; of f tan(theta) the series, to 0.03 % at 40 degrees, 0.3 % at 50."""
+        if self.camera.projection == "equidistant":
+            return super().lens_terms
+        return 1 / 3, 2 / 15, 17 / 315, 62 / 2835
+
+    @property
     def raw_size_px(self) -> tuple[int, int]:
         """Width and height of the raw image: the crop that the camera is set to."""
         return self.camera.crop_width_px, self.camera.crop_height_px
@@ -274,7 +281,9 @@ class Design(SensorDimensions):
 
     @property
     def camera_screw_centres_mm(self) -> list[Point2]:
-        """The two axes of the camera's screws, in the board's upper holes: (+-10.5, 12.33)."""
+        """The axes of the camera's screws, in the board's upper holes, if any: (+-10.5, 12.33)."""
+        if not self.holder.row.thread_mm:
+            return []
         x, y = self.camera.hole_pitch_x_mm / 2, self.camera.hole_rows_mm[0]
         return [(-x, y), (x, y)]
 

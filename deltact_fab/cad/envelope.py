@@ -15,7 +15,7 @@ def size_mm(design: Design) -> tuple[float, float, float]:
     breaks an inequality.
     """
     feasibility.check(design)
-    sensor = of_group("sensor")
+    sensor = of_group("sensor", design)
     low, high = enclosing(
         shifted(part.box(design), place) for part in sensor for place in part.places(design)
     )

@@ -18,7 +18,7 @@ FIRST = ("camera", "skin-frame", "acrylic", "screw", "shell")
 def rules(design: Design) -> list[Rule]:
     """Every rule of the sensor, the mold and the test bench."""
     unverified = set(design.unverified())
-    parts = of_design()
+    parts = of_design(design)
     parts.sort(key=lambda part: FIRST.index(part.name) if part.name in FIRST else len(FIRST))
     return [
         replace(

@@ -12,12 +12,13 @@ from ..errors import InputError, did_you_mean
 from ..shapes.indenter import KINDS, parse
 from . import parts
 from .design import IndenterList, load_indenters
+from .dimensions import Design
 from .part import GROUPS, Part
 from .parts.indenter_part import part as indenter_part
 
 
-def of_design() -> list[Part]:
-    """Every part that a design has: by group, in a group from the face backwards.
+def of_design(design: Design | None = None) -> list[Part]:
+    """Every part that a design has, or some design may have: by group, from the face backwards.
 
     Raises RuntimeError when two files of parts/ claim one name.
     """
@@ -26,22 +27,23 @@ def of_design() -> list[Part]:
         for part in getattr(module, "PARTS", ()):
             if part.name in found:
                 raise RuntimeError(f"two parts are called {part.name!r}, one in {module.__name__}")
-            found[part.name] = part
+            if design is None or part.places(design):
+                found[part.name] = part
     return sorted(
         found.values(), key=lambda p: (GROUPS.index(p.group), -p.explode_mm, p.number, p.name)
     )
 
 
-def of_group(group: str) -> list[Part]:
-    """The parts of one group of a design, in their order."""
-    return [part for part in of_design() if part.group == group]
+def of_group(group: str, design: Design | None = None) -> list[Part]:
+    """The parts of one group as `of_design` has them, in their order."""
+    return [part for part in of_design(design) if part.group == group]
 
 
-def listed(indenters: IndenterList | None = None) -> list[Part]:
-    """Every part: those of a design, and the indenters of the list (cad/indenters.toml)."""
+def listed(indenters: IndenterList | None = None, design: Design | None = None) -> list[Part]:
+    """Every part as `of_design` has them, and the indenters of the list (cad/indenters.toml)."""
     known = load_indenters() if indenters is None else indenters
     tips = [indenter_part(parse(e.name), known.body, e.quantity) for e in known.indenter]
-    return [*of_design(), *tips]
+    return [*of_design(design), *tips]
 
 
 def find(name: str, indenters: IndenterList | None = None) -> Part:

@@ -42,22 +42,31 @@ class PlateDimensions(Record):
 @dataclass(frozen=True)
 class CameraDimensions(Record):
     """The camera (part 5) as an envelope: an IMX219 board in the outline of a Raspberry Pi
-    camera, and a fisheye lens. No drawing of the paper's module was found.
+    camera, and a fisheye lens. No drawing of the paper's module was found; others stand in
+    cad/cameras.toml.
 
-    measured: keys that a lab has measured on its own module; they no longer count as unverified.
+    measured: keys that a lab has measured on its own module, or read off its maker's document;
+    they no longer count as unverified.
     """
 
+    name: str = field(
+        default="Waveshare IMX219-200", metadata={"description": "maker and module, to order"}
+    )
     board_width_mm: float = assumed(25.0, "board along x", 5, 100)
     board_length_mm: float = assumed(23.862, "board along y", 5, 100)
     board_mm: float = assumed(1.0, "thickness of the board", 0.4, 5)
-    hole_mm: float = assumed(2.2, "holes of the board", 0.5, 10)
+    hole_mm: float = assumed(2.2, "holes of the board, 0 for none", 0, 10)
     hole_pitch_x_mm: float = assumed(21.0, "between the holes in x", 3, 100)
     hole_pitch_y_mm: float = assumed(12.5, "between the holes in y", 3, 100)
     hole_edge_mm: float = assumed(2.0, "upper holes to the +y edge", 0.5, 50)
     lens_offset_mm: float = assumed(2.4, "lens from the middle, to -y", 0, 50)
     lens_diameter_mm: float = assumed(12.0, "lens barrel", 2, 60)
     lens_height_mm: float = assumed(7.5, "lens above the board", 0.5, 60)
-    focal_length_mm: float = assumed(0.87, "equidistant lens", 0.05, 50)
+    focal_length_mm: float = assumed(0.87, "of the lens", 0.05, 50)
+    projection: Literal["equidistant", "rectilinear"] = field(
+        default="equidistant",
+        metadata={"description": "equidistant (a fisheye) or rectilinear (straight lines stay so)"},
+    )
     f_number: float = assumed(2.8, "of the lens; such lenses have 2.0 to 2.8", 0.7, 32)
     pixel_um: float = number(1.12, "pixel of the chip (IMX219)", 0.1, 50)
     binning: int = number(2, "chip pixels a picture's pixel, per side", 1, 8)
@@ -66,8 +75,19 @@ class CameraDimensions(Record):
     connector_width_mm: float = assumed(23.0, "connector along x", 1, 100)
     connector_length_mm: float = assumed(6.0, "connector along y", 1, 50)
     connector_height_mm: float = assumed(2.65, "connector along z", 0.2, 20)
+    cable: str = field(
+        default="flat, 15 way, 1.0 mm pitch, 16 mm wide",
+        metadata={"description": "the cable that it takes, to order"},
+    )
+    cable_width_mm: float = assumed(16.0, "that cable, with the stiffener at its end", 0.5, 60)
+    cable_height_mm: float = assumed(0.3, "the same, along z", 0.05, 20)
     tolerance_mm: float = assumed(0.05, "spread of board and lens, +-", 0.0, 1)
     measured: tuple[str, ...] = measured("keys measured on the lab's own module")
+
+    def angle_rad(self, at_mm: float) -> float:
+        """The angle from the axis that the lens images at_mm from the middle of the chip."""
+        angle = at_mm / self.focal_length_mm
+        return math.atan(angle) if self.projection == "rectilinear" else angle
 
     @property
     def board_top_mm(self) -> float:
@@ -94,16 +114,19 @@ class CameraDimensions(Record):
 
 @dataclass(frozen=True)
 class HolderDimensions(Record):
-    """The camera holder (part 6) behind the board; the board is locked by two screws."""
+    """The camera holder (part 6) behind the board, which two screws lock or a bond holds."""
 
     clearance_mm: float = number(3.0, "thickness, and room for the connector", 1, 30)
     fit_mm: float = number(0.2, "clearance to the shell", 0.02, 2)
     window_fit_mm: float = number(0.1, "connector in the window, per side", 0.02, 2)
     window_rest_mm: float = number(0.5, "board on the plate beside the window", 0.1, 5)
     wall_mm: float = number(1.5, "least wall beside a hole", 0.5, 10)
-    screw: str = field(default="M2", metadata={"description": "ISO 1207 thread"})
+    screw: str = field(
+        default="M2", metadata={"description": "ISO 1207 thread, or none: the board is bonded"}
+    )
     screw_length_mm: float = number(3.0, "below the head", 2, 20)
     head_clearance_mm: float = number(0.3, "around the heads, below the light holder", 0.02, 2)
+    bonded_mm: float = assumed(0.3, "how far off the middle a bonded board may lie", 0.01, 3)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -49,7 +49,13 @@ class CheeseScrew:
     slot_depth_mm: float
 
 
-CHEESE_SCREWS = {"M2": CheeseScrew(2.0, 3.8, 1.4, 1.65, 0.5, 0.6)}
+CHEESE_SCREWS = {
+    "none": CheeseScrew(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "M1.6": CheeseScrew(1.6, 3.0, 1.1, 1.35, 0.4, 0.45),
+    "M2": CheeseScrew(2.0, 3.8, 1.4, 1.65, 0.5, 0.6),
+    "M2.5": CheeseScrew(2.5, 4.5, 1.8, 2.1, 0.6, 0.7),
+    "M3": CheeseScrew(3.0, 5.5, 2.0, 2.55, 0.8, 0.85),
+}
 
 # Through holes for what fixes the sensor (ISO 273, medium).
 CLEARANCE_MM = {"M2": 2.4, "M2.5": 2.9, "M3": 3.4, "M4": 4.5, "M5": 5.5, "M6": 6.6}

@@ -105,7 +105,7 @@ def write(
     pages = environment(fig=_fig)
     tell = progress or (lambda done, total, what: None)
     lines = bom.lines(design, sensors)
-    parts = listed()
+    parts = listed(design=design)
     if pictures is None:
         try:
             pictures = draw(design, parts, tell)
@@ -184,12 +184,12 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
         if part.printed
     }
     meshes = {
-        part.name: drawn(fine[part.name], part.name, part.colour) for part in of_group("sensor")
+        part.name: drawn(fine[part.name], part.name, part.colour) for part in of_group("sensor", design)
     }
     models = {}
     for title, explode in (("exploded", 1.0), ("assembled", 0.0)):
         placed = []
-        for part in of_group("sensor"):
+        for part in of_group("sensor", design):
             shift_mm = explode * part.explode_mm
             at = tuple((x, y, z + shift_mm) for x, y, z in part.places(design))
             placed.append(replace(meshes[part.name], places_mm=at))

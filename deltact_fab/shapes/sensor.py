@@ -106,6 +106,11 @@ class SensorDimensions(Bounded):
         return 870 / 2.24
 
     @property
+    def lens_terms(self) -> tuple[float, float, float, float]:
+        """k1 to k4 of r = f theta (1 + k1 theta^2 + ...); 0 for an equidistant lens."""
+        return 0.0, 0.0, 0.0, 0.0
+
+    @property
     def raw_size_px(self) -> tuple[int, int]:
         """Width and height of the raw image; a design has its own camera's."""
         return 1280, 720

@@ -18,7 +18,7 @@ BED = "fits the printer"
 
 def rows(design: Design) -> Iterator[Row]:
     """Each mating pair: least and most play, every length at its worst."""
-    for part in of_design():
+    for part in of_design(design):
         for fit in part.fits(design):
             low, high = fit.range_mm
             limit = f">= {fit.least_mm:g} mm"
@@ -32,7 +32,7 @@ def platform(design: Design) -> Iterator[Row]:
     printer = design.resin_printer
     room = [*sorted((printer.bed_x_mm, printer.bed_y_mm), reverse=True), printer.bed_z_mm]
     sides = {}
-    for part in of_design():
+    for part in of_design(design):
         if part.process == PRINT:
             low, high = part.box(part.source(design))
             x, y, z = part.lies.size_mm(low, high)

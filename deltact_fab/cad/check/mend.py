@@ -42,13 +42,13 @@ def mended(row: Row, design: Design) -> Row:
 def _wall(row: Row, design: Design) -> bool:
     name = row.part.partition(",")[0]
     part = next(p for p in of_design() if p.name == name)
-    built = BuiltDesign(design, tuple(of_design()))
+    built = BuiltDesign(design, tuple(of_design(design)))
     return _holds(row, thickness.of_part(built, part))
 
 
 def _clash(row: Row, design: Design) -> bool:
     names = row.part.split(", ")
-    pieces = assemble(design, parts=[p for p in of_design() if p.name in names])
+    pieces = assemble(design, parts=[p for p in of_design(design) if p.name in names])
     one, other = ([p for p in pieces if p.part.name == name] for name in names)
     return all(common_mm3(a, b) <= space.TOUCH_MM3 for a in one for b in other)
 

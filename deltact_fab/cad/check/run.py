@@ -99,7 +99,7 @@ def run(
         done += 1
 
     facts = Facts() if cached and not solids else None
-    built = BuiltDesign(design, tuple(listed(indenters)), dict(solids or {}), facts, tell)
+    built = BuiltDesign(design, tuple(listed(indenters, design)), dict(solids or {}), facts, tell)
     total = len(built.parts) + len(CHECKS)
     rows += (mended(row, design) for row in of_built(built, tell))
     if facts is not None:

@@ -35,10 +35,11 @@ def axes(built: BuiltDesign) -> Iterator[Row]:
     )
     yield _coaxial(built, "screw axes coaxial", ("cover", "shell", "skin-frame"), (), four)
     # Reliefs for the heads, where they meet the ring at all.
-    camera = _coaxial(
-        built, "camera screw axes coaxial", ("camera", "camera-holder"), ("light-holder",), two
-    )
-    yield replace(camera, rests_on=BOARD_KEYS)
+    if two:
+        camera = _coaxial(
+            built, "camera screw axes coaxial", ("camera", "camera-holder"), ("light-holder",), two
+        )
+        yield replace(camera, rests_on=BOARD_KEYS)
     yield _coaxial(built, PEGS, ("cover", "camera-holder"), (), pegs)
     yield _coaxial(
         built, "screw axes coaxial", ("testing-shell", "transparent-base"), ("cover",), four
@@ -90,6 +91,8 @@ def engagement(built: BuiltDesign) -> Iterator[Row]:
         ("screw", "skin-frame", ENGAGEMENT_D, "screw.engagement_mm", ()),
         ("camera-screw", "camera-holder", CAMERA_D, "holder.screw_length_mm", BOARD_KEYS),
     ):
+        if screw not in [part.name for part in built.parts]:
+            continue
         shanks = _shanks(built, screw)
         least_mm = min(_grip_mm(built, shank, holder) for shank in shanks)
         thread_mm = 2 * shanks[0].radius_mm

@@ -50,9 +50,9 @@ def view(design: Design) -> Iterator[Row]:
     # The picture of a corner lies on the diagonal: the side that it leaves first counts.
     corner_mm = diagonal * min(crop_x / view_x, crop_y / view_y)
     for name, radius_mm, have, why in (
-        ("view cone, x", view_x / 2, crop_x / focal_mm, crop),
-        ("view cone, y", view_y / 2, crop_y / focal_mm, crop),
-        ("view cone, corner", diagonal / 2, corner_mm / focal_mm, crop),
+        ("view cone, x", view_x / 2, camera.angle_rad(crop_x), crop),
+        ("view cone, y", view_y / 2, camera.angle_rad(crop_y), crop),
+        ("view cone, corner", diagonal / 2, camera.angle_rad(corner_mm), crop),
         ("view enters the acrylic", diagonal / 2, GRAZING_RAD, "where a third is reflected"),
     ):
         need = half_angle_rad(radius_mm, *path)
@@ -92,7 +92,8 @@ def view(design: Design) -> Iterator[Row]:
 def _seen_mm(design: Design, radius_mm: float, depth_mm: float) -> float:
     """Distance along the ray at which the lens sees a point of the face, each medium by its index.
 
-    A fisheye maps directions: it is taken to be sharp on a sphere about its pupil.
+    A fisheye maps directions: it is taken to be sharp on a sphere about its pupil, a rectilinear
+    lens on a plane across its axis.
     """
     layers = (
         (design.optics.air_gap_mm, 1.0),
@@ -100,7 +101,9 @@ def _seen_mm(design: Design, radius_mm: float, depth_mm: float) -> float:
         (design.skin.thickness_mm - depth_mm, N_SILICONE),
     )
     sine = math.sin(min(half_angle_rad(radius_mm, *(mm for mm, _ in layers)), math.pi / 2))
-    return sum(mm / math.sqrt(n**2 - sine**2 + 1e-12) for mm, n in layers)
+    far_mm = sum(mm / math.sqrt(n**2 - sine**2 + 1e-12) for mm, n in layers)
+    flat = design.camera.projection == "rectilinear"
+    return far_mm * math.sqrt(1 - sine**2) if flat else far_mm
 
 
 def light_cone(built: BuiltDesign) -> Iterator[Row]:

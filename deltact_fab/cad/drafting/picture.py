@@ -74,7 +74,7 @@ def exploded_svg(design: Design, solids: Mapping[str, Any] | None = None) -> str
     solids: ready solids by part name, for those that need not be built. The axes of the four
     screws are drawn where nothing hides them.
     """
-    placed = assemble(design, 1.0, of_group("sensor"), solids)
+    placed = assemble(design, 1.0, of_group("sensor", design), solids)
     return _numbered("exploded view", placed, APART, APART_MM, math.inf, design)
 
 
@@ -90,7 +90,7 @@ def step_svg(
     layers: names of parts of the sensor, from the face backwards; those of one layer are in their
     places to one another. solids: as for exploded_svg.
     """
-    parts = {part.name: part for part in of_group("sensor")}
+    parts = {part.name: part for part in of_group("sensor", design)}
     placed: list[PlacedPart] = []
     top_mm = -math.inf
     for names in reversed(layers):
@@ -137,7 +137,7 @@ def _numbered(
     scale = float(min(room / (high - low)))
     names = {p.part.name for p in placed}
     others = {p.part.name: p.part for p in placed if p.part.group != "sensor"}
-    parts = [*of_group("sensor"), *others.values()]
+    parts = [*of_group("sensor", design), *others.values()]
     labels = {n: label for n, label in _labels(parts).items() if n in names}
     pieces = [(b.part, [line * scale for line in b.lines.visible]) for b in bodies]
     balloons = arranged(pieces, view.flat((0, 0, -1)))

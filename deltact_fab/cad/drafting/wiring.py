@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..parts.camera import CABLE, COMPUTER
+from ..parts.camera import COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
 from .page import LARGE_MM, SMALL_MM, DrawingPage
 from .sheet import LINE_MM, SHEETS, Title, draw_frame, wrapped
@@ -100,7 +100,7 @@ def wiring(design: Design) -> DrawingPage:
     for shift in (-1.2, 1.2):
         ends = (right + 8, CABLE_Y + shift), (RING_X + 20, CABLE_Y + shift)
         page.path([ends], "visible")
-    page.text(((right + 8 + WALL_X) / 2, CABLE_Y - 4), CABLE, SMALL_MM, "middle")
+    page.text(((right + 8 + WALL_X) / 2, CABLE_Y - 4), design.camera.cable, SMALL_MM, "middle")
     for i, line in enumerate(("length as the arm needs;", "contacts on one side as the camera's")):
         page.text(((right + 8 + WALL_X) / 2, CABLE_Y + 7 + LINE_MM * i), line, SMALL_MM, "middle")
     page.close()

@@ -16,7 +16,7 @@ from ...errors import InputError
 from .. import feasibility
 from ..design import IndenterList
 from ..dimensions import Design
-from ..parts.camera import CABLE, COMPUTER
+from ..parts.camera import COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
 from ..registry import listed
 from . import quantities
@@ -57,7 +57,7 @@ def lines(design: Design, sensors: int = 1, indenters: IndenterList | None = Non
     rows: list[tuple[Any, ...]] = [
         (p.group, p.name, p.material, p.process, p.quantity * (sensors if p.per_sensor else 1),
          PIECES, p.noted(design))
-        for p in listed(indenters)
+        for p in listed(indenters, design)
     ]  # fmt: skip
     figures = _figures(design, sensors)
     for group, bought in filled_in(__file__, d=design, p=DEFAULT, f=figures).items():
@@ -116,7 +116,6 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
         "wire": WIRE,
         "colours": " and ".join(WIRE_COLOURS),
         "wire_mm": sensors * 2 * light.wire_mm,
-        "cable": CABLE,
         "computer": COMPUTER,
         "computers": math.ceil(sensors / 2),
     }

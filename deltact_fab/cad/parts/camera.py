@@ -1,4 +1,4 @@
-"""Part 5, the camera: an envelope of an IMX219 board with a fisheye lens, unverified.
+"""Part 5, the camera: an envelope of a board with a lens on it, by default of an IMX219 fisheye.
 
 Seen from the lens (along -z):              From the side, y to the right:
 
@@ -31,10 +31,6 @@ from ..sensor_sections import CameraDimensions
 from ..solid_gate import Box
 from .solids import cylinders
 
-CABLE = "flat, 15 way, 1.0 mm pitch, 16 mm wide"
-# The cable with the stiffener at its end, as such cables are sold (unverified): both must pass.
-CABLE_WIDTH = Length(16.0, 0.1)
-CABLE_HEIGHT = Length(0.3, 0.05)
 COMPUTER = "Nvidia Jetson Nano B01"
 
 
@@ -83,12 +79,16 @@ def build(design: Design) -> Shape:
         .rect(cam.connector_width_mm, cam.connector_length_mm)
         .extrude(-cam.connector_height_mm)
     )
-    return board.cut(holes).union(lens).union(connector).val()
+    board = board.cut(holes) if cam.hole_mm else board
+    return board.union(lens).union(connector).val()
 
 
 def rules(d: Design) -> Iterator[Rule]:
     """The board's own holes and lens, which nothing else looks at."""
     cam, radius = d.camera, d.camera.hole_mm / 2
+    if not radius:
+        yield Quantity("head of holder.screw", d.holder.row.head_mm).at_most("none without holes", 0)
+        return
     upper, lower = cam.hole_rows_mm
     corner = math.hypot(cam.hole_pitch_x_mm / 2, min(abs(upper), abs(lower)))
     across = cam.hole_pitch_x_mm / 2 + radius
@@ -122,8 +122,9 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 
 def off_axis(d: Design) -> tuple[Length, Length]:
-    """The most that the lens stands off the middle: by the board's holes, by the holder's fit."""
-    hole_mm = (d.camera.hole_mm - d.holder.row.thread_mm) / 2
+    """The most that the lens stands off the middle: by holes or bond, by the holder's fit."""
+    screw = d.holder.row.thread_mm
+    hole_mm = (d.camera.hole_mm - screw) / 2 if screw else d.holder.bonded_mm
     hole = Length(hole_mm, d.camera.tolerance_mm, BOARD_KEYS)
     return hole, Length(d.holder.fit_mm, d.resin_printer.plane_mm, PLANE)
 
@@ -131,7 +132,7 @@ def off_axis(d: Design) -> tuple[Length, Length]:
 PARTS = (
     Part(
         "camera",
-        "IMX219 board with a 200 degree lens",
+        "board with its lens",
         BOUGHT,
         build,
         box,
@@ -149,7 +150,7 @@ PARTS = (
         ),
         rules=rules,
         fits=fits,
-        note="Waveshare IMX219-200 or alike; {d.camera.crop_width_px} x {d.camera.crop_height_px}",
+        note="{d.camera.name}; {d.camera.crop_width_px} x {d.camera.crop_height_px}",
         how="bought",
         look_for="measure lens and board: see what nobody has verified",
     ),

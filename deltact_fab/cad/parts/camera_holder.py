@@ -51,7 +51,8 @@ def build(design: Design) -> Shape:
         (design.peg_centres_mm, design.cover.hole_mm),
         (design.camera_screw_centres_mm, design.holder.row.pilot_mm),
     ):
-        body = body.cut(cylinders(centres, diameter_mm, low - 1, deep + 2))
+        if centres:
+            body = body.cut(cylinders(centres, diameter_mm, low - 1, deep + 2))
     return body.val()
 
 
@@ -83,15 +84,17 @@ def fits(d: Design) -> Iterator[PlayFit]:
     connector = Length(cam.connector_width_mm, off, ("camera.connector_width_mm",))
     window = inner(2 * d.holder_window_half_mm)
     yield PlayFit("connector in the window", f"{part}, camera", (window,), (connector,))
+    deep = printer.tall(d.holder.clearance_mm)
+    high = Length(cam.connector_height_mm, off, ("camera.connector_height_mm",))
+    stack = "camera, camera-holder, cover"
+    yield PlayFit("connector above the cover, z", stack, (deep,), (high,))
+    if not d.camera_screw_centres_mm:
+        return
     hole = Length(cam.hole_mm, off, ("camera.hole_mm",))
     # Two screws in a row along x: only that pitch can disagree, and either end takes half of it.
     pitch = Length(0.0, printer.plane_mm + off, ("resin_printer.plane_mm",))
     screws, shank = f"camera, camera-screw, {part}", Length(screw.thread_mm)
     yield PlayFit(f"{d.holder.screw} through the board", screws, (hole,), (shank, pitch))
-    deep = printer.tall(d.holder.clearance_mm)
-    high = Length(cam.connector_height_mm, off, ("camera.connector_height_mm",))
-    stack = "camera, camera-holder, cover"
-    yield PlayFit("connector above the cover, z", stack, (deep,), (high,))
     length_mm = d.holder.screw_length_mm
     tip = Length(length_mm, screw_tolerance_mm(length_mm))
     board = Length(cam.board_mm, off, ("camera.board_mm",))
@@ -107,14 +110,13 @@ def callouts(d: Design) -> Callouts:
         x_of(-px, px),
         x_of(-window, window),
         x_of(-tongue, tongue),
-        x_of(-pitch, pitch),
+        *((x_of(-pitch, pitch),) if d.camera_screw_centres_mm else ()),
         y_of(-py, py),
         z_of(d.z_floor_mm, d.z_board_back_mm),
     )
-    rounds = {
-        d.cover.hole_mm: "for the cover's pegs",
-        d.holder.row.pilot_mm: f"pilot, {d.holder.screw} cuts its own thread",
-    }
+    rounds = {d.cover.hole_mm: "for the cover's pegs"}
+    if d.camera_screw_centres_mm:
+        rounds[d.holder.row.pilot_mm] = f"pilot, {d.holder.screw} cuts its own thread"
     rests_on = ("camera.connector_width_mm", *UPPER_HOLES)
     return Callouts(
         lengths, rounds, fitted=(d.cover.hole_mm,), notes=(SQUARE_EDGES,), rests_on=rests_on

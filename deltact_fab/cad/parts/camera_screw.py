@@ -43,7 +43,7 @@ def build(design: Design) -> Shape:
 
 
 def places(d: Design) -> list[Shift]:
-    """On the board's upper holes."""
+    """On the board's upper holes; none where the board is bonded."""
     return [(x, y, 0.0) for x, y in d.camera_screw_centres_mm]
 
 

@@ -70,7 +70,8 @@ def build(design: Design) -> Shape:
         (design.camera_screw_centres_mm, design.head_relief_mm),
         (design.peg_centres_mm, design.peg_relief_mm),
     ):
-        body = body.cut(cylinders(centres, 2 * relief_mm, low_mm - 1, light.floor_mm + 1))
+        if centres:
+            body = body.cut(cylinders(centres, 2 * relief_mm, low_mm - 1, light.floor_mm + 1))
     return body.val()
 
 

@@ -43,7 +43,6 @@ from ..rule import Quantity, Rule
 from ..solid_gate import Box, around, enclosing
 from . import mount
 from .acrylic import notched
-from .camera import CABLE_HEIGHT, CABLE_WIDTH
 from .light_holder import WIRE_OUTER
 from .mount import boss_room
 from .solids import cuboid, cylinders, prism
@@ -118,7 +117,7 @@ def rules(d: Design) -> Iterator[Rule]:
 
 def fits(d: Design) -> Iterator[PlayFit]:
     """The cover's bosses, screws on their way into the frame, and what the notch lets through."""
-    printer, shell, row = d.resin_printer, d.shell, d.screw.row
+    printer, shell, row, cam = d.resin_printer, d.shell, d.screw.row, d.camera
     if d.z_boss_mm > d.z_floor_mm:
         corner, boss = printer.inner(d.boss_room_mm), printer.outer(d.post_mm)
         yield PlayFit("boss in its corner", "shell, cover", (corner,), (boss,))
@@ -127,9 +126,12 @@ def fits(d: Design) -> Iterator[PlayFit]:
         parts = f"{name}, screw, skin-frame"
         yield PlayFit(f"{d.screw.thread} through the {name}", parts, hole, shank)
     wide, high = printer.inner(shell.cable_width_mm), printer.tall(shell.cable_height_mm)
-    yield PlayFit("flat cable in its notch, x", "shell, cable", (wide,), (CABLE_WIDTH,))
+    flat, thick = cam.cable_width_mm, cam.cable_height_mm
+    keys = ("camera.cable_width_mm", "camera.cable_height_mm")
+    cable = Length(flat, 0.1, keys[:1])
+    yield PlayFit("camera's cable in its notch, x", "shell, cable", (wide,), (cable,))
     # The light holder's wires leave there too, over the cable.
-    through = (CABLE_HEIGHT, WIRE_OUTER)
+    through = (Length(thick, 0.05, keys[1:]), WIRE_OUTER)
     yield PlayFit("cable and wires in the notch, z", "shell, cable, wires", (high,), through)
     yield from mount.fits(d)
 
