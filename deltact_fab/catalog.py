@@ -20,7 +20,7 @@ from .errors import InputError, did_you_mean
 from .files import disk_errors, write_whole
 
 MARKS: dict[str, frozenset[str]] = {
-    "cad": frozenset({"base", "skin", "frame", "optics", "body", "indenter"}),
+    "cad": frozenset({"base", "skin", "frame", "optics", "body", "indenter", "module", "bought"}),
     "patterns": frozenset({"law"}),
     "protocols": frozenset({"indenters", "positions_mm", "depths_mm", "capture"}),
     "protocols/rigs": frozenset({"stage"}),

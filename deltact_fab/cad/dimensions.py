@@ -87,7 +87,7 @@ class Design(SensorDimensions):
 
     @property
     def lens_terms(self) -> tuple[float, float, float, float]:
-        """The camera's projection; of f tan(theta) the series, to 0.03 % at 40 degrees, 0.3 % at 50."""
+        """The camera's projection; of f tan(theta) the series: 0.3 % off at 50 degrees."""
         if self.camera.projection == "equidistant":
             return super().lens_terms
         return 1 / 3, 2 / 15, 17 / 315, 62 / 2835

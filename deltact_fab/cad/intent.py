@@ -1,4 +1,4 @@
-"""A design from what one wants of it: a face, and how much of it the camera sees.
+"""A design from what one wants of it: a face, how much of it is seen, and the camera that does.
 
 Everything else follows: what has an equation at once, the rest by repair. Whatever inequality, fit
 or limit fails moves the one dimension that is its remedy (`REMEDIES`), until nothing fails or none
@@ -18,10 +18,11 @@ from ..errors import InputError, SolverError
 from ..optics import half_angle_rad, reached_mm
 from ..shapes.bounded import ShapeError
 from . import feasibility
+from .cameras import load_camera, load_cameras
 from .check import bending, electric, fits, visibility
 from .dimensions import Design
 from .parts.camera import off_axis
-from .standards import CAP_SCREWS
+from .standards import CAP_SCREWS, CHEESE_SCREWS
 
 GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)
 SHEETS_MM = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # cast PMMA as it is sold
@@ -32,15 +33,20 @@ STEPS = 400
 # Changes that a refusal tries, the smallest first.
 FACES = [1 + sign * k / 25 for k in range(1, 18) for sign in (-1, 1)]
 SHARES = [1 - k / 25 for k in range(1, 18)]
+CHEESE_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # lengths that are sold
 CORNER_RAD = math.radians(79.0)  # short of where the acrylic reflects a third
 
 
 @dataclass(frozen=True)
 class Wish:
-    """What a design is to do: a face (x, y), and the least share of it that the camera sees."""
+    """What a design is to do: a face (x, y), and the least share of it that the camera sees.
+
+    camera: of cad/cameras.toml; None for the base's.
+    """
 
     face_mm: tuple[float, float]
     share: float = SHARE
+    camera: str | None = None
 
 
 @dataclass(frozen=True)
@@ -59,8 +65,8 @@ class Choices:
     housing_mm: tuple[float, float] = (0.0, 0.0)
 
 
-def wish_of(face: str, share: float = SHARE) -> Wish:
-    """A wish as it is typed. Raises InputError for a face or a share that is none."""
+def wish_of(face: str, share: float = SHARE, camera: str | None = None) -> Wish:
+    """A wish as it is typed. Raises InputError for a face, a share or a camera that is none."""
     try:
         width, length = (float(word) for word in face.lower().split("x"))
     except ValueError:
@@ -70,7 +76,9 @@ def wish_of(face: str, share: float = SHARE) -> Wish:
         raise InputError(f"--face {face!r}: expected sides of {low:g} to {high:g} mm")
     if not 0.05 <= share <= 0.95:
         raise InputError(f"--share {share:g}: expected 0.05 to 0.95 of the face")
-    return Wish((width, length), share)
+    if camera is not None:
+        load_camera(camera)
+    return Wish((width, length), share, camera)
 
 
 class Unsolved(Exception):
@@ -82,6 +90,8 @@ def solved(wish: Wish, base: Design) -> Design:
 
     Raises Unsolved.
     """
+    if wish.camera is not None:
+        base = replace(base, camera=load_camera(wish.camera))
     choices = Choices()
     seen: set[Choices] = set()
     for _ in range(STEPS):
@@ -109,7 +119,7 @@ def wished(wish: Wish, base: Design) -> Design:
     """The design of a wish.
 
     Raises InputError with what stands in the way and the smallest change of face or share that
-    passes, as it is typed.
+    passes, or else another camera that does, as it is typed.
     """
     try:
         return solved(wish, base)
@@ -120,7 +130,10 @@ def wished(wish: Wish, base: Design) -> Design:
             ways.append((face[0], "--face {:g}x{:g}".format(*face[1].face_mm)))
         if share := _nearest(SHARES, lambda k: replace(wish, share=round(k * wish.share, 2)), base):
             ways.append((share[0], f"--share {share[1].share:g}"))
-        told = f"the smallest change that passes: {min(ways)[1]}" if ways else "no face would do"
+        if not ways:
+            others = [name for name in load_cameras() if _passes(replace(wish, camera=name), base)]
+            ways = [(1.0, f"--camera {name}") for name in others[:1]]
+        told = f"the smallest change that passes: {min(ways)[1]}" if ways else "no camera would do"
         raise InputError(f"a face of {x:g} x {y:g} mm: {why}; {told}") from why
 
 
@@ -134,10 +147,16 @@ def _nearest(
 ) -> tuple[float, Wish] | None:
     """By how much the first wish that passes differs, and that wish."""
     for factor in factors:
-        with suppress(Unsolved):
-            solved(changed(factor), base)
+        if _passes(changed(factor), base):
             return abs(factor - 1), changed(factor)
     return None
+
+
+def _passes(wish: Wish, base: Design) -> bool:
+    with suppress(Unsolved):
+        solved(wish, base)
+        return True
+    return False
 
 
 def failures(design: Design, wish: Wish) -> Iterator[str]:
@@ -149,9 +168,15 @@ def failures(design: Design, wish: Wish) -> Iterator[str]:
     for rule in feasibility.rules(design):
         if not rule.holds:
             yield f"{rule.part}: {rule.text}"
+    path = design.optics.air_gap_mm, design.optics.acrylic_mm, design.skin.thickness_mm
+    angle = half_angle_rad(math.hypot(view_x, view_y) / 2, *path)
+    cone_mm = _reached_mm(angle, (path[0], path[1], 0.0)) + math.sqrt(2) * _off_mm(design)
+    if not cone_mm <= design.light_bore_mm:
+        bore_mm = design.light_bore_mm
+        yield f"light cone: {cone_mm:.1f} mm wide at the plate, {bore_mm:.1f} mm in the ring"
     plate = cast(Any, SimpleNamespace(design=design))
     for rows in (fits.rows, electric.rows, visibility.view, fits.platform):
-        yield from (f"{r.check}: {r.part}: {r.found}" for r in rows(design) if not r.passed)
+        yield from (f"{r.check}: {r.found}; {r.limit}" for r in rows(design) if not r.passed)
     try:
         yield from (f"{r.check}: {r.found}" for r in bending.rows(plate) if not r.passed)
     except SolverError as why:
@@ -181,6 +206,7 @@ def _made(wish: Wish, choices: Choices, base: Design) -> Design:
         for low, room, side in zip((least, 3.0), choices.housing_mm, wish.face_mm, strict=True)
     ]
     drop = round(max(0.5, 0.1 * choices.sheet_mm + 0.4), 2)
+    design = _held(design)
     design = replace(
         design,
         frame=replace(
@@ -209,6 +235,53 @@ def _made(wish: Wish, choices: Choices, base: Design) -> Design:
     return replace(design, envelope=type(design.envelope)(*sides))
 
 
+def _held(design: Design) -> Design:
+    """The design with what follows from its camera: screws, pegs, floors, cable notch."""
+    camera, holder, shell, cover = design.camera, design.holder, design.shell, design.cover
+    # Through the holes with the printer's play; a board without them is bonded.
+    thread = next(
+        (
+            name
+            for name, row in reversed(CHEESE_SCREWS.items())
+            if row.thread_mm <= camera.hole_mm - 0.2
+        ),
+        "none",
+    )
+    row = CHEESE_SCREWS[thread]
+    length_mm = next(mm for mm in CHEESE_MM if mm >= camera.board_mm + row.thread_mm - 1e-6)
+    notch_mm = max(shell.cable_height_mm, round(camera.cable_height_mm + 1.7, 2))
+    room_mm = max(
+        holder.clearance_mm, camera.connector_height_mm + 0.35, notch_mm,
+        length_mm - camera.board_mm + 0.5,
+    )  # fmt: skip
+    design = replace(
+        design,
+        holder=replace(
+            holder, screw=thread, clearance_mm=math.ceil(10 * room_mm - 1e-6) / 10,
+            screw_length_mm=length_mm,
+        ),
+        light=replace(
+            design.light,
+            floor_mm=max(design.light.floor_mm, row.head_height_mm + design.light.head_room_mm),
+        ),
+        shell=replace(
+            shell,
+            cable_width_mm=camera.cable_width_mm + 1.0,
+            cable_height_mm=notch_mm,
+            cable_foam_mm=max(shell.cable_foam_mm, 2 * notch_mm + 1),
+        ),
+    )  # fmt: skip
+    # The holder's arms close its window above.
+    beside = cover.hole_mm / 2 + holder.wall_mm
+    peg_mm = math.ceil(2 * (design.holder_window_top_mm - beside + 0.5)) / 2
+    return replace(design, cover=replace(cover, peg_y_mm=max(cover.peg_y_mm, peg_mm)))
+
+
+def _off_mm(design: Design) -> float:
+    """How far the lens may stand off the middle, either way."""
+    return sum(length.mean_mm + length.spread_mm for length in off_axis(design))
+
+
 def _thread(side_mm: float) -> str:
     """The thread for a face's longer side, as the shipped designs have it."""
     return next((name for name, most in THREADS if side_mm <= most), "M3")
@@ -228,10 +301,10 @@ def _seen(design: Design, share: float) -> Any:
     """
     optics, camera, skin = design.optics, design.camera, design.skin
     path = optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm
-    off = sum(length.mean_mm + length.spread_mm for length in off_axis(design))
+    off = _off_mm(design)
     crop = camera.crop_half_mm
     half = [
-        min(side / 2 - skin.edge_fillet_mm - off, _reached_mm(c / camera.focal_length_mm, path))
+        min(side / 2 - skin.edge_fillet_mm - off, _reached_mm(camera.angle_rad(c), path))
         for side, c in zip((skin.width_mm, skin.length_mm), crop, strict=True)
     ]
 
@@ -239,7 +312,7 @@ def _seen(design: Design, share: float) -> Any:
         x, y = (part * side for side in half)
         corner = math.hypot(x, y)
         angle = half_angle_rad(corner, *path)
-        have = corner * min(crop[0] / x, crop[1] / y) / camera.focal_length_mm
+        have = camera.angle_rad(corner * min(crop[0] / x, crop[1] / y))
         return angle <= min(have, CORNER_RAD)
 
     part = next((p / 200 for p in range(200, 20, -1) if in_crop(p / 200)), 0.1) * share
@@ -293,7 +366,7 @@ def _more_leds(choices: Choices, design: Design, wish: Wish) -> Choices | None:
 def _less_view(choices: Choices, design: Design, wish: Wish) -> Choices | None:
     """A little less than is seen, where more is seen than is wanted."""
     share = math.prod(design.optics.view_mm) / math.prod(wish.face_mm)
-    if 0.96 * share < wish.share:
+    if (1 - 0.03 / choices.share) ** 2 * share < wish.share:
         return None
     return replace(choices, share=round(choices.share - 0.02, 2))
 
@@ -303,6 +376,11 @@ def _smaller_mold(choices: Choices, design: Design, wish: Wish) -> Choices | Non
         return None
     wide = choices.columns >= choices.rows
     return replace(choices, columns=1) if wide else replace(choices, rows=1)
+
+
+def _wider_ring(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+    x, y = design.ledge_half_mm  # the narrower one holds the ring
+    return _housing(0 if x <= y else 1)(choices, design, wish)
 
 
 def _housing(axis: int) -> Remedy:
@@ -316,6 +394,9 @@ def _housing(axis: int) -> Remedy:
 
 REMEDIES: tuple[tuple[str, Remedy], ...] = (
     ("view of the face", _by("gap_mm", 0.5, 45.0)),
+    ("focus", _by("gap_mm", 0.5, 45.0)),
+    ("light cone", _less_view),
+    ("light cone", _wider_ring),
     ("plate clear of the light", _by("axial_mm", 0.1, 3.0)),
     ("ring below the acrylic", _by("axial_mm", 0.1, 3.0)),
     ("plate deflection", _to_next("sheet_mm", SHEETS_MM)),
@@ -332,7 +413,8 @@ REMEDIES: tuple[tuple[str, Remedy], ...] = (
     ("between the bosses, x", _housing(0)),
     ("between the bosses, y", _housing(1)),
     ("beside the posts", _housing(0)),
-    ("lens in the bore", _housing(1)),
+    ("lens in the bore", _wider_ring),
+    ("LED in its channel", _wider_ring),
     ("room between the posts", _housing(0)),
 )
 """What moves where a failure says these words, the first that still can."""

@@ -27,7 +27,9 @@ GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indente
 PER_SENSOR: tuple[Group, ...] = ("sensor", "electronics")
 Shift = tuple[float, float, float]
 
-RESIN = "Formlabs tough epoxy resin"
+RESIN = (
+    "tough SLA resin"  # the paper: "tough epoxy resin" of Formlabs; cad/parts.toml has a product
+)
 PRINT = "SLA print"
 BOUGHT = "bought"
 LASER_CUT = "laser cut"

@@ -68,6 +68,7 @@ class CameraDimensions(Record):
         metadata={"description": "equidistant (a fisheye) or rectilinear (straight lines stay so)"},
     )
     f_number: float = assumed(2.8, "of the lens; such lenses have 2.0 to 2.8", 0.7, 32)
+    nearest_mm: float = number(0.0, "it focuses no nearer; 0: turned by hand", 0.0, 1000)
     pixel_um: float = number(1.12, "pixel of the chip (IMX219)", 0.1, 50)
     binning: int = number(2, "chip pixels a picture's pixel, per side", 1, 8)
     crop_width_px: int = number(1280, "picture along x", 8, 10_000)
@@ -127,6 +128,7 @@ class HolderDimensions(Record):
     screw_length_mm: float = number(3.0, "below the head", 2, 20)
     head_clearance_mm: float = number(0.3, "around the heads, below the light holder", 0.02, 2)
     bonded_mm: float = assumed(0.3, "how far off the middle a bonded board may lie", 0.01, 3)
+    measured: tuple[str, ...] = measured("keys measured on the lab's own boards")
 
     def __post_init__(self) -> None:
         super().__post_init__()

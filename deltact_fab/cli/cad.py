@@ -11,6 +11,7 @@ import click
 
 from .group import CommandGroup
 from .options import (
+    CAMERA_NAME,
     DESIGN,
     DESIGN_NAME,
     JSON,
@@ -97,6 +98,8 @@ def file_to_write(out: Path) -> Iterator[None]:
 @click.option("--face", metavar="WxL", help="Solve for a face of these sides in mm, as in 60x50.")
 @click.option("--share", type=float, default=0.55, show_default=True,
               help="Least share of the face that the camera sees.")  # fmt: skip
+@click.option("--camera", type=CAMERA_NAME, metavar="CAMERA",
+              help="A camera of `cad cameras`; the base's unless given.")  # fmt: skip
 @NEW_FILE
 @JSON
 def new(
@@ -104,16 +107,18 @@ def new(
     base: str,
     face: str | None,
     share: float,
+    camera: str | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
     """Write a new design with every dimension explained.
 
     Each dimension is there as its base has it, commented out; uncomment those to change. With
-    --face, what follows from it and from the base's camera is solved for and set: housing, plate,
-    gap, view, light, screws, envelope, mold. What cannot be is refused, with the smallest change
+    --face, what follows from it and from the camera is solved for and set: housing, plate, gap,
+    view, light, screws, pegs, envelope, mold. What cannot be is refused, with the smallest change
     that can.
     """
+    from ..errors import InputError
     from ..lab import design as write
     from .output import echo_written
 
@@ -121,7 +126,9 @@ def new(
     if face is not None:
         from ..cad.intent import wish_of
 
-        wish = wish_of(face, share)
+        wish = wish_of(face, share, camera)
+    elif camera is not None:
+        raise InputError("--camera: say for which face it is, as in --face 60x50")
     echo_written(write(name, base, out, wish), as_json, f"cad check --design {name}")
 
 
@@ -141,16 +148,33 @@ def list_(as_json: bool) -> None:
 
 @cad.command()
 @JSON
+def cameras(as_json: bool) -> None:
+    """Cameras that a design can be made for (cad/cameras.toml), each with its sources."""
+    from ..cad.cameras import load_cameras
+    from .output import echo_rows
+
+    columns = ("camera", "module", "focal_length_mm", "projection", "picture_px", "source")
+    rows = [
+        (name, c.name, c.focal_length_mm, c.projection, f"{c.crop_width_px} x {c.crop_height_px}",
+         c.source)
+        for name, c in load_cameras().items()
+    ]  # fmt: skip
+    echo_rows(columns, rows, as_json)
+
+
+@cad.command()
+@JSON
 def designs(as_json: bool) -> None:
     """Designs that can be named: your own and the shipped ones."""
     from ..cad.design import load_design
     from ..catalog import find, names, read
+    from ..lab.folder import kind_of
     from .output import echo_rows
 
     rows = []
     for name in names("cad"):
         data = read(find("cad", name))
-        if "indenter" not in data:
+        if kind_of("cad", data) == "design":
             skin = load_design(name).skin
             rows.append((name, data.get("base"), skin.width_mm, skin.length_mm, skin.thickness_mm))
     columns = ("design", "base", "width_mm", "length_mm", "thickness_mm")
@@ -315,7 +339,11 @@ def bom(
         echo_json(plain)
     else:
         columns = ("item", "part", "material", "process", "quantity", "unit", "note")
-        echo_table(columns, [tuple(line[c] for c in columns) for line in plain], names=2)
+        rows = [
+            (*(line[c] for c in columns), str(at.source or "made here"))
+            for line, at in zip(plain, listed, strict=True)
+        ]
+        echo_table((*columns, "to order"), rows, names=2)
 
 
 @cad.command(epilog="Example: deltact-fab cad fit readings.csv -o mine.toml")

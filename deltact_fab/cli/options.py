@@ -102,6 +102,7 @@ def _of(module: str, names: Callable[[Any], Iterable[str]], files: bool = False)
 
 
 DESIGN_NAME = _of("catalog", lambda catalog: catalog.names("cad"), files=True)
+CAMERA_NAME = _of("cad.cameras", lambda cameras: cameras.load_cameras())
 PATTERN_NAME = _of("catalog", lambda catalog: catalog.names("patterns"), files=True)
 PROTOCOL_NAME = _of("catalog", lambda catalog: catalog.names("protocols"), files=True)
 RIG_NAME = _of("catalog", lambda catalog: catalog.names("protocols/rigs"), files=True)

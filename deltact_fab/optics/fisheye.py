@@ -125,7 +125,8 @@ class Fisheye(Bounded):
         k1, k2, k3, k4 = sensor.lens_terms
         o, (width_px, height_px) = sensor.optics, sensor.raw_size_px
         return cls(
-            f_px=sensor.focal_px, k1=k1, k2=k2, k3=k3, k4=k4, cx_px=(width_px - 1) / 2, cy_px=(height_px - 1) / 2,
+            f_px=sensor.focal_px, k1=k1, k2=k2, k3=k3, k4=k4,
+            cx_px=(width_px - 1) / 2, cy_px=(height_px - 1) / 2,
             width_px=width_px, height_px=height_px, air_gap_mm=o.air_gap_mm,
             acrylic_mm=o.acrylic_mm, gel_mm=sensor.skin.thickness_mm,
         )  # fmt: skip

@@ -184,7 +184,8 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
         if part.printed
     }
     meshes = {
-        part.name: drawn(fine[part.name], part.name, part.colour) for part in of_group("sensor", design)
+        part.name: drawn(fine[part.name], part.name, part.colour)
+        for part in of_group("sensor", design)
     }
     models = {}
     for title, explode in (("exploded", 1.0), ("assembled", 0.0)):

@@ -21,7 +21,10 @@ from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.registry import find
 
-VARIANTS = ("deltact", "screws-19mm", "skin-30x34", "skin-44x40", "franka", "large-56x50")
+VARIANTS = (
+    "deltact", "screws-19mm", "skin-30x34", "skin-44x40", "franka", "fingertip-24x24",
+    "large-60x50",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

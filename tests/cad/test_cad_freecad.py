@@ -53,7 +53,7 @@ def _seen_by_freecad(placed, folder, turn=None):
 
 @pytest.mark.parametrize(
     "change",
-    [[name] for name in ("deltact", "screws-19mm", "skin-44x40", "franka", "large-56x50")]
+    [[name] for name in ("deltact", "screws-19mm", "skin-44x40", "franka", "large-60x50")]
     + [["deltact", *drawn(index)] for index in RANDOM],
     ids=lambda change: change[0] if len(change) == 1 else "random",
 )

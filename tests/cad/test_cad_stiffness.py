@@ -89,7 +89,7 @@ def test_a_press_goes_with_force_place_and_modulus():
         ("deltact", [], ()),
         ("skin-30x34", [], ()),
         ("skin-44x40", [], ()),
-        ("large-56x50", [], ()),
+        ("large-60x50", [], ()),
         ("deltact", ["optics.acrylic_mm=1"], ("deflection", "clear")),
         ("deltact", ["shell.ledge_x_mm=0"], ("deflection", "clear")),
         ("deltact", ["shell.ledge_drop_mm=1.2"], ("deflection", "clear")),
@@ -132,7 +132,7 @@ def test_a_plate_on_no_ledge_is_one_line():
         ("deltact", ["shell.ledge_drop_mm=0"]),
         ("deltact", ["shell.ledge_drop_mm=0", "shell.ledge_x_mm=0"]),
         ("skin-44x40", []),
-        ("large-56x50", []),
+        ("large-60x50", []),
     ],
 )
 def test_within_a_tenth_of_solid_elements_at_49_n(tmp_path, name, changes):

@@ -131,8 +131,8 @@ def test_own_designs_are_rows_of_their_dimensions(result: StudyResult) -> None:
     table = result.tables[1].frame.set_index("sensor")
     own = table[table["said_in"] == "own design"]
     assert list(own.index) == [
-        "own: deltact", "own: franka", "own: large-56x50", "own: screws-19mm", "own: skin-30x34",
-        "own: skin-44x40", "own: mine",
+        "own: deltact", "own: fingertip-24x24", "own: franka", "own: large-60x50",
+        "own: screws-19mm", "own: skin-30x34", "own: skin-44x40", "own: mine",
     ]  # fmt: skip
     assert own.loc["own: deltact", "size_mm"] == "39 x 60 x 30"
     assert own.loc["own: deltact", "area_mm2"] == pytest.approx(798 * 586 * 0.0378**2)

@@ -78,11 +78,11 @@ def test_a_lens_of_another_sensor_is_refused() -> None:
     virtual = FISHEYE.virtual.model_copy(update={"lens": own})
     rig = FISHEYE.model_copy(update={"virtual": virtual})
     true_lens(rig, load_design("deltact"))
-    with pytest.raises(InputError, match=r"virtual\.lens\.acrylic_mm: 1\.98, and the design has 4"):
-        true_lens(rig, load_design("large-56x50"))
+    with pytest.raises(InputError, match=r"virtual\.lens\.acrylic_mm: 1\.98, and the design has 3"):
+        true_lens(rig, load_design("large-60x50"))
 
 
-WIDE = 'base = "large-56x50"\n[optics]\nimage_width_px = 1100\n'
+WIDE = 'base = "large-60x50"\n[optics]\nimage_width_px = 1050\n'
 
 
 def test_a_sticker_smaller_than_the_view_is_refused_everywhere(tmp_path: Path) -> None:
@@ -100,6 +100,6 @@ def test_a_sticker_smaller_than_the_view_is_refused_everywhere(tmp_path: Path) -
         done = called(*words, cwd=tmp_path)
         said = done.stdout + done.stderr
         assert done.returncode != 0, words
-        assert "is smaller than the view of 49.5 x 32.13 mm" in said, said
+        assert "is smaller than the view of 57.85 x 35.04 mm" in said, said
     assert not (tmp_path / "sheet.pdf").exists()
     assert not (tmp_path / "p").exists()

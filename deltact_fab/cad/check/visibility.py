@@ -70,6 +70,14 @@ def view(design: Design) -> Iterator[Row]:
         share - optics.least_view_share,
     )
     focus_mm = _seen_mm(design, 0.0, 0.0)
+    if camera.nearest_mm:
+        yield at_least(
+            "focus, nearest",
+            "camera",
+            f"the middle of the face is at {focus_mm:.1f} mm",
+            f">= {camera.nearest_mm:g} mm (camera.nearest_mm)",
+            focus_mm - camera.nearest_mm,
+        )
     scale = focal_mm**2 / camera.f_number * focus_mm / (focus_mm - focal_mm)
     scale *= 1000 / (camera.pixel_um * camera.binning)
     for place, radius_mm, depth_mm, most_px in (

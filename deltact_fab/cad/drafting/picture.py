@@ -137,7 +137,7 @@ def _numbered(
     scale = float(min(room / (high - low)))
     names = {p.part.name for p in placed}
     others = {p.part.name: p.part for p in placed if p.part.group != "sensor"}
-    parts = [*of_group("sensor", design), *others.values()]
+    parts = [*of_group("sensor"), *others.values()]
     labels = {n: label for n, label in _labels(parts).items() if n in names}
     pieces = [(b.part, [line * scale for line in b.lines.visible]) for b in bodies]
     balloons = arranged(pieces, view.flat((0, 0, -1)))

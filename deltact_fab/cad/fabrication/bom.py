@@ -16,14 +16,17 @@ from ...errors import InputError
 from .. import feasibility
 from ..design import IndenterList
 from ..dimensions import Design
+from ..part import LASER_CUT, MACHINED, PRINT
 from ..parts.camera import COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
 from ..registry import listed
 from . import quantities
 from .paper_gaps import filled_in
 from .quantities import DEFAULT, WASTE
+from .sources import Source, load_sources
 
 PIECES = "pcs"
+MADE = (PRINT, LASER_CUT, MACHINED, "cast in the mold")  # of what the other lines bring
 JETSON_PIN_MA = 500.0  # ours, cautious: the pins share the board's supply
 
 
@@ -31,7 +34,8 @@ JETSON_PIN_MA = 500.0  # ours, cautious: the pins share the board's supply
 class BomLine:
     """One line. item counts from 1. group: of the registry, `consumables` or `workshop`.
 
-    quantity is what the order takes, in `unit`: pcs, g, ml, mm.
+    quantity is what the order takes, in `unit`: pcs, g, ml, mm. source: where what is bought is
+    ordered, None for what is made.
     """
 
     item: int
@@ -42,6 +46,7 @@ class BomLine:
     quantity: float
     unit: str
     note: str
+    source: Source | None = None
 
 
 def lines(design: Design, sensors: int = 1, indenters: IndenterList | None = None) -> list[BomLine]:
@@ -67,16 +72,25 @@ def lines(design: Design, sensors: int = 1, indenters: IndenterList | None = Non
                 count = figures[told["quantity"]]
                 about = (told["part"], told["material"], told["process"], count, told["unit"])
                 rows.append((group, *about, told["note"]))
-    return [BomLine(i, *row) for i, row in enumerate(rows, 1)]
+    sources = load_sources()
+    return [
+        BomLine(
+            i, *row, None if row[3] in MADE else sources.of(row[1], row[2], row[6])
+        )
+        for i, row in enumerate(rows, 1)
+    ]  # fmt: skip
 
 
 def csv_text(bom: Sequence[BomLine]) -> str:
     """The lines as CSV with a header; numbers without rounding noise."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([f.name for f in fields(BomLine)])
+    ordered = [f.name for f in fields(Source) if f.name not in ("line", "when")]
+    writer.writerow([f.name for f in fields(BomLine)[:-1]] + ordered)
     for line in bom:
-        writer.writerow([f"{v:.6g}" if isinstance(v, float) else v for v in astuple(line)])
+        values = astuple(line)[:-1]
+        source = [getattr(line.source, name) for name in ordered] if line.source else []
+        writer.writerow([f"{v:.6g}" if isinstance(v, float) else v for v in values] + source)
     return out.getvalue()
 
 

@@ -87,7 +87,9 @@ def rules(d: Design) -> Iterator[Rule]:
     """The board's own holes and lens, which nothing else looks at."""
     cam, radius = d.camera, d.camera.hole_mm / 2
     if not radius:
-        yield Quantity("head of holder.screw", d.holder.row.head_mm).at_most("none without holes", 0)
+        yield Quantity("head of holder.screw", d.holder.row.head_mm).at_most(
+            "none without holes", 0
+        )
         return
     upper, lower = cam.hole_rows_mm
     corner = math.hypot(cam.hole_pitch_x_mm / 2, min(abs(upper), abs(lower)))

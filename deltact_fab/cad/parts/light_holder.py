@@ -26,7 +26,7 @@ from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
-from ..part import PRINT, RESIN, WHITE, Part
+from ..part import PRINT, WHITE, Part
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
@@ -162,7 +162,7 @@ def callouts(d: Design) -> Callouts:
 PARTS = (
     Part(
         "light-holder",
-        f"{RESIN}, white, translucent",
+        "SLA resin, white, translucent",
         PRINT,
         build,
         box,
