@@ -27,6 +27,8 @@ MARKS: dict[str, frozenset[str]] = {
 }
 """Keys at the top of a file that tell its kind: one of them is enough."""
 KINDS = tuple(MARKS)
+LISTS = {"indenter": "indenters", "module": "cameras", "bought": "parts"}
+"""A key at the top that tells a list from a design among the files of cad, and the list's kind."""
 T = TypeVar("T")
 
 
@@ -44,6 +46,11 @@ def names(kind: str) -> list[str]:
             if is_of(kind, read(path)):
                 found.add(path.stem)
     return sorted(found)
+
+
+def designs() -> list[str]:
+    """The names of cad that are designs and no lists."""
+    return [name for name in names("cad") if LISTS.keys().isdisjoint(read(find("cad", name)))]
 
 
 def is_of(kind: str, data: Mapping[str, Any]) -> bool:

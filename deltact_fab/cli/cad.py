@@ -162,21 +162,19 @@ def cameras(as_json: bool) -> None:
     echo_rows(columns, rows, as_json)
 
 
-@cad.command()
+@cad.command("designs")
 @JSON
-def designs(as_json: bool) -> None:
+def designs_(as_json: bool) -> None:
     """Designs that can be named: your own and the shipped ones."""
     from ..cad.design import load_design
-    from ..catalog import find, names, read
-    from ..lab.folder import kind_of
+    from ..catalog import designs, find, read
     from .output import echo_rows
 
     rows = []
-    for name in names("cad"):
-        data = read(find("cad", name))
-        if kind_of("cad", data) == "design":
-            skin = load_design(name).skin
-            rows.append((name, data.get("base"), skin.width_mm, skin.length_mm, skin.thickness_mm))
+    for name in designs():
+        skin = load_design(name).skin
+        base = read(find("cad", name)).get("base")
+        rows.append((name, base, skin.width_mm, skin.length_mm, skin.thickness_mm))
     columns = ("design", "base", "width_mm", "length_mm", "thickness_mm")
     echo_rows(columns, rows, as_json)
 

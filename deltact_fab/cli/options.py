@@ -101,7 +101,7 @@ def _of(module: str, names: Callable[[Any], Iterable[str]], files: bool = False)
     return Named(lambda: names(importlib.import_module(f"deltact_fab.{module}")), files)
 
 
-DESIGN_NAME = _of("catalog", lambda catalog: catalog.names("cad"), files=True)
+DESIGN_NAME = _of("catalog", lambda catalog: catalog.designs(), files=True)
 CAMERA_NAME = _of("cad.cameras", lambda cameras: cameras.load_cameras())
 PATTERN_NAME = _of("catalog", lambda catalog: catalog.names("patterns"), files=True)
 PROTOCOL_NAME = _of("catalog", lambda catalog: catalog.names("protocols"), files=True)

@@ -16,9 +16,10 @@ from .options import JSON, KIND_NAME
 def schema(kind: str | None, key: str | None, as_json: bool) -> None:
     """Every key of a kind of file: type, unit, default, limits, meaning.
 
-    KIND is protocol, virtual-rig, grbl-rig, pattern, design or indenters; without KIND the kinds
-    are listed. KEY is a table such as `capture`, one of its keys such as `capture.settle_s`, or the
-    name of a key in any table. --json prints a JSON Schema, or with KEY the rows.
+    KIND is protocol, virtual-rig, grbl-rig, pattern, design, indenters, cameras or parts; without
+    KIND the kinds are listed. KEY is a table such as `capture`, one of its keys such as
+    `capture.settle_s`, or the name of a key in any table. --json prints a JSON Schema, or with KEY
+    the rows.
     """
     from dataclasses import asdict
 

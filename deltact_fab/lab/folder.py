@@ -14,11 +14,6 @@ from ..schema import KINDS, document
 
 SHIPPED = ("cad", "patterns", "protocols")
 SCHEMAS = "schemas"
-LISTS = {
-    "indenter": "indenters",
-    "module": "cameras",
-    "bought": "parts",
-}  # of cad, by a key at the top
 
 
 def init(folder: Path) -> list[Path]:
@@ -80,7 +75,7 @@ def _kind(name: Path, file: Path) -> str | None:
 def kind_of(folder: str, data: dict[str, Any]) -> str:
     """The name in `KINDS` of what stands in a folder of the catalogue."""
     if folder == "cad":
-        return next((kind for key, kind in LISTS.items() if key in data), "design")
+        return next((kind for key, kind in catalog.LISTS.items() if key in data), "design")
     if folder == "protocols/rigs":
         return f"{data['kind']}-rig"
     return next(kind.name for kind in KINDS.values() if kind.catalogue == folder)

@@ -78,7 +78,9 @@ def test_a_lens_of_another_sensor_is_refused() -> None:
     virtual = FISHEYE.virtual.model_copy(update={"lens": own})
     rig = FISHEYE.model_copy(update={"virtual": virtual})
     true_lens(rig, load_design("deltact"))
-    with pytest.raises(InputError, match=r"virtual\.lens\.acrylic_mm: 1\.98, and the design has 3"):
+    with pytest.raises(
+        InputError, match=r"virtual\.lens\.air_gap_mm: 3\.05, and the design has 4\.5"
+    ):
         true_lens(rig, load_design("large-60x50"))
 
 
@@ -100,6 +102,6 @@ def test_a_sticker_smaller_than_the_view_is_refused_everywhere(tmp_path: Path) -
         done = called(*words, cwd=tmp_path)
         said = done.stdout + done.stderr
         assert done.returncode != 0, words
-        assert "is smaller than the view of 57.85 x 35.04 mm" in said, said
+        assert "is smaller than the view of 57.86 x 35.04 mm" in said, said
     assert not (tmp_path / "sheet.pdf").exists()
     assert not (tmp_path / "p").exists()

@@ -15,7 +15,7 @@ from ...jobs import arrivals, processors
 from .. import feasibility
 from ..dimensions import Design
 from ..part import Part
-from ..registry import of_design, of_group
+from ..registry import of_group
 from .folder import MANIFEST, PartFile, earlier, manifest, place, staged
 from .formats import glb, threemf
 from .part_files import (
@@ -86,8 +86,7 @@ def export_parts(
         raise InputError(f"tolerance {tolerance_mm:g} mm: expected {low:g} to {high:g} mm")
     if jobs is not None and jobs < 1:
         raise InputError(f"jobs {jobs}: expected 1 or more")
-    there = {part.name for part in of_design(design)}
-    named = {part.name: part for part in parts if part.indenter or part.name in there}
+    named = {part.name: part for part in parts if part.indenter or part.places(design)}
     units: list[tuple[Part | None, tuple[str, ...]]] = [
         (part, applicable(part, kinds)) for part in named.values()
     ]

@@ -148,6 +148,7 @@ PARTS = (
             "z_board_back_mm",
             "eye_distance_mm",
             "focal_px",
+            "lens_terms",
             "raw_size_px",
         ),
         rules=rules,
