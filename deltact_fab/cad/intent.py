@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -34,6 +35,7 @@ STEPS = 400
 FACES = [1 + sign * k / 25 for k in range(1, 18) for sign in (-1, 1)]
 SHARES = [1 - k / 25 for k in range(1, 18)]
 CHEESE_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # lengths that are sold
+NEAREST = "focus, nearest"
 CORNER_RAD = math.radians(79.0)  # short of where the acrylic reflects a third
 
 
@@ -126,10 +128,16 @@ def wished(wish: Wish, base: Design) -> Design:
     except Unsolved as why:
         x, y = wish.face_mm
         ways = []
-        if face := _nearest(FACES, lambda k: _scaled(wish, k), base):
-            ways.append((face[0], "--face {:g}x{:g}".format(*face[1].face_mm)))
-        if share := _nearest(SHARES, lambda k: replace(wish, share=round(k * wish.share, 2)), base):
-            ways.append((share[0], f"--share {share[1].share:g}"))
+        if NEAREST not in str(why):  # no face and no share lets a lens focus nearer
+            ways = [
+                way
+                for key, factors, changed in (
+                    ("face", FACES, _scaled),
+                    ("face", FACES, _shortened),
+                    ("share", SHARES, _seen_less),
+                )
+                if (way := _nearest(key, factors, partial(changed, wish), base))
+            ]
         if not ways:
             others = [name for name in load_cameras() if _passes(replace(wish, camera=name), base)]
             ways = [(1.0, f"--camera {name}") for name in others[:1]]
@@ -142,13 +150,26 @@ def _scaled(wish: Wish, by: float) -> Wish:
     return replace(wish, face_mm=(x, y))
 
 
+def _shortened(wish: Wish, by: float) -> Wish:
+    """The longer side alone: round what is seen stands a round light."""
+    long = max(wish.face_mm)
+    x, y = (float(round(by * side)) if side == long else side for side in wish.face_mm)
+    return replace(wish, face_mm=(x, y))
+
+
+def _seen_less(wish: Wish, by: float) -> Wish:
+    return replace(wish, share=round(by * wish.share, 2))
+
+
 def _nearest(
-    factors: Sequence[float], changed: Callable[[float], Wish], base: Design
-) -> tuple[float, Wish] | None:
-    """By how much the first wish that passes differs, and that wish."""
+    key: str, factors: Sequence[float], changed: Callable[[float], Wish], base: Design
+) -> tuple[float, str] | None:
+    """By how much the first wish that passes differs, and how it is typed."""
     for factor in factors:
-        if _passes(changed(factor), base):
-            return abs(factor - 1), changed(factor)
+        wish = changed(factor)
+        if _passes(wish, base):
+            typed = f"{wish.share:g}" if key == "share" else "{:g}x{:g}".format(*wish.face_mm)
+            return abs(factor - 1), f"--{key} {typed}"
     return None
 
 

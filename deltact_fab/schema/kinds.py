@@ -40,7 +40,7 @@ _ROWS = (
     ("design", "cad", "the dimensions of a sensor and its tools", "cad.dimensions:Design"),
     ("indenters", "cad", "the indenters that a lab makes", "cad.design:IndenterList"),
     ("cameras", "cad", "the cameras that a design can be made for", "cad.cameras:CameraList"),
-    ("parts", "cad", "where what is bought is ordered", "cad.fabrication.sources:SourceList"),
+    ("parts", "cad", "where what is bought is ordered", "cad.fabrication.bought:BoughtParts"),
 )
 KINDS = {
     name: Kind(name, catalogue, about, partial(_model, where))

@@ -33,7 +33,12 @@ def test_a_wish_gives_a_design_on_which_all_arithmetic_holds(face, camera):
 
 @pytest.mark.parametrize(
     ("face", "share", "camera"),
-    [("10x200", 0.55, None), ("36x34", 0.9, None), ("36x34", 0.55, "rpi-camera-3")],
+    [
+        ("10x60", 0.55, None),
+        ("16x16", 0.55, None),
+        ("36x34", 0.9, None),
+        ("36x34", 0.55, "rpi-camera-3"),
+    ],
 )
 def test_a_refusal_names_a_change_that_passes(face, share, camera):
     with pytest.raises(InputError, match=r"the smallest change that passes: --") as told:

@@ -21,9 +21,9 @@ from ..parts.camera import COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
 from ..registry import listed
 from . import quantities
+from .bought import BoughtPart, load_bought
 from .paper_gaps import filled_in
 from .quantities import DEFAULT, WASTE
-from .sources import Source, load_sources
 
 PIECES = "pcs"
 MADE = (PRINT, LASER_CUT, MACHINED, "cast in the mold")  # of what the other lines bring
@@ -46,7 +46,7 @@ class BomLine:
     quantity: float
     unit: str
     note: str
-    source: Source | None = None
+    source: BoughtPart | None = None
 
 
 def lines(design: Design, sensors: int = 1, indenters: IndenterList | None = None) -> list[BomLine]:
@@ -72,7 +72,7 @@ def lines(design: Design, sensors: int = 1, indenters: IndenterList | None = Non
                 count = figures[told["quantity"]]
                 about = (told["part"], told["material"], told["process"], count, told["unit"])
                 rows.append((group, *about, told["note"]))
-    sources = load_sources()
+    sources = load_bought()
     return [
         BomLine(
             i, *row, None if row[3] in MADE else sources.of(row[1], row[2], row[6])
@@ -85,7 +85,7 @@ def csv_text(bom: Sequence[BomLine]) -> str:
     """The lines as CSV with a header; numbers without rounding noise."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    ordered = [f.name for f in fields(Source) if f.name not in ("line", "when")]
+    ordered = [f.name for f in fields(BoughtPart) if f.name not in ("line", "when")]
     writer.writerow([f.name for f in fields(BomLine)[:-1]] + ordered)
     for line in bom:
         values = astuple(line)[:-1]

@@ -10,7 +10,7 @@ UNKNOWN = "not looked up"
 
 
 @dataclass(frozen=True)
-class Source:
+class BoughtPart:
     """One line that is bought, and where."""
 
     line: str
@@ -44,22 +44,22 @@ class Source:
 
 
 @dataclass(frozen=True)
-class SourceList:
+class BoughtParts:
     """cad/parts.toml."""
 
-    bought: tuple[Source, ...] = field(default=())
+    bought: tuple[BoughtPart, ...] = field(default=())
     """One `[[bought]]` table each."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
-    def of(self, line: str, *texts: str) -> Source:
+    def of(self, line: str, *texts: str) -> BoughtPart:
         """The first source of a line whose texts hold its words; one of marks where none is."""
         said = " ".join(texts)
         fits = (one for one in self.bought if one.line == line and one.when in said)
-        return next(fits, Source(line))
+        return next(fits, BoughtPart(line))
 
 
-def load_sources() -> SourceList:
+def load_bought() -> BoughtParts:
     """The lab's list. Raises InputError naming file and key."""
     path = catalog.find("cad", "parts")
-    return catalog.validate(SourceList, catalog.read(path), str(path))
+    return catalog.validate(BoughtParts, catalog.read(path), str(path))
