@@ -20,14 +20,16 @@ from .errors import InputError, did_you_mean
 from .files import disk_errors, write_whole
 
 MARKS: dict[str, frozenset[str]] = {
-    "cad": frozenset({"base", "skin", "frame", "optics", "body", "indenter", "module", "bought"}),
+    "cad": frozenset(
+        {"base", "skin", "frame", "optics", "body", "indenter", "shape", "module", "bought"}
+    ),
     "patterns": frozenset({"law"}),
     "protocols": frozenset({"indenters", "positions_mm", "depths_mm", "capture"}),
     "protocols/rigs": frozenset({"stage"}),
 }
 """Keys at the top of a file that tell its kind: one of them is enough."""
 KINDS = tuple(MARKS)
-LISTS = {"indenter": "indenters", "module": "cameras", "bought": "parts"}
+LISTS = {"indenter": "indenters", "shape": "indenters", "module": "cameras", "bought": "parts"}
 """A key at the top that tells a list from a design among the files of cad, and the list's kind."""
 T = TypeVar("T")
 

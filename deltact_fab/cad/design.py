@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..shapes import Indenter
 from ..shapes.bounded import Bounded, ShapeError, number
 from ..shapes.indenter import parse
+from ..shapes.own import OwnShape
 from .dimensions import Design
 
 
@@ -28,8 +29,8 @@ class ListedIndenter:
     """One indenter of the list."""
 
     name: str
-    """As in a protocol: sphere:DIAMETER_MM, 4dots, 2dots, edges, ellipsoid, hexprism, star,
-    cylinder, ring or hat, with or without :SIZE_MM."""
+    """As in a protocol: sphere:DIAMETER_MM; 4dots, 2dots, edges, ellipsoid, hexprism, star,
+    cylinder, ring or hat, with or without :SIZE_MM; or the name of a shape of this file."""
     quantity: int = 1
     """How many of it are made; at least 1."""
 
@@ -47,6 +48,8 @@ class IndenterList:
     body: IndenterBody = field(default_factory=IndenterBody)
     indenter: tuple[ListedIndenter, ...] = ()
     """One `[[indenter]]` table each."""
+    shape: dict[str, OwnShape] = field(default_factory=dict)
+    """One `[shape.NAME]` table each: indenters of the lab's own, by the names of protocols."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 

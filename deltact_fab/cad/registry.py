@@ -59,8 +59,11 @@ def find(name: str, indenters: IndenterList | None = None) -> Part:
     # `indenter-sphere-12p5` and `indenter-sphere-12.5` are what `sphere:12.5` is called as a file.
     short = name.removeprefix("indenter-").replace("-", ":", 1)
     kind, colon, size = short.partition(":")
+    if short in known.shape or name in known.shape:
+        own = short if short in known.shape else name
+        return indenter_part(known.shape[own].indenter(own), known.body)
     if kind not in KINDS or (colon and not size) or (kind == "sphere" and not size):
-        names = [*every, *GROUPS, *KINDS]
+        names = [*every, *GROUPS, *KINDS, *known.shape]
         raise InputError(f"part {name!r}: unknown; {did_you_mean(name, names)}")
     part = indenter_part(parse(f"{kind}{colon}{size.replace('p', '.')}"), known.body)
     return every.get(part.name, part)

@@ -25,7 +25,8 @@ def gel() -> None:
 @gel.command(epilog="Example: deltact-fab gel press --indenter sphere:15 --depth 5 --shear-x 3")
 @click.option("--indenter", default="sphere:10", show_default=True, metavar="NAME",
               help="What presses: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism, "
-              "star, cylinder, ring, hat, with or without :SIZE_MM.")  # fmt: skip
+              "star, cylinder, ring, hat, with or without :SIZE_MM; or a shape of "
+              "cad/indenters.toml.")  # fmt: skip
 @click.option("--depth", "depth_mm", required=True, type=float, metavar="MM",
               help="Depth into the gel.")  # fmt: skip
 @click.option("--shear-x", "shear_x_mm", default=0.0, show_default=True, metavar="MM",

@@ -23,6 +23,7 @@ from ..rig.config import RigConfig, VirtualConfig
 from ..rig.job import Devices, RigSetup
 from ..rig.run.live import Live
 from ..rig.run.runner import Runner
+from ..shapes import indenter
 from .request import RunRequest
 
 if TYPE_CHECKING:
@@ -206,6 +207,7 @@ def meta_of(job: RigSetup, rig: RigConfig, rig_name: str) -> dict[str, Any]:
         "rig_name": rig_name,
         "rig": rig.recorded(),
         "sensor": asdict(job.sensor),
+        "shapes": indenter.kept(job.protocol.indenters),
         "camera": job.view.as_dict() if job.view is not None else None,
         "simulated": rig.simulated,
         "air": job.air,

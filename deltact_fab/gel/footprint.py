@@ -3,45 +3,35 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from ..shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, Tip
+from ..aliases import Field
+from ..shapes import Indenter, PosedTip, Tip, posed
 
-
-def is_mirrored(indenter: Indenter, axis: int) -> bool:
-    """Whether an indenter is its own image in the plane x = 0 (axis 0) or y = 0 (axis 1)."""
-    tips = set(indenter.tips)
-    return all(_image(t, axis) in tips for t in tips)
-
-
-def _image(tip: Tip, axis: int) -> Tip | None:
-    """A tip's mirror image; None where it is no tip of its kind."""
-    if isinstance(tip, PrismTip) and axis == 0 and tip.points % 2:
-        return None  # one of its points is on +x
-    # -0.0 == 0.0, and equal numbers hash alike.
-    return replace(tip, x_mm=-tip.x_mm) if axis == 0 else replace(tip, y_mm=-tip.y_mm)
+R2 = 0.7548776662466927, 0.5698402909980532  # steps that fill a square evenly (Roberts)
+MIRROR_MM = 1e-6
 
 
 def edge_radius_mm(tip: Tip) -> float:
     """Smallest convex radius of a tip's underside."""
-    if isinstance(tip, SphereTip):
-        return tip.radius_mm
-    if isinstance(tip, EllipsoidTip):
-        return min(tip.a_mm, tip.b_mm) ** 2 / max(tip.a_mm, tip.b_mm)
-    if isinstance(tip, RidgeTip):
-        return tip.radius_mm
-    if isinstance(tip, PrismTip):
-        return tip.edge_mm
-    found, a = tip.radius_mm, tip.start_mm
-    for piece in tip.pieces:
-        c = piece.centre_mm
-        if c is not None and c[1] >= max(a[1], piece.end_mm[1]) - 1e-9:
-            found = min(found, math.dist(c, a))
-        a = piece.end_mm
-    return found
+    return posed.edge_radius_mm(tip.tip if isinstance(tip, PosedTip) else tip)
+
+
+def is_mirrored(indenter: Indenter, axis: int) -> bool:
+    """Whether an indenter is its own image in the plane x = 0 (axis 0) or y = 0 (axis 1).
+
+    By its underside at points that no symmetry puts on an edge.
+    """
+    k = np.arange(1, 2001)
+    half = indenter.footprint_half_mm
+    x, y = (
+        np.asarray((2 * ((c * k) % 1) - 1) * h, np.float64) for c, h in zip(R2, half, strict=True)
+    )
+    other: tuple[Field, Field] = (-x, y) if axis == 0 else (x, -y)
+    here, there = indenter.height_mm(x, y), indenter.height_mm(*other)
+    return bool(np.allclose(here, there, rtol=0, atol=MIRROR_MM))
 
 
 def contact_radius_mm(indenter: Indenter, depth_mm: float) -> float:

@@ -166,7 +166,7 @@ class Protocol(Table):
     """One line for lists and reports."""
     indenters: tuple[str, ...] = Field(min_length=1)
     """What presses, in this order: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism,
-    star, cylinder, ring, hat, with or without :SIZE_MM."""
+    star, cylinder, ring, hat, with or without :SIZE_MM; or a shape of cad/indenters.toml."""
     positions_mm: tuple[tuple[Place, Place], ...] = Field(min_length=1)
     """Where each indenter presses: (x, y) from the centre of the face."""
     depths_mm: tuple[Length, ...] = Field(min_length=1)

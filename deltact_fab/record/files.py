@@ -127,6 +127,7 @@ class _RunFile(TypedDict, total=False):
     rig_name: str
     rig: _Rig
     sensor: _Sensor
+    shapes: dict[str, Any]
     camera: dict[str, Any] | None
     simulated: bool
     air: bool

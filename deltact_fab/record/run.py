@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
 from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
+from ..shapes import Indenter
+from ..shapes.indenter import of_run
 from . import notes
 from .files import FORMAT, flat_file, kept, lattice_file
 from .images import decode, encode_png
@@ -217,6 +219,10 @@ class Run:
         }
         note = "" if self.finished else "not finished: go on with `run --resume`"
         return card(f"Run of {self.meta['protocol']['name']}", rows, picture, note)
+
+    def indenter(self, name: str) -> Indenter:
+        """An indenter by its name in this run; a lab's own shape is as the run kept it."""
+        return of_run(name, self.meta.get("shapes", {}), f"{self.folder / 'run.json'}: shapes")
 
     def summary(self) -> dict[str, Any]:
         """The run's own summary, written at its end; empty when it was cut off."""

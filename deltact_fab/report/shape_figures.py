@@ -9,7 +9,6 @@ import numpy as np
 
 from ..aliases import Array
 from ..shapes import Indenter
-from ..shapes.indenter import parse
 from . import figures, maps
 from .figures import COLOURS
 
@@ -77,7 +76,7 @@ def _object(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> Non
     """The indenter, its tip upwards."""
     from matplotlib.colors import LightSource
 
-    indenter = parse(picture.indenter)
+    indenter = picture.pressed
     half = 1.02 * _reach_mm(indenter)
     # Around the axis, so that the walls of what is turned come out smooth.
     radius, angle = np.meshgrid(np.linspace(0, half, 91), np.linspace(0, 2 * np.pi, 73))
@@ -158,7 +157,7 @@ def _section(axis: Axes, picture: ShapeMaps, first: bool) -> None:
     row = int(np.argmin(np.abs(picture.y_mm - picture.tip_mm[1])))
     x = picture.x_mm
     beside = np.linspace(x[0], x[-1], 801)
-    height = parse(picture.indenter).height_mm(beside - picture.tip_mm[0], np.zeros_like(beside))
+    height = picture.pressed.height_mm(beside - picture.tip_mm[0], np.zeros_like(beside))
     height[height > PART_MM] = np.nan
     axis.plot(beside, picture.tip_mm[2] + height, color=figures.SOFT, lw=1, label="the object")
     axis.plot(x, -picture.true_depth_mm[row], color=COLOURS[4], ls="--", lw=1.5, label="true face")

@@ -3,6 +3,7 @@
 The CAD solids, the gel's contact solver and the protocol's footprint checks all read these.
 """
 
+from .posed import PosedTip
 from .prism import PrismTip
 from .rigid import Indenter, Tip
 from .sensor import SensorDimensions, SkinDimensions
@@ -12,6 +13,7 @@ from .turned import TurnedTip
 __all__ = [
     "EllipsoidTip",
     "Indenter",
+    "PosedTip",
     "PrismTip",
     "RidgeTip",
     "SensorDimensions",

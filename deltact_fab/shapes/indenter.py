@@ -2,21 +2,24 @@
 
 Names are short and typed by hand: `sphere:10` is a sphere of 10 mm diameter, `star` the paper's
 star. `NAME:SIZE` scales an indenter to another longest side; radii that the printer sets (edges,
-corners, noses) stay. A file of `indenters` adds names of its own.
+corners, noses) stay. A file of `indenters` adds names of its own, and a lab's cad/indenters.toml.
 """
 
 from __future__ import annotations
 
 import difflib
 import math
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, replace
+from typing import Any
 
+from .. import catalog
 from ..errors import InputError
 from .indenters import SHAPES
+from .own import SHANK_MM, OwnShape, own_shapes
 from .rigid import REACH_MM, Indenter
 from .tips import SphereTip
 
-SHANK_MM = 3.0  # least length above the equator, for the gel that bulges
 SIZE_MM = 9.0
 
 
@@ -32,7 +35,8 @@ KINDS = ("sphere", *SHAPES)
 
 
 def parse(name: str) -> Indenter:
-    """Read an indenter's name: `sphere:DIAMETER`, or one of KINDS with or without `:SIZE`.
+    """Read an indenter's name: `sphere:DIAMETER`, one of KINDS with or without `:SIZE`, or a
+    shape of the lab's list.
 
     SIZE is the longest side of the footprint in mm, 9 by default. Raises InputError with the
     nearest name or the sizes that are valid.
@@ -46,7 +50,10 @@ def parse(name: str) -> Indenter:
             )
         return sphere(diameter_mm)
     if kind not in SHAPES:
-        near = difflib.get_close_matches(kind, KINDS, n=1)
+        own = own_shapes()
+        if kind in own and not colon:
+            return own[kind].indenter(kind)
+        near = difflib.get_close_matches(kind, [*KINDS, *own], n=1)
         valid = f"valid: sphere:DIAMETER_MM, and with or without :SIZE_MM {', '.join(SHAPES)}"
         hint = f"did you mean {near[0]!r}?" if near else valid
         raise InputError(f"indenter {name!r}: unknown; {hint}")
@@ -60,6 +67,22 @@ def parse(name: str) -> Indenter:
         )
     scaled = SHAPES[kind](size_mm / SIZE_MM)
     return scaled if size_mm == SIZE_MM else replace(scaled, name=f"{kind}:{size_mm:g}")
+
+
+def kept(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """What a run keeps of the shapes that are the lab's own, by name."""
+    named = [name for name in names if name.partition(":")[0] not in KINDS]
+    return {name: asdict(own_shapes()[name]) for name in named}
+
+
+def of_run(name: str, own: Mapping[str, Any], source: str) -> Indenter:
+    """An indenter of a run by its name; own: what it kept of the lab's shapes, and source where.
+
+    Raises InputError as `parse`, and naming source.
+    """
+    if name in own:
+        return catalog.validate(OwnShape, own[name], f"{source}: {name}").indenter(name)
+    return parse(name)
 
 
 def _size(text: str) -> float:

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..aliases import Field
-from .prism import PrismTip
-from .tips import EllipsoidTip, RidgeTip, SphereTip
-from .turned import TurnedTip
+from .posed import PlainTip, PosedTip
 
-Tip = SphereTip | RidgeTip | EllipsoidTip | PrismTip | TurnedTip
+Tip = PlainTip | PosedTip
 
 REACH_MM = 12.0  # as long as the standard gel is thick
 

@@ -19,7 +19,7 @@ from ..aliases import Vector
 from ..elasticity import GelMaterial
 from ..gel.reference import flat_punch_factor, hertz_force_n
 from ..optics import StageFrame
-from ..shapes import Indenter, SkinDimensions, Tip
+from ..shapes import Indenter, PosedTip, SkinDimensions, Tip
 from ..shapes.indenter import parse as parse_indenter
 from ..shapes.tips import EllipsoidTip, SphereTip
 
@@ -115,7 +115,8 @@ class BenchFace:
         return hertz_force_n(touching.ball_mm, depth_mm, self._material) * stiffer
 
     def _touching_by(self, tip: Tip) -> _Touching:
-        if isinstance(tip, SphereTip | EllipsoidTip):
+        plain = tip.tip if isinstance(tip, PosedTip) else tip
+        if isinstance(plain, SphereTip | EllipsoidTip):
             return _Touching(tip.lowest_mm, tip.radius_mm, 0.0)
         material, h = self._material, self._skin.thickness_mm
         radius = math.sqrt(_flat_mm2(tip) / math.pi)
@@ -128,4 +129,5 @@ def _flat_mm2(tip: Tip) -> float:
     """Area of an underside that is within FLAT_MM of its lowest point."""
     x, y = (np.linspace(-half, half, 201) for half in tip.half_mm)
     grid = np.meshgrid(x + tip.x_mm, y + tip.y_mm)
-    return float((tip.height_mm(*grid) <= FLAT_MM).sum() * (x[1] - x[0]) * (y[1] - y[0]))
+    # The lowest point of a tilted tip may lie between the points looked at.
+    return float(max((tip.height_mm(*grid) <= FLAT_MM).sum(), 1) * (x[1] - x[0]) * (y[1] - y[0]))

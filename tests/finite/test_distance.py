@@ -8,7 +8,7 @@ from deltact_fab.shapes import indenter
 
 NAMES = [
     "sphere:15", "sphere:4", "4dots", "edges", "ellipsoid", "hexprism", "star", "cylinder",
-    "ring", "hat",
+    "ring", "hat", "tilted-edge", "two-axis",
 ]  # fmt: skip
 
 
@@ -21,7 +21,7 @@ def near(name: str) -> tuple:
     return body, p[(d > -0.25) & (d < 2)]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, "cross"])
 def test_the_height_field_lies_at_distance_zero(name):
     body = indenter.parse(name)
     xy = np.random.default_rng(2).uniform(-1, 1, (2000, 2)) * body.footprint_half_mm

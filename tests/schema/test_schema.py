@@ -71,9 +71,12 @@ def test_shipped_files_hold_keys_of_the_schema_only(kind: Kind) -> None:
     for file, data in shipped(kind):
         for key in keys(data):
             seen += 1
-            named = {key, *(f"{table}.*.{key.rpartition('.')[2]}" for table in ("tools", "module"))}
+            named = {
+                key,
+                *(f"{table}.*.{key.rpartition('.')[2]}" for table in ("tools", "module", "shape")),
+            }
             free = key.startswith(("virtual.lens.", "virtual.mount.longer_mm."))
-            free |= key.startswith("module.") and key.count(".") == 1
+            free |= key.startswith(("module.", "shape.")) and key.count(".") == 1
             assert named & known or free, f"{file.name}: {key}"
     assert seen > 3
 

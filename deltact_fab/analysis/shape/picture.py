@@ -9,6 +9,8 @@ from typing import Any, Self
 import numpy as np
 
 from ...aliases import Array
+from ...shapes import Indenter
+from ...shapes.indenter import of_run
 
 
 @dataclass(frozen=True)
@@ -19,7 +21,7 @@ class ShapeMaps:
     right, top and bottom, as the camera sees it, row 0 being at -y. shift_mm (h, w, 2), known: the
     flow. relative, reliable: minus the Gaussian density from rest, and where it can be relied on.
     depth_mm: into the gel. outlines_mm: of the contacts found. force_n (3,), torque_z_nmm: the
-    sensor's word.
+    sensor's word. shape: of an indenter of the lab's own, as the run kept it.
 
     By a calibration of force, else None: total_n (3,), turning_nmm (the torque about z) and
     traction_mpa (cy, cx, 3) on cells_x_mm, cells_y_mm. Where there is a truth, else None:
@@ -52,6 +54,12 @@ class ShapeMaps:
     true_traction_mpa: Array | None = None
     face_x_mm: Array | None = None
     face_y_mm: Array | None = None
+    shape: dict[str, Any] | None = None
+
+    @property
+    def pressed(self) -> Indenter:
+        """The indenter as a shape."""
+        return of_run(self.indenter, {self.indenter: self.shape} if self.shape else {}, "a picture")
 
     @property
     def tip_depth_mm(self) -> float:

@@ -29,7 +29,6 @@ from ...measure.shape import (
 from ...optics import LatticeSampler
 from ...record import RunTruth
 from ...shapes import Indenter
-from ...shapes.indenter import parse
 from ..flows import flows_of
 from ..force.field import frame_errors
 from ..frames import settled
@@ -133,7 +132,7 @@ def press_shape(
     for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
         found = _found(flow, finder, features, force)
         tip_mm = np.array([row.x_mm, row.y_mm, row.z_mm], float)
-        indenter = parse(str(row.indenter))
+        indenter = run.indenter(str(row.indenter))
         measured_n = np.array([getattr(row, name) for name in FORCE], float)
         force_n = measured_n if np.isfinite(measured_n).all() else None
         true = None
@@ -149,7 +148,10 @@ def press_shape(
         )  # fmt: skip
         if k in (at_deepest, at_twisted):
             image = run.image(str(row.file))
-            pictures[k] = _picture(row, tip_mm, image, view.camera, flow, found, true, force_n)
+            pictures[k] = _picture(
+                row, tip_mm, image, view.camera, flow, found, true, force_n,
+                run.meta.get("shapes", {}).get(row.indenter),
+            )  # fmt: skip
             if truth is not None and truth.tractions:
                 x_mm, y_mm = truth.face_mm(str(row.frame_id))
                 traction_mpa = truth.traction_mpa(str(row.frame_id))
@@ -273,12 +275,14 @@ def _picture(
     found: _Found,
     true: TrueShape | None,
     force_n: Array | None,
+    shape: dict[str, Any] | None,
 ) -> ShapeMaps:
     h, w = image.shape[:2]
     corners = camera.rest_mm(np.array([[-0.5, -0.5], [w - 0.5, h - 0.5]]))
     field, wrench = found.field, found.wrench
     return ShapeMaps(
         indenter=str(row.indenter),
+        shape=shape,
         frame_id=str(row.frame_id),
         tip_mm=tip_mm,
         image=image,

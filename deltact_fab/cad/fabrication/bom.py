@@ -9,7 +9,7 @@ import csv
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from typing import Any
 
 from ...errors import InputError
@@ -74,11 +74,11 @@ def lines(design: Design, sensors: int = 1, indenters: IndenterList | None = Non
                 rows.append((group, *about, told["note"]))
     sources = load_bought()
     return [
-        BomLine(
-            i, *row, None if row[3] in MADE else sources.of(row[1], row[2], row[6])
-        )
-        for i, row in enumerate(rows, 1)
-    ]  # fmt: skip
+        line
+        if line.process in MADE
+        else replace(line, source=sources.of(line.part, line.material, line.note))
+        for line in (BomLine(i, *row) for i, row in enumerate(rows, 1))
+    ]
 
 
 def csv_text(bom: Sequence[BomLine]) -> str:

@@ -19,7 +19,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ...shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
+from ...shapes import EllipsoidTip, PosedTip, PrismTip, RidgeTip, SphereTip, TurnedTip
+from ...shapes.posed import PlainTip
 from ..design import IndenterDimensions
 from ..kernel import Shape, require
 from ..solid_gate import Box, around
@@ -90,11 +91,27 @@ def build(dims: IndenterDimensions) -> Shape:
     stem = stem.cut(beyond.rect(2 * r, 2 * r).extrude(indenter.stem_length_mm))
     body = plate.union(stem)
     for tip in indenter.tips:
-        body = body.union(_tip(cq, tip, plate_z).translate((tip.x_mm, tip.y_mm, 0)))
+        if isinstance(tip, PosedTip):
+            made = _posed(cq, tip, plate_z)
+        else:
+            made = _tip(cq, tip, plate_z).translate((tip.x_mm, tip.y_mm, 0))
+        body = body.union(made)
     return body.val()
 
 
-def _tip(cq: Any, tip: Tip, top_mm: float) -> Any:
+def _posed(cq: Any, posed: PosedTip, top_mm: float) -> Any:
+    """The tip with a shank that is long enough, turned, and cut off at the back plate."""
+    far = 4 * (top_mm + max(posed.half_mm))
+    made = _tip(cq, posed.tip, far)
+    for angle, axis in (
+        (posed.tilt_x_deg, (1, 0, 0)), (posed.tilt_y_deg, (0, 1, 0)), (posed.turn_deg, (0, 0, 1)),
+    ):  # fmt: skip
+        made = made.rotate((0, 0, 0), axis, angle) if angle else made
+    made = made.translate(tuple(posed.origin_mm.tolist()))
+    return made.intersect(cq.Workplane(origin=(0, 0, top_mm - far)).rect(far, far).extrude(far))
+
+
+def _tip(cq: Any, tip: PlainTip, top_mm: float) -> Any:
     """A workplane with the solid of one tip and its shank up to top_mm, about its own axis."""
     match tip:
         case SphereTip():

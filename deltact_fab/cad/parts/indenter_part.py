@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from itertools import pairwise
 
-from ...shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip
+from ...shapes import EllipsoidTip, Indenter, PosedTip, PrismTip, RidgeTip
 from ...shapes.turned import TurnedTip
 from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Callouts, Detail, Leader, Told, shown, z_of
@@ -59,10 +60,34 @@ def callouts(dims: IndenterDimensions) -> Callouts:
         for radius_mm in _profile_radii_mm(tip):
             lengths.append(Told(0, -radius_mm, radius_mm, fitted=False, before="Ø"))
     level = "Tips level with one another" if len(indenter.tips) > 1 else "Tip square to the stem"
-    notes = (f"{level}. Contact faces smooth, without support marks.",)
+    posed = [_posed_words(t) for t in indenter.tips if isinstance(t, PosedTip)]
+    if any(isinstance(t, PosedTip) and t.tilted for t in indenter.tips):
+        level = "Each tip's lowest point at one height"
+    notes = (*posed, f"{level}. Contact faces smooth, without support marks.")
     return Callouts(
         tuple(lengths), notes=notes, labels=tuple(labels), flipped=True, details=tuple(details)
     )
+
+
+def _posed_words(posed: PosedTip) -> str:
+    """A tip that no view shows square on: its own numbers, and how it is turned."""
+    kind = type(posed.tip).__name__.removesuffix("Tip").lower()
+    sizes = ", ".join(
+        f"{f.name.removesuffix('_mm').replace('_', ' ')} {shown(value)}"
+        for f in fields(posed.tip)
+        if f.name not in ("x_mm", "y_mm")
+        and isinstance(value := getattr(posed.tip, f.name), int | float)
+    )
+    turns = ", ".join(
+        f"{words} {shown(angle)}°"
+        for words, angle in (
+            ("tilted about x", posed.tilt_x_deg),
+            ("about y", posed.tilt_y_deg),
+            ("turned about z", posed.turn_deg),
+        )
+        if angle
+    )
+    return f"{kind}: {sizes}; {turns}, in this order.".capitalize()
 
 
 def _profile_radii_mm(tip: TurnedTip) -> list[float]:

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Field
-from ...shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, Tip
+from ...shapes import EllipsoidTip, Indenter, PosedTip, PrismTip, RidgeTip, SphereTip
+from ...shapes.posed import PlainTip
 
 _TINY = 1e-12
 _STEP_MM = 1e-4  # for differences of a prism's outline
@@ -51,7 +52,10 @@ def gap(indenter: Indenter, points_mm: Field) -> Gap:
     """Distance of points (n, 3) in the indenter's frame (lowest point at z = 0, body above)."""
     best = _plate(points_mm, indenter.reach_mm)
     for tip in indenter.tips:
-        here = _tip(tip, points_mm - np.array([tip.x_mm, tip.y_mm, 0.0]))
+        if isinstance(tip, PosedTip):
+            here = _turned(tip, points_mm)
+        else:
+            here = _tip(tip, points_mm - np.array([tip.x_mm, tip.y_mm, 0.0]))
         nearer = here.distance_mm < best.distance_mm
         best = Gap(
             np.where(nearer, here.distance_mm, best.distance_mm),
@@ -59,6 +63,13 @@ def gap(indenter: Indenter, points_mm: Field) -> Gap:
             np.where(nearer[:, None, None], here.curvature_per_mm, best.curvature_per_mm),
         )
     return best
+
+
+def _turned(posed: PosedTip, points_mm: Field) -> Gap:
+    """Of a tip that is turned and tilted: in its own frame, turned back."""
+    r = posed.turn
+    own = _tip(posed.tip, (points_mm - posed.origin_mm) @ r)
+    return Gap(own.distance_mm, own.normal @ r.T, r @ own.curvature_per_mm @ r.T)
 
 
 def _plate(p: Field, z_mm: float) -> Gap:
@@ -70,7 +81,7 @@ def _plate(p: Field, z_mm: float) -> Gap:
 _Chain = tuple[tuple[float, float], list[tuple[tuple[float, float], tuple[float, float] | None]]]
 
 
-def _tip(tip: Tip, p: Field) -> Gap:
+def _tip(tip: PlainTip, p: Field) -> Gap:
     """Distance from one tip and its shank; p (n, 3) relative to where the tip stands."""
     if isinstance(tip, EllipsoidTip):
         return _ellipsoid(tip, p)

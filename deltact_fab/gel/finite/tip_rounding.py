@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 from dataclasses import replace
 
-from ...shapes import Indenter, PrismTip, RidgeTip, Tip, TurnedTip
+from ...shapes import Indenter, PosedTip, PrismTip, RidgeTip, Tip, TurnedTip
 from ...shapes.bounded import ShapeError
 from ...shapes.turned import ProfilePiece
 
@@ -35,6 +35,9 @@ def _blunt(tip: Tip, radius_mm: float) -> Tip:
 
 
 def _with_radius(tip: Tip, radius_mm: float) -> Tip:
+    if isinstance(tip, PosedTip):
+        plain = _with_radius(tip.tip, radius_mm)
+        return tip if isinstance(plain, PosedTip) else replace(tip, tip=plain)
     if isinstance(tip, PrismTip):
         edge, corner = max(tip.edge_mm, radius_mm), max(tip.corner_mm, radius_mm)
         # A rounded edge needs a corner at least as round to be swept along.
