@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 78513,
-    ("deltact_fab", "files"): 604,
-    ("tests", "lines"): 46496,
+    ("deltact_fab", "lines"): 79586,
+    ("deltact_fab", "files"): 609,
+    ("tests", "lines"): 46747,
 }
 
 

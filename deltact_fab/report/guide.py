@@ -12,6 +12,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+from .. import catalog
 from ..aliases import Progress
 from ..cad.design import load_indenters
 from ..cad.dimensions import Design
@@ -27,6 +28,8 @@ from ..cad.parts.screw import stock_note
 from ..cad.print_orientation import SELF_SUPPORTING_DEG
 from ..cad.registry import listed, of_group
 from ..errors import InputError, MissingLibrary
+from ..patterns.laws.patches import draw_patches
+from ..patterns.recipe import load_recipe
 from .templating import environment, render, save
 
 VIEWER_PACKAGE = "dash-model-viewer"
@@ -34,6 +37,9 @@ VIEWER_FILE = "model-viewer-umd.min.js"
 VIEWER_LICENCE = "model-viewer-LICENSE"
 VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
 LAYER_MM = 0.05
+PATTERN = "dense"
+PLACED_MM = 1.0  # by which a sticker is larger than the view, for a hand that places it
+SHOWN_MM = 120.0  # width of the pattern's picture on the page
 CUP_ML = 50  # cups are sold in steps of it
 
 _BOARD = ("camera-screw", "camera", "camera-holder")
@@ -125,6 +131,7 @@ def write(
         f=_figures(design, sensors),
         wiring=_data_url("image/svg+xml", wiring(design).svg().encode()),
         p=DEFAULT,
+        sticker=sticker(design),
         facts=DEFAULT.rows(),
         gaps=gaps(design),
         unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
@@ -148,7 +155,16 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     Raises MissingLibrary without the CAD kernel, RunFailed when a part cannot be built.
     """
     from ..cad.build import build_part
-    from ..cad.drafting.picture import APART, FROM_BACK, bench_svg, exploded_svg, part_svg, step_svg
+    from ..cad.drafting.casting import Bench
+    from ..cad.drafting.picture import (
+        APART,
+        FROM_BACK,
+        bench_svg,
+        exploded_svg,
+        part_svg,
+        scene_svg,
+        step_svg,
+    )
     from ..cad.export.formats.glb import drawn, glb_bytes
     from ..cad.kernel import require
     from ..cad.mesh import mesh_solid
@@ -167,6 +183,9 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     tell(len(parts), total, "exploded view")
     exploded = exploded_svg(design, solids)
     steps: dict[str, str] = {}
+    for step, placed in Bench(design, solids).steps():
+        tell(len(parts), total, f"step {step}")
+        steps[step] = _data_url("image/svg+xml", scene_svg(f"step {step}", placed).encode())
     for done, (step, layers) in enumerate(STEPS.items(), len(parts) + 1):
         tell(done, total, f"step {step}")
         view = FROM_BACK if step in FROM_BEHIND else APART
@@ -189,15 +208,51 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     }
     models = {}
     for title, explode in (("exploded", 1.0), ("assembled", 0.0)):
-        placed = []
+        models_placed = []
         for part in of_group("sensor", design):
             shift_mm = explode * part.explode_mm
             at = tuple((x, y, z + shift_mm) for x, y, z in part.places(design))
-            placed.append(replace(meshes[part.name], places_mm=at))
-        models[title] = _data_url("model/gltf-binary", glb_bytes(placed, "deltact"))
+            models_placed.append(replace(meshes[part.name], places_mm=at))
+        models[title] = _data_url("model/gltf-binary", glb_bytes(models_placed, "deltact"))
     tell(total, total, "done")
     whole = _data_url("image/svg+xml", exploded.encode())
     return Pictures(whole, bench, images, models, steps, ceilings)
+
+
+@dataclass(frozen=True)
+class PatternToPrint:
+    """The pattern to print for a design: its side, and what the camera sees of it.
+
+    file: the recipe, where it is no shipped one. image: a data URL, one pixel a patch; enlarged: by
+    how much it is larger on the page.
+    """
+
+    size_mm: float
+    file: str
+    image: str
+    enlarged: float
+
+
+def sticker(design: Design) -> PatternToPrint:
+    """The dense pattern, as large as the design's view needs it."""
+    import io
+
+    from PIL import Image
+
+    recipe, view_mm = load_recipe(PATTERN), design.optics.view_mm
+    file = ""
+    if recipe.printed_mm < max(view_mm):
+        size_mm = math.ceil(max(view_mm) + PLACED_MM)
+        recipe = recipe.model_copy(update={"size_mm": float(size_mm)})
+        file = catalog.as_toml(recipe.model_dump(mode="json", exclude_none=True))
+    patches, patch_mm = draw_patches(recipe), recipe.patch_mm or recipe.printed_mm
+    columns, rows = (min(round(side / patch_mm), len(patches)) for side in view_mm)
+    left, top = (len(patches) - columns) // 2, (len(patches) - rows) // 2
+    seen = patches[top : top + rows, left : left + columns]
+    held = io.BytesIO()
+    Image.fromarray(seen).save(held, "PNG")
+    image = _data_url("image/png", held.getvalue())
+    return PatternToPrint(recipe.size_mm, file, image, SHOWN_MM / view_mm[0])
 
 
 def _plates(design: Design, parts: Sequence[Part]) -> list[tuple[str, dict[str, int]]]:

@@ -14,10 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltact_fab.cad.bench_sections import MoldDimensions
+from deltact_fab.cad.cameras import load_cameras
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.fabrication import bom, quantities
+from deltact_fab.cad.fabrication.bought import load_bought
 from deltact_fab.cad.fabrication.paper_gaps import gaps
+from deltact_fab.cad.intent import solved, wish_of
 from deltact_fab.cad.parts.screw import stock_note
 from deltact_fab.cad.registry import listed, of_group
 from deltact_fab.cad.sensor_sections import LightDimensions
@@ -184,6 +187,27 @@ def test_the_csv_says_what_the_lines_say():
         assert row["part"] == line.part
         assert row["note"] == line.note
         assert float(row["quantity"]) == pytest.approx(line.quantity, rel=1e-5)
+
+
+def test_every_bought_line_has_a_number_or_says_that_it_has_none():
+    listed = load_bought().bought
+    sold = [name for name in load_cameras() if name != "rpi-camera-3"]  # it focuses too far off
+    cameras = [solved(wish_of("36x34", camera=name), DEFAULT) for name in sold]
+    named = ("large-60x50", "fingertip-24x24")
+    designs = [DEFAULT, *map(load_design, named), *cameras]
+    asked = {(line.part, line.source) for design in designs for line in bom.lines(design)}
+    assert all(source is None or source.order_number for _, source in asked)
+    known = {part: source for part, source in asked if source and source.order_number[0] != "n"}
+    assert known["camera-screw"].order_number == "SFE-M2-3"
+    # Of every line that is listed there is one to order; M2 screws go with faces of 46 to 50 mm.
+    assert {one.line for one in listed} <= {part for part, _ in asked}
+    (other,) = [s for p, s in asked if p == "camera" and s.order_number == "B0152"]
+    assert other.maker == "Arducam"
+
+
+def test_a_screw_that_nobody_looked_up_says_so():
+    longer = bom.lines(load_design(changes=["screw.length_mm=12", "screw.engagement_mm=4"]))
+    assert of(longer, "screw").source.order_number == "not looked up"
 
 
 def test_an_order_of_nothing_is_refused():

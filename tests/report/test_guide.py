@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import base64
 import importlib.metadata
+import io
 import json
 import re
+import tomllib
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from deltact_fab.cad import kernel
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.parts.mold import RELEASE_AGENT
 from deltact_fab.cad.registry import find, listed
 from deltact_fab.errors import InputError, MissingLibrary
+from deltact_fab.patterns.recipe import recipe_from
 from deltact_fab.report import guide
 from deltact_fab.report.guide import Pictures, write
 
@@ -68,8 +73,8 @@ def test_it_fetches_nothing_and_its_anchors_lead_somewhere(default: Seen) -> Non
     anchors = {link[1:] for link in default.fetched if link.startswith("#")}
     assert anchors <= set(default.ids)
     assert len(default.ids) == len(set(default.ids))
-    # The bench, the wiring, and one that stands where the model cannot be turned.
-    assert default.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 3
+    # The bench, the wiring, the pattern, and one that stands where the model cannot be turned.
+    assert default.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 4
     assert default.tags.count("model-viewer") == 1
 
 
@@ -233,8 +238,8 @@ def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(kernel, "require", missing)
     seen = Seen(write(load_design(), tmp_path / "guide.html").read_text())
     assert "No pictures and no 3D view: the CAD kernel cannot load: libGL.so.1" in seen.text
-    # The wiring drawing needs no kernel.
-    assert seen.tags.count("img") == 1
+    # The wiring drawing and the pattern need no kernel.
+    assert seen.tags.count("img") == 2
     assert "model-viewer" not in seen.tags
     assert "H. Assembly" in seen.text
 
@@ -250,7 +255,7 @@ def test_without_the_viewer_it_says_what_to_install(
     assert "No 3D view: dash-model-viewer is not installed" in seen.text
     assert "model-viewer" not in seen.tags
     assert "script" not in seen.tags
-    assert seen.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 3
+    assert seen.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 4
 
 
 def test_the_viewer_cannot_end_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -289,3 +294,16 @@ def test_where_it_cannot_be_written_it_says_so(tmp_path: Path) -> None:
         write(load_design(), tmp_path / "file" / "guide.html", pictures=DRAWN)
     with pytest.raises(InputError, match="sensors 0"):
         write(load_design(), tmp_path / "guide.html", 0, pictures=DRAWN)
+
+
+def test_the_sticker_is_the_design_s_own() -> None:
+    assert guide.sticker(load_design()).file == ""
+    wide = load_design("large-60x50")
+    own = guide.sticker(wide)
+    recipe = recipe_from(tomllib.loads(own.file), "dense-large.toml")
+    assert wide.optics.beyond(recipe.printed_mm) is None
+    assert own.size_mm == recipe.size_mm == 57
+    seen = Image.open(io.BytesIO(base64.b64decode(own.image.partition(",")[2])))
+    assert [side * recipe.patch_mm for side in seen.size] == pytest.approx(
+        wide.optics.view_mm, abs=recipe.patch_mm
+    )

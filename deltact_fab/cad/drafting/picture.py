@@ -104,6 +104,11 @@ def step_svg(
     return _numbered(title, placed, view, *STEP_ROOM_MM)
 
 
+def scene_svg(title: str, placed: Sequence[PlacedPart]) -> str:
+    """Pieces as they are placed, seen from a corner, with balloons and a legend."""
+    return _numbered(title, placed, CORNER, *STEP_ROOM_MM)
+
+
 def bench_svg(design: Design, indenter: Part, solids: Mapping[str, Any] | None = None) -> str:
     """The test bench put together, the tip on the face: what `cad check` holds apart.
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 
+from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut
 from ..kernel import Shape, require
@@ -28,6 +29,13 @@ def well_volume_mm3(design: Design) -> float:
     return math.pi / 4 * design.coupon.diameter_mm**2 * design.coupon.depth_mm
 
 
+def centres_mm(design: Design) -> list[Point2]:
+    """Axes of the wells, from -x; pitch = diameter + wall."""
+    coupon = design.coupon
+    pitch_mm = coupon.diameter_mm + coupon.wall_mm
+    return [(pitch_mm * (i - (coupon.wells - 1) / 2), 0.0) for i in range(coupon.wells)]
+
+
 def box(design: Design) -> Box:
     """The row of wells."""
     x, y, z = design.coupon_outer_mm
@@ -38,19 +46,14 @@ def build(design: Design) -> Shape:
     """The coupon mold as one solid in its own frame, z from 0 to its top."""
     cq = require()
     coupon, (x, y, z) = design.coupon, design.coupon_outer_mm
-    pitch_mm = coupon.diameter_mm + coupon.wall_mm
-    first_mm = -pitch_mm * (coupon.wells - 1) / 2
-    at = [(first_mm + i * pitch_mm, 0.0) for i in range(coupon.wells)]
-    wells = cylinders(at, coupon.diameter_mm, coupon.base_mm, coupon.depth_mm + 1)
+    wells = cylinders(centres_mm(design), coupon.diameter_mm, coupon.base_mm, coupon.depth_mm + 1)
     return cq.Workplane().rect(x, y).extrude(z).cut(wells).val()
 
 
 def callouts(d: Design) -> Callouts:
     """The wells; section through the first."""
-    coupon = d.coupon
-    first = -(coupon.diameter_mm + coupon.wall_mm) * (coupon.wells - 1) / 2
     notes = ("Same resin, same wash, cure and coat as the mold: it is there to test them.",)
-    return Callouts(notes=notes, cut=Cut(first))
+    return Callouts(notes=notes, cut=Cut(centres_mm(d)[0][0]))
 
 
 PARTS = (

@@ -1,0 +1,62 @@
+"""The pictures of printing, casting, film and coats show what the steps say, from the solids."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from deltact_fab import report
+from deltact_fab.cad.build import build_part
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.drafting.casting import Bench
+from deltact_fab.cad.drafting.picture import scene_svg
+from deltact_fab.cad.registry import listed
+
+DESIGN = load_design()
+NOTHING_TO_HANDLE = {"B.4", "C.3", "E.1"}  # outcomes, a rest, a file to write
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    solids = {p.name: build_part(p, DESIGN)[0] for p in listed(design=DESIGN) if p.indenter is None}
+    return dict(Bench(DESIGN, solids).steps())
+
+
+def of(placed, name):
+    return [piece.solid for piece in placed if piece.part.name == name]
+
+
+def test_every_step_of_sections_a_to_f_has_its_picture(scenes):
+    page = (Path(report.__file__).parent / "templates" / "guide.html").read_text()
+    steps = set()
+    for letter, text in re.findall(r"<h2>([A-F])\. (.*?)</section>", page, re.S):
+        steps |= {f"{letter}.{i}" for i in range(1, text.count("<li>") + 1)}
+    assert set(re.findall(r'step\("([A-F]\.\d+)"\)', page)) == set(scenes)
+    assert steps - set(scenes) == NOTHING_TO_HANDLE
+
+
+def test_the_silicone_fills_the_cavity_and_lies_level(scenes):
+    (poured,) = of(scenes["D.7"], "silicone")
+    assert poured.Volume() == pytest.approx(DESIGN.skin_volume_mm3 / 2, rel=1e-6)
+    (tipped,) = of(scenes["D.6"], "silicone")
+    top = max(tipped.Faces(), key=lambda face: face.Center().z)
+    assert top.normalAt().toTuple() == pytest.approx((0, 0, 1))
+    assert tipped.Volume() < poured.Volume()
+    # Frame, plate and silicone are where they touch and no deeper.
+    for name in ("skin-frame", "mold", "acrylic"):
+        for solid in of(scenes["D.9"], name):
+            assert solid.intersect(poured).Volume() == pytest.approx(0, abs=1e-3)
+
+
+def test_coats_lie_over_the_film_and_the_film_over_the_face(scenes):
+    (film,), (white,) = of(scenes["E.7"], "film"), of(scenes["F.3"], "white coat")
+    (skin,) = of(scenes["E.7"], "skin")
+    assert skin.intersect(film).Volume() == pytest.approx(0, abs=1e-3)
+    assert film.intersect(white).Volume() == pytest.approx(0, abs=1e-3)
+    assert film.BoundingBox().zmin == pytest.approx(-DESIGN.skin.edge_fillet_mm)
+
+
+def test_a_picture_names_what_it_shows(scenes):
+    text = scene_svg("step D.9", scenes["D.9"])
+    for name in ("silicone", "acrylic", "skin-frame", "mold"):
+        assert f">{name}<" in text
