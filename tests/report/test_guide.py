@@ -120,6 +120,7 @@ def test_it_is_the_guide_of_its_design(default: Seen, tmp_path: Path) -> None:
         ("mount.kind=plate",),
         ("light.supply_v=5.5",),
         ("mold.columns=1",),
+        ("camera.hole_mm=0", "holder.screw=none"),
     ],
 )
 def test_unusual_designs_have_a_guide(tmp_path: Path, changes: tuple[str, ...]) -> None:

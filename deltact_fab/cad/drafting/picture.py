@@ -93,7 +93,8 @@ def step_svg(
     parts = {part.name: part for part in of_group("sensor", design)}
     placed: list[PlacedPart] = []
     top_mm = -math.inf
-    for names in reversed(layers):
+    there = [[name for name in names if name in parts] for names in layers]
+    for names in reversed([names for names in there if names]):
         layer = assemble(design, 0.0, [parts[name] for name in names], solids)
         boxes = [bounding_box(piece.solid) for piece in layer]
         shift = (0.0, 0.0, max(0.0, top_mm + STEP_GAP_MM - min(box[0][2] for box in boxes)))

@@ -70,7 +70,9 @@ def build(design: Design) -> Shape:
         .extrude(cam.board_mm)
     )
     at = [(sx * x, y) for y in (upper, lower) for sx in (-1, 1)]
-    holes = cylinders(at, cam.hole_mm, design.z_board_back_mm - 1, cam.board_mm + 2)
+    if cam.hole_mm:
+        low_mm, length_mm = design.z_board_back_mm - 1, cam.board_mm + 2
+        board = board.cut(cylinders(at, cam.hole_mm, low_mm, length_mm))
     lens = cylinders([(0, 0)], cam.lens_diameter_mm, design.z_board_front_mm, cam.lens_height_mm)
     connector = (
         cq.Workplane()
@@ -79,7 +81,6 @@ def build(design: Design) -> Shape:
         .rect(cam.connector_width_mm, cam.connector_length_mm)
         .extrude(-cam.connector_height_mm)
     )
-    board = board.cut(holes) if cam.hole_mm else board
     return board.union(lens).union(connector).val()
 
 
