@@ -24,6 +24,8 @@ MARKER_DOTS = click.option(
     "--dots/--no-dots", "with_dots", default=True, show_default=True,
     help="With the marker dots, or without.",
 )  # fmt: skip
+PRINTER = click.option("--printer", type=PATH, metavar="FILE",
+                       help="The printer as `pattern verify -o` found it.")  # fmt: skip
 DPI = click.option(
     "--dpi", type=float, show_default="near 1200 with dots", metavar="DPI",
     help="Resolution of the printer.",
@@ -171,6 +173,7 @@ def from_(code: str, dpi: float | None, out: Path, as_json: bool) -> None:
 @RECIPES
 @click.option("--dpi", type=int, default=1200, show_default=True, metavar="DPI",
               help="Resolution of the printer.")  # fmt: skip
+@PRINTER
 @click.option("--mm-per-px", type=float, default=0.0378, show_default=True, metavar="MM",
               help="Size of a camera pixel on the resting face.")  # fmt: skip
 @seed("Seed of halftone and noise.")
@@ -179,6 +182,7 @@ def from_(code: str, dpi: float | None, out: Path, as_json: bool) -> None:
 def quality(
     recipes: tuple[str, ...],
     dpi: int,
+    printer: Path | None,
     mm_per_px: float,
     seed: int,
     with_dots: bool,
@@ -193,13 +197,19 @@ def quality(
     from .output import echo_json, echo_table, progress
 
     chosen = [(name, load_recipe(name)) for name in recipes]
+    model = Printer(dpi=dpi)
+    if printer is not None:
+        from ..patterns.verify import load_printer
+
+        own = load_printer(printer)
+        model = Printer(dpi, spread_um=own.spread_um, misregistration_um=own.misregistration_um)
     rows = []
     with progress("pattern quality") as tell:
         for done, (name, recipe) in enumerate(chosen):
             tell(done, len(chosen), name)
             bare = recipe.dots is None or with_dots or recipe.law == "dot-matrix"
             asked = recipe if bare else recipe.model_copy(update={"dots": None})
-            rows.append((name, measure(asked, Printer(dpi=dpi), None, mm_per_px, seed)))
+            rows.append((name, measure(asked, model, None, mm_per_px, seed)))
         tell(len(chosen), len(chosen), "done")
     if as_json:
         echo_json([{"recipe": name, "simulated": True, **asdict(q)} for name, q in rows])
@@ -227,7 +237,7 @@ def quality(
     )  # fmt: skip
     click.echo(
         f"\nphotographed: simulated at {dpi} dpi and {mm_per_px:g} mm/px, seed {seed}; values of "
-        "printer and camera are assumed"
+        f"{'printer and camera' if printer is None else 'the camera'} are assumed"
     )
 
 
@@ -235,6 +245,12 @@ TRANSFER = click.option(
     "--transfer", type=click.Choice(("face-down", "slide")), default="face-down", show_default=True,
     help="Which side faces the gel: the ink, or the film (mirrored).",
 )  # fmt: skip
+SCALE_X = click.option("--scale-x", type=float, metavar="FACTOR", show_default="1",
+                       help="100 mm divided by what the printed ruler in x measures."
+                       )  # fmt: skip
+SCALE_Y = click.option("--scale-y", type=float, metavar="FACTOR", show_default="1",
+                       help="100 mm divided by what the printed ruler in y measures."
+                       )  # fmt: skip
 PAPER = click.option(
     "--paper", default="A4", show_default=True, metavar="SIZE",
     help="A2, A3, A4, A5, SRA3, Letter, Legal or Tabloid.",
@@ -253,10 +269,9 @@ PAPER = click.option(
 @click.option("--copies", type=int, default=1, show_default=True, metavar="N",
               help="Copies of each sticker.")  # fmt: skip
 @click.option("--whole-dots", is_flag=True, help="Round d to a whole number of printer dots.")
-@click.option("--scale-x", type=float, default=1.0, show_default=True, metavar="FACTOR",
-              help="100 mm divided by what the printed ruler in x measures.")  # fmt: skip
-@click.option("--scale-y", type=float, default=1.0, show_default=True, metavar="FACTOR",
-              help="100 mm divided by what the printed ruler in y measures.")  # fmt: skip
+@SCALE_X
+@SCALE_Y
+@PRINTER
 @out_file("File to write: .pdf, .png or .tif.", required=True)
 @JSON
 def sheet(
@@ -266,8 +281,9 @@ def sheet(
     transfer: Literal["face-down", "slide"],
     copies: int,
     whole_dots: bool,
-    scale_x: float,
-    scale_y: float,
+    scale_x: float | None,
+    scale_y: float | None,
+    printer: Path | None,
     out: Path,
     design: str,
     changes: tuple[str, ...],
@@ -280,8 +296,10 @@ def sheet(
     from ..errors import InputError
     from ..patterns import load_recipe
     from ..patterns.sheet import write
+    from ..patterns.verify import KnownPrinter, load_printer
     from .output import progress
 
+    known = KnownPrinter() if printer is None else load_printer(printer)
     chosen = [load_recipe(name) for name in recipes]
     sensor = load(design, changes)
     # For no design that was named a small sticker is a trial print.
@@ -300,11 +318,72 @@ def sheet(
             transfer=transfer,
             copies=copies,
             whole_dots=whole_dots,
-            scale=(scale_x, scale_y),
+            scale=(scale_x or known.scale_x, scale_y or known.scale_y),
             sensor=sensor,
             progress=tell,
         )
     _tell(done, as_json)
+
+
+@pattern.command(epilog="Example: deltact-fab pattern verify scan.png dense -o my-printer.toml")
+@click.argument("scan", type=PATH)
+@click.argument("recipe", type=PATTERN_NAME)
+@click.option("--dpi", type=float, metavar="DPI", show_default="the file's",
+              help="Resolution of the scan.")  # fmt: skip
+@TRANSFER
+@SCALE_X
+@SCALE_Y
+@out_file("Write what the print tells of its printer, for the next sheet and `pattern quality`.")
+@JSON
+@click.pass_context
+def verify(
+    context: click.Context,
+    scan: Path,
+    recipe: str,
+    dpi: float | None,
+    transfer: str,
+    scale_x: float | None,
+    scale_y: float | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Hold SCAN, a scan or photograph of a print, against its RECIPE.
+
+    RECIPE may also be the text of the sheet's QR code. --transfer and the scales are those that the
+    sheet was written with. A photograph, which has no dpi, tells no scale. Exit code 1 when a row
+    fails.
+    """
+    from dataclasses import asdict
+
+    from ..catalog import as_toml, write_new
+    from ..patterns import load_recipe
+    from ..patterns.code import PREFIX, decode
+    from ..patterns.verify import verify as judge
+    from .output import echo_json, echo_table
+
+    coded = recipe.upper().startswith(PREFIX)
+    asked = decode(recipe) if coded else load_recipe(recipe)
+    scaled = (scale_x or 1.0, scale_y or 1.0)
+    done = judge(scan, asked, dpi, transfer == "slide", scaled)
+    if out is not None:
+        write_new(out, as_toml(asdict(done.printer())))
+    if as_json:
+        echo_json(done.as_dict())
+    else:
+        failed = [row.check for row in done.rows if not row.passed]
+        click.echo(f"{scan}: {'fails: ' + ', '.join(failed) if failed else 'right'}\n")
+        echo_table(
+            ("check", "found", "limit", "", "what to do"),
+            [
+                (r.check, r.found, r.limit, "pass" if r.passed else "FAIL",
+                 "" if r.passed else r.advice)
+                for r in done.rows
+            ],
+        )  # fmt: skip
+        if out is not None:
+            click.echo(f"\nwritten: {out}; pattern sheet --printer {out}")
+    if not done.passed:
+        context.exit(1)
 
 
 @pattern.command()

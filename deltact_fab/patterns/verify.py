@@ -1,0 +1,557 @@
+"""A print against its recipe: is it right, how large is it, what did the printer do to it.
+
+The sticker is found in a scan as a textured square on the blank film, each of its eight ways round
+is correlated with the recipe, and the best one is refined tile by tile: where the tiles lie tells
+scale, shear and the place of each ink, what they hold tells contrast, order and gaps. A flatbed's
+dpi is the measure of scale; a photograph has none, and shows only how x and y differ.
+
+What the scan's pixels average is taken from the recipe too; a lens or a film out of focus counts as
+the printer's blur.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import catalog
+from ..errors import InputError
+from ..units import MM_PER_INCH
+from .quality.measure import PRINTED_SHARE, kept
+from .raster import albedo
+from .recipe import PatternRecipe
+
+Image = NDArray[np.float32]
+PX_A_PATCH = 4.0
+MOST_PX = 2400  # side of the sticker as it is compared
+TILE_MM = 3.0
+FOUND = 0.08  # correlation of a sticker with its recipe; with another it is below 0.03
+TOLD = 0.1  # response of a tile that counts
+SCALE_OFF, SHEAR_OFF = 0.002, 0.002
+IN_ORDER = 0.8  # of neighbouring patches; by chance it is half of them
+INK_SHARE = 0.5  # of the strongest ink's contrast
+GAP_SHARE = 0.5  # of the median tile's contrast
+DOT_SHARE = 0.5  # of a dot's contrast with what is around it
+
+
+HALVED = "this JPEG keeps half of the colours' resolution: scan it as PNG or TIFF"
+
+
+@dataclass(frozen=True)
+class PrintRow:
+    """One thing that a print must be: found, against a limit, and what to do where it is not."""
+
+    check: str
+    found: str
+    limit: str
+    passed: bool
+    advice: str = ""
+
+
+@dataclass(frozen=True)
+class PrintFound:
+    """A sticker in a scan. scale: its sides in (x, y) over the recipe's, None in a photograph.
+
+    shear: tangent of how far its axes are off a right angle. turned_deg: counter-clockwise as it
+    lies in the scan. ink_um: of R, G, B from their mean, (3, 2). contrast: of R, G, B as a share of
+    the recipe's. gaps_mm: middles of tiles that lack ink. spread_um: of the printer model of
+    `pattern quality` that keeps as much contrast. halved: its file keeps colours at half of its
+    resolution, and says nothing of contrast and inks.
+    """
+
+    mirrored: bool
+    turned_deg: float
+    scale: tuple[float, float] | None
+    shear: float
+    contrast: tuple[float, float, float]
+    kept: float
+    in_order: float | None
+    ink_um: tuple[tuple[float, float], ...]
+    gaps_mm: tuple[tuple[float, float], ...]
+    dots: tuple[int, int] | None
+    spread_um: float
+    misregistration_um: float
+    halved: bool
+
+
+@dataclass(frozen=True)
+class KnownPrinter:
+    """A printer as its own print showed it: the file of `pattern verify -o`."""
+
+    scale_x: float = 1.0
+    """By which a sheet is stretched in x so that it comes out right."""
+    scale_y: float = 1.0
+    """The same in y."""
+    spread_um: float = 20.0
+    """Gaussian spread of the ink, twice its standard deviation."""
+    misregistration_um: float = 15.0
+    """Standard deviation by which inks lie off one another."""
+
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+
+
+def load_printer(path: Path) -> KnownPrinter:
+    """The file of `pattern verify -o`. Raises InputError naming file and key."""
+    return catalog.validate(KnownPrinter, catalog.read(path), str(path))
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What `verify` says: rows, the worst of which is the verdict, and the figures behind them.
+
+    scaled: by which the sheet was stretched when it was written.
+    """
+
+    scan: str
+    rows: tuple[PrintRow, ...]
+    found: PrintFound | None
+    scaled: tuple[float, float] = (1.0, 1.0)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every row passes."""
+        return all(row.passed for row in self.rows)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, as `pattern verify --json` prints it."""
+        return {"passed": self.passed, **asdict(self)}
+
+    def printer(self) -> KnownPrinter:
+        """What the print tells of its printer.
+
+        Raises InputError for a photograph, and for a print that is not the recipe's.
+        """
+        found = self.found
+        if found is None or found.scale is None:
+            raise InputError(f"{self.scan}: tells no scale: a flatbed scan with its dpi does")
+        if found.halved:
+            raise InputError(f"{self.scan}: {HALVED}")
+        x, y = (was / is_ for was, is_ in zip(self.scaled, found.scale, strict=True))
+        return KnownPrinter(x, y, found.spread_um, found.misregistration_um)
+
+
+def load_scan(path: Path, dpi: float | None = None) -> tuple[Image, float | None, bool]:
+    """An image (h, w, 3) RGB in 0..1, its dpi, and whether its colours are halved, as JPEG does.
+
+    dpi: of the file unless given; None where neither says it. Raises InputError for a file that is
+    no image.
+    """
+    from PIL import Image as Pil
+    from PIL import UnidentifiedImageError
+    from PIL.JpegImagePlugin import get_sampling
+
+    try:
+        with Pil.open(path) as opened:
+            told = opened.info.get("dpi")
+            halved = opened.format == "JPEG" and get_sampling(opened) not in (-1, 0)
+            rgb = np.asarray(opened.convert("RGB")).astype(np.float32) / np.float32(255)
+    except FileNotFoundError as why:
+        raise InputError(f"{path}: no such file") from why
+    except (UnidentifiedImageError, OSError, Pil.DecompressionBombError) as why:
+        raise InputError(f"{path}: no image that can be read: {why}") from why
+    if dpi is None and told is not None and 100 <= float(told[0]) == float(told[1]):
+        dpi = float(told[0])
+    return rgb, dpi, halved
+
+
+def verify(
+    path: Path,
+    recipe: PatternRecipe,
+    dpi: float | None = None,
+    mirrored: bool = False,
+    scaled: tuple[float, float] = (1.0, 1.0),
+) -> Verified:
+    """Hold a scan or photograph of a print against its recipe.
+
+    dpi: of the scan, instead of the file's. mirrored: what the transfer asks for (`slide`). scaled:
+    by which the sheet was stretched already. Raises InputError for a file that cannot be used and
+    for a recipe of one colour.
+    """
+    if recipe.patch_mm is None and recipe.dots is None:
+        raise InputError(f"{recipe.law}: one colour all over: there is nothing to compare")
+    scan, dpi, halved = load_scan(path, dpi)
+    best: _Placed | None = None
+    for corners in _squares(scan, recipe, dpi):
+        placed = _placed(scan, recipe, corners)
+        if placed is not None and (best is None or placed.agreement > best.agreement):
+            best = placed
+    if best is None or best.agreement < FOUND:
+        row = PrintRow(
+            "recipe", _read(scan), "this recipe's pattern, whole, with blank film around it", False,
+            "scan the whole sticker at 600 dpi or more; is it this recipe?",
+        )  # fmt: skip
+        return Verified(str(path), (row,), None)
+    found = _found(scan, recipe, best, dpi, halved)
+    return Verified(str(path), tuple(_rows(found, recipe, best, mirrored, scaled)), found, scaled)
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """From the recipe's mm (x, y from its middle) to the scan's px, (3, 3), and how it agrees."""
+
+    to_px: NDArray[np.float64]
+    mirrored: bool
+    agreement: float
+
+
+def _read(scan: Image) -> str:
+    """What is there instead, as far as a code beside it tells."""
+    text, *_ = cv2.QRCodeDetector().detectAndDecode(_grey8(scan))
+    return f"another one: {text}" if text else "not this recipe's pattern"
+
+
+def _grey8(image: Image) -> NDArray[np.uint8]:
+    return np.asarray(image.mean(axis=2) * 255, np.uint8)
+
+
+def _squares(
+    scan: Image, recipe: PatternRecipe, dpi: float | None
+) -> Iterator[NDArray[np.float64]]:
+    """Corners (4, 2) in px of what may be a sticker, in order round it, the likeliest first."""
+    side_px = max(scan.shape[:2])
+    if dpi is not None:
+        side_px = round(recipe.printed_mm * dpi / MM_PER_INCH)
+    shrink = min(1.0, 400 / side_px)
+    small = cv2.resize(scan, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    # Texture tells print from film and from table; a code or a ruler has it too, and is smaller.
+    mean = cv2.GaussianBlur(small, (0, 0), 4.0)
+    spread = np.sqrt(np.maximum(cv2.GaussianBlur(small**2, (0, 0), 4.0) - mean**2, 0).mean(axis=2))
+    scaled = (255 * np.minimum(spread / max(float(spread.max()), 1e-6), 1)).astype(np.uint8)
+    _, mask = cv2.threshold(scaled, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((21, 21), np.uint8))
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((31, 31), np.uint8))
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    for outline in sorted(outlines, key=cv2.contourArea, reverse=True)[:12]:
+        area = float(cv2.contourArea(outline))
+        if area < (0.6 * side_px * shrink) ** 2 * (1.0 if dpi is not None else 0.05):
+            continue
+        hull = cv2.convexHull(outline)
+        for share in (0.02, 0.03, 0.05, 0.08):
+            four = cv2.approxPolyDP(hull, share * cv2.arcLength(hull, True), True)
+            if len(four) == 4:
+                yield (four[:, 0].astype(np.float64) + 0.5) / shrink - 0.5
+                break
+
+
+def _placed(scan: Image, recipe: PatternRecipe, corners: NDArray[np.float64]) -> _Placed | None:
+    """The way round in which a square is most like the recipe, refined."""
+    half = recipe.printed_mm / 2
+    square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
+    rough = albedo(recipe, recipe.printed_mm / 360, (360, 360))
+    plain = _plain(recipe, 360)
+    tried = []
+    for mirrored in (False, True):
+        order = corners if _turns_right(corners) else corners[::-1]
+        if mirrored:
+            order = order[::-1]
+        for k in range(4):
+            fitted, _ = cv2.findHomography(square, np.roll(order, k, axis=0))
+            to_px = np.asarray(fitted, np.float64)
+            seen = _flat(scan, to_px, recipe, 360)
+            tried.append((_alike(seen, rough, plain), mirrored, to_px))
+    best: _Placed | None = None
+    for _, mirrored, to_px in sorted(tried, key=lambda one: -one[0])[:2]:
+        refined = _refined(scan, recipe, to_px)
+        if refined is not None and (best is None or refined[1] > best.agreement):
+            best = _Placed(refined[0], mirrored, refined[1])
+    return best
+
+
+def _plain(recipe: PatternRecipe, side: int) -> Image:
+    """1 where the pattern alone is, 0 at marker dots, which look the same in every recipe."""
+    if recipe.dots is None or recipe.patch_mm is None:
+        return np.ones((side, side, 1), np.float32)
+    step = recipe.printed_mm / side
+    bare = albedo(recipe.model_copy(update={"dots": None}), step, (side, side))
+    marked = np.abs(albedo(recipe, step, (side, side)) - bare).max(axis=2) > 0.05
+    wide = cv2.dilate(marked.astype(np.uint8), np.ones((7, 7), np.uint8))
+    return (1 - wide[..., None]).astype(np.float32)
+
+
+def _turns_right(corners: NDArray[np.float64]) -> bool:
+    """Whether corners go round as (x, y down) do from x to y."""
+    a, b = corners[1] - corners[0], corners[2] - corners[1]
+    return bool(a[0] * b[1] - a[1] * b[0] > 0)
+
+
+def _flat(scan: Image, to_px: NDArray[np.float64], recipe: PatternRecipe, side: int) -> Image:
+    """The sticker in the recipe's frame, (side, side, 3)."""
+    step = recipe.printed_mm / side
+    grid = np.array([[step, 0, (step - recipe.printed_mm) / 2],
+                     [0, step, (step - recipe.printed_mm) / 2], [0, 0, 1]])  # fmt: skip
+    way = to_px @ grid
+    # As many source pixels as one covers are averaged: else fine patches fold.
+    pitch = math.sqrt(abs(np.linalg.det(way[:2, :2] / way[2, 2])))
+    source = scan
+    if pitch > 1.5:
+        source = np.asarray(cv2.GaussianBlur(scan, (0, 0), pitch / 2.5), np.float32)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpPerspective(source, way, (side, side), flags=flags,
+                                          borderMode=cv2.BORDER_REPLICATE), np.float32)  # fmt: skip
+
+
+def _alike(seen: Image, drawn: Image, where: Image, reach: int = 24) -> float:
+    """The best correlation of two pictures up to `reach` px apart, over colours."""
+    spectrum = np.zeros((len(seen), len(seen) // 2 + 1), complex)
+    for c in range(3):
+        a, b = ((one[..., c] - one[..., c].mean()) * where[..., 0] for one in (seen, drawn))
+        norm = float(np.linalg.norm(a) * np.linalg.norm(b))
+        if norm > 0:
+            spectrum = spectrum + np.fft.rfft2(a) * np.conj(np.fft.rfft2(b)) / norm
+    found = np.fft.irfft2(spectrum, seen.shape[:2]) / 3
+    near = np.concatenate([found[:reach], found[-reach:]])
+    return float(np.concatenate([near[:, :reach], near[:, -reach:]], axis=1).max())
+
+
+def _side_px(recipe: PatternRecipe) -> int:
+    fine = recipe.patch_mm or recipe.printed_mm / 400
+    return int(min(MOST_PX, max(400, PX_A_PATCH * recipe.printed_mm / fine)))
+
+
+def _refined(
+    scan: Image, recipe: PatternRecipe, to_px: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float] | None:
+    """The map with every tile where it lies, and how the whole agrees then."""
+    for side in (_side_px(recipe) // 2, _side_px(recipe), _side_px(recipe), _side_px(recipe)):
+        drawn = albedo(recipe, recipe.printed_mm / side, (side, side))
+        seen = _flat(scan, to_px, recipe, side)
+        # One ink: a mean of inks that lie apart is no pattern of any.
+        c = int(np.argmax(seen.std(axis=(0, 1)) * (drawn.std(axis=(0, 1)) > 0)))
+        middles, moves, told = _moves(seen[..., c], drawn[..., c], recipe, side)
+        good = told > TOLD
+        if good.sum() < max(8, 0.2 * len(told)):
+            return None
+        there = cv2.perspectiveTransform((middles + moves)[None, good], to_px)[0]
+        fitted, _ = cv2.findHomography(middles[good], there, cv2.RANSAC, 2.0)
+        if fitted is None:
+            return None
+        to_px = np.asarray(fitted, np.float64)
+    return to_px, _alike(_flat(scan, to_px, recipe, side), drawn, _plain(recipe, side), 2)
+
+
+def _moves(
+    seen: NDArray[Any], drawn: NDArray[Any], recipe: PatternRecipe, side: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Tiles: their middles and by how much they lie off, in mm (n, 2), and the peak's response."""
+    step = recipe.printed_mm / side
+    size = max(32, round(TILE_MM / step))
+    window = cv2.createHanningWindow((size, size), cv2.CV_64F)
+    middles, moves, told = [], [], []
+    for top in range(0, side - size + 1, size):
+        for left in range(0, side - size + 1, size):
+            cut = slice(top, top + size), slice(left, left + size)
+            a, b = drawn[cut].astype(np.float64), seen[cut].astype(np.float64)
+            (x, y), response = cv2.phaseCorrelate(a - a.mean(), b - b.mean(), window)
+            middles.append(((left + size / 2) * step, (top + size / 2) * step))
+            moves.append((x * step, y * step))
+            told.append(response)
+    at = np.array(middles) - recipe.printed_mm / 2
+    return at, np.array(moves), np.array(told)
+
+
+def _found(
+    scan: Image, recipe: PatternRecipe, placed: _Placed, dpi: float | None,
+    halved: bool,
+) -> PrintFound:  # fmt: skip
+    side = _side_px(recipe)
+    drawn = albedo(recipe, recipe.printed_mm / side, (side, side))
+    seen = _flat(scan, placed.to_px, recipe, side)
+    # A scan's pixel, and the line between two of them: a box and a triangle.
+    long_px = math.sqrt(abs(np.linalg.det(placed.to_px[:2, :2]))) * recipe.printed_mm
+    drawn = np.asarray(cv2.GaussianBlur(drawn, (0, 0), max(0.5 * side / long_px, 1e-3)), np.float32)
+    centre = cv2.perspectiveTransform(
+        np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]]), placed.to_px
+    )[0]
+    x, y = (centre[1] - centre[3]) / 2, (centre[2] - centre[4]) / 2
+    long_x, long_y = float(np.hypot(*x)), float(np.hypot(*y))
+    scale = None
+    if dpi is not None:
+        per_mm = dpi / MM_PER_INCH
+        scale = long_x / per_mm, long_y / per_mm
+    inks = []
+    for c in range(3):
+        _, moves, told = _moves(seen[..., c], drawn[..., c], recipe, side)
+        good = told > TOLD
+        inks.append(np.median(moves[good], axis=0) if good.any() else np.zeros(2))
+        # Each ink is judged where it lies.
+        x_px, y_px = inks[-1] * side / recipe.printed_mm
+        back = np.array([[1, 0, -x_px], [0, 1, -y_px]])
+        seen[..., c] = cv2.warpAffine(
+            seen[..., c], back, (side, side), borderMode=cv2.BORDER_REPLICATE
+        )
+    contrast = [_gain(seen[..., c], drawn[..., c]) for c in range(3)]
+    off_um = 1000 * (np.array(inks) - np.mean(inks, axis=0))
+    share = kept(seen * 255, drawn * 255, drawn * 255) or 0.0
+    return PrintFound(
+        mirrored=placed.mirrored,
+        turned_deg=math.degrees(math.atan2(-x[1], -x[0] if placed.mirrored else x[0])),
+        scale=scale,
+        shear=float(abs(x @ y) / (long_x * long_y)),
+        contrast=(contrast[0], contrast[1], contrast[2]),
+        kept=share,
+        in_order=_in_order(seen, recipe),
+        ink_um=tuple((float(u), float(v)) for u, v in off_um),
+        gaps_mm=_gaps(seen, drawn, recipe),
+        dots=_dots(seen, recipe),
+        spread_um=_spread_um(recipe, share),
+        misregistration_um=float(np.sqrt(np.mean(off_um**2))),
+        halved=halved,
+    )
+
+
+def _gain(seen: NDArray[Any], drawn: NDArray[Any]) -> float:
+    """Contrast of one ink as a share of the recipe's; 1 where it has none."""
+    a, b = drawn - drawn.mean(), seen - seen.mean()
+    own = float((a * a).mean())
+    return float((a * b).mean()) / own if own > 0 else 1.0
+
+
+def _in_order(seen: Image, recipe: PatternRecipe) -> float | None:
+    """Share of neighbouring patches of which the lighter one is the lighter one, a colour each."""
+    from .laws.patches import draw_patches
+
+    if recipe.patch_mm is None or recipe.n < 3:
+        return None
+    patches = draw_patches(recipe).astype(np.float32)
+    means = cv2.resize(seen, (recipe.n, recipe.n), interpolation=cv2.INTER_AREA)
+    right = whole = 0
+    for axis in (0, 1):
+        want, have = np.diff(patches, axis=axis), np.diff(means, axis=axis)
+        told = np.abs(want) >= 64
+        whole += int(told.sum())
+        right += int((np.sign(want) == np.sign(have))[told].sum())
+    return right / whole if whole else None
+
+
+def _gaps(seen: Image, drawn: Image, recipe: PatternRecipe) -> tuple[tuple[float, float], ...]:
+    """Middles (mm) of tiles that have half of the contrast of the others, or less."""
+    side = len(seen)
+    step = recipe.printed_mm / side
+    size = max(16, round(TILE_MM / 2 / step))
+    places, shares = [], []
+    for top in range(0, side - size + 1, size):
+        for left in range(0, side - size + 1, size):
+            cut = slice(top, top + size), slice(left, left + size)
+            own = kept(seen[cut], drawn[cut], drawn[cut])
+            if own is not None:
+                places.append(((left + size / 2) * step, (top + size / 2) * step))
+                shares.append(own)
+    least = GAP_SHARE * float(np.median(shares))
+    half = recipe.printed_mm / 2
+    return tuple(
+        (round(x - half, 2), round(y - half, 2))
+        for (x, y), share in zip(places, shares, strict=True)
+        if share < least
+    )
+
+
+def _dots(seen: Image, recipe: PatternRecipe) -> tuple[int, int] | None:
+    """Marker dots that stand out from what is around them, and how many there should be."""
+    from .dots import centres_mm
+
+    if recipe.dots is None:
+        return None
+    step = recipe.printed_mm / len(seen)
+    radius = recipe.dots.diameter_mm / 2
+    rgb = np.array(recipe.dots.rgb) / 255
+    y, x = np.mgrid[: len(seen), : len(seen)] * step + (step - recipe.printed_mm) / 2
+    lightness = np.abs(seen - rgb).mean(axis=2)
+    found = 0
+    centres = centres_mm(recipe.dots).reshape(-1, 2)
+    for at_x, at_y in centres:
+        rows = slice(*_around(at_y, 3 * radius, step, recipe.printed_mm, len(seen)))
+        columns = slice(*_around(at_x, 3 * radius, step, recipe.printed_mm, len(seen)))
+        far = np.hypot(x[rows, columns] - at_x, y[rows, columns] - at_y)
+        inside, beside = far < 0.7 * radius, (far > 1.4 * radius) & (far < 2.8 * radius)
+        near = lightness[rows, columns]
+        found += bool(near[inside].mean() < DOT_SHARE * near[beside].mean())
+    return found, len(centres)
+
+
+def _around(at: float, reach: float, step: float, whole: float, side: int) -> tuple[int, int]:
+    low = round((at - reach + whole / 2) / step)
+    return max(0, low), min(side, low + round(2 * reach / step))
+
+
+def _spread_um(recipe: PatternRecipe, share: float) -> float:
+    """The spread at which the printer's model keeps that share of a recipe's contrast."""
+    if recipe.patch_mm is None:
+        return 0.0
+    fine = recipe.patch_mm / 8
+    px = min(512, round(recipe.printed_mm / fine))
+    drawn = albedo(recipe, fine, (px, px)) * 255
+    spreads = np.linspace(0.0, 1.5 * recipe.patch_mm, 16)
+    shares = [
+        kept(cv2.GaussianBlur(drawn, (0, 0), max(s / 2 / fine, 1e-3)), drawn, drawn) or 0.0
+        for s in spreads
+    ]
+    return float(1000 * np.interp(-share, -np.array(shares), spreads))
+
+
+def _rows(
+    found: PrintFound, recipe: PatternRecipe, placed: _Placed, mirrored: bool,
+    scaled: tuple[float, float],
+) -> Iterator[PrintRow]:  # fmt: skip
+    yield PrintRow("recipe", f"found, agreement {placed.agreement:.2f}", f">= {FOUND:g}", True)
+    way = {False: "not mirrored", True: "mirrored"}
+    yield PrintRow(
+        "mirror", way[found.mirrored], way[mirrored], found.mirrored == mirrored,
+        "print with the other --transfer, or say which one it is",
+    )  # fmt: skip
+    if found.scale is None:
+        what = "not told by a photograph: a flatbed scan with its dpi does"
+        yield PrintRow("scale and shear", what, "not judged", True)
+    else:
+        for axis, scale, was in zip("xy", found.scale, scaled, strict=True):
+            yield PrintRow(
+                f"scale, {axis}", f"{scale:.4f}", f"1 +- {SCALE_OFF:g}",
+                abs(scale - 1) <= SCALE_OFF,
+                f"print again with --scale-{axis} {was / scale:.4f}, and no scaling in the viewer",
+            )  # fmt: skip
+        yield PrintRow(
+            "shear", f"{found.shear:.4f}", f"<= {SHEAR_OFF:g}", found.shear <= SHEAR_OFF,
+            "the paper went in at an angle, or the scan is of a bent film",
+        )  # fmt: skip
+    if found.in_order is not None:
+        yield PrintRow(
+            "patches resolved", f"{100 * found.in_order:.1f} % of neighbours in order",
+            f">= {100 * IN_ORDER:g} %", found.in_order >= IN_ORDER,
+            "a larger patch, or a printer of more dots an inch",
+        )  # fmt: skip
+    if found.halved:
+        yield PrintRow("contrast and inks", HALVED, "not judged", True)
+    else:
+        yield PrintRow(
+            "contrast kept", f"{found.kept:.2f}", f">= {PRINTED_SHARE:g} of the recipe's",
+            found.kept >= PRINTED_SHARE, "finest setting, matt film, a larger patch",
+        )  # fmt: skip
+        weakest = min(found.contrast) / max(max(found.contrast), 1e-9)
+        shown = ", ".join(f"{c:.2f}" for c in found.contrast)
+        yield PrintRow(
+            "inks", f"contrast of R, G, B {shown}", f"the weakest >= {INK_SHARE:g} of the best",
+            weakest >= INK_SHARE, "an ink is missing or nearly empty: clean the head, change it",
+        )  # fmt: skip
+    most_um = 500 * (recipe.patch_mm or 0.15)
+    worst_um = max(math.hypot(u, v) for u, v in found.ink_um)
+    yield PrintRow(
+        "misregistration of inks", f"{worst_um:.0f} um", f"<= {most_um:.0f} um, half a patch",
+        worst_um <= most_um, "align the print heads",
+    )  # fmt: skip
+    where = "; ".join(f"({x:g}, {y:g})" for x, y in found.gaps_mm[:4])
+    yield PrintRow(
+        "gaps", f"{len(found.gaps_mm)} tiles: {where} mm" if where else "none", "none",
+        not found.gaps_mm, "a clogged nozzle or a scratch: clean the head, print again",
+    )  # fmt: skip
+    if found.dots is not None:
+        there, whole = found.dots
+        yield PrintRow(
+            "marker dots", f"{there} of {whole}", "all", there == whole,
+            "white is where no ink is: look at the film there",
+        )  # fmt: skip

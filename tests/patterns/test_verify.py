@@ -1,0 +1,159 @@
+"""Prints that a script of Pillow and scipy spoils: each fault is told, and nothing else is."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import tomllib
+
+import numpy as np
+import pytest
+import spoiled
+from called import called
+from PIL import Image
+
+from deltact_fab.errors import InputError
+from deltact_fab.patterns import load_recipe
+from deltact_fab.patterns.code import encode
+from deltact_fab.patterns.raster import raster
+from deltact_fab.patterns.recipe import PatternRecipe
+from deltact_fab.patterns.verify import load_printer, verify
+
+DPI = 600.0
+RECIPE = PatternRecipe(law="algorithm1", seed=3, size_mm=20.0, patch_mm=0.2, r=0.3)
+
+
+def sheet_of(recipe: PatternRecipe, blank: int = 120) -> np.ndarray:
+    print_ = raster(recipe, DPI)
+    return np.pad(print_, ((blank, blank), (blank, blank), (0, 0)), constant_values=255)
+
+
+SHEET = sheet_of(RECIPE)
+FAULTS: dict[str, tuple[dict, set[str]]] = {
+    "sound": ({}, set()),
+    "sound, another scanner": ({"noise": 5.0, "blur_px": 0.8, "seed": 4}, set()),
+    "turned by 91 degrees": ({"turn_deg": 91.0}, set()),
+    "turned upside down": ({"turn_deg": 180.6}, set()),
+    "scale": ({"scale": (1.0031, 0.9972)}, {"scale, x", "scale, y"}),
+    "scale in y": ({"scale": (1.0004, 1.006), "turn_deg": -2.0}, {"scale, y"}),
+    "shear": ({"shear": 0.004, "turn_deg": 1.3}, {"shear"}),
+    "mirrored": ({"mirrored": True}, {"mirror"}),
+    "inks apart": ({"inks_px": ((4.0, 0.0), (0.0, -3.0), (0.0, 0.0))}, {"misregistration of inks"}),
+    "magenta nearly empty": ({"fade": (1.0, 0.3, 1.0)}, {"inks"}),
+    "clogged": ({"streaks": (slice(330, 352),)}, {"gaps"}),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_fails_its_own_row_and_no_other(tmp_path, fault):
+    how, fails = FAULTS[fault]
+    scan = spoiled.save(spoiled.print_of(SHEET, **how), tmp_path / "scan.png", DPI)
+    done = verify(scan, RECIPE)
+    assert {row.check for row in done.rows if not row.passed} == fails
+    x, y = how.get("scale", (1.0, 1.0))
+    assert done.found.scale == pytest.approx((x, y), abs=1e-3)
+    assert done.found.shear == pytest.approx(how.get("shear", 0.0), abs=1e-3)
+    turn = how.get("turn_deg", 0.0)
+    assert (done.found.turned_deg - turn + 180) % 360 - 180 == pytest.approx(0, abs=0.1)
+
+
+def test_where_ink_lacks_and_how_far_inks_are_apart_is_told(tmp_path):
+    image = spoiled.print_of(SHEET, streaks=(slice(330, 352),))
+    done = verify(spoiled.save(image, tmp_path / "a.png", DPI), RECIPE)
+    there_mm = (341 - 120) * 25.4 / DPI - 10.0
+    assert {round(y - there_mm) for _, y in done.found.gaps_mm} <= {-1, 0, 1}
+    assert len({x for x, _ in done.found.gaps_mm}) > 8
+    image = spoiled.print_of(SHEET, inks_px=((3.0, 0.0), (0.0, -3.0), (0.0, 0.0)))
+    done = verify(spoiled.save(image, tmp_path / "b.png", DPI), RECIPE)
+    pitch_um = 25400 / DPI
+    exact = np.array([[2, 1], [-1, -2], [-1, 1]]) * pitch_um
+    assert np.array(done.found.ink_um) == pytest.approx(exact, abs=0.15 * pitch_um)
+
+
+def test_a_hand_held_photograph_is_judged_but_for_its_scale(tmp_path):
+    scan = spoiled.print_of(SHEET)
+    photo = spoiled.photograph_of(scan, ((60, 40), (900, 110), (860, 880), (20, 800)))
+    done = verify(spoiled.save(photo, tmp_path / "photo.jpg"), RECIPE)
+    assert done.passed
+    assert done.found.scale is None
+    with pytest.raises(InputError, match="tells no scale: a flatbed scan with its dpi does"):
+        done.printer()
+
+
+def test_a_jpeg_of_halved_colours_says_what_it_cannot_tell(tmp_path):
+    done = verify(spoiled.save(spoiled.print_of(SHEET), tmp_path / "scan.jpg", DPI), RECIPE)
+    assert done.passed
+    assert "contrast and inks" in [row.check for row in done.rows]
+    with pytest.raises(InputError, match="scan it as PNG or TIFF"):
+        done.printer()
+
+
+def test_a_sheet_that_was_stretched_already_keeps_its_stretch(tmp_path):
+    scan = spoiled.save(spoiled.print_of(SHEET), tmp_path / "scan.png", DPI)
+    done = verify(scan, RECIPE, scaled=(1.004, 0.998))
+    assert done.passed
+    known = done.printer()
+    assert (known.scale_x, known.scale_y) == pytest.approx((1.004, 0.998), abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_another_recipe_is_told(tmp_path, seed):
+    other = RECIPE.model_copy(update={"seed": seed})
+    scan = spoiled.save(spoiled.print_of(sheet_of(other)), tmp_path / "scan.jpg", DPI)
+    (row,) = verify(scan, RECIPE).rows
+    assert not row.passed
+    assert row.found == "not this recipe's pattern"
+
+
+def test_what_is_no_scan_is_one_line(tmp_path):
+    (tmp_path / "a.png").write_text("no image")
+    with pytest.raises(InputError, match=r"a\.png: no image that can be read"):
+        verify(tmp_path / "a.png", RECIPE)
+    with pytest.raises(InputError, match=r"b\.png: no such file"):
+        verify(tmp_path / "b.png", RECIPE)
+    clear = PatternRecipe(law="transparent", seed=1)
+    with pytest.raises(InputError, match="one colour all over"):
+        verify(tmp_path / "a.png", clear)
+    blank = spoiled.save(np.full((900, 900, 3), 240, np.uint8), tmp_path / "c.png", DPI)
+    assert not verify(blank, RECIPE).passed
+
+
+def test_the_next_sheet_and_the_quality_are_this_printer_s(tmp_path):
+    """On the command line: a print that is too large gives a sheet that is smaller."""
+    image = spoiled.print_of(SHEET, scale=(1.003, 1.001), blur_px=0.8)
+    spoiled.save(image, tmp_path / "scan.png", DPI)
+    words = ["pattern", "verify", "scan.png", encode(RECIPE), "-o", "printer.toml"]
+    done = called(*words, cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stdout.startswith("scan.png: fails: scale, x\n")
+    known = load_printer(tmp_path / "printer.toml")
+    assert (known.scale_x, known.scale_y) == pytest.approx((1 / 1.003, 1 / 1.001), abs=1e-3)
+    # Twice the blur, and the line that the script draws between two pixels.
+    blur_um = 2 * np.sqrt(0.64 + 1 / 6) * 25400 / DPI
+    assert known.spread_um == pytest.approx(blur_um, rel=0.2)
+    sheet = ["pattern", "sheet", "dense", "--printer", "printer.toml", "-o", "s.pdf", "--json"]
+    made = json.loads(called(*sheet, cwd=tmp_path).stdout)
+    assert made["scale"] == [known.scale_x, known.scale_y]
+    told = called("pattern", "quality", "dense", "--printer", "printer.toml", cwd=tmp_path).stdout
+    assert "values of the camera are assumed" in told
+    assert tomllib.loads((tmp_path / "printer.toml").read_text())["spread_um"] == known.spread_um
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm is not installed")
+@pytest.mark.parametrize("name", ["dense", "dense-with-dots", "octave"])
+def test_a_whole_sheet_as_another_program_draws_it(tmp_path, name):
+    called("pattern", "sheet", name, "-o", "sheet.pdf", cwd=tmp_path)
+    command = ["pdftoppm", "-r", "1200", "-png", "-singlefile", "sheet.pdf", "page"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    with Image.open(tmp_path / "page.png") as page:
+        part = np.asarray(page.convert("RGB").crop((700, 2000, 3500, 4800)))
+    scan = spoiled.print_of(part, scale=(1.004, 0.997), turn_deg=0.7)
+    path = spoiled.save(scan, tmp_path / "scan.png", 1200)
+    done = verify(path, load_recipe(name))
+    assert {row.check for row in done.rows if not row.passed} == {"scale, x", "scale, y"}
+    assert done.found.scale == pytest.approx((1.004, 0.997), abs=1e-3)
+    other = "octave" if name != "octave" else "dense"
+    (row,) = verify(path, load_recipe(other)).rows
+    assert not row.passed
