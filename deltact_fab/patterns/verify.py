@@ -12,6 +12,7 @@ the printer's blur.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -32,7 +33,8 @@ Image = NDArray[np.float32]
 PX_A_PATCH = 4.0
 MOST_PX = 2400  # side of the sticker as it is compared
 TILE_MM = 3.0
-FOUND = 0.08  # correlation of a sticker with its recipe; with another it is below 0.03
+MIDDLE_MM, ASIDE_MM = 9.0, 1.0  # what is compared first, and how far it may lie off
+FOUND = 0.2  # correlation of a sticker with its recipe; with another it is below 0.08
 TOLD = 0.1  # response of a tile that counts
 SCALE_OFF, SHEAR_OFF = 0.002, 0.002
 IN_ORDER = 0.8  # of neighbouring patches; by chance it is half of them
@@ -137,8 +139,8 @@ class Verified:
         return KnownPrinter(x, y, found.spread_um, found.misregistration_um)
 
 
-def load_scan(path: Path, dpi: float | None = None) -> tuple[Image, float | None, bool]:
-    """An image (h, w, 3) RGB in 0..1, its dpi, and whether its colours are halved, as JPEG does.
+def load_scan(path: Path, dpi: float | None = None) -> tuple[NDArray[np.uint8], float | None, bool]:
+    """An image (h, w, 3) RGB, its dpi, and whether its colours are halved, as JPEG does.
 
     dpi: of the file unless given; None where neither says it. Raises InputError for a file that is
     no image.
@@ -148,10 +150,12 @@ def load_scan(path: Path, dpi: float | None = None) -> tuple[Image, float | None
     from PIL.JpegImagePlugin import get_sampling
 
     try:
-        with Pil.open(path) as opened:
+        # A page of A4 at 1200 dpi is more than Pillow trusts a file to be.
+        with warnings.catch_warnings(), Pil.open(path) as opened:
+            warnings.simplefilter("ignore", Pil.DecompressionBombWarning)
             told = opened.info.get("dpi")
             halved = opened.format == "JPEG" and get_sampling(opened) not in (-1, 0)
-            rgb = np.asarray(opened.convert("RGB")).astype(np.float32) / np.float32(255)
+            rgb = np.asarray(opened.convert("RGB"))
     except FileNotFoundError as why:
         raise InputError(f"{path}: no such file") from why
     except (UnidentifiedImageError, OSError, Pil.DecompressionBombError) as why:
@@ -178,17 +182,20 @@ def verify(
         raise InputError(f"{recipe.law}: one colour all over: there is nothing to compare")
     scan, dpi, halved = load_scan(path, dpi)
     best: _Placed | None = None
+    part = np.zeros((1, 1, 3), np.float32)
     for corners in _squares(scan, recipe, dpi):
-        placed = _placed(scan, recipe, corners)
+        low, high = _with_room(corners, scan.shape[:2])
+        held = scan[low[1] : high[1], low[0] : high[0]].astype(np.float32) / np.float32(255)
+        placed = _placed(held, recipe, corners - low)
         if placed is not None and (best is None or placed.agreement > best.agreement):
-            best = placed
+            best, part = placed, held
     if best is None or best.agreement < FOUND:
         row = PrintRow(
             "recipe", _read(scan), "this recipe's pattern, whole, with blank film around it", False,
             "scan the whole sticker at 600 dpi or more; is it this recipe?",
         )  # fmt: skip
         return Verified(str(path), (row,), None)
-    found = _found(scan, recipe, best, dpi, halved)
+    found = _found(part, recipe, best, dpi, halved)
     return Verified(str(path), tuple(_rows(found, recipe, best, mirrored, scaled)), found, scaled)
 
 
@@ -201,18 +208,24 @@ class _Placed:
     agreement: float
 
 
-def _read(scan: Image) -> str:
+def _with_room(
+    corners: NDArray[np.float64], shape: tuple[int, ...]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The part of a scan (x, y) that holds a square, with a tenth of its side around it."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    room = 0.1 * (high - low)
+    most = np.array([shape[1], shape[0]])
+    return np.maximum(low - room, 0).astype(int), np.minimum(high + room + 1, most).astype(int)
+
+
+def _read(scan: NDArray[np.uint8]) -> str:
     """What is there instead, as far as a code beside it tells."""
-    text, *_ = cv2.QRCodeDetector().detectAndDecode(_grey8(scan))
+    text, *_ = cv2.QRCodeDetector().detectAndDecode(cv2.cvtColor(scan, cv2.COLOR_RGB2GRAY))
     return f"another one: {text}" if text else "not this recipe's pattern"
 
 
-def _grey8(image: Image) -> NDArray[np.uint8]:
-    return np.asarray(image.mean(axis=2) * 255, np.uint8)
-
-
 def _squares(
-    scan: Image, recipe: PatternRecipe, dpi: float | None
+    scan: NDArray[np.uint8], recipe: PatternRecipe, dpi: float | None
 ) -> Iterator[NDArray[np.float64]]:
     """Corners (4, 2) in px of what may be a sticker, in order round it, the likeliest first."""
     side_px = max(scan.shape[:2])
@@ -220,32 +233,50 @@ def _squares(
         side_px = round(recipe.printed_mm * dpi / MM_PER_INCH)
     shrink = min(1.0, 400 / side_px)
     small = cv2.resize(scan, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-    # Texture tells print from film and from table; a code or a ruler has it too, and is smaller.
+    small = small.astype(np.float32) / np.float32(255)
+    for mask in _inked(small):
+        closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((21, 21), np.uint8))
+        opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((31, 31), np.uint8))
+        outlines, _ = cv2.findContours(opened, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        for outline in sorted(outlines, key=cv2.contourArea, reverse=True)[:12]:
+            area = float(cv2.contourArea(outline))
+            if area < (0.6 * side_px * shrink) ** 2 * (1.0 if dpi is not None else 0.05):
+                continue
+            hull = cv2.convexHull(outline)
+            for share in (0.02, 0.03, 0.05, 0.08):
+                four = cv2.approxPolyDP(hull, share * cv2.arcLength(hull, True), True)
+                if len(four) == 4:
+                    yield (four[:, 0].astype(np.float64) + 0.5) / shrink - 0.5
+                    break
+
+
+def _inked(small: Image) -> Iterator[NDArray[np.uint8]]:
+    """Where a print may be: what is darker than the film, then what has more texture than the rest.
+
+    A fine pattern is an even grey from afar; on a grey table only texture tells it.
+    """
+    grey = cv2.GaussianBlur(small.mean(axis=2), (0, 0), 2.0)
+    yield (grey < 0.8 * np.percentile(grey, 98)).astype(np.uint8)
     mean = cv2.GaussianBlur(small, (0, 0), 4.0)
     spread = np.sqrt(np.maximum(cv2.GaussianBlur(small**2, (0, 0), 4.0) - mean**2, 0).mean(axis=2))
     scaled = (255 * np.minimum(spread / max(float(spread.max()), 1e-6), 1)).astype(np.uint8)
     _, mask = cv2.threshold(scaled, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((21, 21), np.uint8))
-    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((31, 31), np.uint8))
-    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    for outline in sorted(outlines, key=cv2.contourArea, reverse=True)[:12]:
-        area = float(cv2.contourArea(outline))
-        if area < (0.6 * side_px * shrink) ** 2 * (1.0 if dpi is not None else 0.05):
-            continue
-        hull = cv2.convexHull(outline)
-        for share in (0.02, 0.03, 0.05, 0.08):
-            four = cv2.approxPolyDP(hull, share * cv2.arcLength(hull, True), True)
-            if len(four) == 4:
-                yield (four[:, 0].astype(np.float64) + 0.5) / shrink - 0.5
-                break
+    yield mask.astype(np.uint8)
 
 
 def _placed(scan: Image, recipe: PatternRecipe, corners: NDArray[np.float64]) -> _Placed | None:
     """The way round in which a square is most like the recipe, refined."""
     half = recipe.printed_mm / 2
     square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
-    rough = albedo(recipe, recipe.printed_mm / 360, (360, 360))
-    plain = _plain(recipe, 360)
+    # In the middle, where corners that are a little off only shift it.
+    side = int(min(1000, max(360, 2 * recipe.n)))
+    step = recipe.printed_mm / side
+    half_px = round(min(recipe.printed_mm, max(MIDDLE_MM, 24 * (recipe.patch_mm or 0))) / step / 2)
+    middle = slice(side // 2 - half_px, side // 2 + half_px)
+    rough = albedo(recipe, step, (side, side))[middle, middle]
+    plain = _plain(recipe, side)[middle, middle]
+    reach = min(round(ASIDE_MM / step), half_px - 1)
+    pair_px = 2 * (recipe.patch_mm or 0) / step
     tried = []
     for mirrored in (False, True):
         order = corners if _turns_right(corners) else corners[::-1]
@@ -254,8 +285,8 @@ def _placed(scan: Image, recipe: PatternRecipe, corners: NDArray[np.float64]) ->
         for k in range(4):
             fitted, _ = cv2.findHomography(square, np.roll(order, k, axis=0))
             to_px = np.asarray(fitted, np.float64)
-            seen = _flat(scan, to_px, recipe, 360)
-            tried.append((_alike(seen, rough, plain), mirrored, to_px))
+            seen = _flat(scan, to_px, recipe, side)[middle, middle]
+            tried.append((_alike(seen, rough, plain, reach, pair_px), mirrored, to_px))
     best: _Placed | None = None
     for _, mirrored, to_px in sorted(tried, key=lambda one: -one[0])[:2]:
         refined = _refined(scan, recipe, to_px)
@@ -297,8 +328,14 @@ def _flat(scan: Image, to_px: NDArray[np.float64], recipe: PatternRecipe, side: 
                                           borderMode=cv2.BORDER_REPLICATE), np.float32)  # fmt: skip
 
 
-def _alike(seen: Image, drawn: Image, where: Image, reach: int = 24) -> float:
-    """The best correlation of two pictures up to `reach` px apart, over colours."""
+def _alike(seen: Image, drawn: Image, where: Image, reach: int, pair_px: float) -> float:
+    """The best correlation of two pictures up to `reach` px apart, over colours.
+
+    Of means over two patches (pair_px): neighbours that must differ are nearly a chessboard, which
+    all such recipes share.
+    """
+    k = max(1, round(pair_px))
+    seen, drawn = (np.asarray(cv2.blur(one, (k, k)), np.float32) for one in (seen, drawn))
     spectrum = np.zeros((len(seen), len(seen) // 2 + 1), complex)
     for c in range(3):
         a, b = ((one[..., c] - one[..., c].mean()) * where[..., 0] for one in (seen, drawn))
@@ -333,7 +370,9 @@ def _refined(
         if fitted is None:
             return None
         to_px = np.asarray(fitted, np.float64)
-    return to_px, _alike(_flat(scan, to_px, recipe, side), drawn, _plain(recipe, side), 2)
+    pair_px = 2 * (recipe.patch_mm or 0) * side / recipe.printed_mm
+    seen, plain = _flat(scan, to_px, recipe, side), _plain(recipe, side)
+    return to_px, _alike(seen, drawn, plain, 2, pair_px)
 
 
 def _moves(

@@ -145,15 +145,16 @@ def test_the_next_sheet_and_the_quality_are_this_printer_s(tmp_path):
 @pytest.mark.parametrize("name", ["dense", "dense-with-dots", "octave"])
 def test_a_whole_sheet_as_another_program_draws_it(tmp_path, name):
     called("pattern", "sheet", name, "-o", "sheet.pdf", cwd=tmp_path)
-    command = ["pdftoppm", "-r", "1200", "-png", "-singlefile", "sheet.pdf", "page"]
+    part = ["-x", "700", "-y", "2000", "-W", "2800", "-H", "2800"]
+    command = ["pdftoppm", "-r", "1200", *part, "-png", "-singlefile", "sheet.pdf", "page"]
     subprocess.run(command, cwd=tmp_path, check=True)
     with Image.open(tmp_path / "page.png") as page:
-        part = np.asarray(page.convert("RGB").crop((700, 2000, 3500, 4800)))
-    scan = spoiled.print_of(part, scale=(1.004, 0.997), turn_deg=0.7)
+        image = np.asarray(page.convert("RGB"))
+    scan = spoiled.print_of(image, scale=(1.004, 0.997), turn_deg=0.7)
     path = spoiled.save(scan, tmp_path / "scan.png", 1200)
     done = verify(path, load_recipe(name))
     assert {row.check for row in done.rows if not row.passed} == {"scale, x", "scale, y"}
     assert done.found.scale == pytest.approx((1.004, 0.997), abs=1e-3)
-    other = "octave" if name != "octave" else "dense"
-    (row,) = verify(path, load_recipe(other)).rows
+    other = load_recipe(name).model_copy(update={"seed": 99})
+    (row,) = verify(path, other).rows
     assert not row.passed
