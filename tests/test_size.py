@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 79586,
-    ("deltact_fab", "files"): 609,
-    ("tests", "lines"): 46747,
+    ("deltact_fab", "lines"): 80263,
+    ("deltact_fab", "files"): 610,
+    ("tests", "lines"): 46982,
 }
 
 

@@ -104,8 +104,9 @@ def test_it_loads_without_error_and_fetches_nothing(visit: Visit) -> None:
 
 def test_every_picture_is_drawn_and_nothing_runs_over(visit: Visit) -> None:
     widths = visit.tab.evaluate(IMAGES)
-    exploded, whole, bench, wiring = 1, 1, 1, 1
-    assert len(widths) == exploded + len(listed()) + len(guide.STEPS) + whole + bench + wiring
+    exploded, whole, bench, wiring, pattern, casting = 1, 1, 1, 1, 1, 32
+    steps = casting + len(guide.STEPS)
+    assert len(widths) == exploded + len(listed()) + steps + whole + bench + wiring + pattern
     assert min(widths) > 0
     assert visit.tab.evaluate(OVERFLOW) == 0
     visit.tab.set_viewport_size({"width": 480, "height": 900})
