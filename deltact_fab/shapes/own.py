@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
@@ -9,6 +10,7 @@ from typing import Any, Literal
 from .. import catalog
 from ..errors import InputError
 from .bounded import ShapeError
+from .indenters import SHAPES
 from .posed import PlainTip, PosedTip
 from .prism import PrismTip
 from .rigid import REACH_MM, Indenter
@@ -109,6 +111,8 @@ class OwnShape:
 @lru_cache(maxsize=64)
 def _made(name: str, shape: OwnShape) -> Indenter:
     try:
+        if not re.fullmatch(r"[a-z][a-z0-9-]*", name) or name in ("sphere", *SHAPES):
+            raise ShapeError(f"a name of a-z, 0-9 and -, and no built-in one: {name!r} fails")
         if not shape.tips:
             raise ShapeError("tips >= 1: 0 fails")
         made = Indenter(

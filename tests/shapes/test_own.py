@@ -14,6 +14,7 @@ from deltact_fab.errors import InputError
 from deltact_fab.gel.footprint import is_mirrored
 from deltact_fab.shapes import EllipsoidTip, PosedTip, RidgeTip, SphereTip, indenter
 from deltact_fab.shapes.bounded import ShapeError
+from deltact_fab.shapes.own import OwnShape, OwnTip
 
 OWN = ("cross", "tilted-edge", "two-axis")
 
@@ -88,6 +89,13 @@ def test_a_shape_that_is_none_is_one_line(tmp_path, monkeypatch, text, says):
     with pytest.raises(InputError, match=re.escape(says)) as told:
         indenter.parse("mine")
     assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("name", ["Mine", "a/b", "star", "sphere"])
+def test_a_name_that_a_file_or_a_built_in_shape_cannot_have_is_refused(name):
+    shape = OwnShape((OwnTip("ball", radius_mm=2.0),))
+    with pytest.raises(InputError, match="no built-in one"):
+        shape.indenter(name)
 
 
 def test_a_tip_beyond_its_tilt_is_refused():
