@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 80267,
+    ("deltact_fab", "lines"): 80294,
     ("deltact_fab", "files"): 610,
-    ("tests", "lines"): 46990,
+    ("tests", "lines"): 47014,
 }
 
 

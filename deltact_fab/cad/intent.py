@@ -22,7 +22,7 @@ from . import feasibility
 from .cameras import load_camera, load_cameras
 from .check import bending, electric, fits, visibility
 from .dimensions import Design
-from .parts.camera import off_axis
+from .parts.camera import off_axis_mm
 from .standards import CAP_SCREWS, CHEESE_SCREWS
 
 GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)
@@ -191,7 +191,7 @@ def failures(design: Design, wish: Wish) -> Iterator[str]:
             yield f"{rule.part}: {rule.text}"
     path = design.optics.air_gap_mm, design.optics.acrylic_mm, design.skin.thickness_mm
     angle = half_angle_rad(math.hypot(view_x, view_y) / 2, *path)
-    cone_mm = _reached_mm(angle, (path[0], path[1], 0.0)) + math.sqrt(2) * _off_mm(design)
+    cone_mm = _reached_mm(angle, (path[0], path[1], 0.0)) + math.sqrt(2) * off_axis_mm(design)
     if not cone_mm <= design.light_bore_mm:
         bore_mm = design.light_bore_mm
         yield f"light cone: {cone_mm:.1f} mm wide at the plate, {bore_mm:.1f} mm in the ring"
@@ -298,11 +298,6 @@ def _held(design: Design) -> Design:
     return replace(design, cover=replace(cover, peg_y_mm=max(cover.peg_y_mm, peg_mm)))
 
 
-def _off_mm(design: Design) -> float:
-    """How far the lens may stand off the middle, either way."""
-    return sum(length.mean_mm + length.spread_mm for length in off_axis(design))
-
-
 def _thread(side_mm: float) -> str:
     """The thread for a face's longer side, as the shipped designs have it."""
     return next((name for name, most in THREADS if side_mm <= most), "M3")
@@ -322,7 +317,7 @@ def _seen(design: Design, share: float) -> Any:
     """
     optics, camera, skin = design.optics, design.camera, design.skin
     path = optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm
-    off = _off_mm(design)
+    off = off_axis_mm(design)
     crop = camera.crop_half_mm
     half = [
         min(side / 2 - skin.edge_fillet_mm - off, _reached_mm(camera.angle_rad(c), path))

@@ -251,6 +251,15 @@ SCALE_X = click.option("--scale-x", type=float, metavar="FACTOR", show_default="
 SCALE_Y = click.option("--scale-y", type=float, metavar="FACTOR", show_default="1",
                        help="100 mm divided by what the printed ruler in y measures."
                        )  # fmt: skip
+
+
+def _scales(
+    x: float | None, y: float | None, otherwise: tuple[float, float]
+) -> tuple[float, float]:
+    """The scales that are given, else the others."""
+    return (otherwise[0] if x is None else x, otherwise[1] if y is None else y)
+
+
 PAPER = click.option(
     "--paper", default="A4", show_default=True, metavar="SIZE",
     help="A2, A3, A4, A5, SRA3, Letter, Legal or Tabloid.",
@@ -296,10 +305,14 @@ def sheet(
     from ..errors import InputError
     from ..patterns import load_recipe
     from ..patterns.sheet import write
-    from ..patterns.verify import KnownPrinter, load_printer
     from .output import progress
 
-    known = KnownPrinter() if printer is None else load_printer(printer)
+    scale = (1.0, 1.0)
+    if printer is not None:
+        from ..patterns.verify import load_printer
+
+        known = load_printer(printer)
+        scale = known.scale_x, known.scale_y
     chosen = [load_recipe(name) for name in recipes]
     sensor = load(design, changes)
     # For no design that was named a small sticker is a trial print.
@@ -318,7 +331,7 @@ def sheet(
             transfer=transfer,
             copies=copies,
             whole_dots=whole_dots,
-            scale=(scale_x or known.scale_x, scale_y or known.scale_y),
+            scale=_scales(scale_x, scale_y, scale),
             sensor=sensor,
             progress=tell,
         )
@@ -363,7 +376,7 @@ def verify(
 
     coded = recipe.upper().startswith(PREFIX)
     asked = decode(recipe) if coded else load_recipe(recipe)
-    scaled = (scale_x or 1.0, scale_y or 1.0)
+    scaled = _scales(scale_x, scale_y, (1.0, 1.0))
     done = judge(scan, asked, dpi, transfer == "slide", scaled)
     if out is not None:
         write_new(out, as_toml(asdict(done.printer())))

@@ -8,15 +8,10 @@ from functools import lru_cache
 import numpy as np
 
 from ..aliases import Field
-from ..shapes import Indenter, PosedTip, Tip, posed
+from ..shapes import Indenter
 
 R2 = 0.7548776662466927, 0.5698402909980532  # steps that fill a square evenly (Roberts)
 MIRROR_MM = 1e-6
-
-
-def edge_radius_mm(tip: Tip) -> float:
-    """Smallest convex radius of a tip's underside."""
-    return posed.edge_radius_mm(tip.tip if isinstance(tip, PosedTip) else tip)
 
 
 def is_mirrored(indenter: Indenter, axis: int) -> bool:

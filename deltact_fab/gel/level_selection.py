@@ -13,10 +13,10 @@ from ..errors import InputError
 from ..levels import FINITE, LEVELS, LINEAR
 from ..levels.linear import PressScales
 from ..shapes import Indenter, SkinDimensions
+from ..shapes.posed import edge_radius_mm
 from .finite.mesh import GROWTH, unknowns
 from .footprint import (
     contact_radius_mm,
-    edge_radius_mm,
     is_mirrored,
     section_half_mm,
     whole_radius_mm,

@@ -13,9 +13,10 @@ from ..aliases import Field, Point, Point2, Progress
 from ..elasticity.material import GelMaterial
 from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
+from ..shapes.posed import edge_radius_mm
 from . import time_limit
 from .error_control import MeshConvergence, RefinedPress
-from .footprint import contact_radius_mm, edge_radius_mm
+from .footprint import contact_radius_mm
 from .level import Choice, Level
 from .level_selection import MAX_TOLERANCE, MIN_TOLERANCE, TOLERANCE
 from .path.knots import KnotPose, ObservedChannels, along

@@ -1,9 +1,9 @@
 """A print against its recipe: is it right, how large is it, what did the printer do to it.
 
-The sticker is found in a scan as a textured square on the blank film, each of its eight ways round
-is correlated with the recipe, and the best one is refined tile by tile: where the tiles lie tells
-scale, shear and the place of each ink, what they hold tells contrast, order and gaps. A flatbed's
-dpi is the measure of scale; a photograph has none, and shows only how x and y differ.
+The sticker is found in a scan as a dark or textured square on the film, each of its eight ways
+round is correlated with the recipe, and the best one is refined tile by tile: where the tiles lie
+tells scale, shear and the place of each ink, what they hold tells contrast, order and gaps. A
+flatbed's dpi is the measure of scale; a photograph has none, and tells none.
 
 What the scan's pixels average is taken from the recipe too; a lens or a film out of focus counts as
 the printer's blur.
@@ -15,6 +15,7 @@ import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ from numpy.typing import NDArray
 
 from .. import catalog
 from ..errors import InputError
+from ..imaging import Printer
+from ..shapes.bounded import Bounded, number
 from ..units import MM_PER_INCH
 from .quality.measure import PRINTED_SHARE, kept
 from .raster import albedo
@@ -41,8 +44,7 @@ IN_ORDER = 0.8  # of neighbouring patches; by chance it is half of them
 INK_SHARE = 0.5  # of the strongest ink's contrast
 GAP_SHARE = 0.5  # of the median tile's contrast
 DOT_SHARE = 0.5  # of a dot's contrast with what is around it
-
-
+DPI_RANGE = (50.0, 9600.0)
 HALVED = "this JPEG keeps half of the colours' resolution: scan it as PNG or TIFF"
 
 
@@ -84,19 +86,15 @@ class PrintFound:
 
 
 @dataclass(frozen=True)
-class KnownPrinter:
+class KnownPrinter(Bounded):
     """A printer as its own print showed it: the file of `pattern verify -o`."""
 
-    scale_x: float = 1.0
-    """By which a sheet is stretched in x so that it comes out right."""
-    scale_y: float = 1.0
-    """The same in y."""
-    spread_um: float = 20.0
-    """Gaussian spread of the ink, twice its standard deviation."""
-    misregistration_um: float = 15.0
-    """Standard deviation by which inks lie off one another."""
-
-    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+    scale_x: float = number(1.0, "stretch in x by which a sheet comes out right", 0.5, 2)
+    scale_y: float = number(1.0, "the same in y", 0.5, 2)
+    spread_um: float = number(Printer.spread_um, "spread of the ink, two sigma", 0, 2000)
+    misregistration_um: float = number(
+        Printer.misregistration_um, "by which inks lie apart, one sigma", 0, 2000
+    )
 
 
 def load_printer(path: Path) -> KnownPrinter:
@@ -143,8 +141,11 @@ def load_scan(path: Path, dpi: float | None = None) -> tuple[NDArray[np.uint8], 
     """An image (h, w, 3) RGB, its dpi, and whether its colours are halved, as JPEG does.
 
     dpi: of the file unless given; None where neither says it. Raises InputError for a file that is
-    no image.
+    no image, and for a dpi that no scanner has.
     """
+    low, high = DPI_RANGE
+    if dpi is not None and not low <= dpi <= high:
+        raise InputError(f"--dpi {dpi:g}: expected {low:g} to {high:g}")
     from PIL import Image as Pil
     from PIL import UnidentifiedImageError
     from PIL.JpegImagePlugin import get_sampling
@@ -273,7 +274,7 @@ def _placed(scan: Image, recipe: PatternRecipe, corners: NDArray[np.float64]) ->
     step = recipe.printed_mm / side
     half_px = round(min(recipe.printed_mm, max(MIDDLE_MM, 24 * (recipe.patch_mm or 0))) / step / 2)
     middle = slice(side // 2 - half_px, side // 2 + half_px)
-    rough = albedo(recipe, step, (side, side))[middle, middle]
+    rough = _drawn(recipe, side)[middle, middle]
     plain = _plain(recipe, side)[middle, middle]
     reach = min(round(ASIDE_MM / step), half_px - 1)
     pair_px = 2 * (recipe.patch_mm or 0) / step
@@ -295,13 +296,19 @@ def _placed(scan: Image, recipe: PatternRecipe, corners: NDArray[np.float64]) ->
     return best
 
 
+@lru_cache(maxsize=2)
+def _drawn(recipe: PatternRecipe, side: int) -> Image:
+    """The recipe's sticker in so many pixels; kept, for it is asked for at every refinement."""
+    return albedo(recipe, recipe.printed_mm / side, (side, side))
+
+
 def _plain(recipe: PatternRecipe, side: int) -> Image:
     """1 where the pattern alone is, 0 at marker dots, which look the same in every recipe."""
     if recipe.dots is None or recipe.patch_mm is None:
         return np.ones((side, side, 1), np.float32)
     step = recipe.printed_mm / side
     bare = albedo(recipe.model_copy(update={"dots": None}), step, (side, side))
-    marked = np.abs(albedo(recipe, step, (side, side)) - bare).max(axis=2) > 0.05
+    marked = np.abs(_drawn(recipe, side) - bare).max(axis=2) > 0.05
     wide = cv2.dilate(marked.astype(np.uint8), np.ones((7, 7), np.uint8))
     return (1 - wide[..., None]).astype(np.float32)
 
@@ -357,7 +364,7 @@ def _refined(
 ) -> tuple[NDArray[np.float64], float] | None:
     """The map with every tile where it lies, and how the whole agrees then."""
     for side in (_side_px(recipe) // 2, _side_px(recipe), _side_px(recipe), _side_px(recipe)):
-        drawn = albedo(recipe, recipe.printed_mm / side, (side, side))
+        drawn = _drawn(recipe, side)
         seen = _flat(scan, to_px, recipe, side)
         # One ink: a mean of inks that lie apart is no pattern of any.
         c = int(np.argmax(seen.std(axis=(0, 1)) * (drawn.std(axis=(0, 1)) > 0)))
@@ -375,6 +382,14 @@ def _refined(
     return to_px, _alike(seen, drawn, plain, 2, pair_px)
 
 
+def _tiles(side: int, size: int) -> Iterator[tuple[tuple[slice, slice], NDArray[np.float64]]]:
+    """Whole tiles of a square picture: rows and columns, and the middle (x, y) in px."""
+    for top in range(0, side - size + 1, size):
+        for left in range(0, side - size + 1, size):
+            middle = np.array([left + size / 2, top + size / 2])
+            yield (slice(top, top + size), slice(left, left + size)), middle
+
+
 def _moves(
     seen: NDArray[Any], drawn: NDArray[Any], recipe: PatternRecipe, side: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -383,14 +398,12 @@ def _moves(
     size = max(32, round(TILE_MM / step))
     window = cv2.createHanningWindow((size, size), cv2.CV_64F)
     middles, moves, told = [], [], []
-    for top in range(0, side - size + 1, size):
-        for left in range(0, side - size + 1, size):
-            cut = slice(top, top + size), slice(left, left + size)
-            a, b = drawn[cut].astype(np.float64), seen[cut].astype(np.float64)
-            (x, y), response = cv2.phaseCorrelate(a - a.mean(), b - b.mean(), window)
-            middles.append(((left + size / 2) * step, (top + size / 2) * step))
-            moves.append((x * step, y * step))
-            told.append(response)
+    for cut, middle_px in _tiles(side, size):
+        a, b = drawn[cut].astype(np.float64), seen[cut].astype(np.float64)
+        (x, y), response = cv2.phaseCorrelate(a - a.mean(), b - b.mean(), window)
+        middles.append(middle_px * step)
+        moves.append((x * step, y * step))
+        told.append(response)
     at = np.array(middles) - recipe.printed_mm / 2
     return at, np.array(moves), np.array(told)
 
@@ -400,7 +413,7 @@ def _found(
     halved: bool,
 ) -> PrintFound:  # fmt: skip
     side = _side_px(recipe)
-    drawn = albedo(recipe, recipe.printed_mm / side, (side, side))
+    drawn = _drawn(recipe, side)
     seen = _flat(scan, placed.to_px, recipe, side)
     # A scan's pixel, and the line between two of them: a box and a triangle.
     long_px = math.sqrt(abs(np.linalg.det(placed.to_px[:2, :2]))) * recipe.printed_mm
@@ -475,13 +488,11 @@ def _gaps(seen: Image, drawn: Image, recipe: PatternRecipe) -> tuple[tuple[float
     step = recipe.printed_mm / side
     size = max(16, round(TILE_MM / 2 / step))
     places, shares = [], []
-    for top in range(0, side - size + 1, size):
-        for left in range(0, side - size + 1, size):
-            cut = slice(top, top + size), slice(left, left + size)
-            own = kept(seen[cut], drawn[cut], drawn[cut])
-            if own is not None:
-                places.append(((left + size / 2) * step, (top + size / 2) * step))
-                shares.append(own)
+    for cut, middle_px in _tiles(side, size):
+        own = kept(seen[cut], drawn[cut], drawn[cut])
+        if own is not None:
+            places.append((middle_px * step).tolist())
+            shares.append(own)
     least = GAP_SHARE * float(np.median(shares))
     half = recipe.printed_mm / 2
     return tuple(

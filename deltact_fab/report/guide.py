@@ -241,7 +241,7 @@ def sticker(design: Design) -> PatternToPrint:
 
     recipe, view_mm = load_recipe(PATTERN), design.optics.view_mm
     file = ""
-    if recipe.printed_mm < max(view_mm):
+    if design.optics.beyond(recipe.printed_mm) is not None:
         size_mm = math.ceil(max(view_mm) + PLACED_MM)
         recipe = recipe.model_copy(update={"size_mm": float(size_mm)})
         file = catalog.as_toml(recipe.model_dump(mode="json", exclude_none=True))

@@ -72,7 +72,8 @@ def parse(name: str) -> Indenter:
 def kept(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     """What a run keeps of the shapes that are the lab's own, by name."""
     named = [name for name in names if name.partition(":")[0] not in KINDS]
-    return {name: asdict(own_shapes()[name]) for name in named}
+    own = own_shapes() if named else {}
+    return {name: asdict(own[name]) for name in named}
 
 
 def of_run(name: str, own: Mapping[str, Any], source: str) -> Indenter:

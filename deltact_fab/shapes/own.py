@@ -14,10 +14,11 @@ from .indenters import SHAPES
 from .posed import PlainTip, PosedTip
 from .prism import PrismTip
 from .rigid import REACH_MM, Indenter
-from .tips import EllipsoidTip, RidgeTip, SphereTip
+from .tips import EllipsoidTip, RidgeTip, SphereTip, require_positive
 from .turned import TurnedTip
 
 SHANK_MM = 3.0  # least length above the equator, for the gel that bulges
+ASIDE_MM = 30.0  # the largest sphere that has a name is as wide
 TAKES = {
     "ball": ("radius_mm",),
     "ridge": ("radius_mm", "half_width_mm", "length_mm", "flank_deg"),
@@ -73,6 +74,9 @@ class OwnTip:
         if set(given) != set(TAKES[self.kind]):
             takes, has = ", ".join(TAKES[self.kind]), ", ".join(sorted(given)) or "nothing"
             raise ShapeError(f"a {self.kind} takes {takes}: {has} fails")
+        require_positive(self, *given)
+        if not max(abs(self.x_mm), abs(self.y_mm)) <= ASIDE_MM:
+            raise ShapeError(f"|x_mm|, |y_mm| <= {ASIDE_MM:g}: {self.x_mm:g}, {self.y_mm:g} fails")
         turn, tilt = self.turn_deg, (self.tilt_x_deg, self.tilt_y_deg)
         posed = turn != 0 or any(tilt)
         at = (0.0, 0.0) if posed else (self.x_mm, self.y_mm)

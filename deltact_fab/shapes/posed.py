@@ -26,8 +26,10 @@ _LEVEL_MM = 0.1  # heights that are looked at for the first inside the body; no 
 _GRID = np.linspace(-1.0, 1.0, 61)
 
 
-def edge_radius_mm(tip: PlainTip) -> float:
-    """Smallest convex radius of a tip's underside."""
+def edge_radius_mm(tip: PlainTip | PosedTip) -> float:
+    """Smallest convex radius of a tip's underside, however it is turned."""
+    if isinstance(tip, PosedTip):
+        return edge_radius_mm(tip.tip)
     if isinstance(tip, EllipsoidTip):
         return min(tip.a_mm, tip.b_mm) ** 2 / max(tip.a_mm, tip.b_mm)
     if isinstance(tip, PrismTip):

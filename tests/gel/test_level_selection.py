@@ -13,7 +13,6 @@ from deltact_fab.errors import InputError
 from deltact_fab.gel.finite import block_mesh
 from deltact_fab.gel.footprint import (
     contact_radius_mm,
-    edge_radius_mm,
     is_mirrored,
     section_half_mm,
 )
@@ -21,6 +20,7 @@ from deltact_fab.gel.level import Choice, Reach
 from deltact_fab.gel.level_selection import model_error, pick
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import KINDS, parse
+from deltact_fab.shapes.posed import edge_radius_mm
 
 SKIN, GEL = SkinDimensions(), GelMaterial()
 

@@ -112,6 +112,8 @@ def test_what_is_no_scan_is_one_line(tmp_path):
         verify(tmp_path / "a.png", RECIPE)
     with pytest.raises(InputError, match=r"b\.png: no such file"):
         verify(tmp_path / "b.png", RECIPE)
+    with pytest.raises(InputError, match="--dpi -3: expected 50 to 9600"):
+        verify(tmp_path / "a.png", RECIPE, -3.0)
     clear = PatternRecipe(law="transparent", seed=1)
     with pytest.raises(InputError, match="one colour all over"):
         verify(tmp_path / "a.png", clear)
@@ -138,6 +140,26 @@ def test_the_next_sheet_and_the_quality_are_this_printer_s(tmp_path):
     told = called("pattern", "quality", "dense", "--printer", "printer.toml", cwd=tmp_path).stdout
     assert "values of the camera are assumed" in told
     assert tomllib.loads((tmp_path / "printer.toml").read_text())["spread_um"] == known.spread_um
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("spread_um = -5", "p.toml: spread_um: .* 0 <= spread_um <= 2000"),
+        ("scale_z = 1", "p.toml: scale_z: unknown key; did you mean 'scale_y'?"),
+        ("scale_x = 5", "p.toml: scale_x: .* 0.5 <= scale_x <= 2"),
+    ],
+)
+def test_a_printer_that_is_none_is_one_line(tmp_path, text, says):
+    (tmp_path / "p.toml").write_text(text)
+    with pytest.raises(InputError, match=says):
+        load_printer(tmp_path / "p.toml")
+
+
+def test_a_scale_of_nothing_is_refused(tmp_path):
+    done = called("pattern", "sheet", "dense", "--scale-x", "0", "-o", "s.pdf", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "scale x: 0 must be 0.9 to 1.1" in done.stderr
 
 
 @pytest.mark.slow

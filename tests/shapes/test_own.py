@@ -77,6 +77,8 @@ def test_mirrors_are_those_of_the_shape():
     [
         ('tips = [{kind = "ridge", radius_mm = 1.0}]', "a ridge takes radius_mm, half_width_mm"),
         ('tips = [{kind = "ball", radius_mm = 1.0, a_mm = 2.0}]', "a ball takes radius_mm: a_mm"),
+        ('tips = [{kind = "ball", radius_mm = -2.0}]', "radius_mm > 0 and finite: -2.0 fails"),
+        ('tips = [{kind = "ball", radius_mm = 2.0, x_mm = 500}]', "|x_mm|, |y_mm| <= 30: 500, 0"),
         ('tips = [{kind = "ball", radius_mm = 2.0, tilt_x_deg = 50}]', "|tilt_x_deg| <= 45: 50"),
         ('tips = [{kind = "ball", radius_mm = 2.0}]\nreach_mm = 4', "equator + 3 <= reach_mm"),
         ('tips = [{kind = "cube"}]', "shape.mine.tips"),

@@ -13,7 +13,7 @@ from ...optics import half_angle_rad, reached_mm
 from ...shapes.sensor import N_ACRYLIC, N_SILICONE
 from ..dimensions import Design
 from ..features import Round, near
-from ..parts.camera import off_axis
+from ..parts.camera import off_axis_mm
 from ..rays import first_hit
 from .built import BuiltDesign
 from .row import Row, at_least
@@ -139,7 +139,7 @@ def light_cone(built: BuiltDesign) -> Iterator[Row]:
         np.array([reached_mm(float(a), path[0], path[1], 0.0) for a in angle]),
         radius,
     ]
-    off = sum(length.mean_mm + length.spread_mm for length in off_axis(design))
+    off = off_axis_mm(design)
     points = [
         np.column_stack([way * r[:, None], np.full(len(way), z)])
         for r, z in zip(at_radius, heights, strict=True)

@@ -132,6 +132,11 @@ def off_axis(d: Design) -> tuple[Length, Length]:
     return hole, Length(d.holder.fit_mm, d.resin_printer.plane_mm, PLANE)
 
 
+def off_axis_mm(d: Design) -> float:
+    """How far the lens may stand off the middle at worst, either way."""
+    return sum(length.mean_mm + length.spread_mm for length in off_axis(d))
+
+
 PARTS = (
     Part(
         "camera",

@@ -13,7 +13,7 @@ from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
-from ..footprint import edge_radius_mm
+from ...shapes.posed import edge_radius_mm
 from ..level import IncrementDiagnostics
 from . import newton
 from .assembly import BulkAssembly
