@@ -100,8 +100,11 @@ def wiring(design: Design) -> DrawingPage:
     for shift in (-1.2, 1.2):
         ends = (right + 8, CABLE_Y + shift), (RING_X + 20, CABLE_Y + shift)
         page.path([ends], "visible")
-    page.text(((right + 8 + WALL_X) / 2, CABLE_Y - 4), design.camera.cable, SMALL_MM, "middle")
-    for i, line in enumerate(("length as the arm needs;", "contacts on one side as the camera's")):
+    over = wrapped(design.camera.cable, WALL_X - right - 12)
+    for i, line in enumerate(reversed(over)):
+        place = (right + 8 + WALL_X) / 2, CABLE_Y - 4 - LINE_MM * i
+        page.text(place, line, SMALL_MM, "middle")
+    for i, line in enumerate(("length as the arm needs;", "ends and contacts as the camera's")):
         page.text(((right + 8 + WALL_X) / 2, CABLE_Y + 7 + LINE_MM * i), line, SMALL_MM, "middle")
     page.close()
 
