@@ -52,6 +52,20 @@ def echo_written(file: Path, as_json: bool, then: str = "") -> None:
     echo_result({"file": str(file)}, [told], as_json)
 
 
+def echo_judged(name: str, done: Any, right: str, as_json: bool) -> None:
+    """A verdict, then its rows (`patterns.verify.JudgedRow`): those of done.rows."""
+    if as_json:
+        echo_json(done.as_dict())
+        return
+    failed = [row.check for row in done.rows if not row.passed]
+    click.echo(f"{name}: {'fails: ' + ', '.join(failed) if failed else right}\n")
+    echo_table(
+        ("check", "found", "limit", "", "what to do"),
+        [(r.check, r.found, r.limit, "pass" if r.passed else "FAIL", "" if r.passed else r.advice)
+         for r in done.rows],
+    )  # fmt: skip
+
+
 def echo_rows(columns: Sequence[str], rows: Sequence[Sequence[Any]], as_json: bool) -> None:
     """Print a list as a table, or as JSON: an object a row, by the same columns."""
     if as_json:

@@ -372,7 +372,7 @@ def verify(
     from ..patterns import load_recipe
     from ..patterns.code import PREFIX, decode
     from ..patterns.verify import verify as judge
-    from .output import echo_json, echo_table
+    from .output import echo_judged
 
     coded = recipe.upper().startswith(PREFIX)
     asked = decode(recipe) if coded else load_recipe(recipe)
@@ -380,21 +380,9 @@ def verify(
     done = judge(scan, asked, dpi, transfer == "slide", scaled)
     if out is not None:
         write_new(out, as_toml(asdict(done.printer())))
-    if as_json:
-        echo_json(done.as_dict())
-    else:
-        failed = [row.check for row in done.rows if not row.passed]
-        click.echo(f"{scan}: {'fails: ' + ', '.join(failed) if failed else 'right'}\n")
-        echo_table(
-            ("check", "found", "limit", "", "what to do"),
-            [
-                (r.check, r.found, r.limit, "pass" if r.passed else "FAIL",
-                 "" if r.passed else r.advice)
-                for r in done.rows
-            ],
-        )  # fmt: skip
-        if out is not None:
-            click.echo(f"\nwritten: {out}; pattern sheet --printer {out}")
+    echo_judged(str(scan), done, "right", as_json)
+    if out is not None and not as_json:
+        click.echo(f"\nwritten: {out}; pattern sheet --printer {out}")
     if not done.passed:
         context.exit(1)
 

@@ -12,8 +12,11 @@ from . import rig_stage
 from .group import CommandGroup
 from .options import (
     DESIGN,
+    DESIGN_NAME,
     JSON,
     NEW_FILE,
+    PATH,
+    PATTERN_NAME,
     RIG_NAME,
     TIP_IS_CLEAR,
     Finite,
@@ -205,6 +208,92 @@ def check(name: str, seconds: float, as_json: bool) -> None:
     data = {"rig": str(path), "ok": not failed, "rows": [row._asdict() for row in rows]}
     echo_result(data, [f"{path}: {f'{failed} to put right' if failed else 'ready'}"], as_json)
     raise click.exceptions.Exit(1 if failed else 0)
+
+
+@rig.command(epilog="Example: deltact-fab rig accept 0 dense --serial A1")
+@click.argument("source", type=RIG_NAME)
+@click.argument("recipe", required=False, type=PATTERN_NAME)
+@click.option("--serial", metavar="TEXT", help="Serial number, under which it is kept.")
+@click.option("--camera", type=PATH, metavar="FILE", show_default="the design's lens",
+              help="Camera file made by `calibrate`.")  # fmt: skip
+@click.option("--design", type=DESIGN_NAME, metavar="DESIGN", help="Design of the sensor.")
+@click.option("--frames", type=click.IntRange(1, 10000), default=100, show_default=True,
+              metavar="N", help="Images at rest to look at.")  # fmt: skip
+@click.option("--step", type=PATH, metavar="RUN",
+              help="Run of the protocol known-step on this sensor.")  # fmt: skip
+@click.option("--picture", type=PATH, metavar="FILE", help="PNG of the face to write, marked.")
+@seed("Seed of a virtual rig.")
+@out_file("Where to keep it.", show_default="sensors/SERIAL.toml")
+@JSON
+@click.pass_context
+def accept(
+    context: click.Context,
+    source: str,
+    recipe: str | None,
+    serial: str | None,
+    camera: Path | None,
+    design: str | None,
+    frames: int,
+    step: Path | None,
+    picture: Path | None,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Hold a finished sensor against its design, before anything presses on it.
+
+    SOURCE is what `measure` takes: a camera, a video, a folder of images, a run or a rig; nothing
+    may touch the face. RECIPE is that of its pattern, where the source does not know. What is
+    accepted is kept with an image of the face at rest, and `measure --serial` tells from then on
+    what has changed. Exit code 1 when a row fails.
+    """
+    from dataclasses import replace
+
+    from ..cad.design import load_design
+    from ..errors import InputError
+    from ..files import write_whole
+    from ..live import acceptance, known_step
+    from ..live.open import acceptance_file, open_source
+    from ..patterns import load_recipe
+    from ..patterns.recipe import PatternRecipe
+    from .output import echo_judged
+
+    if out is None and serial is not None:
+        out = acceptance_file(serial)
+    if out is not None and out.exists():
+        raise InputError(f"{out}: already there; name another file with -o, or remove it")
+    steps = [] if step is None else known_step.known_steps(step)
+    opened = open_source(source, camera, design, serial, seed, rest_only=True)
+    try:
+        known = opened.known
+        if recipe is None and known.recipe is None:
+            raise InputError("RECIPE: missing; a name of `pattern list` or a recipe's file")
+        asked = load_recipe(recipe) if recipe else PatternRecipe.model_validate(known.recipe)
+        done = acceptance.accept(opened, asked, load_design(known.design or "deltact"), frames)
+    finally:
+        opened.close()
+    done = replace(done, rows=(*done.rows, *steps))
+    if picture is not None:
+        assert known.camera is not None, "open_source makes sure of it"
+        write_whole(picture, acceptance.picture(done, known.camera))
+    if out is not None and done.passed:
+        acceptance.save(done, known, seed, out)
+    echo_judged(source, done, "accepted", as_json)
+    if not as_json:
+        for text in _accepted(done, known.simulated, out):
+            click.echo(text)
+    context.exit(0 if done.passed else 1)
+
+
+def _accepted(done: Any, simulated: str | None, out: Path | None) -> Iterator[str]:
+    if done.found is not None:
+        yield "\nblur in px over the view, x to the right, y down:"
+        for row in done.found.blur_px[1::3]:
+            yield " ".join("   -" if b is None else f"{b:4.1f}" for b in row[1::3])
+    if simulated:
+        yield f"\n{simulated}"
+    if done.passed:
+        yield f"\nkept: {out}" if out else "\nnot kept: name it with --serial"
 
 
 @click.command()

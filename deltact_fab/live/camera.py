@@ -38,6 +38,8 @@ class CameraSource:
         while True:
             yield self._camera.capture()
 
+    at_rest = frames  # a camera does not know what touches the face
+
     def close(self) -> None:
         """Let go of the camera."""
         self._camera.close()
@@ -57,6 +59,8 @@ class FileSource:
         """As Source; times as the file has them."""
         for k, image in enumerate(self._images.read()):
             yield CameraFrame(image, k / self._images.rate_hz, k)
+
+    at_rest = frames
 
     def close(self) -> None:
         """Close the file."""

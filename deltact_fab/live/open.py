@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from .. import catalog, record
 from ..cad.design import load_design
 from ..errors import InputError, RunFailed, did_you_mean
 from ..measure.pipeline import Measurement, everything
-from ..measure.sensor_id import SensorId, read_calibration, require_same
+from ..measure.pipeline.measurement import Rectifier
+from ..measure.sensor_id import SensorId, read_calibration, read_rest, require_same
 from ..optics import Fisheye, FlatField, Rectified, load_camera
 from ..rig.camera.model import raw_size_px
 from ..rig.interface import CameraFrame
 from ..shapes.sensor import SkinDimensions
 from .source import KnownSensor, Source
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class RecordedRun:
@@ -44,7 +54,14 @@ class RecordedRun:
 
     def frames(self) -> Iterator[CameraFrame]:
         """As Source; times of the rig's clock."""
-        for file, t_s in zip(self._frames["file"], self._frames["t_s"], strict=True):
+        yield from self._read(self._frames)
+
+    def at_rest(self) -> Iterator[CameraFrame]:
+        """As Source: one of each press."""
+        yield from self._read(self._frames[self._frames["step_id"].str.endswith("/rest")])
+
+    def _read(self, rows: pd.DataFrame) -> Iterator[CameraFrame]:
+        for file, t_s in zip(rows["file"], rows["t_s"], strict=True):
             yield CameraFrame(self._run.raw(str(file)), float(t_s))
 
     def close(self) -> None:
@@ -57,6 +74,7 @@ def open_source(
     design: str | None = None,
     serial: str | None = None,
     seed: int = 0,
+    rest_only: bool = False,
 ) -> Source:
     """Open what a name stands for, and tell it what the user knows of its sensor.
 
@@ -64,7 +82,9 @@ def open_source(
     video, a virtual rig with or without a protocol ("virtual:smoke"), or a real rig, of which only
     the camera is opened. camera_file: as `deltact-fab calibrate` writes
     it. design, serial: of the sensor. They go before what the source knows. seed: of a virtual rig.
-    Raises InputError for a name that is nothing of these, and where no one knows the camera.
+    rest_only: the images are looked at only to see what was made: where no one knows the camera,
+    the design's lens stands for it. Raises InputError for a name that is nothing of these, and
+    else where no one knows the camera.
     """
     given = None if camera_file is None else _given(camera_file, design)
     source = _opened(name, given, design, seed)
@@ -77,7 +97,11 @@ def open_source(
         if serial is not None:
             own = replace(own, serial=serial)
         source.known = own
-        if source.known.camera is None:
+        if own.camera is None and rest_only:
+            sensor = load_design(own.design or "deltact")
+            lens = Rectified.of(sensor, Fisheye.of(sensor))
+            own = source.known = replace(own, camera=lens, nominal=True)
+        if own.camera is None:
             raise InputError(
                 f"{name}: which camera took these images is not known: name its file with "
                 "--camera; `deltact-fab calibrate IMAGES --board skin -o camera.toml` makes one"
@@ -88,7 +112,7 @@ def open_source(
     return source
 
 
-def images(source: Source) -> Iterator[CameraFrame]:
+def images(source: Source, rest_only: bool = False) -> Iterator[CameraFrame]:
     """The frames of an opened source, at least one, all of the size that its camera makes.
 
     Raises InputError, one line, for another size; else as the source does.
@@ -96,11 +120,12 @@ def images(source: Source) -> Iterator[CameraFrame]:
     assert source.known.camera is not None, "open_source makes sure of it"
     wanted = raw_size_px(source.known.camera)
     frame = None
-    for frame in source.frames():
+    for frame in source.at_rest() if rest_only else source.frames():
         h, w = frame.image.shape[:2]
         if (w, h) != wanted:
             raise InputError(
-                f"{source.name}: images of {w} x {h} px; the camera that was calibrated makes "
+                f"{source.name}: images of {w} x {h} px; the camera "
+                f"{'of the design' if source.known.nominal else 'that was calibrated'} makes "
                 f"{wanted[0]} x {wanted[1]} px"
             )
         yield frame
@@ -157,4 +182,36 @@ def measurement_of(
     present = SensorId.of(known.camera, known.recipe, known.design, known.serial)
     for file in files:  # more is known here than a camera, which Measurement looks at
         require_same(read_calibration(file)[0].sensor, present, str(file))
-    return everything(known.camera, known.skin, files, show)
+    return everything(known.camera, known.skin, files, show, rest=accepted_rest(known))
+
+
+def acceptance_file(serial: str) -> Path:
+    """Where `rig accept` keeps a sensor. Raises InputError for a serial that is no file's name."""
+    if not re.fullmatch(r"[\w][\w.+-]*", serial):
+        raise InputError(
+            f"--serial {serial!r}: letters, digits, '.', '+', '-', '_' make a file's name"
+        )
+    return Path("sensors") / f"{serial}.toml"
+
+
+def accepted_rest(known: KnownSensor) -> NDArray[np.uint8] | None:
+    """The face at rest when this sensor was accepted, as it is tracked; None where it was not.
+
+    Raises InputError for a file that is none, and for an image of another size.
+    """
+    if known.serial is None or known.camera is None:
+        return None
+    file = acceptance_file(known.serial)
+    if not file.is_file():
+        return None
+    head, data = read_calibration(file, "acceptance")
+    require_same(head.sensor, SensorId(known.design, known.serial), str(file))
+    kept = read_rest(file, data.get("rest", {}))
+    image = None if kept is None else cv2.imdecode(np.frombuffer(kept, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise InputError(f"{file}: rest.file: no image of the face at rest")
+    try:
+        seen = np.asarray(Rectifier(known.camera).view(image), np.uint8)
+    except InputError as why:
+        raise InputError(f"{file}: rest.file: {why}") from why
+    return seen if known.flat is None else known.flat.apply(seen)

@@ -86,18 +86,25 @@ class RigSource:
 
     def frames(self) -> Iterator[CameraFrame]:
         """As Source; times of the rig's clock."""
+        yield from self._carried_out()
+
+    def _carried_out(self, at_rest: bool = False) -> Iterator[CameraFrame]:
         request = self._request
         with TemporaryDirectory() as folder:
             job = request.setup(Path(folder))
             with closing(request.kind.build(job)) as rig:
-                yield from _carried_out(request.steps, rig.devices())
+                yield from _carried_out(request.steps, rig.devices(), at_rest)
+
+    def at_rest(self) -> Iterator[CameraFrame]:
+        """As Source, before the first press, without end."""
+        yield from self._carried_out(at_rest=True)
 
     def close(self) -> None:
         """The devices are closed when `frames` ends."""
 
 
-def _carried_out(steps: Sequence[Step], devices: Devices) -> Iterator[CameraFrame]:
-    """Every image of the steps, taken when the runner would take it."""
+def _carried_out(steps: Sequence[Step], devices: Devices, at_rest: bool) -> Iterator[CameraFrame]:
+    """Every image of the steps, taken when the runner would take it; at_rest: of the first rest."""
     stage, camera, clock = devices.stage, devices.camera, devices.clock
     assert camera is not None, "the protocol asks for images"
     stage.connect()
@@ -116,3 +123,5 @@ def _carried_out(steps: Sequence[Step], devices: Devices) -> Iterator[CameraFram
         if step.frames:
             clock.sleep_s(step.settle_s)
             yield camera.capture()
+            while at_rest:
+                yield camera.capture()

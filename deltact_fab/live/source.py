@@ -18,9 +18,9 @@ class KnownSensor:
     """What a source knows of the sensor that it shows; None where it cannot tell.
 
     camera: the projection of the images that are tracked; its `maps` make them from those that the
-    source gives. flat: how the light falls off over the tracked ones. skin: the gel's.
-    recipe: of the pattern. design, serial: of the sensor. simulated: a word and the seed, where no
-    hardware was involved.
+    source gives. flat: how the light falls off over the tracked ones. skin: the gel's. recipe: of
+    the pattern. design, serial: of the sensor. simulated: a word and the seed, where no hardware
+    was involved. nominal: the camera is the design's, for none was calibrated.
     """
 
     camera: CameraModel | None = None
@@ -30,6 +30,7 @@ class KnownSensor:
     design: str | None = None
     serial: str | None = None
     simulated: str | None = None
+    nominal: bool = False
 
 
 NOTHING = KnownSensor()
@@ -49,6 +50,9 @@ class Source(Protocol):
 
         Raises InputError or a kind of RunFailed that names the source.
         """
+
+    def at_rest(self) -> Iterator[CameraFrame]:
+        """Of `frames`, those of a face that nothing touches, as far as the source can tell."""
 
     def close(self) -> None:
         """Let go of device or file, once `frames` is no longer read; again does nothing."""

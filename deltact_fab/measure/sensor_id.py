@@ -19,8 +19,12 @@ from ..errors import InputError
 from ..optics import CameraModel
 
 SCHEMA = 1
-Kind = Literal["depth", "force"]
-_WRITERS: dict[str, str] = {"depth": "calibrate-depth", "force": "analyze force"}
+Kind = Literal["depth", "force", "acceptance"]
+_WRITERS: dict[str, str] = {
+    "depth": "calibrate-depth",
+    "force": "analyze force",
+    "acceptance": "rig accept",
+}
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,31 @@ def read_calibration(path: Path, kind: Kind | None = None) -> tuple[Head, dict[s
     if where := _not_finite(data):
         raise InputError(f"{path}: {where}: not a finite number")
     return catalog.validate(Head, head, str(path)), data
+
+
+def rest_table(name: str, data: bytes) -> dict[str, str]:
+    """The table [rest] of a file beside which the face at rest lies as `name`."""
+    return {"file": name, "sha256": hashlib.sha256(data).hexdigest()}
+
+
+def read_rest(path: Path, table: Mapping[str, Any]) -> bytes | None:
+    """The image that [rest] of a calibration file names; None of an empty table.
+
+    Raises InputError for one that cannot be read or is not the one that was written.
+    """
+    if not table:
+        return None
+    name = table.get("file")
+    if not isinstance(name, str) or Path(name).name != name:
+        raise InputError(f"{path}: rest.file: the name of a file beside it (got {name!r})")
+    image = path.with_name(name)
+    try:
+        data = image.read_bytes()
+    except OSError as why:
+        raise InputError(f"{image}: cannot be read: {why.strerror}; {path} names it") from why
+    if hashlib.sha256(data).hexdigest() != table.get("sha256"):
+        raise InputError(f"{image}: differs from the hash in {path}: damaged, or of another one")
+    return data
 
 
 def _made_by(kind: Kind | None) -> str:

@@ -49,8 +49,8 @@ HALVED = "this JPEG keeps half of the colours' resolution: scan it as PNG or TIF
 
 
 @dataclass(frozen=True)
-class PrintRow:
-    """One thing that a print must be: found, against a limit, and what to do where it is not."""
+class JudgedRow:
+    """One thing that a print or a sensor must be: found, its limit, and what to do otherwise."""
 
     check: str
     found: str
@@ -110,7 +110,7 @@ class Verified:
     """
 
     scan: str
-    rows: tuple[PrintRow, ...]
+    rows: tuple[JudgedRow, ...]
     found: PrintFound | None
     scaled: tuple[float, float] = (1.0, 1.0)
 
@@ -191,7 +191,7 @@ def verify(
         if placed is not None and (best is None or placed.agreement > best.agreement):
             best, part = placed, held
     if best is None or best.agreement < FOUND:
-        row = PrintRow(
+        row = JudgedRow(
             "recipe", _read(scan), "this recipe's pattern, whole, with blank film around it", False,
             "scan the whole sticker at 600 dpi or more; is it this recipe?",
         )  # fmt: skip
@@ -287,7 +287,7 @@ def _placed(scan: Image, recipe: PatternRecipe, corners: NDArray[np.float64]) ->
             fitted, _ = cv2.findHomography(square, np.roll(order, k, axis=0))
             to_px = np.asarray(fitted, np.float64)
             seen = _flat(scan, to_px, recipe, side)[middle, middle]
-            tried.append((_alike(seen, rough, plain, reach, pair_px), mirrored, to_px))
+            tried.append((alike(seen, rough, plain, reach, pair_px)[0], mirrored, to_px))
     best: _Placed | None = None
     for _, mirrored, to_px in sorted(tried, key=lambda one: -one[0])[:2]:
         refined = _refined(scan, recipe, to_px)
@@ -335,23 +335,28 @@ def _flat(scan: Image, to_px: NDArray[np.float64], recipe: PatternRecipe, side: 
                                           borderMode=cv2.BORDER_REPLICATE), np.float32)  # fmt: skip
 
 
-def _alike(seen: Image, drawn: Image, where: Image, reach: int, pair_px: float) -> float:
-    """The best correlation of two pictures up to `reach` px apart, over colours.
+def alike(
+    seen: Image, drawn: Image, where: Image, reach: int, pair_px: float
+) -> tuple[float, tuple[int, int]]:
+    """The best correlation of two pictures up to `reach` px apart, over colours, and the shift.
+
+    where: (h, w, 1), what counts. The shift (x, y) is from drawn to seen.
 
     Of means over two patches (pair_px): neighbours that must differ are nearly a chessboard, which
     all such recipes share.
     """
     k = max(1, round(pair_px))
     seen, drawn = (np.asarray(cv2.blur(one, (k, k)), np.float32) for one in (seen, drawn))
-    spectrum = np.zeros((len(seen), len(seen) // 2 + 1), complex)
+    spectrum = np.zeros((len(seen), seen.shape[1] // 2 + 1), complex)
     for c in range(3):
         a, b = ((one[..., c] - one[..., c].mean()) * where[..., 0] for one in (seen, drawn))
         norm = float(np.linalg.norm(a) * np.linalg.norm(b))
         if norm > 0:
             spectrum = spectrum + np.fft.rfft2(a) * np.conj(np.fft.rfft2(b)) / norm
     found = np.fft.irfft2(spectrum, seen.shape[:2]) / 3
-    near = np.concatenate([found[:reach], found[-reach:]])
-    return float(np.concatenate([near[:, :reach], near[:, -reach:]], axis=1).max())
+    near = np.roll(found, (reach, reach), (0, 1))[: 2 * reach + 1, : 2 * reach + 1]
+    y, x = np.unravel_index(np.argmax(near), near.shape)
+    return float(near[y, x]), (int(x) - reach, int(y) - reach)
 
 
 def _side_px(recipe: PatternRecipe) -> int:
@@ -368,44 +373,52 @@ def _refined(
         seen = _flat(scan, to_px, recipe, side)
         # One ink: a mean of inks that lie apart is no pattern of any.
         c = int(np.argmax(seen.std(axis=(0, 1)) * (drawn.std(axis=(0, 1)) > 0)))
-        middles, moves, told = _moves(seen[..., c], drawn[..., c], recipe, side)
+        middles, off, told = _moves_mm(seen[..., c], drawn[..., c], recipe, side)
         good = told > TOLD
         if good.sum() < max(8, 0.2 * len(told)):
             return None
-        there = cv2.perspectiveTransform((middles + moves)[None, good], to_px)[0]
+        there = cv2.perspectiveTransform((middles + off)[None, good], to_px)[0]
         fitted, _ = cv2.findHomography(middles[good], there, cv2.RANSAC, 2.0)
         if fitted is None:
             return None
         to_px = np.asarray(fitted, np.float64)
     pair_px = 2 * (recipe.patch_mm or 0) * side / recipe.printed_mm
     seen, plain = _flat(scan, to_px, recipe, side), _plain(recipe, side)
-    return to_px, _alike(seen, drawn, plain, 2, pair_px)
+    return to_px, alike(seen, drawn, plain, 2, pair_px)[0]
 
 
-def _tiles(side: int, size: int) -> Iterator[tuple[tuple[slice, slice], NDArray[np.float64]]]:
-    """Whole tiles of a square picture: rows and columns, and the middle (x, y) in px."""
-    for top in range(0, side - size + 1, size):
-        for left in range(0, side - size + 1, size):
+def tiles(
+    shape: tuple[int, ...], size: int
+) -> Iterator[tuple[tuple[slice, slice], NDArray[np.float64]]]:
+    """Whole tiles of a picture: rows and columns, and the middle (x, y) in px."""
+    for top in range(0, shape[0] - size + 1, size):
+        for left in range(0, shape[1] - size + 1, size):
             middle = np.array([left + size / 2, top + size / 2])
             yield (slice(top, top + size), slice(left, left + size)), middle
 
 
-def _moves(
+def _moves_mm(
     seen: NDArray[Any], drawn: NDArray[Any], recipe: PatternRecipe, side: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Tiles: their middles and by how much they lie off, in mm (n, 2), and the peak's response."""
+    """As `moves` of a whole sticker, in mm from its middle."""
     step = recipe.printed_mm / side
-    size = max(32, round(TILE_MM / step))
+    middles, off, told = moves(seen, drawn, max(32, round(TILE_MM / step)))
+    return middles * step - recipe.printed_mm / 2, off * step, told
+
+
+def moves(
+    seen: NDArray[Any], drawn: NDArray[Any], size: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Tiles: their middles and by how much they lie off, in px (n, 2), and the peak's response."""
     window = cv2.createHanningWindow((size, size), cv2.CV_64F)
-    middles, moves, told = [], [], []
-    for cut, middle_px in _tiles(side, size):
+    middles, off, told = [], [], []
+    for cut, middle_px in tiles(seen.shape, size):
         a, b = drawn[cut].astype(np.float64), seen[cut].astype(np.float64)
         (x, y), response = cv2.phaseCorrelate(a - a.mean(), b - b.mean(), window)
-        middles.append(middle_px * step)
-        moves.append((x * step, y * step))
+        middles.append(middle_px)
+        off.append((x, y))
         told.append(response)
-    at = np.array(middles) - recipe.printed_mm / 2
-    return at, np.array(moves), np.array(told)
+    return np.array(middles), np.array(off), np.array(told)
 
 
 def _found(
@@ -429,9 +442,9 @@ def _found(
         scale = long_x / per_mm, long_y / per_mm
     inks = []
     for c in range(3):
-        _, moves, told = _moves(seen[..., c], drawn[..., c], recipe, side)
+        _, off, told = _moves_mm(seen[..., c], drawn[..., c], recipe, side)
         good = told > TOLD
-        inks.append(np.median(moves[good], axis=0) if good.any() else np.zeros(2))
+        inks.append(np.median(off[good], axis=0) if good.any() else np.zeros(2))
         # Each ink is judged where it lies.
         x_px, y_px = inks[-1] * side / recipe.printed_mm
         back = np.array([[1, 0, -x_px], [0, 1, -y_px]])
@@ -488,7 +501,7 @@ def _gaps(seen: Image, drawn: Image, recipe: PatternRecipe) -> tuple[tuple[float
     step = recipe.printed_mm / side
     size = max(16, round(TILE_MM / 2 / step))
     places, shares = [], []
-    for cut, middle_px in _tiles(side, size):
+    for cut, middle_px in tiles(seen.shape, size):
         own = kept(seen[cut], drawn[cut], drawn[cut])
         if own is not None:
             places.append((middle_px * step).tolist())
@@ -548,60 +561,60 @@ def _spread_um(recipe: PatternRecipe, share: float) -> float:
 def _rows(
     found: PrintFound, recipe: PatternRecipe, placed: _Placed, mirrored: bool,
     scaled: tuple[float, float],
-) -> Iterator[PrintRow]:  # fmt: skip
-    yield PrintRow("recipe", f"found, agreement {placed.agreement:.2f}", f">= {FOUND:g}", True)
+) -> Iterator[JudgedRow]:  # fmt: skip
+    yield JudgedRow("recipe", f"found, agreement {placed.agreement:.2f}", f">= {FOUND:g}", True)
     way = {False: "not mirrored", True: "mirrored"}
-    yield PrintRow(
+    yield JudgedRow(
         "mirror", way[found.mirrored], way[mirrored], found.mirrored == mirrored,
         "print with the other --transfer, or say which one it is",
     )  # fmt: skip
     if found.scale is None:
         what = "not told by a photograph: a flatbed scan with its dpi does"
-        yield PrintRow("scale and shear", what, "not judged", True)
+        yield JudgedRow("scale and shear", what, "not judged", True)
     else:
         for axis, scale, was in zip("xy", found.scale, scaled, strict=True):
-            yield PrintRow(
+            yield JudgedRow(
                 f"scale, {axis}", f"{scale:.4f}", f"1 +- {SCALE_OFF:g}",
                 abs(scale - 1) <= SCALE_OFF,
                 f"print again with --scale-{axis} {was / scale:.4f}, and no scaling in the viewer",
             )  # fmt: skip
-        yield PrintRow(
+        yield JudgedRow(
             "shear", f"{found.shear:.4f}", f"<= {SHEAR_OFF:g}", found.shear <= SHEAR_OFF,
             "the paper went in at an angle, or the scan is of a bent film",
         )  # fmt: skip
     if found.in_order is not None:
-        yield PrintRow(
+        yield JudgedRow(
             "patches resolved", f"{100 * found.in_order:.1f} % of neighbours in order",
             f">= {100 * IN_ORDER:g} %", found.in_order >= IN_ORDER,
             "a larger patch, or a printer of more dots an inch",
         )  # fmt: skip
     if found.halved:
-        yield PrintRow("contrast and inks", HALVED, "not judged", True)
+        yield JudgedRow("contrast and inks", HALVED, "not judged", True)
     else:
-        yield PrintRow(
+        yield JudgedRow(
             "contrast kept", f"{found.kept:.2f}", f">= {PRINTED_SHARE:g} of the recipe's",
             found.kept >= PRINTED_SHARE, "finest setting, matt film, a larger patch",
         )  # fmt: skip
         weakest = min(found.contrast) / max(max(found.contrast), 1e-9)
         shown = ", ".join(f"{c:.2f}" for c in found.contrast)
-        yield PrintRow(
+        yield JudgedRow(
             "inks", f"contrast of R, G, B {shown}", f"the weakest >= {INK_SHARE:g} of the best",
             weakest >= INK_SHARE, "an ink is missing or nearly empty: clean the head, change it",
         )  # fmt: skip
     most_um = 500 * (recipe.patch_mm or 0.15)
     worst_um = max(math.hypot(u, v) for u, v in found.ink_um)
-    yield PrintRow(
+    yield JudgedRow(
         "misregistration of inks", f"{worst_um:.0f} um", f"<= {most_um:.0f} um, half a patch",
         worst_um <= most_um, "align the print heads",
     )  # fmt: skip
     where = "; ".join(f"({x:g}, {y:g})" for x, y in found.gaps_mm[:4])
-    yield PrintRow(
+    yield JudgedRow(
         "gaps", f"{len(found.gaps_mm)} tiles: {where} mm" if where else "none", "none",
         not found.gaps_mm, "a clogged nozzle or a scratch: clean the head, print again",
     )  # fmt: skip
     if found.dots is not None:
         there, whole = found.dots
-        yield PrintRow(
+        yield JudgedRow(
             "marker dots", f"{there} of {whole}", "all", there == whole,
             "white is where no ink is: look at the film there",
         )  # fmt: skip

@@ -30,6 +30,7 @@ from ..cad.registry import listed, of_group
 from ..errors import InputError, MissingLibrary
 from ..patterns.laws.patches import draw_patches
 from ..patterns.recipe import load_recipe
+from . import first_light
 from .templating import environment, render, save
 
 VIEWER_PACKAGE = "dash-model-viewer"
@@ -224,13 +225,14 @@ class PatternToPrint:
     """The pattern to print for a design: its side, and what the camera sees of it.
 
     file: the recipe, where it is no shipped one. image: a data URL, one pixel a patch; enlarged: by
-    how much it is larger on the page.
+    how much it is larger on the page. pairs: a good and a spoiled print and sensor of it.
     """
 
     size_mm: float
     file: str
     image: str
     enlarged: float
+    pairs: dict[str, first_light.Pair]
 
 
 def sticker(design: Design) -> PatternToPrint:
@@ -252,7 +254,8 @@ def sticker(design: Design) -> PatternToPrint:
     held = io.BytesIO()
     Image.fromarray(seen).save(held, "PNG")
     image = _data_url("image/png", held.getvalue())
-    return PatternToPrint(recipe.size_mm, file, image, SHOWN_MM / view_mm[0])
+    pairs = first_light.pairs(design, recipe)
+    return PatternToPrint(recipe.size_mm, file, image, SHOWN_MM / view_mm[0], pairs)
 
 
 def _plates(design: Design, parts: Sequence[Part]) -> list[tuple[str, dict[str, int]]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..dimensions import Design
 from ..parts.led_strip import led_turns
@@ -57,9 +58,18 @@ def evenness(design: Design) -> float:
     are left out: they make it more even.
     """
     x, y = np.meshgrid(*(np.linspace(-side / 2, side / 2, 31) for side in design.optics.view_mm))
+    light = lit(design, x, y)
+    return float(light.min() / light.mean())
+
+
+def lit(
+    design: Design, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], dark: int | None = None
+) -> NDArray[np.float64]:
+    """Illuminance at points of the face, as `evenness` has it; dark: an LED that gives none."""
     r = (design.strip_radius_mm + design.channel_inner_mm) / 2
-    lit = np.zeros_like(x)
-    for turn in led_turns(design):
-        away = (x - r * np.cos(turn)) ** 2 + (y - r * np.sin(turn)) ** 2
-        lit += design.z_light_mm**2 / (away + design.z_light_mm**2) ** 2
-    return float(lit.min() / lit.mean())
+    light = np.zeros_like(x_mm)
+    for led, turn in enumerate(led_turns(design)):
+        away = (x_mm - r * np.cos(turn)) ** 2 + (y_mm - r * np.sin(turn)) ** 2
+        if led != dark:
+            light += design.z_light_mm**2 / (away + design.z_light_mm**2) ** 2
+    return light

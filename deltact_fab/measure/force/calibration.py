@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -15,7 +14,7 @@ from ...aliases import Array
 from ...errors import InputError
 from ...optics import CameraModel
 from ...shapes import SkinDimensions
-from ..sensor_id import Head, read_calibration
+from ..sensor_id import Head, read_calibration, read_rest, rest_table
 from ..view import SensorView
 from .model import ForceModel
 
@@ -52,9 +51,7 @@ class ForceCalibration:
 
     def toml(self, rest_name: str) -> str:
         """The text of the file beside which the face at rest lies as `rest_name`."""
-        rest = None
-        if self.rest is not None:
-            rest = {"file": rest_name, "sha256": hashlib.sha256(self.rest).hexdigest()}
+        rest = None if self.rest is None else rest_table(rest_name, self.rest)
         tables: dict[str, Mapping[str, Any]] = {
             "view": {"poisson": self.poisson, "skin": asdict(self.skin)},
             "model": self.model.as_dict(),
@@ -84,21 +81,5 @@ def load_force(path: Path) -> ForceCalibration:
         model = ForceModel.from_dict(held["model"])
     except InputError as why:
         raise InputError(f"{path}: {why}") from why
-    rest = _rest(path, held["rest"])
+    rest = read_rest(path, held["rest"])
     return ForceCalibration(head, model, skin, poisson, held["error"], held["transfer"], rest)
-
-
-def _rest(path: Path, table: Mapping[str, Any]) -> bytes | None:
-    if not table:
-        return None
-    name = table.get("file")
-    if not isinstance(name, str) or Path(name).name != name:
-        raise InputError(f"{path}: rest.file: the name of a file beside it (got {name!r})")
-    image = path.with_name(name)
-    try:
-        data = image.read_bytes()
-    except OSError as why:
-        raise InputError(f"{image}: cannot be read: {why.strerror}; {path} names it") from why
-    if hashlib.sha256(data).hexdigest() != table.get("sha256"):
-        raise InputError(f"{image}: differs from the hash in {path}: damaged, or of another one")
-    return data

@@ -31,20 +31,27 @@ class Calibrated:
     rest: Array | None = None
 
     @classmethod
-    def of(cls, view: SensorView | CameraModel, calibrations: Sequence[Calibration]) -> Calibrated:
+    def of(
+        cls,
+        view: SensorView | CameraModel,
+        calibrations: Sequence[Calibration],
+        rest: Array | None = None,
+    ) -> Calibrated:
         """Of a sensor and its calibrations, at most one a kind.
 
-        Raises InputError for a file that is none, another sensor's, and a second one of a kind.
+        rest: where no calibration keeps one. Raises InputError for a file that is none, another
+        sensor's, and a second one of a kind.
         """
         camera = view.camera if isinstance(view, SensorView) else view
         whole = view if isinstance(view, SensorView) else None
-        found: dict[str, Any] = {}
+        found: dict[str, Any] = {"rest": rest}
         for given in calibrations:
             name = str(given) if isinstance(given, Path | str) else "calibration"
             held = _read(Path(given)) if isinstance(given, Path | str) else given
             head, model = held if isinstance(held, tuple) else (None, held)
             if isinstance(model, ForceCalibration):
-                head, found["rest"] = model.head, model.rest_image()
+                kept = model.rest_image()
+                head, found["rest"] = model.head, rest if kept is None else kept
                 whole, model = whole or model.view(camera), model.model
             if head is not None:
                 require_same(head.sensor, SensorId.of(camera), name)

@@ -98,7 +98,8 @@ class Measurement:
     view: of the sensor; for the output "flow" its rectified camera does. include: outputs, see
     `OUTPUTS`; only what they need is run. calibrations: what the outputs need of them, at most one
     a kind. every: px between the points of the flow that is given out, 2, 4, 8 ... flow: the
-    tracker, by the names of `named_tracker`. Raises InputError for unknown names and for a
+    tracker, by the names of `named_tracker`. rest: the face untouched, as it is tracked, for the
+    state of health where no calibration keeps one. Raises InputError for unknown names and for a
     calibration that is missing, given twice or another sensor's.
 
     The first image is the reference that all motion is counted from.
@@ -112,8 +113,9 @@ class Measurement:
         *,
         every: int = 2,
         flow: str = "fused",
+        rest: Array | None = None,
     ) -> None:
-        self._calibrated = Calibrated.of(view, calibrations)
+        self._calibrated = Calibrated.of(view, calibrations, rest)
         self.view, self.include = self._calibrated.view, tuple(include)
         self._flow = flow
         self._plan = Plan(self.include, self._calibrated, every)

@@ -1,0 +1,565 @@
+"""First light: a finished sensor's own images against its design, before anything presses on it.
+
+The recipe is drawn as the camera should see it and laid onto the mean of the images at rest, tile
+by tile: where the tiles lie tells place, turn, scale and tilt, what they hold tells blur and light,
+what they lack tells film, bubbles and dust. Rest and step are told by the tracker and the state of
+health that every measurement uses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__, catalog
+from ..cad.check.electric import EVEN_SHARE, lit
+from ..cad.dimensions import Design
+from ..errors import InputError, SensorError
+from ..files import disk_errors, write_together
+from ..measure.face import FaceFlow
+from ..measure.flow import FlowTracker
+from ..measure.health import MAX_DEFORMATION_MM, health
+from ..measure.pipeline.measurement import Rectifier
+from ..measure.sensor_id import CalibrationSource, Head, SensorId, rest_table
+from ..optics import CameraModel, FlatField
+from ..patterns import load_recipe
+from ..patterns.recipe import PatternRecipe
+from ..patterns.verify import Image, JudgedRow
+from ..record import encode_png
+from .open import images
+from .source import KnownSensor, Source
+from .sticker import RIM_PX, SCALES, Sticker, aligned, luma
+
+FRAMES = 100
+LEAST_FRAMES = 10  # of which noise can be told
+TILE_MM = 1.5
+BLURS_PX = np.geomspace(0.25, 6.0, 20)
+BLUR_PATCHES = 0.375  # of a patch: there half of the contrast of neighbours is left (MTF50)
+LEAST_BLUR_PX = 1.2  # a Bayer filter and its demosaicing alone take nearly a pixel
+SURE = 0.5  # median correlation of tiles with the recipe; of unlike patterns it is about .3
+TILE_FOUND = 0.3  # correlation of a tile with the recipe
+TILE_GAIN = 0.15  # contrast of a tile, of the median one
+TURN_DEG, SCALE_OFF, KEYSTONE = 3.0, 0.04, 0.06
+DARKEST, BRIGHTEST = 0.2, 0.98  # of white, linear
+SATURATED = 0.001  # of pixels, as of a blank frame for the flat field
+PLACE_MM, PLACE_SIGMA, PLACE_LEAST = 0.25, 7.0, 0.6  # the last is a share of the contrast
+LEAST_PLACE_MM = 0.2
+WIDE_MM = 2.0  # what differs alike over more is light
+GAMMA = 2.2
+
+
+@dataclass(frozen=True)
+class SensorFound:
+    """What the images show; lengths in mm of the sensor's frame.
+
+    turned_deg: of the sticker from where the design has it, counter-clockwise as the camera sees
+    it. scale: of the picture, over the camera's. keystone: by how much one side of the view is
+    larger than the other. blur_px: standard deviation in each tile, rows of y, None where there is
+    no pattern. level: of white, linear, 1 is full. evenness: least over mean; one_sided: by how
+    much it falls from side to side, of its mean. edges: what of each side shows no pattern, mm.
+    torn, places: (x, y, length) of what lacks pattern at the rim, and of what lies before it.
+    noise_mm: of a point of the face, None of too few images. rest: what `health` says against it.
+    """
+
+    agreement: float
+    mirrored: bool
+    turned_deg: float
+    place_mm: tuple[float, float]
+    scale: float
+    keystone: float
+    blur_px: list[list[float | None]]
+    level: float
+    evenness: float
+    one_sided: float
+    saturated: float
+    face_share: float
+    edges: dict[str, float]
+    torn: tuple[tuple[float, float, float], ...]
+    places: tuple[tuple[float, float, float], ...]
+    noise_mm: float | None
+    rest: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """rows: the worst is the verdict. found: None where the pattern is not the recipe's."""
+
+    source: str
+    images: int
+    rows: tuple[JudgedRow, ...]
+    found: SensorFound | None
+    raw: NDArray[np.uint8]
+    """The first image at rest, as the camera gave it, (h, w, 3) BGR."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether every row passes."""
+        return all(row.passed for row in self.rows)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, as `rig accept --json` prints it."""
+        return {
+            "passed": self.passed, "source": self.source, "images": self.images,
+            "rows": [asdict(row) for row in self.rows],
+            "found": None if self.found is None else asdict(self.found),
+        }  # fmt: skip
+
+
+def accept(source: Source, recipe: PatternRecipe, design: Design, frames: int = FRAMES) -> Accepted:
+    """Judge a sensor by its images at rest.
+
+    frames: so many are looked at, where the source has them. Raises InputError for a recipe without
+    patches, and as `live.open.images`.
+    """
+    if recipe.patch_mm is None or recipe.law == "chessboard":
+        raise InputError(f"{recipe.law}: no dense pattern: there is nothing to recognise")
+    camera = source.known.camera
+    assert camera is not None, "open_source makes sure of it"
+    still = _Still(camera, source.known.flat)
+    for frame in islice(images(source, rest_only=True), frames):
+        still.add(frame.image)
+    view = still.mean[..., ::-1] / np.float32(255)
+    sticker = Sticker(recipe, camera)
+    placed = sticker.placed(view)
+    compared = None if placed is None else _Compared(view, sticker, placed)
+    if placed is None or compared is None or compared.agreement < SURE:
+        row = JudgedRow(
+            "recipe", _another(view, recipe, camera), "the recipe's pattern", False,
+            "is it this sensor, its cover off the face, its light on? Guide E, G",
+        )  # fmt: skip
+        return Accepted(source.name, still.count, (row,), None, still.raw)
+    found = _found(compared, sticker, placed, design, still)
+    rows = _rows(found, sticker, design, still)
+    return Accepted(source.name, still.count, tuple(rows), found, still.raw)
+
+
+def save(accepted: Accepted, known: KnownSensor, seed: int, out: Path) -> None:
+    """Keep a sensor that was accepted, and its face at rest beside it.
+
+    seed: of a simulated one. Raises InputError for one that was not accepted and for a file that is
+    there already, RunFailed when the disk refuses.
+    """
+    if not accepted.passed:
+        raise InputError(f"{accepted.source}: not accepted: there is nothing to keep")
+    head = Head(
+        "acceptance", SensorId(known.design, known.serial),
+        CalibrationSource((accepted.source,), known.simulated is not None, __version__,
+                          seed if known.simulated else None),
+    )  # fmt: skip
+    image, rest = out.with_suffix(".rest.png"), encode_png(accepted.raw)
+    for file in (out, image):
+        if file.exists():
+            raise InputError(f"{file}: already there; name another file with -o, or remove it")
+    rows = [[row.check, row.found, row.limit] for row in accepted.rows]
+    tables = {"rest": rest_table(image.name, rest), "accepted": {"rows": rows}}
+    with disk_errors(out):
+        out.parent.mkdir(exist_ok=True)
+    write_together({image: rest, out: head.toml(tables).encode()})
+
+
+def picture(accepted: Accepted, camera: CameraModel) -> bytes:
+    """The face at rest as it is tracked, with what was found on it; PNG."""
+    image = np.ascontiguousarray(Rectifier(camera).view(accepted.raw), np.uint8)
+    found = accepted.found
+    marks = () if found is None else (*found.torn, *found.places)
+    for x, y, long_mm in marks:
+        at = camera.rest_px(np.array([x, y])).round().astype(int).tolist()
+        reach = round((long_mm / 2 + 0.5) / camera.mm_per_px)
+        cv2.circle(image, at, reach, (255, 255, 255), 5)
+        cv2.circle(image, at, reach, (0, 0, 220), 2)
+    return encode_png(image)
+
+
+class _Still:
+    """The images at rest: their mean, what is full in them, the motion that the tracker sees."""
+
+    def __init__(self, camera: CameraModel, flat: FlatField | None) -> None:
+        self._camera, self._flat = camera, flat
+        self._rectifier = Rectifier(camera)
+        self._tracker = FlowTracker(full=False)
+        self._sum: NDArray[np.float64] | None = None
+        self._flows: list[Image] = []
+        self._first: NDArray[np.uint8] | None = None
+        self.untrackable = ""
+        self.count, self.saturated = 0, 0.0
+        self.raw: NDArray[np.uint8] = np.zeros((1, 1, 3), np.uint8)
+
+    def add(self, raw: NDArray[np.uint8]) -> None:
+        """One more image (h, w, 3) BGR as the camera gives it."""
+        seen = np.asarray(self._rectifier.view(raw), np.uint8)
+        full = (raw.max(axis=2) >= 254).astype(np.uint8)
+        maps = self._camera.maps()
+        if maps is not None and seen is not raw:  # a cubic overshoots, and tells full ones wrongly
+            full = cv2.remap(full, *maps, cv2.INTER_NEAREST)
+        self.saturated = max(self.saturated, float(full.mean()))
+        if self._sum is None:
+            self._sum, self.raw = np.zeros(seen.shape), raw
+        self._sum += seen
+        self.count += 1
+        even = seen if self._flat is None else self._flat.apply(seen)
+        if not self.untrackable:
+            try:
+                flow = FaceFlow.of(self._tracker.update(even), self._camera, 8)
+            except SensorError as why:
+                self.untrackable = str(why)
+                return
+            self._flows.append(np.where(flow.known[..., None], flow.shift_mm, np.nan))
+        if self._first is None:
+            self._first = even
+        self._last = even
+
+    @property
+    def mean(self) -> Image:
+        """Of the images, as the camera's light has them (h, w, 3) BGR, 0..255."""
+        assert self._sum is not None, "a source has an image, or it raises"
+        return np.asarray(self._sum / self.count, np.float32)
+
+    def noise_mm(self) -> float | None:
+        """Standard deviation of the motion of a point, median over the face."""
+        if len(self._flows) < LEAST_FRAMES:
+            return None
+        flows = np.stack(self._flows[1:])
+        spread = np.hypot(*np.moveaxis(flows.std(axis=0), -1, 0))
+        known = np.isfinite(spread)
+        return float(np.median(spread[known])) if known.any() else math.inf
+
+    def unrest(self) -> tuple[str, ...]:
+        """What the state of health of the last image says against the first."""
+        if self.untrackable:
+            return (self.untrackable,)
+        if self._first is None or self.count < 2:
+            return ()
+        return health(self._first, self._last, self._camera).reasons
+
+
+def _another(view: Image, recipe: PatternRecipe, camera: CameraModel) -> str:
+    """Which of the known recipes it is instead."""
+    for name in catalog.names("patterns"):
+        other = load_recipe(name)
+        if other == recipe or other.patch_mm is None or other.law == "chessboard":
+            continue
+        sticker = Sticker(other, camera)
+        placed = sticker.placed(view, SCALES[:1])
+        if placed is not None and _Compared(view, sticker, placed).agreement >= SURE:
+            return f"another one: {name}"
+    return "not this recipe's pattern, nor another one of `pattern list`"
+
+
+class _Tiles:
+    """Means over tiles of the view, and what they say of a drawn picture in a seen one."""
+
+    def __init__(self, shape: tuple[int, ...], mm_per_px: float) -> None:
+        self.ny, self.nx = (max(3, round(n * mm_per_px / TILE_MM)) for n in shape[:2])
+        self._shape = shape
+        self.mm = shape[1] * mm_per_px / self.nx, shape[0] * mm_per_px / self.ny
+        x, y = ((np.arange(n) + 0.5 - n / 2) * side
+                for n, side in zip((self.nx, self.ny), self.mm, strict=True))  # fmt: skip
+        self.x_mm, self.y_mm = np.meshgrid(x, y)
+
+    def mean(self, image: Any) -> NDArray[np.float64]:
+        """(ny, nx)."""
+        return np.asarray(
+            cv2.resize(image, (self.nx, self.ny), interpolation=cv2.INTER_AREA), np.float64
+        )
+
+    def spread(self, values: NDArray[Any]) -> Image:
+        """Values of tiles over the view's pixels."""
+        size = (self._shape[1], self._shape[0])
+        return np.asarray(cv2.resize(values.astype(np.float32), size), np.float32)
+
+    def compared(self, seen: Image, drawn: Image) -> tuple[NDArray[np.float64], ...]:
+        """Correlation, slope and offset of seen over drawn, each (ny, nx)."""
+        s, d = self.mean(seen), self.mean(drawn)
+        ss, dd, sd = self.mean(seen * seen), self.mean(drawn * drawn), self.mean(seen * drawn)
+        var_s, var_d = np.maximum(ss - s * s, 1e-9), np.maximum(dd - d * d, 1e-9)
+        slope = (sd - s * d) / var_d
+        return (sd - s * d) / np.sqrt(var_s * var_d), slope, s - slope * d
+
+
+class _Compared:
+    """The recipe's print beside what is seen, at each of BLURS_PX: (blurs, ny, nx)."""
+
+    def __init__(self, view: Image, sticker: Sticker, to_px: NDArray[np.float64]) -> None:
+        self.seen = luma(view)
+        self.tiles = tiles = _Tiles(self.seen.shape, sticker.camera.mm_per_px)
+        self.drawn = aligned(self.seen, luma(sticker.seen(to_px, RIM_PX)))
+        self.blurred = [
+            np.asarray(cv2.GaussianBlur(self.drawn, (0, 0), s), np.float32) for s in BLURS_PX
+        ]
+        self.like, self.slope, self.offset = (
+            np.stack(one)
+            for one in zip(*(tiles.compared(self.seen, b) for b in self.blurred), strict=True)
+        )
+        self.agreement = float(np.median(self.like.max(axis=0)))
+
+
+def _found(
+    compared: _Compared, sticker: Sticker, to_px: NDArray[np.float64], design: Design,
+    still: _Still,
+) -> SensorFound:  # fmt: skip
+    camera, seen, tiles, drawn = sticker.camera, compared.seen, compared.tiles, compared.drawn
+    blurred, like, slope, offset = (
+        compared.blurred, compared.like, compared.slope, compared.offset
+    )  # fmt: skip
+    best = like.argmax(axis=0)
+    # Contrast is compared at one blur: a tile without pattern may be like anything very soft.
+    usual = slope[int(np.median(best))]
+    shown = (like.max(axis=0) >= TILE_FOUND) & (usual >= TILE_GAIN * np.median(usual))
+    blur_px = _between(like, best)
+    slope, offset = (np.take_along_axis(one, best[None], 0)[0] for one in (slope, offset))
+    white = np.clip(slope + offset, 0, None) ** GAMMA
+    level = float(np.median(white[shown]))
+    even, one_sided = _evenness(white, shown, tiles)
+    edges, torn, inside = _missing(~shown, tiles)
+    wide = round(WIDE_MM / camera.mm_per_px)
+    slope_px, offset_px = (tiles.spread(_smooth(one, shown)) for one in (slope, offset))
+    index = tiles.spread(_smooth(best, shown)).round().astype(int)
+    expected = np.take_along_axis(np.stack(blurred), index[None], 0)[0] * slope_px + offset_px
+    off = seen - expected
+    off = np.abs(off - cv2.blur(off, (wide, wide))) / np.maximum(slope_px, 1e-3) / drawn.std()
+    marked = cv2.dilate((~shown & ~inside).astype(np.uint8), np.ones((5, 5), np.uint8))
+    # A dot is white beside any ink: what its edge mixes depends on light and code, not on dirt.
+    without = (tiles.spread(marked) > 0.5) | (sticker.dots(to_px) > 0)
+    places = _places(off, without, camera.mm_per_px)
+    way = np.linalg.inv(sticker.nominal) @ to_px
+    half = np.array([camera.width_px, camera.height_px]) * camera.mm_per_px / 2
+    scale, keystone = _scales(way, half)
+    centre = cv2.perspectiveTransform(np.zeros((1, 1, 2)), way)[0, 0]
+    mirrored = bool(np.linalg.det(way[:2, :2]) < 0)
+    turn = math.degrees(math.atan2(way[1, 1], way[0, 1])) - 90
+    width_mm, length_mm = design.skin.width_mm, design.skin.length_mm
+    return SensorFound(
+        agreement=compared.agreement,
+        mirrored=mirrored,
+        turned_deg=(turn + 180) % 360 - 180,
+        place_mm=(float(centre[0]), float(centre[1])),
+        scale=scale,
+        keystone=keystone,
+        blur_px=[
+            [round(float(b), 2) if there else None for b, there in zip(*row, strict=True)]
+            for row in zip(blur_px, shown, strict=True)
+        ],
+        level=level,
+        evenness=even,
+        one_sided=one_sided,
+        saturated=still.saturated,
+        face_share=float(shown.mean() * 4 * half[0] * half[1] / (width_mm * length_mm)),
+        edges=edges,
+        torn=torn,
+        places=places,
+        noise_mm=still.noise_mm(),
+        rest=still.unrest(),
+    )
+
+
+def _between(like: NDArray[np.float64], best: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The blur in px at the top of the parabola through the best of BLURS_PX and its neighbours."""
+    at = np.clip(best, 1, len(BLURS_PX) - 2)
+    below, top, above = (np.take_along_axis(like, (at + k)[None], 0)[0] for k in (-1, 0, 1))
+    bend = below - 2 * top + above
+    move = np.where(bend < 0, 0.5 * (below - above) / np.minimum(bend, -1e-12), 0.0)
+    index = at + np.clip(move, -1, 1)
+    return np.exp(np.interp(index, np.arange(len(BLURS_PX)), np.log(BLURS_PX)))
+
+
+def _smooth(values: NDArray[Any], known: NDArray[np.bool_]) -> Image:
+    """Values of tiles, those that are not known as the nearest known one; medians of nine."""
+    from scipy.ndimage import distance_transform_edt
+
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.asarray(cv2.medianBlur(values[tuple(nearest)].astype(np.float32), 3), np.float32)
+
+
+def _evenness(
+    white: NDArray[np.float64], shown: NDArray[np.bool_], tiles: _Tiles
+) -> tuple[float, float]:
+    """Least over mean, and how much it falls from side to side, of its mean."""
+    smooth = _smooth(white, shown)[shown]
+    mean = float(smooth.mean())
+    return float(smooth.min()) / mean, _falls(smooth / mean, tiles.x_mm[shown], tiles.y_mm[shown])
+
+
+def _falls(share: NDArray[Any], x_mm: NDArray[Any], y_mm: NDArray[Any]) -> float:
+    """From one side of the view to the other, beside what falls off alike all round."""
+    x, y = x_mm / np.abs(x_mm).max(), y_mm / np.abs(y_mm).max()
+    table = np.stack((np.ones_like(x), x, y, x * x, y * y), axis=-1)
+    fitted, *_ = np.linalg.lstsq(table, share, rcond=None)
+    return float(2 * np.hypot(fitted[1], fitted[2]))
+
+
+def _one_led_dark(design: Design) -> float:
+    """By how much the light then falls from side to side, at the least, of its mean."""
+    x, y = np.meshgrid(*(np.linspace(-side / 2, side / 2, 15) for side in design.optics.view_mm))
+    falls = []
+    for led in range(design.light.led_count):
+        light = lit(design, x, y, dark=led)
+        falls.append(_falls(light.ravel() / light.mean(), x.ravel(), y.ravel()))
+    return min(falls)
+
+
+def _missing(
+    missing: NDArray[np.bool_], tiles: _Tiles
+) -> tuple[dict[str, float], tuple[tuple[float, float, float], ...], NDArray[np.bool_]]:
+    """Along whole sides, at the rim beside that, and which tiles lie inside."""
+    depths, edges = [], {}
+    for side, axis, flip in (("-x", 1, 1), ("+x", 1, -1), ("-y", 0, 1), ("+y", 0, -1)):
+        lost = np.moveaxis(missing, axis, 0)[::flip].mean(axis=1) >= 0.5
+        depths.append(int(np.argmin(np.append(lost, False))))
+        if depths[-1]:
+            edges[side] = round(depths[-1] * tiles.mm[1 - axis], 1)
+    left = slice(depths[2], tiles.ny - depths[3]), slice(depths[0], tiles.nx - depths[1])
+    count, labels = cv2.connectedComponents(missing[left].astype(np.uint8))
+    rim = np.unique(np.concatenate((labels[[0, -1]].ravel(), labels[:, [0, -1]].ravel())))
+    torn, inside = [], np.zeros_like(missing)
+    for label in range(1, count):
+        here = labels == label
+        if label in rim:
+            x, y = tiles.x_mm[left][here], tiles.y_mm[left][here]
+            size = max(np.ptp(x) + tiles.mm[0], np.ptp(y) + tiles.mm[1])
+            torn.append((round(float(x.mean()), 1), round(float(y.mean()), 1), round(size, 1)))
+        else:
+            inside[left] |= here
+    return edges, tuple(torn), inside
+
+
+def _places(
+    off: Image, without: NDArray[np.bool_], mm_per_px: float
+) -> tuple[tuple[float, float, float], ...]:
+    """Where the view is not what the pattern would be: middle and length, mm; the largest first."""
+    size = max(3, round(PLACE_MM / mm_per_px))
+    mean = cv2.blur(off, (size, size))
+    usual = mean[~without]
+    middle = float(np.median(usual))
+    limit = middle + PLACE_SIGMA * 1.4826 * float(np.median(np.abs(usual - middle)))
+    limit = max(limit, PLACE_LEAST)
+    found = (mean > limit) & ~without
+    joined = cv2.dilate(found.astype(np.uint8), np.ones((size, size), np.uint8))
+    count, _, stats, middles = cv2.connectedComponentsWithStats(joined)
+    h, w = off.shape
+    places = []
+    for k in range(1, count):
+        x, y = (middles[k] - ((w - 1) / 2, (h - 1) / 2)) * mm_per_px
+        longest = (
+            max(stats[k, cv2.CC_STAT_WIDTH], stats[k, cv2.CC_STAT_HEIGHT]) - size
+        ) * mm_per_px
+        if longest >= LEAST_PLACE_MM:
+            places.append((round(float(x), 1), round(float(y), 1), round(float(longest), 1)))
+    return tuple(sorted(places, key=lambda place: -place[2]))
+
+
+def _scales(way: NDArray[np.float64], half_mm: NDArray[np.float64]) -> tuple[float, float]:
+    """Of a map in the middle, and by how much one side's is larger than the other's, less 1."""
+
+    def at(x: float, y: float) -> float:
+        corners = np.array([[[x, y]], [[x + 0.1, y]], [[x, y + 0.1]]])
+        a, b, c = cv2.perspectiveTransform(corners, way)[:, 0]
+        return float(math.sqrt(abs(np.linalg.det(np.stack((b - a, c - a))))) / 0.1)
+
+    x, y = half_mm
+    ratios = [at(x, 0) / at(-x, 0), at(0, y) / at(0, -y)]
+    return at(0, 0), max(max(r, 1 / r) for r in ratios) - 1
+
+
+def _rows(
+    found: SensorFound, sticker: Sticker, design: Design, still: _Still
+) -> Iterator[JudgedRow]:
+    recipe, camera = sticker.recipe, sticker.camera
+    yield JudgedRow("recipe", f"found, agreement {found.agreement:.2f}", f">= {SURE:g}", True)
+    yield JudgedRow(
+        "mirror", "mirrored" if found.mirrored else "as it should be", "as the design has it",
+        not found.mirrored, "the print was made for the other side of the film: guide E.1",
+    )  # fmt: skip
+    yield JudgedRow(
+        "turn", f"{round(found.turned_deg, 1) + 0.0:g} degrees", f"within {TURN_DEG:g} of upright",
+        abs(found.turned_deg) <= TURN_DEG,
+        "lay the next sticker square to the frame, or turn the skin base: guide E.5, H.5",
+    )  # fmt: skip
+    x, y = found.place_mm
+    view_mm = np.array(design.optics.view_mm)
+    room = (recipe.printed_mm - view_mm) / 2
+    if (d := recipe.dots) is not None:
+        spans = (d.columns - 1) * d.pitch_x_mm, (d.rows - 1) * d.pitch_y_mm
+        room = np.minimum(room, (view_mm - spans - d.diameter_mm) / 2)
+    yield JudgedRow(
+        "place", f"its middle at ({x:.2f}, {y:.2f}) mm", f"within ({room[0]:.2f}, {room[1]:.2f})",
+        abs(x) <= room[0] and abs(y) <= room[1],
+        "the view leaves the sticker or its dots: lay the next one in the middle, guide E.5",
+    )  # fmt: skip
+    yield JudgedRow(
+        "scale", f"{found.scale:.3f} of the camera's", f"1 +- {SCALE_OFF:g}",
+        abs(found.scale - 1) <= SCALE_OFF,
+        "film stretched (E.5), skin of another thickness (D.7), or the lens off its height (H.1)",
+    )  # fmt: skip
+    yield JudgedRow(
+        "lens square to the face", f"{100 * found.keystone:.1f} % larger on one side",
+        f"<= {100 * KEYSTONE:g} %", found.keystone <= KEYSTONE,
+        "board or plate sits askew: guide H.1, H.3, H.5",
+    )  # fmt: skip
+    known = [b for row in found.blur_px for b in row if b is not None]
+    most_px = max(LEAST_BLUR_PX, BLUR_PATCHES * sticker.patch_mm / camera.mm_per_px)
+    worst = float(np.percentile(known, 95))
+    middle_px = float(np.median(known))
+    yield JudgedRow(
+        "focus", f"blur {middle_px:.1f} px, worst of the face {worst:.1f}",
+        f"<= {most_px:.1f} px, half of a patch's contrast", worst <= most_px,
+        "turn the lens: guide H.5; worse on one side: the lens is tilted, H.1",
+    )  # fmt: skip
+    yield JudgedRow(
+        "light, level", f"white at {100 * found.level:.0f} % of full",
+        f"{100 * DARKEST:g} to {100 * BRIGHTEST:g} %", DARKEST <= found.level <= BRIGHTEST,
+        "exposure and gain of the camera; current of the light: guide G",
+    )  # fmt: skip
+    yield JudgedRow(
+        "light, even", f"least {found.evenness:.2f} of the mean", f">= {EVEN_SHARE:g}",
+        found.evenness >= EVEN_SHARE, "look at the LEDs and the diffuser: guide G, H.3",
+    )  # fmt: skip
+    dark = _one_led_dark(design)
+    yield JudgedRow(
+        "light, all LEDs", f"falls by {100 * found.one_sided:.0f} % from side to side",
+        f"<= {50 * dark:.0f} %, half of what one dark LED does", found.one_sided <= dark / 2,
+        "an LED is dark or hidden: guide G, H.3",
+    )  # fmt: skip
+    yield JudgedRow(
+        "saturation", f"{100 * found.saturated:.2f} % of pixels full", f"<= {100 * SATURATED:g} %",
+        found.saturated <= SATURATED, "less exposure; lamp off, notch closed: guide H.7, H.8",
+    )  # fmt: skip
+    lost = ", ".join(f"{mm:g} mm along {side}" for side, mm in found.edges.items())
+    yield JudgedRow(
+        "edges of the view", f"{lost or 'pattern on all four'}; {100 * found.face_share:.0f} % of "
+        "the face seen", "no frame, no end of the print", not found.edges,
+        "the frame or the film's end is in view: lens off the middle (H.1), sticker off it (E.5)",
+    )  # fmt: skip
+    yield _placed_row("film", found.torn, "whole", "torn, loose or folded: guide E.6, E.7")
+    yield _placed_row(
+        "bubbles, lint, dust", found.places, "none",
+        "in the gel: cast again (D.5, D.8); on lens or plate: open and clean (H.3, H.5)",
+    )  # fmt: skip
+    noise = found.noise_mm
+    told = f"{still.count} images: give {LEAST_FRAMES} or more" if noise is None else (
+        f"{1000 * noise:.1f} um over {still.count} images")  # fmt: skip
+    limit = f"<= {1000 * MAX_DEFORMATION_MM:g} um"
+    yield JudgedRow(
+        "noise at rest", told, "not judged" if noise is None else limit,
+        noise is None or noise <= MAX_DEFORMATION_MM,
+        "fix exposure and gain, more light; nothing may shake or flicker",
+    )  # fmt: skip
+    yield JudgedRow(
+        "at rest", "; ".join(found.rest) or "nothing moved", "as `health` has it", not found.rest,
+        "let nothing touch the face, and lock exposure, gain and white balance",
+    )  # fmt: skip
+
+
+def _placed_row(
+    check: str, places: Sequence[tuple[float, float, float]], limit: str, advice: str
+) -> JudgedRow:
+    shown = "; ".join(f"{long:g} mm at ({x:g}, {y:g})" for x, y, long in places[:3])
+    more = f" and {len(places) - 3} more" if len(places) > 3 else ""
+    return JudgedRow(check, (shown or limit) + more, limit, not places, advice)
