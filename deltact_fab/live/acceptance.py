@@ -35,8 +35,8 @@ from ..patterns.recipe import PatternRecipe
 from ..patterns.verify import Image, JudgedRow
 from ..record import encode_png
 from .open import images
+from .print_in_view import RIM_PX, SCALES, PrintInView, aligned, luma
 from .source import KnownSensor, Source
-from .sticker import RIM_PX, SCALES, Sticker, aligned, luma
 
 FRAMES = 100
 LEAST_FRAMES = 10  # of which noise can be told
@@ -127,7 +127,7 @@ def accept(source: Source, recipe: PatternRecipe, design: Design, frames: int = 
     for frame in islice(images(source, rest_only=True), frames):
         still.add(frame.image)
     view = still.mean[..., ::-1] / np.float32(255)
-    sticker = Sticker(recipe, camera)
+    sticker = PrintInView(recipe, camera)
     placed = sticker.placed(view)
     compared = None if placed is None else _Compared(view, sticker, placed)
     if placed is None or compared is None or compared.agreement < SURE:
@@ -246,7 +246,7 @@ def _another(view: Image, recipe: PatternRecipe, camera: CameraModel) -> str:
         other = load_recipe(name)
         if other == recipe or other.patch_mm is None or other.law == "chessboard":
             continue
-        sticker = Sticker(other, camera)
+        sticker = PrintInView(other, camera)
         placed = sticker.placed(view, SCALES[:1])
         if placed is not None and _Compared(view, sticker, placed).agreement >= SURE:
             return f"another one: {name}"
@@ -287,7 +287,7 @@ class _Tiles:
 class _Compared:
     """The recipe's print beside what is seen, at each of BLURS_PX: (blurs, ny, nx)."""
 
-    def __init__(self, view: Image, sticker: Sticker, to_px: NDArray[np.float64]) -> None:
+    def __init__(self, view: Image, sticker: PrintInView, to_px: NDArray[np.float64]) -> None:
         self.seen = luma(view)
         self.tiles = tiles = _Tiles(self.seen.shape, sticker.camera.mm_per_px)
         self.drawn = aligned(self.seen, luma(sticker.seen(to_px, RIM_PX)))
@@ -302,7 +302,7 @@ class _Compared:
 
 
 def _found(
-    compared: _Compared, sticker: Sticker, to_px: NDArray[np.float64], design: Design,
+    compared: _Compared, sticker: PrintInView, to_px: NDArray[np.float64], design: Design,
     still: _Still,
 ) -> SensorFound:  # fmt: skip
     camera, seen, tiles, drawn = sticker.camera, compared.seen, compared.tiles, compared.drawn
@@ -469,7 +469,7 @@ def _scales(way: NDArray[np.float64], half_mm: NDArray[np.float64]) -> tuple[flo
 
 
 def _rows(
-    found: SensorFound, sticker: Sticker, design: Design, still: _Still
+    found: SensorFound, sticker: PrintInView, design: Design, still: _Still
 ) -> Iterator[JudgedRow]:
     recipe, camera = sticker.recipe, sticker.camera
     yield JudgedRow("recipe", f"found, agreement {found.agreement:.2f}", f">= {SURE:g}", True)

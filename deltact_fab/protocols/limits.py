@@ -32,7 +32,8 @@ MAX_BETWEEN_FRAMES_MM = 0.25  # up to 7 pixels: as in `deep-drag`, which is foll
 class StageBox:
     """What a stage can do: machine travel (0 at the top, negative below), feeds, its frame.
 
-    homed_mm: where homing leaves it. homing_s: how long that takes; None: see `pace.homing_s`.
+    homed_mm: the ends that it homes to. homing_s: how long that takes; None: see `pace.homing_s`.
+    pull_off_mm: so far from those ends it stays.
     """
 
     frame: StageFrame
@@ -41,6 +42,7 @@ class StageBox:
     acceleration_mm_s2: Point
     homed_mm: Point = (0.0, 0.0, 0.0)
     homing_s: float | None = None
+    pull_off_mm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -165,12 +167,14 @@ def _worst(pairs: Iterable[tuple[float, str]]) -> tuple[float, str]:
 def _travel(steps: list[Step], stage: StageBox) -> Iterable[LimitCheck]:
     for axis, letter in enumerate("xyz"):
         travel_mm = stage.travel_mm[axis]
+        at_top = stage.homed_mm[axis] == 0
+        top_mm = -stage.pull_off_mm if at_top else 0.0
+        bottom_mm = travel_mm - (0.0 if at_top else stage.pull_off_mm)
         high, at_high = _worst((stage.frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
         low, at_low = _worst((-stage.frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
-        yield LimitCheck("travel", high <= EPS_MM, f"machine {letter} (mm)", high, 0.0, at_high)
-        yield LimitCheck(
-            "travel", low <= travel_mm + EPS_MM, f"machine -{letter} (mm)", low, travel_mm, at_low
-        )
+        for way, far, most_mm, at in (("", high, top_mm, at_high), ("-", low, bottom_mm, at_low)):
+            what = f"machine {way}{letter} (mm)"
+            yield LimitCheck("travel", far <= most_mm + EPS_MM, what, far, most_mm, at)
 
 
 def _names(steps: list[Step]) -> LimitCheck:

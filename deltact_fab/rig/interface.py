@@ -104,6 +104,13 @@ class Stage(Protocol):
         is lost, and nothing but homing moves it.
         """
 
+    def rescue(self, height_mm: float, feed_mm_min: float) -> bool:
+        """After a StageError: straight up to that height (sensor frame), if it can be trusted.
+
+        Only where the controller rests within 10 s and has kept its count. False, with nothing
+        moved, elsewhere; positions are lost all the same. Raises StageError.
+        """
+
     def start_move(self, target_mm: tuple[float, float, float], feed_mm_min: float) -> float:
         """Send one straight move, return the planned duration (s) without waiting for its end."""
 

@@ -8,8 +8,9 @@ count at once while the carriage coasts on (at most v^2/2a), which is how a posi
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from ..aliases import Vector
@@ -36,6 +37,7 @@ def replaced(mm: Vector, axes: dict[int, float]) -> Vector:
 
 
 PLANNER_BLOCKS = 15
+SCATTER_MM = 0.01
 
 
 @dataclass(frozen=True)
@@ -161,6 +163,22 @@ class Carriage:
             self.path.replace_last(t_ns)
             self._slip_mm = minus(self.path.end_mm, self.count_mm())
 
+    def trips_ns(self, scatter: Callable[[float, float], float]) -> int | None:
+        """When the piece under way meets a switch that it moves towards; None: it meets none.
+
+        Each trips within SCATTER_MM of its place.
+        """
+        line = self.moving
+        assert line is not None
+        far, met = int(self._settings[23]), []
+        for axis, travel in enumerate(self.axes(130)):
+            away = -1.0 if far >> axis & 1 else 1.0  # towards its switch
+            place = (-travel if far >> axis & 1 else 0.0) + scatter(-SCATTER_MM, SCATTER_MM)
+            start, end = line.start_mm[axis], line.end_mm[axis]
+            if (end - start) * away > 0 and (end - place) * away >= 0:
+                met.append(self._reaches_ns(line, axis, place, away))
+        return min(met, default=None)
+
     # ---- homing -------------------------------------------------------------------------------
 
     def homing_legs(self) -> Iterator[tuple[dict[int, float], float]]:
@@ -191,6 +209,12 @@ class Carriage:
         """The count is where the carriage is."""
         self._count = steps(self.path.end_mm, self.axes(100))
         self._slip_mm = (0.0, 0.0, 0.0)
+
+    @staticmethod
+    def _reaches_ns(line: Segment, axis: int, place_mm: float, away: float) -> int:
+        times = range(line.start_ns, line.end_ns)
+        k = bisect_left(times, place_mm * away, key=lambda t: line.position_mm(t)[axis] * away)
+        return line.start_ns + k
 
     # ---- inside -------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ Where it is simpler than the firmware:
 - every block is a trapezoid from rest to rest; there is no junction look-ahead, so a chain of
   blocks takes longer than on a real board (a host with one line outstanding sees no difference);
 - homing comes to rest at the switches instead of running into them;
-- its switches are read while homing only: a move onto one is no hard limit;
+- its switches trip within SCATTER_MM of their place, another way at each approach;
 - arcs, probing, G28/G30, G93, check mode, startup lines and overrides are not modelled: the
   commands answer error:20 or error:3, the realtime bytes are ignored.
 What the firmware itself answered stands in tests/data; a test compares.
@@ -16,6 +16,7 @@ What the firmware itself answered stands in tests/data; a test compares.
 
 from __future__ import annotations
 
+import random
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping
 from typing import Literal
@@ -83,6 +84,8 @@ class GrblController(SimulatedBoard):
         self._faults: list[tuple[int, Fault]] = []
         self._mute = False
         self._ajar = False  # the safety door's switch
+        self._scatter = random.Random(0)
+        self._trips_ns: int | None = None  # when the move under way meets a switch
         self._user_info = ""
         self._power_on()
 
@@ -132,6 +135,8 @@ class GrblController(SimulatedBoard):
         times = [t for t in (self._boot_ns, self._wait_ns) if t is not None]
         if self._carriage.moving is not None:
             times.append(self._carriage.moving.end_ns)
+        if self._trips_ns is not None:
+            times.append(self._trips_ns)
         if self._after_alarm is not None:
             times.append(self._after_alarm[0])
         if self._faults:
@@ -156,6 +161,9 @@ class GrblController(SimulatedBoard):
                     self._say("error:7")
                     self._say_all(listed(self.settings))
                 self._greet()
+            if self._trips_ns is not None and self._trips_ns <= t:
+                self._trips_ns = None
+                self._strike("limit")
             if self._carriage.moving is not None and self._carriage.moving.end_ns <= t:
                 self._segment_done()
             if self._wait_ns is not None and self._wait_ns <= t:
@@ -338,6 +346,8 @@ class GrblController(SimulatedBoard):
         self._holding = True
         if not self._carriage.brake(self._t):
             self._segment_done()
+        elif self._trips_ns is not None:
+            self._trips_ns = self._carriage.trips_ns(self._scatter.uniform)
 
     def _soft_reset(self) -> None:
         homing, moving = self._state == "Home", self._carriage.moving is not None
@@ -372,10 +382,15 @@ class GrblController(SimulatedBoard):
     def _begin(self) -> None:
         """Start the next line of the queue, if the state is one that moves."""
         self._carriage.catch(self._t)
-        if self._state in ("Run", "Jog") and not self._carriage.begin(self._t):
-            self._state = "Idle"
+        self._trips_ns = None
+        if self._state in ("Run", "Jog"):
+            if not self._carriage.begin(self._t):
+                self._state = "Idle"
+            elif self.settings[21]:
+                self._trips_ns = self._carriage.trips_ns(self._scatter.uniform)
 
     def _segment_done(self) -> None:
+        self._trips_ns = None
         arrived = self._state != "Home" and not self._holding
         self._carriage.done(arrived)
         if arrived:
@@ -388,6 +403,7 @@ class GrblController(SimulatedBoard):
                 self._state = "Hold" if self._door else "Idle"
 
     def _stop_dead(self) -> None:
+        self._trips_ns = None
         self._carriage.stop_dead(self._t)
         self._holding = False
 

@@ -66,6 +66,8 @@ def connected(
         ({22: 9}, r"\$22=9 \(homing sets 0 where it ends.*\); set \$22=1 "),
         ({23: 4}, r"\$23=4 \(axes that home at their negative end: Z\).* set \$23=0"),
         ({3: 1}, r"\$3=1 \(axes turned round: X\), and the rig file says 0 \(none\).* set \$3=0"),
+        ({27: 0}, r"\$27=0 mm; not > 0"),
+        ({27: 2}, r"\$27=2 mm, and \[stage\] pull_off_mm is 1: .*set \$27=1, or pull_off_mm = 2"),
         ({32: 1}, r"\$32=1 \(laser or lathe mode\); set \$32=0"),
         ({122: 0}, r"\$122=0 mm/s2; not > 0"),
         ({111: 1000}, r"Y has 1000 mm/min \(\$111\); 1500 needed: set \$111=1500 if "),
@@ -83,6 +85,16 @@ def test_each_rule_refuses_in_one_line(settings: dict[int, float], said: str) ->
 def test_an_origin_that_homing_moves() -> None:
     with pytest.raises(StageError, match=r"\[OPT:VZ\.\.\.\] .*HOMING_FORCE_SET_ORIGIN.*; flash"):
         connected(options="Z")
+
+
+def test_a_board_that_would_move_unhomed() -> None:
+    with pytest.raises(StageError, match=r"\[OPT:VL\.\.\.\] .*HOMING_INIT_LOCK.*; flash"):
+        connected(options="L")
+    said = ["[OPT:V,15,128]", "[FIRMWARE:grblHAL]"]
+    (row,) = (r for r in judge({**SETTINGS, 22: 1}, said, Needs()) if "locked" in r.text)
+    assert row.line().startswith("FAIL  $22=1 (not locked at its start")
+    assert "set $22=5" in row.text
+    assert not [r for r in judge({**SETTINGS, 22: 5}, said, Needs()) if r.verdict == "FAIL"]
 
 
 def test_what_is_not_said() -> None:
@@ -103,7 +115,7 @@ def test_a_controller_that_can_do_more_is_accepted_and_the_file_s_travel_holds()
     texts = [row.text for row in stage.judged]
     assert "Z has 200 mm of travel ($132); the rig file's 60 holds" in texts
     stage.home()
-    with pytest.raises(Exception, match=r"target Z -60\.500 mm .* outside of -60 \.\. 0"):
+    with pytest.raises(Exception, match=r"target Z -60\.500 mm .* outside of -60 \.\. -1"):
         stage.start_move((0.0, 0.0, -20.5), 600.0)
 
 

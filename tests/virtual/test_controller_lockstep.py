@@ -170,8 +170,8 @@ def test_interrupted_homing_is_stopped_by_a_reset() -> None:
 @pytest.mark.parametrize(
     ("target", "feed", "said"),
     [
-        ((0.0, 0.0, 40.5), 600.0, r"target Z 0.500 mm \(machine\) is outside of -60 .. 0"),
-        ((0.0, 60.5, 0.0), 600.0, r"target X -120.500 mm .* -120 .. 0"),
+        ((0.0, 0.0, 40.5), 600.0, r"target Z 0.500 mm \(machine\) is outside of -60 .. -1"),
+        ((0.0, 60.5, 0.0), 600.0, r"target X -120.500 mm .* -120 .. -1"),
         ((0.0, math.nan, 0.0), 600.0, "is not finite"),
         ((0.0, 0.0, 5.0), 0.0, "feed 0.0 mm/min"),
         ((0.0, 0.0, 5.0), -5.0, "feed -5.0 mm/min"),

@@ -284,3 +284,72 @@ def test_no_homing_after_the_settings_were_refused() -> None:
     assert len(bench.trace) == before
     bench.stage.stop()  # this it can always be asked for
     assert bench.sent()[-1] == b"\x85"
+
+
+@pytest.mark.parametrize("fault", ["lost ok", "false banner", "false alarm", "silence that ends"])
+def test_where_the_count_was_kept_the_tip_is_lifted(fault: str) -> None:
+    bench = Bench()
+    bench.stage.start_move((0.0, 0.0, 1.0), FEED_MM_MIN)
+    bench.stage.wait()
+    if fault == "lost ok":
+        bench.drop(b"ok")
+    else:
+        bench.stage.start_move((0.0, 0.0, -2.0), 60.0)
+        bench.clock.sleep_s(1.5)
+    if fault == "silence that ends":
+        bench.drop(b"")
+    elif fault != "lost ok":
+        bench.insert(b"ALARM:1\r\n" if "alarm" in fault else b"\r\nGrbl 1.1h ['$' for help]\r\n")
+    with pytest.raises(StageError, match="was told to stop"):
+        bench.stage.start_move((0.0, 0.0, -2.0), 60.0) if "ok" in fault else bench.stage.wait()
+    assert bench.grbl.position_mm()[2] > MACHINE_MM[2] - 6.7  # short of the end, at 7
+    bench.grbl.be_true()
+    assert bench.stage.rescue(5.0, 300.0)
+    assert bench.grbl.position_mm() == pytest.approx(MACHINE_MM, abs=0.002)
+    with pytest.raises(StageError, match="no motion after a fault"):
+        bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+    bench.stage.home()
+
+
+@pytest.mark.parametrize("fault", ["reboot", "limit", "cable", "silence"])
+def test_where_the_count_may_be_lost_nothing_lifts(fault: str) -> None:
+    bench = Bench().moving()
+    if fault == "cable":
+        bench.link.unplug()
+    elif fault == "silence":
+        bench.drop(b"")
+    else:
+        bench.grbl.fault(fault)  # type: ignore[arg-type]
+    with pytest.raises(StageError):
+        bench.stage.wait()
+    bench.clock.sleep_s(30)
+    before_s, before_mm = bench.clock.now_s(), bench.grbl.position_mm()
+    assert not bench.stage.rescue(5.0, 300.0)
+    assert bench.grbl.position_mm() == before_mm
+    assert bench.clock.now_s() - before_s < 12
+
+
+def test_homing_twice_and_a_lift_at_the_top_meet_no_switch() -> None:
+    bench = Bench()
+    for _ in range(5):
+        assert bench.stage.lift(25.0, 300.0)
+        bench.stage.home()
+    assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
+    bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+    bench.stage.wait()
+    assert bench.stage.lift(100.0, 300.0)
+    assert bench.grbl.position_mm()[2] == -1.0
+
+
+def test_a_move_onto_a_switch_is_a_hard_limit_as_often_as_not() -> None:
+    """GRBL's machine 0 is where the switch trips, give or take."""
+    alarms = 0
+    for k in range(12):
+        bench = Bench()
+        bench.grbl._scatter.seed(k)
+        bench.grbl.write(b"$J=G90G21G53Z0F300\n")
+        bench.clock.sleep_s(2)
+        said = bench.grbl.read_available()
+        alarms += b"ALARM:1" in said
+        assert bench.grbl.position_mm()[2] <= 0.02
+    assert 2 <= alarms <= 10

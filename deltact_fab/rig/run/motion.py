@@ -77,6 +77,22 @@ class StageMotion:
             return f"the tip could NOT be lifted: {why}"
         return "the tip was lifted"
 
+    def rescue(self, height_mm: float) -> str:
+        """After a fault of the stage: up to the clearance plane, where its count is kept."""
+        try:
+            with self._streams.lifting():
+                if self._stage.rescue(height_mm, LIFT_FEED_MM_MIN):
+                    return "the controller kept its count: the tip was lifted"
+        except KeyboardInterrupt:
+            self._stage.abort()
+            return "the lift was stopped by the operator"
+        except DeltactFabError as why:
+            return f"the tip could NOT be lifted: {why}"
+        return (
+            "the tip was NOT lifted and may be in the gel: switch the motors off and turn z up by "
+            "hand"
+        )
+
     def _go(self, step: Step) -> None:
         self._streams.enter(step)
         planned_s = self._stage.start_move(step.target_mm, step.feed_mm_min)

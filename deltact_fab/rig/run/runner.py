@@ -2,7 +2,7 @@
 
 An operator's interrupt (Ctrl-C, SIGTERM, SIGHUP) or any failure but the stage's own stops the
 motion and lifts the tip; a second interrupt resets the controller and ends the process. An error
-of the stage leaves it where it stopped, for its position may be lost. Presses that the record holds
+of the stage lifts it only where the controller kept its count. Presses that the record holds
 complete are skipped. What was given to the record before a failure is kept.
 """
 
@@ -117,8 +117,9 @@ class Runner:
             assert self._remaining is not None
             self._remaining.finished(i)
         except StageError as why:
-            self._cut_off(step, "fault", str(why))
-            raise
+            lifted = self._motion.rescue(lift_to_mm)
+            self._cut_off(step, "fault", f"{why}; {lifted}")
+            raise type(why)(f"{why} ({lifted})") from why
         except BaseException as why:
             # The tip may be in the gel: whatever went wrong, it is not left there.
             lifted = self._motion.lift(lift_to_mm)

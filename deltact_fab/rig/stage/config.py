@@ -61,6 +61,8 @@ class StageSettings(Table):
     homing_direction_mask: int = Field(default=0, ge=0, le=3)
     """Axes with their switch at the negative end (GRBL's $23): 1 for x, 2 for y, added up. Z homes
     up, away from the gel."""
+    pull_off_mm: float = Field(default=1.0, gt=0, le=50)
+    """How far from its switch homing leaves each axis; nothing goes nearer. MEASURE: $27."""
     homing_s: float | None = Field(default=None, ge=1, le=1000, examples=[30.0])
     """How long homing takes, for estimates; without it reckoned from travel and feeds. MEASURE with
     a watch: `rig home` says it."""
@@ -94,4 +96,5 @@ class StageSettings(Table):
             self.acceleration_mm_s2,
             (x, y, z),
             self.homing_s,
+            self.pull_off_mm,
         )

@@ -129,7 +129,8 @@ class Controller:
         """Hear the banner of a controller that restarts on opening, or rouse one that does not."""
         heard = self.talk.banner()
         self.banner = heard[0] if heard else ""
-        state = "" if heard else self.talk.state()
+        seen = None if heard else self.talk.look()
+        state = "" if seen is None else seen.state
         if not heard and state.partition(":")[0] in ("", "Sleep"):
             if not (heard := self.talk.greet()):
                 raise TalkFault(
@@ -167,6 +168,22 @@ class Controller:
             self.clock.sleep_s(POLL_END_S)
             if name in ("Jog", "Run"):  # the first byte came to nothing if the jog had not begun
                 self.port.write(JOG_CANCEL if name == "Jog" else HOLD)
+
+    def idle_again(self, limit_s: float) -> StageState | None:
+        """After a fault: at rest, told to brake where it is not; None where it does not come to."""
+        deadline = self.port.deadline_ns(limit_s)
+        while self.port.is_open and self.port.now_ns() < deadline:
+            state = self.talk.look()
+            name = "" if state is None else state.state.partition(":")[0]
+            if state is not None and name == "Idle":
+                self.move, self.stopping = None, False
+                return state
+            if name not in ("", "Jog", "Run"):
+                return None
+            if name:
+                self.port.write(JOG_CANCEL if name == "Jog" else HOLD)
+                self.clock.sleep_s(POLL_END_S)
+        return None
 
     def _release(self, before: StageState) -> None:
         """End Hold, or Door with the door closed, by a reset: at rest that keeps the position."""

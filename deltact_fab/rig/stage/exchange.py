@@ -63,14 +63,15 @@ class Talk:
                 return heard
         return []
 
-    def state(self) -> str:
-        """What it is doing, "" when it does not answer. For a controller not yet known."""
+    def look(self) -> StageState | None:
+        """What it is doing, None when it does not answer. Nothing else that it says is heeded."""
         self._port.write(b"?")
         deadline = self._port.deadline_ns(ANSWER_S)
         while (text := self._port.line(deadline)) is not None:
             if found := STATUS.search(text):
-                return found[1]
-        return ""
+                at_mm = float(found[3]), float(found[4]), float(found[5])
+                return StageState(at_mm, found[1], 0.0, self._port.now_ns() / 1e9)
+        return None
 
     def command(self, line: str, limit_s: float = ANSWER_S) -> list[str]:
         """Send a line, wait for its ok, return what came before it."""

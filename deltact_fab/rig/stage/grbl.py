@@ -33,6 +33,8 @@ from .grbl_messages import BANNER, SETTING, state_in_words
 from .limits import Limits
 from .settings import Needs, SettingRow, judge, refusal
 
+RESCUE_S = 10.0  # so long after a fault a controller may answer again
+
 if TYPE_CHECKING:
     from .config import StageSettings
 
@@ -85,6 +87,7 @@ class GrblStage:
             config.acceleration_mm_s2,
             config.direction_mask,
             config.homing_direction_mask,
+            config.pull_off_mm,
         )
         return cls(where, clock, config.frame, baud=config.baud, needs=needs)
 
@@ -282,11 +285,27 @@ class GrblStage:
             return False
         x, y, z = self._c.at_mm
         try:
-            self.start_move(self._frame.to_sensor_mm((x, y, min(z + height_mm, 0.0))), feed_mm_min)
-            self.wait()
+            top_mm = min(z + height_mm, self._c.limits.ends_mm(2)[1])
+            if top_mm > z:
+                self.start_move(self._frame.to_sensor_mm((x, y, top_mm)), feed_mm_min)
+                self.wait()
         finally:
             self._c.homed = self._c.homed and was
         return True
+
+    def rescue(self, height_mm: float, feed_mm_min: float) -> bool:
+        """As Stage. A controller that restarted, or had an alarm, is locked, and so is not Idle."""
+        c = self._c
+        with c.exchange():
+            state = c.idle_again(RESCUE_S)
+        if state is None:
+            return False
+        why, c.trouble = c.trouble, ""
+        try:
+            above_mm = height_mm - self._frame.to_sensor_mm(state.machine_mm)[2]
+            return self.lift(max(above_mm, 0.0), feed_mm_min)
+        finally:
+            c.lose(why)
 
     # ---- beyond the interface -----------------------------------------------------------------
 

@@ -9,6 +9,7 @@ from ...aliases import Vector
 from .settings import AXES
 
 HOMING_MARGIN_S = 10.0
+ROUNDING_MM = 0.002  # of a step and of three decimals
 
 
 class Limits:
@@ -20,6 +21,7 @@ class Limits:
     def __init__(self, settings: Mapping[int, float], travel_mm: Vector | None = None) -> None:
         self.settings = dict(settings)
         self._travel_mm = travel_mm
+        self._pull_off_mm = settings.get(27, 0.0)
 
     def axes(self, first: int) -> Vector:
         """A setting of three axes by the number of its first."""
@@ -32,14 +34,24 @@ class Limits:
         x, y, z = map(min, self.axes(130), self._travel_mm or self.axes(130))
         return (x, y, z)
 
+    def ends_mm(self, axis: int) -> tuple[float, float]:
+        """How low and how high an axis may go: a switch trips at 0, or at the other end, and
+        homing leaves the carriage $27 away from it."""
+        low, high = -self.travel_mm[axis], 0.0
+        if int(self.settings.get(23, 0)) >> axis & 1:
+            return low + self._pull_off_mm, high
+        return low, high - self._pull_off_mm
+
     def target_refusal(self, machine_mm: Vector) -> str:
         """A target that is no place, or outside of the travel."""
         if not all(math.isfinite(p) for p in machine_mm):
             return f"target {machine_mm} mm (machine) is not finite"
-        for axis, p, travel in zip(AXES, machine_mm, self.travel_mm, strict=True):
-            if not -travel <= p <= 0:
+        for axis, p in enumerate(machine_mm):
+            low, high = self.ends_mm(axis)
+            if not low - ROUNDING_MM <= p <= high + ROUNDING_MM:
                 return (
-                    f"target {axis} {p:.3f} mm (machine) is outside of -{travel:g} .. 0, the travel"
+                    f"target {AXES[axis]} {p:.3f} mm (machine) is outside of {low:g} .. {high:g}, "
+                    f"the travel less {self._pull_off_mm:g} mm at the switch"
                 )
         return ""
 

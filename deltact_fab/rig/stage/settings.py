@@ -12,11 +12,11 @@ from ...aliases import Vector
 from .grbl_messages import OPTIONS
 
 AXES = "XYZ"
-WHOLE = (3, 10, 13, 20, 21, 22, 23, 32)
+WHOLE = (3, 10, 13, 20, 21, 22, 23, 27, 32)
 BY_AXIS = {100: "steps/mm", 110: "mm/min", 120: "mm/s2", 130: "mm of travel"}
 HALF_DIGIT = 0.0005  # settings are listed with three decimals
 ALWAYS_ON = 255  # of $1
-SET_ORIGIN = 8  # of $22, in grblHAL
+SET_ORIGIN, LOCK_AT_START = 8, 4  # of $22, in grblHAL
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,7 @@ class Needs:
     acceleration_mm_s2: Vector | None = None
     direction_mask: int = 0
     homing_direction_mask: int = 0
+    pull_off_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,8 @@ def judge(settings: Mapping[int, float], info: list[str], needs: Needs) -> list[
     return [
         *_switches(settings, needs),
         _origin(settings, info),
+        _lock(settings, info),
+        _pull_off(settings, needs),
         *_numbers(settings, needs),
         _held(settings),
     ]
@@ -118,6 +121,38 @@ def _origin(s: Mapping[int, float], info: list[str]) -> SettingRow:
             f"$22={int(s[22]) & ~SET_ORIGIN} and connect again",
         )
     return SettingRow("$I", "pass", f"[OPT:{options}] (homing leaves 0 at the switches)")
+
+
+def _lock(s: Mapping[int, float], info: list[str]) -> SettingRow:
+    """A board that is locked until it was homed: Idle says then that its count is one."""
+    options = next((found[1] for line in info if (found := OPTIONS.match(line))), "")
+    if any("grblHAL" in line for line in info):
+        if int(s[22]) & LOCK_AT_START:
+            return SettingRow("$22", "pass", f"$22={s[22]:g} (locked until it was homed)")
+        right = int(s[22]) | LOCK_AT_START
+        return SettingRow(
+            "$22", "FAIL", f"$22={s[22]:g} (not locked at its start: it would move on a count that "
+            f"nobody homed); set $22={right} and connect again",
+        )  # fmt: skip
+    if "L" in options:
+        return SettingRow(
+            "$I", "FAIL", f"[OPT:{options}...] (built without HOMING_INIT_LOCK: it would move on a "
+            "count that nobody homed); flash a firmware with it",
+        )  # fmt: skip
+    return SettingRow("$I", "pass", f"[OPT:{options}] (locked until it was homed)")
+
+
+def _pull_off(s: Mapping[int, float], needs: Needs) -> SettingRow:
+    """A switch trips at the end of the travel: homing must leave the carriage off it."""
+    found, told = s[27], needs.pull_off_mm
+    if not found > 0:
+        return SettingRow("$27", "FAIL", f"$27={found:g} mm; not > 0: homing ends on its switch")
+    if told is not None and found > told + HALF_DIGIT:
+        return SettingRow(
+            "$27", "FAIL", f"$27={found:g} mm, and [stage] pull_off_mm is {told:g}: homing ends "
+            f"outside of the travel; set $27={told:g}, or pull_off_mm = {found:g}",
+        )  # fmt: skip
+    return SettingRow("$27", "pass", f"$27={found:g} mm off the switches after homing")
 
 
 def _numbers(s: Mapping[int, float], needs: Needs) -> Iterator[SettingRow]:

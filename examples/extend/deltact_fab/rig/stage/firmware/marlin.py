@@ -85,6 +85,10 @@ class MarlinStage:
         """Tell and take positions in this frame."""
         self.frame = frame
 
+    def rescue(self, height_mm: float, feed_mm_min: float) -> bool:
+        """As Stage: nothing here tells whether the count was kept."""
+        return False
+
     def lift(self, height_mm: float, feed_mm_min: float) -> bool:
         """Straight up; a Marlin that was not homed has no position to lift from."""
         if not self._homed:

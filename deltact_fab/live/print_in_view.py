@@ -24,7 +24,7 @@ TURNS_DEG = np.arange(-7.5, 7.6, 1.5)
 SCALES = ((1.0,), (0.94, 0.96, 0.98, 1.02, 1.04, 1.06))  # of the picture; tried in turn
 
 
-class Sticker:
+class PrintInView:
     """The recipe's print, drawn as a camera sees it. patch_mm: of the recipe, which has patches."""
 
     def __init__(self, recipe: PatternRecipe, camera: CameraModel) -> None:
