@@ -8,6 +8,10 @@ from pathlib import Path
 import pytest
 
 from deltact_fab import catalog, experiment
+from deltact_fab.cad.design import load_design
+from deltact_fab.patterns import load_recipe
+from deltact_fab.rig import config
+from deltact_fab.virtual.served import served
 
 STEPS = """
 name = "steps"
@@ -44,10 +48,13 @@ def test_within_5_percent_of_the_run(name: str, rig: str, tmp_path: Path) -> Non
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
 def test_on_the_wall_clock_too(tmp_path: Path) -> None:
     """Within 5 % where the machine is idle."""
-    request = experiment.RunRequest(
-        "first-moves", "virtual", tmp_path / "r", air=True, realtime=True
-    )
-    summary = experiment.run(request)
+    rig, design = config.load("virtual")[0], load_design("deltact")
+    with served(rig, design, load_recipe("dense"), "sphere:10", tmp_path / "bench") as file:
+        request = experiment.RunRequest(
+            "first-moves", str(file), tmp_path / "r", air=True, tip_is_clear=True
+        )
+        summary = experiment.run(request)
+    assert summary["simulated"]
     estimate = request.estimate()
     print(f"{estimate.seconds:.2f} s told, {summary['rig_seconds']:.2f} s taken")
     assert estimate.seconds == pytest.approx(summary["rig_seconds"], rel=0.2)

@@ -75,19 +75,20 @@ def test_every_limit_of_the_guard_is_compared(peaks: list[Peak]) -> None:
         assert not any("\n" in line for line in lines)
 
 
-def test_a_real_rig_and_realtime_have_a_guard_and_lockstep_has_none(tmp_path: Path) -> None:
+def test_a_real_rig_has_a_guard_and_a_virtual_one_has_none(tmp_path: Path) -> None:
     smoke = plan.load("smoke")[0]
     virtual = config.load("virtual")[0]
     assert limits_of(virtual, "virtual.toml", smoke).guard is None
-    armed = limits_of(virtual, "virtual.toml", smoke, realtime=True)
-    assert armed.guard == GuardLimits((20.0, 20.0, 28.0), (200.0, 200.0, 200.0))
-    assert armed.guard_keys[0] == "the guard, 0.8 of [force] range_n"
     rig = tmp_path / "bench.toml"
     text = catalog.find("protocols/rigs", "virtual").read_text().partition("[virtual.")[0]
     text = text.replace('kind = "virtual"', 'kind = "grbl"').replace(
         "[stage]", '[stage]\nport = "/dev/null"'
     )
     text += '[force.netft]\nhost = "192.0.2.1"\n'
+    rig.write_text(text)
+    armed = limits_of(config.load(str(rig))[0], "bench.toml", smoke)
+    assert armed.guard == GuardLimits((20.0, 20.0, 28.0), (200.0, 200.0, 200.0))
+    assert armed.guard_keys[0] == "the guard, 0.8 of [force] range_n"
     rig.write_text(text + "[guard]\nforce_n = 2.0\n")
     found = limits_of(config.load(str(rig))[0], "bench.toml", smoke)
     assert found.guard is not None

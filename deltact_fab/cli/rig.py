@@ -180,6 +180,41 @@ def new(name: str, out: Path | None, as_json: bool) -> None:
     echo_result({**asdict(found), "file": str(found.file)}, lines, as_json)
 
 
+@rig.command(epilog="Example: deltact-fab rig simulate grbl-bench --out bench")
+@RIG
+@DESIGN
+@click.option("--pattern", "recipe", type=PATTERN_NAME, default="dense-with-dots",
+              show_default=True, metavar="RECIPE", help="Of the face.")  # fmt: skip
+@click.option("--indenter", default="sphere:10", show_default=True, metavar="NAME",
+              help="The one that is mounted.")  # fmt: skip
+@seed("Seed of noise.")
+@out_folder("New folder for its rig file and its images.", required=True)
+@JSON
+def simulate(
+    name: str, design: str, recipe: str, indenter: str, seed: int, out: Path, as_json: bool
+) -> None:
+    """Serve the devices of RIG on this computer's own wires until Ctrl-C.
+
+    DIR/rig.toml names them: a controller behind a terminal, a force sensor behind sockets, a folder
+    of images. Every command that takes a real rig takes it, from another terminal. A tip that goes
+    into the gel is felt and not seen. `[virtual.mount]` of a virtual RIG puts the face elsewhere.
+    """
+    import signal
+
+    from ..cad.design import load_design
+    from ..patterns import load_recipe
+    from ..rig import config
+    from ..virtual.served import served
+    from .output import echo_result
+
+    bench, _ = config.load(name)
+    sensor, chosen = load_design(design), load_recipe(recipe)
+    with served(bench, sensor, chosen, indenter, out, seed=seed) as file:
+        told = f"{file}: simulated devices, until Ctrl-C; as `deltact-fab rig check {file}`"
+        echo_result({"rig": str(file), "simulated": True, "seed": seed}, [told], as_json)
+        signal.sigwait({signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
+
+
 @rig.command()
 @RIG
 @click.option("--seconds", type=Finite(0.1, 60), default=2.0, show_default=True, metavar="S",

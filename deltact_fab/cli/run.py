@@ -19,9 +19,6 @@ from .options import JSON, PROTOCOL_NAME, RIG, TIP_IS_CLEAR, out_folder, seed
 @click.option("--resume", is_flag=True, help="Continue the unfinished run in --out.")
 @click.option("--air", is_flag=True,
               help="Touch nothing: never go below the clearance plane.")  # fmt: skip
-@click.option("--realtime", is_flag=True,
-              help="Run a virtual rig in real time, through a pseudo terminal and UDP."
-              )  # fmt: skip
 @click.option("--unattended", is_flag=True,
               help="Nobody is there: ask nothing, and refuse what would need an answer."
               )  # fmt: skip
@@ -37,7 +34,6 @@ def run(
     out: Path | None,
     resume: bool,
     air: bool,
-    realtime: bool,
     unattended: bool,
     tip_is_clear: bool,
     note: str | None,
@@ -68,7 +64,7 @@ def run(
     with progress("dry run" if dry_run else "run") as report:
         request = experiment.RunRequest(
             protocol, rig_name, out or Path(), 0 if dry_run else seed, report, air,
-            realtime=realtime, unattended=unattended, tip_is_clear=tip_is_clear,
+            unattended=unattended, tip_is_clear=tip_is_clear,
         )  # fmt: skip
         if dry_run:
             found = experiment.dry_run(request)

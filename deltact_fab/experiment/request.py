@@ -15,7 +15,7 @@ from ..cad.dimensions import Design
 from ..errors import InputError, MissingLibrary
 from ..patterns.recipe import PatternRecipe, load_recipe
 from ..protocols import limits, plan
-from ..protocols.motion import LOCKSTEP, SIMULATED, WALL_CLOCK
+from ..protocols.motion import LOCKSTEP, WALL_CLOCK
 from ..protocols.plan import Protocol, Step
 from ..rig import config as rig_config
 from ..rig.config import RigConfig
@@ -45,8 +45,6 @@ class RunRequest:
     """Told of what is solved, and how far the run is."""
     air: bool = False
     """Nothing goes below the clearance plane, and no force is predicted."""
-    realtime: bool = False
-    """A virtual rig on the wall clock, in a process of its own behind real wires."""
     unattended: bool = False
     """Nobody is asked anything, and what would need that is refused."""
     tip_is_clear: bool = False
@@ -68,7 +66,7 @@ class RunRequest:
         self.rig, self.rig_path = rig_config.load(self.rig_name)
         self.design = load_design(self.protocol.specimen.design)
         self.steps = plan.expand(self.protocol, self.air)
-        self.kind = kind_of(self.rig, self.rig_path, self.realtime)
+        self.kind = kind_of(self.rig, self.rig_path)
 
     @cached_property
     def recipe(self) -> PatternRecipe:
@@ -92,7 +90,7 @@ class RunRequest:
 
     def estimate(self) -> limits.RunEstimate:
         """Frames, time and disk of the whole run."""
-        pace = (SIMULATED if self.realtime else LOCKSTEP) if self.rig.simulated else WALL_CLOCK
+        pace = LOCKSTEP if self.rig.simulated else WALL_CLOCK
         image_px = preflight.image_px(self.view, self.rig)
         return limits.estimate(self.protocol, image_px, self.rig.stage.box, self.steps, pace)
 
@@ -138,7 +136,7 @@ class RunRequest:
 
         None where that would take more than seconds and solve is False. Raises InputError.
         """
-        declared = preflight.limits_of(self.rig, str(self.rig_path), self.protocol, self.realtime)
+        declared = preflight.limits_of(self.rig, str(self.rig_path), self.protocol)
         peaks = preflight.predict(
             self.protocol, self.design, declared.origin_mm, self.progress, solve
         )
@@ -150,7 +148,7 @@ class RunRequest:
     def _rows(self) -> list[limits.LimitCheck]:
         """Every check but that of the forces; check and run ask it alone."""
         protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
-        wall_clock = self.realtime or not rig.simulated
+        wall_clock = not rig.simulated
         rows = limits.check(protocol, design, rig.stage.box, self.steps)
         rows += preflight.needs(protocol, self.steps, rig, self.view, self.out, wall_clock)
         refused = kind.refusals(protocol, design, str(self.source))
@@ -190,22 +188,15 @@ class RunRequest:
         return []
 
 
-def kind_of(rig: RigConfig, source: Path, realtime: bool = False) -> RigKind:
+def kind_of(rig: RigConfig, source: Path) -> RigKind:
     """What a kind of rig says and builds. Only the one that is asked for is imported.
 
-    source: of the rig file, from which the paths in it count. realtime: a virtual rig on the wall
-    clock and real wires. Raises InputError.
+    source: of the rig file, from which the paths in it count. Raises InputError.
     """
     if rig.kind == "grbl":
         from ..rig.bench import GrblKind
 
-        if realtime:
-            raise InputError(f"{source}: --realtime is for a virtual rig; this one is real")
         return GrblKind(rig, source)
-    if realtime:
-        from ..virtual.realtime.rig import RealtimeKind
-
-        return RealtimeKind(rig, source)
     from ..virtual.rig import VirtualKind
 
     return VirtualKind(rig, source)

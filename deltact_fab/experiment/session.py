@@ -53,8 +53,6 @@ def run(
     job = request.setup(out)
     text = request.source.read_bytes()
     meta = meta_of(job, rig, request.rig_name)
-    if request.realtime:
-        meta["realtime"] = True
     pattern = pattern_of(job.recipe)
     resuming = out.exists() and resume
     if resuming:
@@ -84,8 +82,7 @@ def run(
             summary = {
                 "protocol": protocol.name,
                 "rig": request.rig_name,
-                "simulated": rig.simulated,
-                "realtime": request.realtime,
+                "simulated": rig.simulated or rig.served,
                 "air": request.air,
                 "seed": request.seed,
                 "steps": len(steps),
@@ -119,7 +116,7 @@ def dry_run(request: RunRequest) -> dict[str, Any]:
     """
     notes = [*([AIR] if request.air else []), *request.require()]
     lines: list[str] = []
-    if request.realtime or not request.rig.simulated:
+    if not request.rig.simulated:
         with TemporaryDirectory() as folder:
             job = request.setup(Path(folder) / "dry-run")
             with closing(request.kind.build(job, request.progress)) as bench:
@@ -209,7 +206,7 @@ def meta_of(job: RigSetup, rig: RigConfig, rig_name: str) -> dict[str, Any]:
         "sensor": asdict(job.sensor),
         "shapes": indenter.kept(job.protocol.indenters),
         "camera": job.view.as_dict() if job.view is not None else None,
-        "simulated": rig.simulated,
+        "simulated": rig.simulated or rig.served,
         "air": job.air,
         "seed": job.seed,
         "versions": versions(),

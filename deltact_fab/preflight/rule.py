@@ -51,17 +51,14 @@ class ForceLimits:
         return keys
 
 
-def limits_of(
-    rig: RigConfig, source: str, protocol: Protocol, realtime: bool = False
-) -> ForceLimits:
+def limits_of(rig: RigConfig, source: str, protocol: Protocol) -> ForceLimits:
     """The limits that a rig file declares; a default that it does not write down is none.
 
-    realtime: a virtual rig on the wall clock, whose guard is armed as that of a real one. Raises
-    InputError for a guard whose limit the sensor cannot measure.
+    Raises InputError for a guard whose limit the sensor cannot measure.
     """
     force = rig.force if "force" in rig.model_fields_set else None
     guard, keys = None, ("", "")
-    if rig.force is not None and (realtime or not rig.simulated):
+    if rig.force is not None and not rig.simulated:
         try:
             guard, keys = GuardLimits.of(rig.guard, rig.force), _guard_keys(rig)
         except InputError as why:

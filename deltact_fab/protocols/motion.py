@@ -30,8 +30,6 @@ class RigPace:
 LOCKSTEP = RigPace(connect_s=1.3, move_s=ARRIVAL_S, frames_s=LOOK_S)
 # A move: median on GRBL 1.1h at 115200 baud. Frames: one period of a camera, a sample, a position.
 WALL_CLOCK = RigPace(connect_s=2.0, move_s=0.023, frames_s=0.03)
-# The simulated board on a terminal: it does not restart when it is opened, and answers at once.
-SIMULATED = RigPace(connect_s=1.2, move_s=0.005, frames_s=0.005)
 
 SEEK_MM_S = 10.0
 SWITCHES_S = 2.0

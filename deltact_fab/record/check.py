@@ -265,7 +265,7 @@ def _damages(run: Run, press: str, frames: Mapping[str, FileAndHash]) -> Iterato
     if run.format != 2:
         for which in run.damaged_samples(press):
             yield f"its samples are damaged: {which}"
-    if drawn and run.simulated:
+    if drawn and run.simulated and run.meta["rig"]["kind"] == "virtual":
         yield from _truth_damages(run, press, list(frames))
 
 

@@ -52,11 +52,12 @@ class VirtualConfig(Table):
     force: ForceConfig = ForceConfig()
     camera: CameraFile | None = None
     guard: GuardConfig | None = None
-    """What stops the stage; for `run --realtime` only, as are touch and tools."""
+    """What stops the stage; for `rig simulate` only, as are touch and tools."""
     touch: TouchConfig = TouchConfig()
     tools: Tools = Field(default_factory=dict, examples=[TOOLS])
-    """By indenter, as `[tools."sphere:10"]`; for `run --realtime` only."""
+    """By indenter, as `[tools."sphere:10"]`; for `rig simulate` only."""
     virtual: SimulatorConfig = SimulatorConfig()
+    served: ClassVar[bool] = False
 
     @model_validator(mode="after")
     def _lens(self) -> Self:
@@ -82,6 +83,9 @@ class GrblConfig(Table):
     simulated: ClassVar[bool] = False
     kind: Literal["grbl"]
     """"grbl": a real GRBL 1.1 or grblHAL stage."""
+    served: bool = False
+    """Its devices are simulated ones, served by `rig simulate`, which writes this key: runs say
+    so."""
     stage: StageConfig
     force: ForceConfig | None = None
     """A sensor that stands in the way of the force, read or not; every press needs it, for the

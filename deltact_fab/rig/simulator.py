@@ -98,17 +98,17 @@ class GelConfig(Table):
     hyperelastic: FiniteGelConfig = FiniteGelConfig()
 
 
-class RealtimeConfig(Table):
-    """What only `run --realtime` has."""
+class GoneConfig(Table):
+    """Of `run --realtime` of version 0.2, which is gone: read, and not used."""
 
     camera_rate_hz: float = Field(default=5.0, ge=0.1, le=240)
-    """At most; an image of 1280 x 720 px takes some 50 ms of a processor to draw."""
+    """Not used."""
 
 
 class MountConfig(Table):
     """How the bench truly stands beside what its rig file says, for a touch-off to find.
 
-    Only `run --realtime` has it: in lockstep the rig file is right.
+    Only `rig simulate` has it: on a virtual rig the rig file is right.
     """
 
     offset_mm: tuple[Off, Off, Off] = (0.0, 0.0, 0.0)
@@ -153,5 +153,5 @@ class SimulatorConfig(Table):
     printer: PrinterConfig = PrinterConfig()
     force: NoiseConfig = NoiseConfig()
     gel: GelConfig = GelConfig()
-    realtime: RealtimeConfig = RealtimeConfig()
     mount: MountConfig = MountConfig()
+    realtime: GoneConfig = GoneConfig()

@@ -165,3 +165,10 @@ def test_gel_path_needs_a_rig_with_a_gel() -> None:
     told = CliRunner().invoke(gel_path, ["smoke", "--rig", "grbl-bench"])
     assert isinstance(told.exception, InputError)
     assert str(told.exception).endswith("kind: 'grbl' has no simulated gel; name a virtual rig")
+
+
+def test_a_file_of_0_2_with_a_way_to_run_that_is_gone_still_loads(tmp_path: Path) -> None:
+    shipped = catalog.find("protocols/rigs", "virtual").read_text()
+    old = tmp_path / "old.toml"
+    old.write_text(shipped + "\n[virtual.realtime]\ncamera_rate_hz = 10.0\n")
+    assert config.load(str(old))[0].stage == config.load("virtual")[0].stage

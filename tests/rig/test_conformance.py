@@ -49,7 +49,7 @@ FORCE_SENSORS = {
     "VirtualForce": ("virtual",),
     "SerialScale": ("pty",),
 }
-RIGS = {"VirtualRig": ("virtual",), "GrblRig": ("grbl",), "RealtimeRig": ("realtime",)}
+RIGS = {"VirtualRig": ("virtual",), "GrblRig": ("grbl",)}
 INTERFACES = {"Stage": Stage, "Camera": Camera, "ForceSensor": ForceSensor, "Rig": Rig}
 CASES = {"Stage": STAGES, "Camera": CAMERAS, "ForceSensor": FORCE_SENSORS, "Rig": RIGS}
 
@@ -69,7 +69,7 @@ def build(mini: tuple[Path, Path], tmp_path: Path) -> Iterator[Any]:
             settings, _ = config.load(str(path))
             recipe = load_recipe(protocol.specimen.pattern)
             air = kind != "virtual"
-            of, sensor = kind_of(settings, path, realtime=kind == "realtime"), SensorDimensions()
+            of, sensor = kind_of(settings, path), SensorDimensions()
             view = of.camera(protocol, sensor)
             rig = of.build(RigSetup(protocol, sensor, recipe, view, 3, tmp_path / "run", air=air))
             open_.callback(rig.close)
@@ -80,10 +80,7 @@ def build(mini: tuple[Path, Path], tmp_path: Path) -> Iterator[Any]:
 
 def cases(table: dict[str, tuple[str, ...]]) -> list[Any]:
     pairs = [(name, kind) for name, kinds in table.items() for kind in kinds]
-    slow = {"realtime": [pytest.mark.slow]}
-    return [
-        pytest.param(kind, id=f"{name}-{kind}", marks=slow.get(kind, [])) for name, kind in pairs
-    ]
+    return [pytest.param(kind, id=f"{name}-{kind}") for name, kind in pairs]
 
 
 @pytest.mark.parametrize("name", CASES)

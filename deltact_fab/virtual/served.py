@@ -1,0 +1,122 @@
+"""A rig file's devices on this computer's own wires, for a host that knows of no simulator.
+
+The controller stands behind a pseudo terminal, the force sensor behind sockets, the camera is a
+folder of images. What presses on the face is felt by closed forms (`bench_face`), and nothing of it
+is seen: this is for rig files, drivers and hands, `run --rig virtual` is for experiments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..aliases import Vector
+from ..catalog import as_toml, write_new
+from ..elasticity import GelMaterial
+from ..files import making, write_whole
+from ..imaging import ImageSensor, Printer
+from ..optics import Pinhole, SurfaceLattice
+from ..optics import as_toml as camera_toml
+from ..patterns.raster import albedo
+from ..patterns.recipe import PatternRecipe
+from ..record import encode_png
+from ..rig.clock import WallClock
+from ..rig.config import RigConfig
+from ..rig.force.config import ForceConfig
+from ..rig.simulator import SimulatorConfig
+from ..shapes import SensorDimensions
+from .bench_face import BenchFace
+from .firmware import board_of
+from .netft_server import NetFTServer
+from .picture import MARGIN_PX, FrameRenderer, Geometry, Texture
+from .pty import PtyCable
+
+RIG, CAMERA, IMAGES = "rig.toml", "camera.toml", "images"
+RATE_HZ = 10.0
+AGAIN = 60  # times that the images are shown: a folder ends
+LATTICE_MM = 0.5
+
+
+@contextmanager
+def served(
+    rig: RigConfig,
+    design: SensorDimensions,
+    recipe: PatternRecipe,
+    indenter: str,
+    folder: Path,
+    images: int = 20,
+    seed: int = 0,
+) -> Iterator[Path]:
+    """The rig file of the simulated devices, in a new folder, while the context lasts.
+
+    indenter: the one that is mounted. images: of the face at rest. Raises InputError for a firmware
+    that no board simulates and a folder that is there already, OSError where no socket can be had.
+    """
+    simulator = rig.virtual if rig.kind == "virtual" else SimulatorConfig()
+    clock, mount = WallClock(), simulator.mount
+    board = board_of(rig.stage, clock)
+    frame = rig.stage.frame
+    x, y, z = (a + b for a, b in zip(frame.origin_machine_mm, mount.offset_mm, strict=True))
+    true = replace(frame, origin_machine_mm=(x, y, z), tilt_deg=mount.tilt_deg)
+    face = BenchFace(true, design.skin, GelMaterial())
+    face.mount(indenter, mount.longer_mm.get(indenter, 0.0))
+    force = rig.force or ForceConfig()
+    with making(folder):
+        (folder / IMAGES).mkdir(parents=True)
+    camera = Pinhole.of(design)
+    write_new(folder / CAMERA, camera_toml(camera))
+    for k, image in enumerate(_at_rest(simulator, design, camera, recipe, images, seed)):
+        file = folder / IMAGES / f"{k:05d}.png"
+        write_whole(file, encode_png(image))
+        for again in range(1, AGAIN):
+            file.with_name(f"{again * images + k:05d}.png").hardlink_to(file)
+    with PtyCable(board, clock) as terminal:
+
+        def wrenches(t_ns: Any) -> Any:
+            with terminal.lock:
+                at: list[Vector] = [board.position_mm(t / 1e9) for t in t_ns.tolist()]
+            return np.reshape([face.wrench(p) for p in at], (-1, 6))
+
+        noise_n = simulator.force.noise_n
+        with NetFTServer(wrenches, force, seed=seed, noise_n=noise_n, serial="simulated") as box:
+            file = folder / RIG
+            write_new(file, _text(rig, force, terminal.port, box))
+            yield file
+
+
+def _text(rig: RigConfig, force: ForceConfig, port: str, box: NetFTServer) -> str:
+    """The rig file that a lab would write for these devices."""
+    told = rig.model_dump(mode="json", exclude_unset=True, exclude={"virtual", "kind", "camera"})
+    told["stage"]["port"] = port
+    told["stage"].pop("registration", None)
+    kept = force.model_dump(mode="json", exclude_unset=True, exclude={"serial", "netft"})
+    netft = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
+    told["force"] = {**kept, "netft": netft}
+    told["camera"] = {"source": IMAGES, "rate_hz": RATE_HZ, "model": CAMERA}
+    if rig.touch is not None:
+        told["touch"] = rig.touch.model_dump(mode="json", exclude_none=True)
+    about = ("Simulated devices, while `rig simulate` runs.",)
+    return as_toml({"kind": "grbl", "served": True, **told}, about)
+
+
+def _at_rest(
+    simulator: SimulatorConfig, design: SensorDimensions, camera: Pinhole, recipe: PatternRecipe,
+    n: int, seed: int,
+) -> Iterator[Any]:  # fmt: skip
+    rng = np.random.default_rng(seed)
+    printer = Printer(**simulator.printer.model_dump())
+    values = printer.print_(albedo(recipe, printer.mm_per_dot), rng)
+    half = [side / 2 + MARGIN_PX * camera.mm_per_px for side in design.optics.view_mm]
+    nx, ny = (2 * int(side / LATTICE_MM) + 1 for side in half)
+    lattice = SurfaceLattice(
+        -(nx - 1) * LATTICE_MM / 2, -(ny - 1) * LATTICE_MM / 2, LATTICE_MM, nx, ny
+    )
+    exposure = ImageSensor(**simulator.camera.model_dump())
+    draw = FrameRenderer(Geometry(camera, lattice), Texture(values, printer.mm_per_dot), exposure)
+    for _ in range(n):
+        yield draw.render(None, rng)
