@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
     ("deltact_fab", "lines"): 80964,
     ("deltact_fab", "files"): 611,
-    ("tests", "lines"): 47223,
+    ("tests", "lines"): 47224,
 }
 
 

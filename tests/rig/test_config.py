@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from pydantic import TypeAdapter
 from served import powered, rig_file
 
+from deltact_fab import catalog
 from deltact_fab.cli.gel_path import path as gel_path
 from deltact_fab.cli.rig import rig as command
 from deltact_fab.errors import InputError
