@@ -35,13 +35,14 @@ def check(config: GrblConfig, folder: Path, seconds: float = SECONDS) -> Iterato
     if config.force is not None and config.force.reachable:
         from .force.probe import probe as listen
 
-        for passed, text in listen(config.force, config.guard, seconds):
+        for passed, text, _ in listen(config.force, config.guard, seconds):
             yield DeviceRow("force", "pass" if passed else "FAIL", text)
     if config.camera is not None:
         from .camera.probe import probe as look
 
-        for passed, text in look(config.camera, folder, seconds):
-            yield DeviceRow("camera", "pass" if passed else "FAIL", text)
+        for passed, text, warns in look(config.camera, folder, seconds):
+            verdict = "pass" if passed else "WARN" if warns else "FAIL"
+            yield DeviceRow("camera", verdict, text)
     yield from _presses(config)
 
 

@@ -218,3 +218,4 @@ class BenchFinding(NamedTuple):
 
     passed: bool
     text: str
+    warns: bool = False  # a run would only warn of it

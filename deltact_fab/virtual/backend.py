@@ -31,7 +31,6 @@ class Below:
         config: VirtualConfig,
         job: RigSetup,
         clock: VirtualClock,
-        scene: type[GelScene] = GelScene,
     ) -> None:
         self._config, self._job = config, job
         self.clock = clock
@@ -39,7 +38,7 @@ class Below:
         self.controller = board_of(stage, clock)
         self.presses = Presses(job.protocol, job.sensor.skin, simulator.gel)
         self.crop = self._crop() if "image" in job.protocol.channels else None
-        self.scene = scene(
+        self.scene = GelScene(
             self.controller,
             clock,
             stage.frame,

@@ -40,22 +40,17 @@ class PtyCable(AbstractContextManager["PtyCable"]):
         resets_on_open: bool = False,
         heard: Callable[[float, bytes], None] | None = None,
         opened: Callable[[bool], None] | None = None,
-        lock: threading.RLock | None = None,
-        passing: Callable[[], object] | None = None,
     ) -> None:
         """clock: the controller's. resets_on_open: opening the port restarts the controller, as an
         Arduino does. heard: gets every piece of what the host sent, with the time it came
         (monotonic s). opened: gets True when a host opens the port, False when it closes it.
-        passing: is called with the lock before the controller is looked at, for a clock that does
-        not go by itself.
         """
         self.controller = controller
         self._clock = clock
-        self.lock = lock or threading.RLock()
+        self.lock = threading.RLock()
         self._resets_on_open = resets_on_open
         self._heard = heard or (lambda t_s, data: None)
         self._opened = opened or (lambda is_open: None)
-        self._passing = passing or (lambda: None)
         self._folder = tempfile.TemporaryDirectory(prefix="deltact-fab-")
         self.port = str(Path(self._folder.name) / "stage")
         """What a host opens; the same after the cable was out."""
@@ -115,7 +110,6 @@ class PtyCable(AbstractContextManager["PtyCable"]):
     def _serve(self) -> None:
         while not self._done.is_set():
             with self.lock:
-                self._passing()
                 event_ns, now_ns = self.controller.next_event_ns(), self._clock.now_ns()
                 ours = self._ours
             wait_ms = IDLE_MS if self._open else CLOSED_MS
@@ -124,7 +118,6 @@ class PtyCable(AbstractContextManager["PtyCable"]):
             if ours is None or not self._ready(ours, wait_ms):
                 time.sleep(CLOSED_MS / 1000)
             with self.lock:
-                self._passing()
                 if self._ours is not None and self._ours == ours:
                     self._exchange(ours)
                 else:
@@ -163,7 +156,6 @@ class PtyCable(AbstractContextManager["PtyCable"]):
         silent = time.monotonic() < self._silent_until_s
         if data and not silent:
             self._heard(time.monotonic(), data)
-            self._passing()  # or what has just come would be heard at a time before it came
             self.controller.write(data)
         said = self.controller.read_available()
         if not self._open or silent:

@@ -167,11 +167,7 @@ class GelScene:
         """Start a press where the tip is: knots are numbered from 1 again, 0 is the rest."""
         self.observe()
         x, y, _ = self._frame.to_sensor_mm(self._controller.position_mm())
-        self.take(self._presses(self._indenter, (x, y)))
-
-    def take(self, press: PlannedPress) -> None:
-        """Start this press, as `begin`; the tip stands above its place."""
-        self._press = press
+        self._press = press = self._presses(self._indenter, (x, y))
         rest = still = None
         if self._crop is not None:
             nothing = np.zeros((len(self.axes_mm[1]), len(self.axes_mm[0]), 3), np.float32)

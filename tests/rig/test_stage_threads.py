@@ -6,6 +6,7 @@ import itertools
 import os
 import subprocess
 import sys
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -193,3 +194,19 @@ def test_the_second_of_two_hosts_refuses() -> None:
         )
         assert len(it.heard) == sent  # it wrote nothing
         assert stage.wait().machine_mm == (-20.0, -1.0, -1.0)
+
+
+def test_closing_the_port_leaves_dtr_up() -> None:
+    """Its fall and rise at the next opening would restart an Arduino, and lose the count."""
+    with board() as it:
+        held = os.open(it.port, os.O_RDWR | os.O_NOCTTY)
+        try:
+            flags = termios.tcgetattr(held)
+            flags[2] |= termios.HUPCL
+            termios.tcsetattr(held, termios.TCSANOW, flags)
+            stage = GrblStage(it.port, WallClock(), StageFrame((0.0, 0.0, 0.0)))
+            stage.connect()
+            stage.close()
+            assert not termios.tcgetattr(held)[2] & termios.HUPCL
+        finally:
+            os.close(held)

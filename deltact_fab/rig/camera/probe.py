@@ -39,7 +39,7 @@ def probe(config: CameraConfig, folder: Path, seconds: float = LOOK_S) -> Iterat
             seen = _seen(camera, seconds)
             told = camera.identity()
     except (InputError, SensorError) as why:
-        yield BenchFinding(False, str(why))
+        yield BenchFinding(False, str(why), warns=config.is_file and "no more images" in str(why))
         return
     yield from _images(seen, told, config)
     yield from _locks(config, told)
@@ -75,6 +75,7 @@ def _model(config: CameraConfig, folder: Path) -> BenchFinding:
             False,
             "camera.model: not calibrated, nothing can be tracked; `deltact-fab calibrate` makes "
             "the file",
+            warns=True,
         )
     path = folder / config.model
     try:

@@ -63,6 +63,20 @@ class Port:
                     f"{self.url}: cannot be opened: another program drives this stage; end it first"
                 ) from why
             raise StageError(f"{self.url}: cannot be opened: {why}") from why
+        self._stay_up()
+
+    def _stay_up(self) -> None:
+        """Leave DTR up when the port is closed: its fall and rise is what restarts an Arduino.
+
+        Else every command would lose the count that the one before homed. The first opening after
+        plugging in restarts it all the same.
+        """
+        with suppress(Exception):  # not a terminal
+            import termios
+
+            flags = termios.tcgetattr(self._port.fileno())
+            flags[2] &= ~termios.HUPCL
+            termios.tcsetattr(self._port.fileno(), termios.TCSANOW, flags)
 
     def close(self) -> None:
         """Close the port; again does nothing."""
@@ -111,7 +125,7 @@ class Port:
     def reach(self, stop: bytes) -> bool:
         """Write a stop byte twice, through a port opened anew if this one is gone.
 
-        True if it went out. Opening the port restarts an Arduino: that stops a move as well.
+        True if it went out. Opening may restart an Arduino: that stops a move as well.
         """
         deadline = self.deadline_ns(REOPEN_S)
         while True:
