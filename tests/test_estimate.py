@@ -46,12 +46,13 @@ def test_within_5_percent_of_the_run(name: str, rig: str, tmp_path: Path) -> Non
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
-def test_on_the_wall_clock_too(tmp_path: Path) -> None:
-    """Within 5 % where the machine is idle."""
+@pytest.mark.parametrize(("protocol", "air"), [("first-moves", True), ("first-press", False)])
+def test_on_the_wall_clock_too(protocol: str, air: bool, tmp_path: Path) -> None:
+    """With a touch-off where something is touched; within 10 % where the machine is idle."""
     rig, design = config.load("virtual")[0], load_design("deltact")
     with served(rig, design, load_recipe("dense"), "sphere:10", tmp_path / "bench") as file:
         request = experiment.RunRequest(
-            "first-moves", str(file), tmp_path / "r", air=True, tip_is_clear=True
+            protocol, str(file), tmp_path / "r", air=air, unattended=True
         )
         summary = experiment.run(request)
     assert summary["simulated"]

@@ -92,7 +92,12 @@ class RunRequest:
         """Frames, time and disk of the whole run."""
         pace = LOCKSTEP if self.rig.simulated else WALL_CLOCK
         image_px = preflight.image_px(self.view, self.rig)
-        return limits.estimate(self.protocol, image_px, self.rig.stage.box, self.steps, pace)
+        rig, change = self.rig, 0.0
+        if rig.kind == "grbl" and not self.air:
+            from ..rig.tool.touch import change_s
+
+            change = change_s(rig.stage, rig.touch, self.protocol.motion.park_mm)
+        return limits.estimate(self.protocol, image_px, rig.stage.box, self.steps, pace, change)
 
     def require(self) -> list[str]:
         """Raise InputError for all that a run is refused for.

@@ -80,7 +80,7 @@ class LimitCheck:
 class RunEstimate:
     """What a run will take: connecting, homing, planned motion, settling and waits.
 
-    What an operator or a touch-off takes between two indenters is left out.
+    What an operator takes between two indenters is left out.
     between_frames_mm: the longest way that the tip goes unseen while it presses or drags.
     """
 
@@ -130,10 +130,12 @@ def estimate(
     stage: StageBox,
     steps: list[Step] | None = None,
     pace: RigPace = LOCKSTEP,
+    change_s: float = 0.0,
 ) -> RunEstimate:
     """Frames, time and disk of a whole run, from the steps and the stage's acceleration.
 
-    image_px: pixels of a frame as it is stored. pace: of whoever runs it.
+    image_px: pixels of a frame as it is stored. pace: of whoever runs it. change_s: what finding
+    the face with another indenter takes.
     """
     steps = expand(protocol) if steps is None else steps
     here = stage.frame.to_sensor_mm(stage.homed_mm)
@@ -144,6 +146,7 @@ def estimate(
         seconds += move_duration_s(
             (x, y, z), step.feed_mm_min, stage.max_feed_mm_min, stage.acceleration_mm_s2
         )
+        seconds += change_s if step.kind == "change" else 0.0
         seconds += pace.move_s + (step.settle_s + pace.frames_s if step.frames else 0.0)
         here = step.target_mm
     frames = sum(s.frames for s in steps)

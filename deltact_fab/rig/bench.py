@@ -21,6 +21,7 @@ from .interface import Camera, ForceSensor
 from .job import Devices, RigSetup
 from .stage.firmware import open_stage
 from .tool.tooling import Tooling
+from .tool.touch import change_s
 
 if TYPE_CHECKING:
     from .force.guard import ForceGuard
@@ -119,6 +120,8 @@ class GrblRig:
                 "force: nothing guards a press without a force sensor; add [force.netft] or "
                 "[force.serial] to the rig file, or give --air"
             )
+        park_mm = job.protocol.motion.park_mm
+        self._change_s = 0.0 if job.air else change_s(config.stage, config.touch, park_mm)
         self.tooling = Tooling(
             job, self.stage, self.clock, self.force, self.guard, config.touch, config.tools
         )
@@ -140,6 +143,7 @@ class GrblRig:
             change_indenter=self.tooling.change_indenter,
             guard=self.guard,
             begin=self.tooling.begin,
+            change_s=self._change_s,
             wall_clock=True,
         )
 

@@ -32,6 +32,8 @@ class Devices:
     begin: Callable[[], str] | None = None
     """Before a session's homing, the stage connected: asks, lifts a tip out of the gel, or raises;
     returns what the record is to keep of it."""
+    change_s: float = 0.0
+    """What `change_indenter` takes by plan."""
     wall_clock: bool = False
     """Time passes by itself: every device has a thread of its own; else one scheduler steps all."""
 

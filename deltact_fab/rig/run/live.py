@@ -40,9 +40,16 @@ class Live:
 class Remaining:
     """Wall time that is left: the plan's, times how much longer than planned it took so far."""
 
-    def __init__(self, steps: Sequence[Step], todo: Sequence[int], wall_clock: bool) -> None:
-        """todo: places of the steps that are carried out. wall_clock: the plan's time is real."""
-        self._planned_s = {i: _planned_s(steps, i) for i in todo}
+    def __init__(
+        self, steps: Sequence[Step], todo: Sequence[int], wall_clock: bool, change_s: float = 0.0
+    ) -> None:
+        """todo: places of the steps that are carried out. wall_clock: the plan's time is real.
+
+        change_s: what another indenter takes beside the way there.
+        """
+        self._planned_s = {
+            i: _planned_s(steps, i) + change_s * (steps[i].kind == "change") for i in todo
+        }
         self._left_s = sum(self._planned_s.values())
         self._done_s = PRIOR_S if wall_clock else 0.0
         self._took_s = self._done_s

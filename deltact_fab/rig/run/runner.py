@@ -59,7 +59,7 @@ class Runner:
         lift_to_mm = min(s.target_mm[2] for s in steps if s.kind == "travel")
         todo = [i for i, s in enumerate(steps) if s.press not in self._writer.kept]
         self._kept = self._total - sum(steps[i].frames for i in todo)
-        self._remaining = Remaining(steps, todo, self._d.wall_clock)
+        self._remaining = Remaining(steps, todo, self._d.wall_clock, self._d.change_s)
         with interruptible(self._d.stage.abort):
             try:
                 self._set_up(bool(todo))

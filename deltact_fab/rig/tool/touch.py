@@ -10,15 +10,19 @@ from __future__ import annotations
 
 from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...aliases import Vector
 from ...errors import DeltactFabError, SensorError, StageError
+from ...protocols.motion import WALL_CLOCK, move_duration_s
 from ...shapes import Indenter
 from ..interface import go, rise
 from .config import TouchConfig
 from .contact import ContactFit, fit, powers_of
-from .feeler import ForceProbe
+from .feeler import LOOK_S, MEAN_S, SETTLE_S, TARE_S, ForceProbe
+
+if TYPE_CHECKING:
+    from ..stage.config import StageSettings
 
 STRIDE_MM = 0.5
 STEP_MM = 0.01
@@ -58,6 +62,42 @@ class FaceTouch:
         return f"{self.z_mm:+.3f} mm from where it was expected, {self.repeats} touches within " + (
             f"{self.spread_mm:.3f} mm, by {self.by}{felt}"
         )
+
+
+def touch_s(
+    config: TouchConfig, from_mm: float, max_feed_mm_min: Vector, accel_mm_s2: Vector, move_s: float
+) -> float:
+    """How long `ForceTouch.find` takes from that height and back, the face being where expected.
+
+    max_feed_mm_min, accel_mm_s2: of the axes. move_s: what a move takes beyond its motion.
+    """
+
+    def one_s(way_mm: float, feed_mm_min: float) -> float:
+        way = (0.0, 0.0, -way_mm)
+        return move_duration_s(way, feed_mm_min, max_feed_mm_min, accel_mm_s2) + move_s
+
+    def down_s(way_mm: float, feed_mm_min: float) -> float:
+        strides, rest_mm = divmod(way_mm, STRIDE_MM)
+        return strides * one_s(STRIDE_MM, feed_mm_min) + bool(rest_mm) * one_s(rest_mm, feed_mm_min)
+
+    feed, high_mm = config.feed_mm_min, max(from_mm, config.clear_mm)
+    mean_s = SETTLE_S + MEAN_S + LOOK_S
+    steps = round((OFF_MM + BEYOND_MM) / STEP_MM) + ENOUGH
+    off_s = one_s(OFF_MM, TRAVEL_FEED_MM_MIN) + one_s(BEYOND_MM, TRAVEL_FEED_MM_MIN) + mean_s
+    once_s = off_s + steps * (one_s(STEP_MM, feed) + mean_s)
+    down = down_s(high_mm - config.clear_mm, LOWERING * feed) + down_s(config.clear_mm, feed)
+    return TARE_S + down + config.repeats * once_s + one_s(high_mm, TRAVEL_FEED_MM_MIN)
+
+
+def change_s(stage: StageSettings, touch: TouchConfig | None, park_mm: float) -> float:
+    """What finding the face with another indenter takes on a bench, from the height of its change.
+
+    0 where an operator finds it, who takes as long as he takes.
+    """
+    if touch is None or touch.by != "force":
+        return 0.0
+    limits = stage.max_feed_mm_min, stage.acceleration_mm_s2
+    return touch_s(touch, park_mm, *limits, WALL_CLOCK.move_s)
 
 
 class ForceTouch:
