@@ -66,7 +66,7 @@ class SensorFound:
     no pattern. level: of white, linear, 1 is full. evenness: least over mean; one_sided: by how
     much it falls from side to side, of its mean. edges: what of each side shows no pattern, mm.
     torn, places: (x, y, length) of what lacks pattern at the rim, and of what lies before it.
-    noise_mm: of a point of the face, None of too few images. rest: what `health` says against it.
+    noise_mm: of a point of the face; None: not known. rest: what `health` says against it.
     """
 
     agreement: float
@@ -222,14 +222,19 @@ class _Still:
         assert self._sum is not None, "a source has an image, or it raises"
         return np.asarray(self._sum / self.count, np.float32)
 
+    @property
+    def few(self) -> bool:
+        """Too few images to tell noise."""
+        return self.count < LEAST_FRAMES
+
     def noise_mm(self) -> float | None:
-        """Standard deviation of the motion of a point, median over the face."""
-        if len(self._flows) < LEAST_FRAMES:
+        """Standard deviation of the motion of a point, median over the face; None: not known."""
+        if self.few:
             return None
         flows = np.stack(self._flows[1:])
         spread = np.hypot(*np.moveaxis(flows.std(axis=0), -1, 0))
         known = np.isfinite(spread)
-        return float(np.median(spread[known])) if known.any() else math.inf
+        return float(np.median(spread[known])) if known.any() else None
 
     def unrest(self) -> tuple[str, ...]:
         """What the state of health of the last image says against the first."""
@@ -543,12 +548,13 @@ def _rows(
         "in the gel: cast again (D.5, D.8); on lens or plate: open and clean (H.3, H.5)",
     )  # fmt: skip
     noise = found.noise_mm
-    told = f"{still.count} images: give {LEAST_FRAMES} or more" if noise is None else (
-        f"{1000 * noise:.1f} um over {still.count} images")  # fmt: skip
-    limit = f"<= {1000 * MAX_DEFORMATION_MM:g} um"
+    told = f"{still.count} images: give {LEAST_FRAMES} or more" if still.few else "not tracked"
+    if noise is not None:
+        told = f"{1000 * noise:.1f} um over {still.count} images"
     yield JudgedRow(
-        "noise at rest", told, "not judged" if noise is None else limit,
-        noise is None or noise <= MAX_DEFORMATION_MM,
+        "noise at rest", told,
+        "not judged" if still.few else f"<= {1000 * MAX_DEFORMATION_MM:g} um",
+        still.few or (noise is not None and noise <= MAX_DEFORMATION_MM),
         "fix exposure and gain, more light; nothing may shake or flicker",
     )  # fmt: skip
     yield JudgedRow(

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+NAMES_A_FILE = re.compile(r"\w[\w.+-]*")  # of a serial number: others are never kept
+
+
 class RecordedRun:
     """A run's images as the camera gave them, in order of capture."""
 
@@ -187,7 +190,7 @@ def measurement_of(
 
 def acceptance_file(serial: str) -> Path:
     """Where `rig accept` keeps a sensor. Raises InputError for a serial that is no file's name."""
-    if not re.fullmatch(r"[\w][\w.+-]*", serial):
+    if not NAMES_A_FILE.fullmatch(serial):
         raise InputError(
             f"--serial {serial!r}: letters, digits, '.', '+', '-', '_' make a file's name"
         )
@@ -199,14 +202,15 @@ def accepted_rest(known: KnownSensor) -> NDArray[np.uint8] | None:
 
     Raises InputError for a file that is none, and for an image of another size.
     """
-    if known.serial is None or known.camera is None:
+    if known.serial is None or known.camera is None or not NAMES_A_FILE.fullmatch(known.serial):
         return None
     file = acceptance_file(known.serial)
     if not file.is_file():
         return None
     head, data = read_calibration(file, "acceptance")
     require_same(head.sensor, SensorId(known.design, known.serial), str(file))
-    kept = read_rest(file, data.get("rest", {}))
+    table = data.get("rest")
+    kept = read_rest(file, table) if isinstance(table, dict) else None
     image = None if kept is None else cv2.imdecode(np.frombuffer(kept, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
         raise InputError(f"{file}: rest.file: no image of the face at rest")

@@ -144,6 +144,11 @@ def test_an_accepted_sensor_is_kept_and_later_health_starts_from_it(tmp_path):
     told = called(*look, cwd=tmp_path)
     assert told.returncode == 2
     assert "A1.rest.png: differs from the hash in sensors/A1.toml" in told.stderr
+    file = tmp_path / "sensors" / "A1.toml"
+    file.write_text(file.read_text().partition("[rest]")[0])
+    told = called(*look, cwd=tmp_path)
+    assert told.returncode == 2
+    assert "sensors/A1.toml: rest.file: no image of the face at rest" in told.stderr
 
 
 def test_what_cannot_be_judged_is_one_line(tmp_path):
