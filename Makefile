@@ -6,7 +6,7 @@ V := .venv/bin
 JOBS ?= $(shell echo $$((3 * $$(getconf _NPROCESSORS_ONLN) / 2)))
 PYTEST := $(V)/python -m pytest -n $(JOBS) --maxprocesses 8 --dist worksteal
 
-.PHONY: demo test test-slow lint docs pins peers evidence clean
+.PHONY: demo test test-slow firmware lint docs pins peers evidence clean
 
 # `python -m venv` is missing on a bare Debian; virtualenv, when present, does the same.
 .venv/.ready: pyproject.toml constraints.txt
@@ -61,6 +61,10 @@ peers: .venv-peers/.ready
 	@.venv-peers/bin/python -m pip --version >/dev/null 2>&1 || .venv-peers/bin/python -m ensurepip -q
 	.venv-peers/bin/python -m pip install -q --disable-pip-version-check -r $<
 	@touch $@
+
+# Real firmware under the host; SIMULATOR and CORE are clones of grblHAL/Simulator and grblHAL/core.
+firmware: .venv/.ready
+	$(V)/python -m benchmarks.firmware $(SIMULATOR) $(CORE)
 
 # Hours; goes on where it was stopped. Wants the extra `fast`, and `make peers` for felupe's rows.
 evidence: .venv/.ready
