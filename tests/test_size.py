@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 81039,
-    ("deltact_fab", "files"): 611,
-    ("tests", "lines"): 47267,
+    ("deltact_fab", "lines"): 80981,
+    ("deltact_fab", "files"): 610,
+    ("tests", "lines"): 47255,
 }
 
 

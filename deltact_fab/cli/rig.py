@@ -285,6 +285,7 @@ def accept(
     from dataclasses import replace
 
     from ..cad.design import load_design
+    from ..catalog import validate
     from ..errors import InputError
     from ..files import write_whole
     from ..live import acceptance, known_step
@@ -303,7 +304,7 @@ def accept(
         known = opened.known
         if recipe is None and known.recipe is None:
             raise InputError("RECIPE: missing; a name of `pattern list` or a recipe's file")
-        asked = load_recipe(recipe) if recipe else PatternRecipe.model_validate(known.recipe)
+        asked = load_recipe(recipe) if recipe else validate(PatternRecipe, known.recipe, source)
         done = acceptance.accept(opened, asked, load_design(known.design or "deltact"), frames)
     finally:
         opened.close()

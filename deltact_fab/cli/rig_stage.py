@@ -44,7 +44,7 @@ def probe(rig: str, as_json: bool) -> None:
     """Connect to the stage of RIG and check its settings.
 
     Nothing moves; a stage that was left moving is brought to rest. An Arduino restarts when its
-    port is opened, and loses its position.
+    port is opened for the first time, and loses its position.
     """
     from dataclasses import asdict
 

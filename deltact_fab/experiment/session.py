@@ -82,7 +82,7 @@ def run(
             summary = {
                 "protocol": protocol.name,
                 "rig": request.rig_name,
-                "simulated": rig.simulated or rig.served,
+                "simulated": meta["simulated"],
                 "air": request.air,
                 "seed": request.seed,
                 "steps": len(steps),

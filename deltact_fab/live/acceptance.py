@@ -24,12 +24,14 @@ from ..cad.check.electric import EVEN_SHARE, lit
 from ..cad.dimensions import Design
 from ..errors import InputError, SensorError
 from ..files import disk_errors, write_together
+from ..imaging import GAMMA
 from ..measure.face import FaceFlow
 from ..measure.flow import FlowTracker
 from ..measure.health import MAX_DEFORMATION_MM, health
 from ..measure.pipeline.measurement import Rectifier
 from ..measure.sensor_id import CalibrationSource, Head, SensorId, rest_table
 from ..optics import CameraModel, FlatField
+from ..optics.flat import FULL_SHARE
 from ..patterns import load_recipe
 from ..patterns.recipe import PatternRecipe
 from ..patterns.verify import Image, JudgedRow
@@ -49,11 +51,9 @@ TILE_FOUND = 0.3  # correlation of a tile with the recipe
 TILE_GAIN = 0.15  # contrast of a tile, of the median one
 TURN_DEG, SCALE_OFF, KEYSTONE = 3.0, 0.04, 0.06
 DARKEST, BRIGHTEST = 0.2, 0.98  # of white, linear
-SATURATED = 0.001  # of pixels, as of a blank frame for the flat field
 PLACE_MM, PLACE_SIGMA, PLACE_LEAST = 0.25, 7.0, 0.6  # the last is a share of the contrast
 LEAST_PLACE_MM = 0.2
 WIDE_MM = 2.0  # what differs alike over more is light
-GAMMA = 2.2
 
 
 @dataclass(frozen=True)
@@ -533,8 +533,8 @@ def _rows(
         "an LED is dark or hidden: guide G, H.3",
     )  # fmt: skip
     yield JudgedRow(
-        "saturation", f"{100 * found.saturated:.2f} % of pixels full", f"<= {100 * SATURATED:g} %",
-        found.saturated <= SATURATED, "less exposure; lamp off, notch closed: guide H.7, H.8",
+        "saturation", f"{100 * found.saturated:.2f} % of pixels full", f"<= {100 * FULL_SHARE:g} %",
+        found.saturated <= FULL_SHARE, "less exposure; lamp off, notch closed: guide H.7, H.8",
     )  # fmt: skip
     lost = ", ".join(f"{mm:g} mm along {side}" for side, mm in found.edges.items())
     yield JudgedRow(

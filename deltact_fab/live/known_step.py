@@ -27,34 +27,33 @@ def known_steps(folder: Path) -> list[JudgedRow]:
     camera = run.camera
     frames = run.frames().dropna(subset=["file"])
     frames = frames[frames["press"] == frames["press"].iloc[0]] if len(frames) else frames
-    last = {str(row["step_id"]).rpartition("/")[2]: row for _, row in frames.iterrows()}
-    if not {"rest", "shear-x+", "shear-x-"} <= last.keys():
+    names = [str(step_id).rpartition("/")[2] for step_id in frames["step_id"]]
+    if not {"rest", "shear-x+", "shear-x-"} <= set(names):
         raise InputError(f"{folder}: no known step: a run of the protocol known-step has some")
     tracker = FlowTracker(full=False)
     flows, at_mm = {}, {}
-    for _, row in frames.iterrows():
-        name = str(row["step_id"]).rpartition("/")[2]
+    for name, (_, row) in zip(names, frames.iterrows(), strict=True):
         flows[name] = FaceFlow.of(tracker.update(run.image(str(row["file"]))), camera, 2)
         at_mm[name] = row[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
     x, y = np.meshgrid(flows["rest"].x_mm, flows["rest"].y_mm)
     rest = at_mm["rest"]
     near = np.hypot(x - rest[0], y - rest[1]) < STUCK_MM
-    rows = []
-    for axis in ("x", "y"):
+    rows, origin = [], ", simulated" if run.simulated else ""
+    for k, axis in enumerate("xy"):
         there, back = f"shear-{axis}+", f"shear-{axis}-"
         if there not in flows or back not in flows:
             continue
         a, b = flows[there], flows[back]
         known = near & a.known & b.known
-        moved = (a.shift_mm - b.shift_mm)[known][:, "xy".index(axis)]
+        moved = (a.shift_mm - b.shift_mm)[known][:, k]
         pictured = camera.project_px(np.stack((at_mm[there], at_mm[back])))
-        k = "xy".index(axis)
         larger = (pictured[0] - pictured[1])[k] * camera.mm_per_px
         made_mm = float((at_mm[there] - at_mm[back])[k])
         seen_mm = made_mm * float(moved.mean()) / larger if len(moved) else math.nan
         passed = abs(seen_mm - made_mm) <= OFF_MM
         rows.append(JudgedRow(
-            f"known step, {axis}", f"{seen_mm:.3f} mm of {made_mm:.3f}", f"within {OFF_MM:g} mm",
-            passed, "calibrate the camera on this skin: `calibrate`; or the tip slips",
+            f"known step, {axis}", f"{seen_mm:.3f} mm of {made_mm:.3f}{origin}",
+            f"within {OFF_MM:g} mm", passed,
+            "calibrate the camera on this skin: `calibrate`; or the tip slips",
         ))  # fmt: skip
     return rows

@@ -47,7 +47,8 @@ def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> S
     view = tracked_view(bench.camera, sensor, path)
     flat = flat_field(bench.camera.model, path)
     seen = None if view is None or flat is None else flat.seen_by(view)
-    known = KnownSensor(view, seen, sensor.skin)
+    told = "simulated devices" if bench.served else None
+    known = KnownSensor(view, seen, sensor.skin, simulated=told)
     return camera_source(bench.camera, path.parent, known)
 
 

@@ -23,6 +23,8 @@ SMOOTH = 0.01
 MAX_GAIN = 4.0
 """Where it is darker than that, beyond the skin's window, nothing is to be made bright."""
 FULL = 65535
+FULL_SHARE = 0.001
+"""Of pixels that may be at the end of their scale before light is lost."""
 COARSE = 8
 """Pixels a side that one of the kept image stands for: less than the blur's sigma."""
 
@@ -38,7 +40,7 @@ class FlatField:
         """From a frame (h, w, 3) BGR of a blank skin. Raises InputError naming the source."""
         import cv2
 
-        if np.mean(image == 255) > 0.001:
+        if np.mean(image == 255) > FULL_SHARE:
             raise InputError(f"{source}: over-exposed; take the blank frame with less light")
         smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTH * image.shape[1])
         top = smooth.reshape(-1, 3).max(axis=0)

@@ -45,6 +45,11 @@ class StageBox:
     pull_off_mm: float = 0.0
 
 
+def ends_mm(travel_mm: float, at_top: bool, pull_off_mm: float) -> tuple[float, float]:
+    """How low and how high an axis may go: its switch, at 0 or at the other end, trips there."""
+    return (-travel_mm, -pull_off_mm) if at_top else (pull_off_mm - travel_mm, 0.0)
+
+
 @dataclass(frozen=True)
 class LimitCheck:
     """One row: `figure` must not exceed `bound` (both in the unit named by `what`).
@@ -169,13 +174,11 @@ def _worst(pairs: Iterable[tuple[float, str]]) -> tuple[float, str]:
 
 def _travel(steps: list[Step], stage: StageBox) -> Iterable[LimitCheck]:
     for axis, letter in enumerate("xyz"):
-        travel_mm = stage.travel_mm[axis]
         at_top = stage.homed_mm[axis] == 0
-        top_mm = -stage.pull_off_mm if at_top else 0.0
-        bottom_mm = travel_mm - (0.0 if at_top else stage.pull_off_mm)
+        bottom_mm, top_mm = ends_mm(stage.travel_mm[axis], at_top, stage.pull_off_mm)
         high, at_high = _worst((stage.frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
         low, at_low = _worst((-stage.frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
-        for way, far, most_mm, at in (("", high, top_mm, at_high), ("-", low, bottom_mm, at_low)):
+        for way, far, most_mm, at in (("", high, top_mm, at_high), ("-", low, -bottom_mm, at_low)):
             what = f"machine {way}{letter} (mm)"
             yield LimitCheck("travel", far <= most_mm + EPS_MM, what, far, most_mm, at)
 

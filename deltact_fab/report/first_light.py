@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -14,10 +12,10 @@ from ..aliases import Float
 from ..cad.check.electric import lit
 from ..cad.dimensions import Design
 from ..imaging import GAMMA, ImageSensor, Printer
-from ..optics import Pinhole, SurfaceLattice
 from ..patterns.raster import albedo
 from ..patterns.recipe import PatternRecipe
-from ..virtual.picture import FrameRenderer, Geometry, Texture
+from ..virtual.drawing import resting
+from ..virtual.picture import FrameRenderer, Texture
 
 PRINT_MM, STREAK_MM = 8.0, 0.4
 FAINT = 0.75  # of the ink that is nearly empty, what is missing
@@ -25,12 +23,8 @@ BUBBLE_MM, BUBBLE_AT_MM = 1.2, (4.0, -3.0)
 TORN_MM = 5.0
 
 
-@dataclass(frozen=True)
-class Pair:
-    """Two pictures as data URLs."""
-
-    good: str
-    spoiled: str
+Pair = tuple[bytes, bytes]
+"""A good one and a spoiled one, JPEG."""
 
 
 def pairs(design: Design, recipe: PatternRecipe) -> dict[str, Pair]:
@@ -49,12 +43,12 @@ def _print(values: Float, printer: Printer) -> Pair:
     spoiled[..., 1] += FAINT * (1 - spoiled[..., 1])
     streak = round(STREAK_MM / printer.mm_per_dot)
     spoiled[half : half + streak] = 1
-    return Pair(*(_url(255 * one[..., ::-1] ** (1 / GAMMA)) for one in (good, spoiled)))
+    good, spoiled = (255 * one[..., ::-1] ** (1 / GAMMA) for one in (good, spoiled))
+    return _jpeg(good), _jpeg(spoiled)
 
 
 def _sensor(values: Float, printer: Printer, design: Design) -> Pair:
     """The view; then with a bubble, the film torn at a corner and one LED dark."""
-    camera = Pinhole.of(design)
     at = (np.arange(len(values)) - (len(values) - 1) / 2) * printer.mm_per_dot
     x, y = np.meshgrid(at, at)
     right, top = np.array(design.optics.view_mm) / 2
@@ -63,16 +57,14 @@ def _sensor(values: Float, printer: Printer, design: Design) -> Pair:
     r = np.hypot(x - BUBBLE_AT_MM[0], y - BUBBLE_AT_MM[1]) / (BUBBLE_MM / 2)
     spoiled = np.where((r < 1)[..., None], 0.25 + 0.5 * (r < 0.4)[..., None], spoiled)
     spoiled *= np.where(np.abs(r - 1) < 0.12, 0.2, 1)[..., None]
-    x_mm, y_mm = np.array(design.optics.view_mm) / 2 + 4
-    lattice = SurfaceLattice(-x_mm, -y_mm, 1.0, int(2 * x_mm) + 1, int(2 * y_mm) + 1)
-    geometry, rng = Geometry(camera, lattice), np.random.default_rng(0)
-    seen = []
-    for print_ in (values, spoiled):
+    geometry, rng = resting(design), np.random.default_rng(0)
+
+    def seen(print_: NDArray[Any]) -> bytes:
         texture = Texture(print_.astype(np.float32), printer.mm_per_dot)
-        seen.append(_url(FrameRenderer(geometry, texture, ImageSensor()).render(None, rng)))
-    return Pair(*seen)
+        return _jpeg(FrameRenderer(geometry, texture, ImageSensor()).render(None, rng))
+
+    return seen(values), seen(spoiled)
 
 
-def _url(bgr: NDArray[Any]) -> str:
-    done = cv2.imencode(".jpg", np.clip(bgr, 0, 255).astype(np.uint8))[1]
-    return f"data:image/jpeg;base64,{base64.b64encode(done.tobytes()).decode()}"
+def _jpeg(bgr: NDArray[Any]) -> bytes:
+    return cv2.imencode(".jpg", np.clip(bgr, 0, 255).astype(np.uint8))[1].tobytes()

@@ -232,7 +232,7 @@ class PatternToPrint:
     file: str
     image: str
     enlarged: float
-    pairs: dict[str, first_light.Pair]
+    pairs: dict[str, list[str]]
 
 
 def sticker(design: Design) -> PatternToPrint:
@@ -254,7 +254,10 @@ def sticker(design: Design) -> PatternToPrint:
     held = io.BytesIO()
     Image.fromarray(seen).save(held, "PNG")
     image = _data_url("image/png", held.getvalue())
-    pairs = first_light.pairs(design, recipe)
+    pairs = {
+        of: [_data_url("image/jpeg", one) for one in pair]
+        for of, pair in first_light.pairs(design, recipe).items()
+    }
     return PatternToPrint(recipe.size_mm, file, image, SHOWN_MM / view_mm[0], pairs)
 
 

@@ -117,7 +117,7 @@ class PressStream:
 
     def picture(self, recipe: PatternRecipe, seed: int) -> FrameRenderer:
         """The gel with that pattern printed on it, as the rig's own run with that seed has it."""
-        return printed(self.config, recipe, self.geometry, seed)
+        return printed(self.config.virtual, recipe, self.geometry, seed)
 
     def noise(self, seed: int) -> np.random.Generator:
         """What `FrameRenderer.expose` takes, one generator a pattern, from the first frame on."""

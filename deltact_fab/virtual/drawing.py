@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ from ..optics import Fisheye, Pinhole, Rectified, SurfaceLattice
 from ..patterns.raster import albedo
 from ..patterns.recipe import PatternRecipe
 from ..rig.config import VirtualConfig
+from ..rig.simulator import SimulatorConfig
 from ..shapes import SensorDimensions
 from .picture import MARGIN_PX, FrameRenderer, Geometry, Texture
 from .raw_view import BAND_PX, RawView
@@ -18,6 +20,8 @@ from .scene import LatticeCrop
 
 if TYPE_CHECKING:
     from ..aliases import Field
+
+RESTING_MM = 1.0  # between the nodes of a face that does not move
 
 
 def crop_of(
@@ -49,11 +53,19 @@ def geometry_of(
     return Geometry(RawView(lens, view), lattice), lens
 
 
+def resting(sensor: SensorDimensions) -> Geometry:
+    """What each pixel of the design's own pinhole sees of a face that nothing touches."""
+    camera = Pinhole.of(sensor)
+    half_mm = [side / 2 + MARGIN_PX * camera.mm_per_px for side in sensor.optics.view_mm]
+    nx, ny = (2 * math.ceil(half / RESTING_MM) + 1 for half in half_mm)
+    x_mm, y_mm = (-(n - 1) / 2 * RESTING_MM for n in (nx, ny))
+    return Geometry(camera, SurfaceLattice(x_mm, y_mm, RESTING_MM, nx, ny))
+
+
 def printed(
-    config: VirtualConfig, recipe: PatternRecipe, geometry: Geometry, seed: int
+    simulator: SimulatorConfig, recipe: PatternRecipe, geometry: Geometry, seed: int
 ) -> FrameRenderer:
     """The gel with that pattern as the rig's printer made it, before the rig's camera."""
-    simulator = config.virtual
     printer = Printer(**simulator.printer.model_dump())
     rng = np.random.default_rng(np.random.SeedSequence([seed, 3]))
     values = printer.print_(albedo(recipe, printer.mm_per_dot), rng)

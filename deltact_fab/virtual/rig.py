@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 from contextlib import ExitStack
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..aliases import Progress
-from ..optics import FlatField, Pinhole, Rectified
+from ..optics import Fisheye, FlatField, Pinhole, Rectified
 from ..protocols.plan import Protocol
 from ..rig.camera.model import flat_field
 from ..rig.config import VirtualConfig
@@ -17,16 +18,20 @@ from ..rig.interface import Camera
 from ..rig.job import Devices, RigSetup
 from ..rig.stage.firmware import open_stage
 from ..shapes import SensorDimensions
-from .backend import Below
 from .clock import VirtualClock
 from .feasibility import unanswered
+from .firmware import board_of
+from .gel_summary import gel_left_out, gel_notes
 from .netft import LockstepLink, NetFTBox
-from .scene import GelScene
+from .presses import Presses
+from .scene import GelScene, LatticeCrop
 from .seeds import stream_number
 from .wire import SerialLink
 
 if TYPE_CHECKING:
+    from ..gel.level import Choice
     from .devices import VirtualCamera
+    from .picture import FrameRenderer
 
 _NUMBER = itertools.count(1)
 
@@ -100,25 +105,39 @@ class VirtualRig:
         """Each device that is built is closed with the rig, the last one first."""
         job, stage = self._job, self._config.stage
         self.clock = VirtualClock()
-        self._below = below = Below(self._config, job, self.clock)
-        self.presses, self.scene = below.presses, below.scene
+        simulator = self._config.virtual
+        controller = board_of(stage, self.clock)
+        self.presses = presses = Presses(job.protocol, job.sensor.skin, simulator.gel)
+        self._crop: LatticeCrop | None = None
+        if "image" in job.protocol.channels:
+            from .drawing import crop_of
+
+            self._crop = crop_of(self._config, job.sensor, presses.axes_mm())
+        self.scene = GelScene(
+            controller, self.clock, stage.frame, presses.increments, presses.open, self._crop,
+            presses.modulus_mpa,
+        )  # fmt: skip
         # A name of its own, so that several runs can share one process.
         name = f"{job.folder.name}-{next(_NUMBER)}"
-        self._link = SerialLink(below.controller, self.clock, name, baud=stage.baud)
+        self._link = SerialLink(controller, self.clock, name, baud=stage.baud)
         self.stage = open_stage(stage, self.clock, self._link.url)
         self._open.callback(self.stage.close)
         self.camera: VirtualCamera | None = None
-        if below.crop is not None:
+        if self._crop is not None:
             from .devices import TruthWriter, VirtualCamera
 
-            picture, lens = below.picture()
-            truth = TruthWriter(job.folder, self.scene, below.crop.lattice, lens)
+            picture, lens = self._picture(self._crop)
+            truth = TruthWriter(job.folder, self.scene, self._crop.lattice, lens)
             self.camera = VirtualCamera(picture, self.clock, job.seed, truth)
             self._open.callback(self.camera.close)
         self.force: VirtualForce | None = None
         if "force" in job.protocol.channels:
-            scene = self.scene if below.crop is None else None
-            self.force = VirtualForce(below.box(), self.clock, scene)
+            scene = self.scene if self._crop is None else None
+            box = NetFTBox(
+                self._config.force, self.clock, job.seed, self.scene.wrenches,
+                simulator.force.noise_n,
+            )  # fmt: skip
+            self.force = VirtualForce(box, self.clock, scene)
             self._open.callback(self.force.close)
 
     def devices(self) -> Devices:
@@ -155,10 +174,32 @@ class VirtualRig:
             lines.append("lens, its maps and rectification: no channel asks for images")
         if self.force is None:
             lines.append("force sensor: the channel 'force' is not asked for")
-        lines += self._below.left_out()
+        lines += gel_left_out(self.presses, self._choices)
         lines.append("solid models: a run needs the numbers of the shapes only")
         return lines
 
     def notes(self) -> list[str]:
-        """What a reader of the results must know."""
-        return self._below.notes()
+        """What a reader of the results must know of lens and gel."""
+        job, lines = self._job, []
+        if self._crop is not None and isinstance(job.view, Rectified):
+            from .lens import lens_notes
+
+            lines += lens_notes(self._config, job.view, job.recipe.patch_mm)
+        if not job.air and self.presses.observed:
+            lines += gel_notes(self.presses, self._choices, job.sensor.skin)
+        return lines
+
+    def _picture(self, crop: LatticeCrop) -> tuple[FrameRenderer, Fisheye | None]:
+        """What draws the printed gel, and the true lens it is drawn through; None: a pinhole."""
+        from .drawing import geometry_of, printed
+
+        config, job = self._config, self._job
+        assert isinstance(job.view, Pinhole | Rectified), "of a virtual rig that takes images"
+        geometry, lens = geometry_of(config, job.sensor, job.view, crop.lattice)
+        return printed(config.virtual, job.recipe, geometry, job.seed), lens
+
+    @cached_property
+    def _choices(self) -> list[Choice]:
+        """Mesh and friction of every press that is observed."""
+        paths = self.presses.paths if self.presses.observed else ()
+        return [self.presses.choice(path) for path in paths]

@@ -19,10 +19,7 @@ from ..aliases import Vector
 from ..catalog import as_toml, write_new
 from ..elasticity import GelMaterial
 from ..files import making, write_whole
-from ..imaging import ImageSensor, Printer
-from ..optics import Pinhole, SurfaceLattice
 from ..optics import as_toml as camera_toml
-from ..patterns.raster import albedo
 from ..patterns.recipe import PatternRecipe
 from ..record import encode_png
 from ..rig.clock import WallClock
@@ -31,15 +28,14 @@ from ..rig.force.config import ForceConfig
 from ..rig.simulator import SimulatorConfig
 from ..shapes import SensorDimensions
 from .bench_face import BenchFace
+from .drawing import printed, resting
 from .firmware import board_of
 from .netft_server import NetFTServer
-from .picture import MARGIN_PX, FrameRenderer, Geometry, Texture
 from .pty import PtyCable
 
 RIG, CAMERA, IMAGES = "rig.toml", "camera.toml", "images"
 RATE_HZ = 10.0
 AGAIN = 60  # times that the images are shown: a folder ends
-LATTICE_MM = 0.5
 
 
 @contextmanager
@@ -68,11 +64,12 @@ def served(
     force = rig.force or ForceConfig()
     with making(folder):
         (folder / IMAGES).mkdir(parents=True)
-    camera = Pinhole.of(design)
-    write_new(folder / CAMERA, camera_toml(camera))
-    for k, image in enumerate(_at_rest(simulator, design, camera, recipe, images, seed)):
+    geometry, rng = resting(design), np.random.default_rng(seed)
+    write_new(folder / CAMERA, camera_toml(geometry.camera))
+    draw = printed(simulator, recipe, geometry, seed)
+    for k in range(images):
         file = folder / IMAGES / f"{k:05d}.png"
-        write_whole(file, encode_png(image))
+        write_whole(file, encode_png(draw.render(None, rng)))
         for again in range(1, AGAIN):
             file.with_name(f"{again * images + k:05d}.png").hardlink_to(file)
     with PtyCable(board, clock) as terminal:
@@ -102,21 +99,3 @@ def _text(rig: RigConfig, force: ForceConfig, port: str, box: NetFTServer) -> st
         told["touch"] = rig.touch.model_dump(mode="json", exclude_none=True)
     about = ("Simulated devices, while `rig simulate` runs.",)
     return as_toml({"kind": "grbl", "served": True, **told}, about)
-
-
-def _at_rest(
-    simulator: SimulatorConfig, design: SensorDimensions, camera: Pinhole, recipe: PatternRecipe,
-    n: int, seed: int,
-) -> Iterator[Any]:  # fmt: skip
-    rng = np.random.default_rng(seed)
-    printer = Printer(**simulator.printer.model_dump())
-    values = printer.print_(albedo(recipe, printer.mm_per_dot), rng)
-    half = [side / 2 + MARGIN_PX * camera.mm_per_px for side in design.optics.view_mm]
-    nx, ny = (2 * int(side / LATTICE_MM) + 1 for side in half)
-    lattice = SurfaceLattice(
-        -(nx - 1) * LATTICE_MM / 2, -(ny - 1) * LATTICE_MM / 2, LATTICE_MM, nx, ny
-    )
-    exposure = ImageSensor(**simulator.camera.model_dump())
-    draw = FrameRenderer(Geometry(camera, lattice), Texture(values, printer.mm_per_dot), exposure)
-    for _ in range(n):
-        yield draw.render(None, rng)

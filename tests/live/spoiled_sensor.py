@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -18,7 +17,6 @@ from deltact_fab.imaging import ImageSensor, Printer
 from deltact_fab.optics import Fisheye, Pinhole, Rectified, SurfaceLattice
 from deltact_fab.patterns import load_recipe
 from deltact_fab.patterns.raster import albedo
-from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.virtual.picture import FrameRenderer, Geometry, Texture
 from deltact_fab.virtual.raw_view import RawView
 
@@ -44,14 +42,10 @@ class Made:
     seed: int = 0
 
 
-def recipe_of(name: str) -> PatternRecipe:
-    return load_recipe(name)
-
-
 def photographs(made: Made, n: int) -> list[np.ndarray]:
     """n images (h, w, 3) BGR as the camera gives them."""
     rng = np.random.default_rng(made.seed)
-    print_ = Printer().print_(albedo(recipe_of(made.recipe), STEP_MM), rng)
+    print_ = Printer().print_(albedo(load_recipe(made.recipe), STEP_MM), rng)
     side = len(print_)
     back = np.array([[1 / STEP_MM, 0, (side - 1) / 2], [0, 1 / STEP_MM, (side - 1) / 2], [0, 0, 1]])
     moved = back @ np.vstack((made.move, [0, 0, 1])) @ np.linalg.inv(back)
@@ -75,13 +69,6 @@ def photographs(made: Made, n: int) -> list[np.ndarray]:
         deep = made.press_mm[k] if k < len(made.press_mm) else 0.0
         images.append(draw.render(bump * deep if deep else None, rng))
     return images
-
-
-def write(images: list[np.ndarray], folder: Path) -> Path:
-    folder.mkdir()
-    for k, image in enumerate(images):
-        cv2.imwrite(str(folder / f"{k:03d}.png"), image)
-    return folder
 
 
 def turned(deg: float, x_mm: float = 0.0, y_mm: float = 0.0, scale: float = 1.0) -> tuple:

@@ -96,6 +96,10 @@ def images_of(path: Path) -> Images:
     return Folder(path) if path.is_dir() else Video(path)
 
 
+class EndOfImages(SensorError):
+    """A file has been shown to its end."""
+
+
 class FileCamera:
     """Implements rig.interface.Camera: a file's images, handed over at their rate, none left out.
 
@@ -127,7 +131,7 @@ class FileCamera:
         try:
             image = next(self._left)
         except StopIteration:
-            raise SensorError(
+            raise EndOfImages(
                 f"camera {self.name}: has no more images after {self._number}"
             ) from None
         except RunFailed as why:

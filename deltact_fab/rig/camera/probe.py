@@ -14,6 +14,7 @@ from ...errors import InputError, SensorError
 from ..clock import WallClock
 from ..interface import BenchFinding, Camera, CameraFrame
 from .config import CameraConfig
+from .files import EndOfImages
 from .model import calibrated, raw_size_px
 from .open import open_camera
 
@@ -39,7 +40,7 @@ def probe(config: CameraConfig, folder: Path, seconds: float = LOOK_S) -> Iterat
             seen = _seen(camera, seconds)
             told = camera.identity()
     except (InputError, SensorError) as why:
-        yield BenchFinding(False, str(why), warns=config.is_file and "no more images" in str(why))
+        yield BenchFinding(False, str(why), warns=isinstance(why, EndOfImages))
         return
     yield from _images(seen, told, config)
     yield from _locks(config, told)

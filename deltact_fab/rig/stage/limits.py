@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 
 from ...aliases import Vector
+from ...protocols.limits import ends_mm
 from .settings import AXES
 
 HOMING_MARGIN_S = 10.0
@@ -21,7 +22,6 @@ class Limits:
     def __init__(self, settings: Mapping[int, float], travel_mm: Vector | None = None) -> None:
         self.settings = dict(settings)
         self._travel_mm = travel_mm
-        self._pull_off_mm = settings.get(27, 0.0)
 
     def axes(self, first: int) -> Vector:
         """A setting of three axes by the number of its first."""
@@ -35,12 +35,9 @@ class Limits:
         return (x, y, z)
 
     def ends_mm(self, axis: int) -> tuple[float, float]:
-        """How low and how high an axis may go: a switch trips at 0, or at the other end, and
-        homing leaves the carriage $27 away from it."""
-        low, high = -self.travel_mm[axis], 0.0
-        if int(self.settings.get(23, 0)) >> axis & 1:
-            return low + self._pull_off_mm, high
-        return low, high - self._pull_off_mm
+        """How low and how high an axis may go: homing leaves it $27 off its switch."""
+        at_top = not int(self.settings.get(23, 0)) >> axis & 1
+        return ends_mm(self.travel_mm[axis], at_top, self.settings.get(27, 0.0))
 
     def target_refusal(self, machine_mm: Vector) -> str:
         """A target that is no place, or outside of the travel."""
@@ -51,7 +48,7 @@ class Limits:
             if not low - ROUNDING_MM <= p <= high + ROUNDING_MM:
                 return (
                     f"target {AXES[axis]} {p:.3f} mm (machine) is outside of {low:g} .. {high:g}, "
-                    f"the travel less {self._pull_off_mm:g} mm at the switch"
+                    f"the travel less {self.settings.get(27, 0.0):g} mm at the switch"
                 )
         return ""
 

@@ -50,10 +50,11 @@ def judge(settings: Mapping[int, float], info: list[str], needs: Needs) -> list[
     missing = [f"${n}" for n in wanted if n not in settings]
     if missing:
         return [SettingRow(missing[0], "FAIL", f"the answer to $$ lacks {', '.join(missing)}")]
+    options = next((found[1] for line in info if (found := OPTIONS.match(line))), "")
     return [
         *_switches(settings, needs),
-        _origin(settings, info),
-        _lock(settings, info),
+        _origin(settings, options),
+        _lock(settings, options, any("grblHAL" in line for line in info)),
         _pull_off(settings, needs),
         *_numbers(settings, needs),
         _held(settings),
@@ -103,9 +104,8 @@ def _switches(s: Mapping[int, float], needs: Needs) -> Iterator[SettingRow]:
         yield SettingRow("$32", "FAIL", f"$32={s[32]:g} (laser or lathe mode); set $32=0 {again}")
 
 
-def _origin(s: Mapping[int, float], info: list[str]) -> SettingRow:
+def _origin(s: Mapping[int, float], options: str) -> SettingRow:
     """Homing must leave the switches at 0, not the place where the carriage then stands."""
-    options = next((found[1] for line in info if (found := OPTIONS.match(line))), "")
     if "Z" in options:
         return SettingRow(
             "$I",
@@ -123,10 +123,9 @@ def _origin(s: Mapping[int, float], info: list[str]) -> SettingRow:
     return SettingRow("$I", "pass", f"[OPT:{options}] (homing leaves 0 at the switches)")
 
 
-def _lock(s: Mapping[int, float], info: list[str]) -> SettingRow:
+def _lock(s: Mapping[int, float], options: str, hal: bool) -> SettingRow:
     """A board that is locked until it was homed: Idle says then that its count is one."""
-    options = next((found[1] for line in info if (found := OPTIONS.match(line))), "")
-    if any("grblHAL" in line for line in info):
+    if hal:
         if int(s[22]) & LOCK_AT_START:
             return SettingRow("$22", "pass", f"$22={s[22]:g} (locked until it was homed)")
         right = int(s[22]) | LOCK_AT_START
