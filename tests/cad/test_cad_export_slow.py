@@ -284,8 +284,9 @@ def _program(name):
 
 def _said(*command, cwd):
     done = subprocess.run(
-        command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False
-    )
+        command, cwd=cwd, capture_output=True, timeout=300, check=False,
+        text=True, errors="replace",  # admesh ends its table with bytes of no encoding
+    )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout + done.stderr
 
