@@ -114,7 +114,7 @@ def _carried_out(steps: Sequence[Step], devices: Devices, at_rest: bool) -> Iter
         start_s = clock.now_s()
         planned_s = stage.start_move(step.target_mm, step.feed_mm_min)
         for k in range(1, step.frames):
-            clock.sleep_s(max(start_s + planned_s * k / step.frames - clock.now_s(), 0.0))
+            stage.listen(max(start_s + planned_s * k / step.frames - clock.now_s(), 0.0))
             yield camera.capture()
         stage.wait()
         if step.kind == "change":

@@ -45,6 +45,14 @@ def minus(a: Vector, b: Vector) -> Vector:
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
+def along_line(delta_mm: Vector, per_axis: Vector) -> float:
+    """Largest value along a line that keeps every axis within its own limit."""
+    length = math.hypot(*delta_mm)
+    return min(
+        limit * length / abs(d) for d, limit in zip(delta_mm, per_axis, strict=True) if d != 0
+    )
+
+
 def move_duration_s(
     delta_mm: Vector, feed_mm_min: float, max_feed_mm_min: Vector, acceleration_mm_s2: Vector
 ) -> float:
@@ -55,10 +63,8 @@ def move_duration_s(
     length = math.hypot(*delta_mm)
     if length == 0:
         return 0.0
-    share = [abs(d) / length for d in delta_mm]
-    accel = min(a / s for a, s in zip(acceleration_mm_s2, share, strict=True) if s > 0)
-    top = min(f / s for f, s in zip(max_feed_mm_min, share, strict=True) if s > 0)
-    speed = min(feed_mm_min, top) / 60
+    accel = along_line(delta_mm, acceleration_mm_s2)
+    speed = min(feed_mm_min, along_line(delta_mm, max_feed_mm_min)) / 60
     if speed * speed >= length * accel:
         return 2 * math.sqrt(length / accel)
     return length / speed + speed / accel

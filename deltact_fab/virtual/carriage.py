@@ -11,11 +11,12 @@ import math
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import mul
 
 from ..aliases import Vector
-from ..protocols.motion import minus, plus
-from .motion import Path, Segment, along_line, brake, trapezoid
+from ..protocols.motion import along_line, minus, plus
+from .motion import Path, Segment, brake, trapezoid
 
 
 def steps(mm: Vector, per_mm: Vector) -> tuple[int, int, int]:
@@ -38,6 +39,7 @@ def replaced(mm: Vector, axes: dict[int, float]) -> Vector:
 
 PLANNER_BLOCKS = 15
 SCATTER_MM = 0.01
+BEND_MM = 0.01  # of a motor step or two: a line that goes on so is straight
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,28 @@ class Carriage:
         before = self._queue[-1].target_steps if self._queue else self._count
         if target != before:
             self._queue.append(_Block(self._made, target, feed_mm_min))
+
+    def prolong(self, target_mm: Vector, feed_mm_min: float | None, t_ns: int) -> bool:
+        """Go on to a place straight ahead without coming to rest; False where that is not one.
+
+        The line under way is the last of the queue.
+        """
+        line = self.moving
+        if line is None or len(self._queue) != 1 or self._queue[0].feed_mm_min != feed_mm_min:
+            return False
+        here, speed = line.position_mm(t_ns), line.speed_mm_s(t_ns)
+        target = steps(target_mm, self.axes(100))
+        end = plus(divide(target, self.axes(100)), self._slip_mm)
+        way, ahead = minus(end, here), minus(end, line.end_mm)
+        forward = sum(map(mul, ahead, line.unit))
+        bent = forward <= 0 or forward < math.hypot(*ahead) - BEND_MM
+        if bent or speed * speed > 2 * line.accel_mm_s2 * math.hypot(*way):
+            return False
+        block = self._queue[0]
+        self._queue[0] = replace(block, target_steps=target)
+        self.path.replace_last(t_ns)
+        self.moving = self._line_to(end, feed_mm_min, block.number, t_ns, speed)
+        return True
 
     def begin(self, t_ns: int) -> bool:
         """Start the next line of the queue; False when there is none."""
@@ -225,7 +249,12 @@ class Carriage:
         self._count = self._queue.popleft().target_steps
 
     def _line_to(
-        self, end_mm: Vector, feed_mm_min: float | None, number: int, t_ns: int
+        self,
+        end_mm: Vector,
+        feed_mm_min: float | None,
+        number: int,
+        t_ns: int,
+        begun_mm_s: float = 0.0,
     ) -> Segment:
         start = self.path.end_mm
         delta = minus(end_mm, start)
@@ -234,4 +263,5 @@ class Carriage:
         rate = along_line(delta, self.axes(110))
         feed = rate if feed_mm_min is None else min(feed_mm_min, rate)
         accel = along_line(delta, self.axes(120))
-        return self.path.add(trapezoid(start, end_mm, feed / 60, accel, t_ns, number))
+        line = trapezoid(start, end_mm, feed / 60, accel, t_ns, number, begun_mm_s)
+        return self.path.add(line)

@@ -5,8 +5,8 @@ the planner's queue, jogging, homing, soft limits, alarms, status reports with W
 then. It has no thread and no time of its own: each call first catches up with the clock.
 
 Where it is simpler than the firmware:
-- every block is a trapezoid from rest to rest; there is no junction look-ahead, so a chain of
-  blocks takes longer than on a real board (a host with one line outstanding sees no difference);
+- every line is a trapezoid from rest to rest, but for a jog that goes straight on: it prolongs the
+  one under way. There is no other look-ahead, so a chain of lines takes longer than on a board;
 - homing comes to rest at the switches instead of running into them;
 - its switches trip within SCATTER_MM of their place, another way at each approach;
 - arcs, probing, G28/G30, G93, check mode, startup lines and overrides are not modelled: the
@@ -648,8 +648,12 @@ class GrblController(SimulatedBoard):
         return 0
 
     def _follow(self, target_mm: Vector, feed_mm_min: float | None, state: State) -> None:
-        self._carriage.plan(target_mm, feed_mm_min)
         self._programmed_mm = target_mm
+        if self._state == "Jog" and self._carriage.prolong(target_mm, feed_mm_min, self._t):
+            if self.settings[21]:
+                self._trips_ns = self._carriage.trips_ns(self._scatter.uniform)
+            return
+        self._carriage.plan(target_mm, feed_mm_min)
         if self._state == "Idle" and self._carriage.queued:
             self._state = state
             self._begin()

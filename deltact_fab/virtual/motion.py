@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,14 +67,6 @@ class Segment:
         raise AssertionError("phases start at 0")
 
 
-def along_line(delta_mm: Vector, per_axis: Sequence[float]) -> float:
-    """Largest value along a line that keeps every axis within its own limit."""
-    length = math.hypot(*delta_mm)
-    return min(
-        limit * length / abs(d) for d, limit in zip(delta_mm, per_axis, strict=True) if d != 0
-    )
-
-
 def trapezoid(
     start_mm: Vector,
     end_mm: Vector,
@@ -83,10 +74,12 @@ def trapezoid(
     accel_mm_s2: float,
     start_ns: int,
     block: int = 0,
+    begun_mm_s: float = 0.0,
 ) -> Segment:
-    """From rest to rest: ramp, cruise, ramp; a triangle when the line is too short to cruise.
+    """To rest: ramp, cruise, ramp; a triangle when the line is too short to cruise.
 
-    Raises ValueError for a speed or acceleration that is not positive.
+    begun_mm_s: the speed that it starts with, from which it can brake within the line. Raises
+    ValueError for a speed or acceleration that is not positive.
     """
     if not (speed_mm_s > 0 and accel_mm_s2 > 0):
         raise ValueError(f"speed {speed_mm_s} and acceleration {accel_mm_s2} must be positive")
@@ -96,17 +89,18 @@ def trapezoid(
         return Segment(
             start_mm, end_mm, start_ns, start_ns, (0.0, 0.0, 0.0), (), accel_mm_s2, block
         )
-    peak = min(speed_mm_s, math.sqrt(length * accel_mm_s2))
-    ramp_s, ramp_mm = peak / accel_mm_s2, peak * peak / (2 * accel_mm_s2)
-    cruise_mm = max(length - 2 * ramp_mm, 0.0)
-    brake_s = ramp_s + cruise_mm / peak
+    a, v0 = accel_mm_s2, begun_mm_s
+    peak = max(min(speed_mm_s, math.sqrt(length * a + v0 * v0 / 2)), v0)
+    ramp_s, ramp_mm = (peak - v0) / a, (peak - v0) * (peak + v0) / (2 * a)
+    slow_s, slow_mm = peak / a, peak * peak / (2 * a)
+    brake_s = ramp_s + max(length - ramp_mm - slow_mm, 0.0) / peak
     phases = (
-        (0.0, 0.0, 0.0, accel_mm_s2),
+        (0.0, 0.0, v0, a),
         (ramp_s, ramp_mm, peak, 0.0),
-        (brake_s, length - ramp_mm, peak, -accel_mm_s2),
+        (brake_s, length - slow_mm, peak, -a),
     )
     unit = (delta[0] / length, delta[1] / length, delta[2] / length)
-    end_ns = start_ns + math.ceil((brake_s + ramp_s) * NS_PER_S)
+    end_ns = start_ns + math.ceil((brake_s + slow_s) * NS_PER_S)
     return Segment(start_mm, end_mm, start_ns, end_ns, unit, phases, accel_mm_s2, block)
 
 

@@ -17,6 +17,7 @@ from ..rig.force.netft import NetFTSensor
 from ..rig.interface import Camera
 from ..rig.job import Devices, RigSetup
 from ..rig.stage.firmware import open_stage
+from ..rig.stage.grbl import GrblStage
 from ..shapes import SensorDimensions
 from .clock import VirtualClock
 from .feasibility import unanswered
@@ -121,6 +122,8 @@ class VirtualRig:
         name = f"{job.folder.name}-{next(_NUMBER)}"
         self._link = SerialLink(controller, self.clock, name, baud=stage.baud)
         self.stage = open_stage(stage, self.clock, self._link.url)
+        if isinstance(self.stage, GrblStage):
+            self.stage.whole_moves = True  # the gel is solved along the lines of the plan
         self._open.callback(self.stage.close)
         self.camera: VirtualCamera | None = None
         if self._crop is not None:

@@ -93,7 +93,9 @@ def scripted(
         return port
 
     monkeypatch.setattr(serial, "serial_for_url", opened)
-    return GrblStage("/dev/ttyFAKE", clock, FRAME), port
+    stage = GrblStage("/dev/ttyFAKE", clock, FRAME)
+    stage.whole_moves = True
+    return stage, port
 
 
 def test_connect_home_move(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,17 +158,36 @@ def test_messages_between_command_and_ok_are_not_answers(monkeypatch: pytest.Mon
         (b"error:77\r\n", "was refused: error:77; the move"),
         (b"ALARM:2\r\n[MSG:Reset to continue]\r\n", r"ALARM:2 \(soft limit.*\); home again; the"),
         (b"ALARM:9\r\n", r"ALARM:9 \(homing: no switch found\); home again"),
-        (b"", "no answer to .J=.* within 0.5 s; the move to .* was told to stop"),
         (b"\r\nGrbl 1.1h ['$' for help]\r\n", r"the controller restarted \(Grbl 1.1h\)"),
     ],
 )
 def test_bad_answers_to_a_move(monkeypatch: pytest.MonkeyPatch, answer: bytes, said: str) -> None:
-    asked = [] if answer else [(b"?", IDLE % b"-1.000,-1.000,-1.000")]
-    stage, port = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, answer), *STOP, *asked])
+    stage, port = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, answer), *STOP])
     stage.connect()
     stage.home()
     with pytest.raises(StageError, match=said):
         stage.start_move((0.0, 0.0, 5.0), 600.0)
+    assert port.left == []
+
+
+def test_an_answer_that_is_lost_ends_a_move_in_the_gel_and_no_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = (b"?", IDLE % b"-1.000,-1.000,-1.000")
+    press = JOG.replace(b"Z-15.0", b"Z-19.5")
+    above = [(JOG, b""), asked, (JOG, b"ok\r\n")]
+    stage, port = scripted(monkeypatch, [*CONNECT, *HOME, *above])
+    stage.connect()
+    stage.home()
+    stage.start_move((0.0, 0.0, 5.0), 600.0)
+    assert port.left == []
+    stage, port = scripted(monkeypatch, [*CONNECT, *HOME, (press, b""), *STOP, asked])
+    stage.connect()
+    stage.home()
+    with pytest.raises(
+        StageError, match=r"no answer to .J=.*0.5 s; the move to .* was told to stop"
+    ):
+        stage.start_move((0.0, 0.0, 0.5), 600.0)
     assert port.left == []
 
 

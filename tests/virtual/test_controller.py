@@ -206,7 +206,7 @@ def test_a_jog_blocks_g_code_and_most_dollar_commands() -> None:
     bench = Bench().homed()
     assert bench.say("$J=X-50F600\n", 0.5) == ["ok"]
     assert bench.say("G4P0.1\n$H\n$110=1\n$#\n") == ["error:9", "error:8", "error:8", "error:8"]
-    assert bench.say("$J=X-51F600\n") == ["ok"]  # a second jog queues
+    assert bench.say("$J=X-50Y-9F600\n") == ["ok"]  # a second jog queues
     assert "Bf:13,128" in bench.say("?")[0]
 
 

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from deltact_fab.protocols.motion import along_line
 from deltact_fab.units import to_ns
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.motion import Path, Segment, along_line, brake, trapezoid
+from deltact_fab.virtual.motion import Path, Segment, brake, trapezoid
 
 number = st.floats(-50, 50).map(lambda v: round(v, 3))
 point = st.tuples(number, number, number)

@@ -41,7 +41,7 @@ class Bench:
     def moving(self) -> Bench:
         """In mid-move, 1 s after its start."""
         self.stage.start_move(TARGET_MM, FEED_MM_MIN)
-        self.clock.sleep_s(1.0)
+        self.stage.listen(1.0)
         return self
 
     def insert(self, text: bytes, in_s: float = 0.0) -> None:
@@ -155,15 +155,17 @@ def test_a_cable_that_is_back_within_a_second(resets_on_open: bool) -> None:
     bench.homes_at_once()
 
 
-def test_a_cable_that_stays_out_carries_no_byte() -> None:
+def test_a_cable_that_stays_out_lets_it_go_on_for_what_it_was_told() -> None:
     bench = Bench().moving()
+    from_mm = bench.grbl.position_mm()
     bench.link.unplug()
     begin = bench.clock.now_s()
     with pytest.raises(StageError, match=r"the link is lost .*; the move to .* goes on"):
         bench.stage.wait()
     assert bench.clock.now_s() - begin < 2
     bench.clock.sleep_s(30)
-    assert bench.grbl.position_mm() == pytest.approx(MACHINE_MM, abs=1e-12)
+    gone_mm = math.dist(bench.grbl.position_mm(), from_mm)
+    assert 0 < gone_mm < 0.25 * 10
     bench.link.plug()
     bench.stage.connect()
     bench.homes_at_once()
@@ -190,7 +192,8 @@ def test_a_move_after_a_stop_is_planned_from_where_the_carriage_is() -> None:
     planned_s = bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
     bench.stage.wait()
     last = bench.grbl.segments[-1]
-    assert planned_s == pytest.approx((last.end_ns - last.start_ns) / 1e9, abs=1e-3)
+    first = next(s for s in bench.grbl.segments if s.block == last.block)
+    assert planned_s == pytest.approx((last.end_ns - first.start_ns) / 1e9, abs=1e-3)
 
 
 def test_a_port_that_is_closed_in_mid_move() -> None:

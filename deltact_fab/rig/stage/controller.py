@@ -9,7 +9,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import NoReturn
 
 from ...aliases import Vector
@@ -18,25 +17,13 @@ from ..interface import Clock, StageState
 from .exchange import BANNER_S, RESET, Talk, TalkFault
 from .grbl_messages import ALARMS, explain, state_in_words
 from .limits import Limits
+from .move import Move
 from .port import LinkLost, Port
 
 JOG_CANCEL, HOLD = b"\x85", b"!"
 POLL_END_S = 0.02
 MARGIN_S = 2.0
 HELD = ("Hold", "Hold:0", "Door:0", "Check")  # at rest, and a reset ends it without any motion
-
-
-@dataclass(frozen=True)
-class Move:
-    """A jog that was sent: machine target (mm), start (ns of the clock), planned time (s)."""
-
-    target_mm: Vector
-    start_ns: int
-    planned_s: float
-
-    def since_s(self, now_ns: int) -> float:
-        """Time that it has taken."""
-        return (now_ns - self.start_ns) / 1e9
 
 
 class Controller:
@@ -52,6 +39,10 @@ class Controller:
         """Machine coordinates, as last reported or reached."""
         self.move: Move | None = None
         """Under way, as far as is known."""
+        self.clear = False
+        """Nothing is touched on its way."""
+        self.waits = 0
+        """How often a move waited for the host, or an answer was lost where nothing is touched."""
         self.homed = False
         self.homing = False
         self.cancelled = False

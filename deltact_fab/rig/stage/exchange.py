@@ -34,10 +34,14 @@ class NoAnswer(TalkFault):
 
 
 class Talk:
-    """Commands, questions and greetings over one port. Raises Fault, and LinkLost of the port."""
+    """Commands, questions and greetings over one port. Raises Fault, and LinkLost of the port.
+
+    posted: the line whose answer is heard whenever it comes, and when it was sent (ns).
+    """
 
     def __init__(self, port: Port) -> None:
         self._port = port
+        self.posted: tuple[str, int] | None = None
         self._swift = False  # answers were faster than the baud rate: USB all the way
 
     def banner(self, limit_s: float = BANNER_S) -> list[str]:
@@ -55,6 +59,7 @@ class Talk:
 
     def greet(self) -> list[str]:
         """Reset (0x18), and hear the banner and all that comes with it; [] if none comes."""
+        self.posted = None
         # Within half a second of an alarm a reset is not heard; the banner of one that came before
         # may still be under way. Neither is worth a word.
         for limit_s in (RESET_S, LISTEN_S):
@@ -73,22 +78,41 @@ class Talk:
                 return StageState(at_mm, found[1], 0.0, self._port.now_ns() / 1e9)
         return None
 
+    def post(self, line: str) -> None:
+        """Send a line without waiting; none is posted yet. What listens hears its answer."""
+        self.posted = line, self._port.now_ns()
+        self._port.write(line.encode("ascii") + b"\n")
+
+    def settle(self, limit_s: float) -> bool:
+        """Hear the answer to what was posted; False where none comes within limit_s."""
+        deadline = self._port.deadline_ns(limit_s)
+        while self.posted is not None and (text := self._port.line(deadline)) is not None:
+            self._heed(text)
+        return self.posted is None
+
+    def forget_posted(self) -> None:
+        """Whatever is still under way of it is no answer to anything."""
+        self.posted = None
+        for text in self._rest():
+            _watch(text)
+
     def command(self, line: str, limit_s: float = ANSWER_S) -> list[str]:
         """Send a line, wait for its ok, return what came before it."""
         self.drain()
+        if not self.settle(limit_s):
+            self.forget_posted()
         sent_ns = self._port.now_ns()
-        self._port.write(line.encode("ascii") + b"\n")
+        self.post(line)
         deadline = self._port.deadline_ns(limit_s)
         data: list[str] = []
         while (text := self._port.line(deadline)) is not None:
-            if text == "ok":
+            self._heed(text)
+            if self.posted is None:
                 length = sum(len(said) + len("\r\n") for said in data)
                 self._swift |= self._port.now_ns() - sent_ns < self._port.on_wire_ns(length)
                 return data
-            if text.startswith("error:"):
-                raise TalkFault(f"{line} was refused: {explain(text, ERRORS)}")
-            _watch(text)
             data.append(text)
+        self.posted = None
         raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", lost=True)
 
     def status(self, on_silence: Callable[[], str]) -> StageState:
@@ -110,7 +134,7 @@ class Talk:
             while (text := port.line(deadline)) is not None:
                 found = STATUS.search(text)
                 if found is None:
-                    _watch(text)
+                    self._heed(text)
                 elif found[2] == "W":
                     raise TalkFault("status reports give the work position; set $10=1 or $10=3")
                 elif not stopped:
@@ -128,14 +152,22 @@ class Talk:
     def overhear(self) -> None:
         """What has come in whole lines, without any wait."""
         for text in self._port.heard():
-            _watch(text)
+            self._heed(text)
 
     def drain(self) -> None:
         """Hear what has come since the last exchange, so that it is not taken for an answer."""
         while self._port.waiting:
             text = self._port.line(self._port.deadline_ns(SLICE_S))
             if text is not None:
-                _watch(text)
+                self._heed(text)
+
+    def _heed(self, text: str) -> None:
+        """The answer to what was posted; all else is watched."""
+        if self.posted is not None and (text == "ok" or text.startswith("error:")):
+            (line, _), self.posted = self.posted, None
+            if text != "ok":
+                raise TalkFault(f"{line} was refused: {explain(text, ERRORS)}")
+        _watch(text)
 
     def _rest(self) -> list[str]:
         heard = []

@@ -34,6 +34,7 @@ from .limits import Limits
 from .settings import Needs, SettingRow, judge, refusal
 
 RESCUE_S = 10.0  # so long after a fault a controller may answer again
+CLEAR_MM = 1.0  # over the face, where the gel is expected: nothing is touched
 
 if TYPE_CHECKING:
     from .config import StageSettings
@@ -65,6 +66,8 @@ class GrblStage:
         self._unfit = "not connected: connect before homing"
         self._info: list[str] = []
         self._within_s = 0.0  # a position's time was off by at most so much
+        self.whole_moves = False
+        """The controller is told all of a move at once: where no host can die or be late."""
         self.judged: list[SettingRow] = []
         """The controller's settings, rule by rule, as `connect` found them."""
 
@@ -160,7 +163,10 @@ class GrblStage:
                 raise TalkFault("a move is under way: wait for it or stop it first")
             if self._c.stopping:
                 self.stop()
-            return jogs.begin(self._c, self._frame.to_machine_mm(target_mm), feed_mm_min)
+            machine_mm = self._frame.to_machine_mm(target_mm)
+            low_mm = min(self._frame.to_sensor_mm(self._c.at_mm)[2], target_mm[2])
+            clear = low_mm > CLEAR_MM
+            return jogs.begin(self._c, machine_mm, feed_mm_min, clear, self.whole_moves)
 
     def wait(self) -> StageState:
         """Wait until the last move is at its target, polling the controller.
@@ -172,8 +178,7 @@ class GrblStage:
             self._c.require_ready()
             if self._c.move is None and self._c.stopping:
                 raise TalkFault("the last move was told to stop")
-        move = self._c.move
-        return self.poll() if move is None else jogs.follow(self._c, move)
+        return jogs.follow(self._c)
 
     def listen(self, seconds: float) -> None:
         """Let that much time pass, and hear what the controller says meanwhile.
@@ -218,8 +223,12 @@ class GrblStage:
                 raise TalkFault(self._c.trouble)
             if not self._c.homed:
                 return  # no move was begun
+            self._c.move = None
+            if self._c.talk.posted is not None:  # what is read after the byte begins anew
+                self._c.talk.settle(jogs.ANSWER_S)
+                self._c.port.write(JOG_CANCEL)
             self._c.rest()
-            self._c.move, self._c.stopping = None, False
+            self._c.stopping = False
 
     def cancel(self) -> None:
         """Write the byte that ends the motion under way and nothing else: from any thread."""
@@ -247,6 +256,7 @@ class GrblStage:
             "angle_deg": self._frame.angle_deg,
             "tilt_deg": list(self._frame.tilt_deg),
             "pose_within_s": self._within_s,
+            "waits": self._c.waits,
         }
 
     def close(self) -> None:

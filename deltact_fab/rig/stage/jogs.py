@@ -1,25 +1,39 @@
-"""One move of a GRBL controller: sent as a jog, listened to, followed to its end."""
+"""One move of a GRBL controller: sent as jogs, listened to, followed to its end.
+
+Unless it leads away from the face it is sent in pieces, each as late as its speed allows: a host
+that dies, or whose cable is out, leaves a tip that goes on for `move.AHEAD_S` and no further.
+"""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 from ...aliases import Vector
 from ...errors import InputError
-from ...protocols.motion import minus, move_duration_s
+from ...protocols.motion import along_line, minus, move_duration_s
 from ..interface import StageState
-from .controller import JOG_CANCEL, MARGIN_S, POLL_END_S, Controller, Move, in_mm
+from .controller import JOG_CANCEL, MARGIN_S, POLL_END_S, Controller, in_mm
 from .exchange import NoAnswer, TalkFault
 from .grbl_messages import state_in_words
+from .move import AHEAD_S, Move
 from .settings import AXES
 
 ANSWER_S = 0.5  # it comes within .1 s, and without it the carriage may be on its way
 HEAR_S = 0.005  # between two looks at what was said without being asked for
 POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
+UP = 0.9  # of a way that leads away from the face, at least so much is upwards
+TRIES = 3  # of a line that is not answered, where nothing is touched
 
 
-def begin(c: Controller, target_mm: Vector, feed_mm_min: float) -> float:
-    """Send one straight move to machine coordinates; its planned time (s). Within an exchange.
+def begin(
+    c: Controller, target_mm: Vector, feed_mm_min: float, clear: bool, at_once: bool = False
+) -> float:
+    """Start one straight move to machine coordinates; its planned time (s). Within an exchange.
 
-    Raises InputError, with nothing sent, beyond travel or feed; Fault where it does not begin.
+    clear: nothing is touched on the way, and an answer that is lost does not end it. at_once: the
+    controller is told all of it. Raises InputError, with nothing sent, beyond travel or feed;
+    TalkFault where it does not begin.
     """
     x, y, z = (round(p, 4) + 0.0 for p in target_mm)
     machine = (x, y, z)
@@ -28,22 +42,55 @@ def begin(c: Controller, target_mm: Vector, feed_mm_min: float) -> float:
     if why := limits.target_refusal(machine) or limits.feed_refusal(delta, feed_mm_min):
         raise InputError(f"{c.url}: {why}")
     planned_s = move_duration_s(delta, feed_mm_min, limits.axes(110), limits.axes(120))
-    words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXES, machine, strict=True))
+    accel = along_line(delta, limits.axes(120)) if any(delta) else math.inf
+    whole = at_once or delta[2] >= UP * math.hypot(*delta)
+    ahead_s = math.inf if whole else max(AHEAD_S, feed_mm_min / 60 / accel)
     c.talk.drain()
-    c.move = Move(machine, c.port.now_ns(), planned_s)
+    now_ns = c.port.now_ns()
+    c.clear = clear
+    c.move = Move(c.at_mm, machine, feed_mm_min, accel, now_ns, planned_s, ahead_s)
     if c.cancelled:
         raise TalkFault("stopped before it moved")
-    _send(c, f"$J=G90G21G53{words}F{feed_mm_min:.3f}")
+    _send(c, _next_line(c, c.move))
     if c.cancelled:  # while the line was read, which drops the byte
         c.port.write(JOG_CANCEL)
     return planned_s
 
 
-def follow(c: Controller, move: Move) -> StageState:
+def feed(c: Controller) -> None:
+    """Send the next piece of the move under way if it is due. Within an exchange."""
+    move = c.move
+    if move is None or move.whole or c.cancelled:
+        return
+    now_ns = c.port.now_ns()
+    if c.talk.posted is not None:
+        line, since_ns = c.talk.posted
+        if now_ns - since_ns > ANSWER_S * 1e9:
+            c.talk.forget_posted()
+            _unanswered(c, NoAnswer(f"no answer to {line} within {ANSWER_S:g} s", lost=True))
+            _send(c, line)
+        return
+    late = move.runs_dry(now_ns, braking=True)
+    c.waits += late
+    if move.runs_dry(now_ns):
+        from_mm = move.place_mm(move.sent_mm)
+        left = minus(move.target_mm, from_mm)
+        axes = c.limits.axes
+        planned_s = move_duration_s(left, move.feed_mm_min, axes(110), axes(120))
+        c.move = move = move.again(from_mm, now_ns, planned_s)
+    elif late:
+        c.move = move = replace(move, behind_s=math.inf)
+    if move.due_mm(now_ns) is not None:
+        c.talk.post(_next_line(c, move))
+        if c.cancelled:  # meanwhile, by another thread
+            c.port.write(JOG_CANCEL)
+
+
+def follow(c: Controller) -> StageState:
     """Wait until the move is at its target, polling. Raises StageError when it does not come to."""
-    limit_s = move.planned_s * 1.1 + MARGIN_S
     idle_short = 0
-    while True:
+    while (move := c.move) is not None:
+        limit_s = move.planned_s * 1.1 + MARGIN_S
         left_s = move.planned_s - move.since_s(c.port.now_ns())
         if left_s > 0 or idle_short:
             listen(c, min(POLL_S, max(left_s + 0.002, POLL_END_S)))
@@ -55,7 +102,7 @@ def follow(c: Controller, move: Move) -> StageState:
                     # The next move starts from what was commanded, not from its rounding.
                     c.at_mm = move.target_mm
                     return state
-                idle_short += 1
+                idle_short += move.whole or c.cancelled
                 if idle_short == 2:
                     c.move = None
                     raise TalkFault(
@@ -73,15 +120,20 @@ def follow(c: Controller, move: Move) -> StageState:
                 )
         if left_s <= 0 and not idle_short:
             listen(c, POLL_END_S)
+    return poll(c)
 
 
 def listen(c: Controller, seconds: float) -> None:
-    """Let that much time pass, hearing what the controller says meanwhile. Raises StageError."""
+    """Let that much time pass; what the controller says is heard, what is due is sent meanwhile.
+
+    Raises StageError.
+    """
     deadline = c.port.deadline_ns(seconds)
     while True:
         if c.port.is_open:
             with c.exchange():
                 c.talk.overhear()
+                feed(c)
         left_ns = deadline - c.port.now_ns()
         if left_ns <= 0:
             return
@@ -98,17 +150,50 @@ def poll(c: Controller) -> StageState:
         c.require_position(state)
         if c.cancelled and state.state == "Jog":  # it came before the jog began
             c.port.write(JOG_CANCEL)
+        if c.move is not None and state.state in ("Jog", "Idle") and not c.cancelled:
+            if c.move.was_held(state):
+                raise TalkFault(
+                    f"held by somebody, or slower than its settings say: {in_mm(state.machine_mm)} "
+                    f"is short of where it should be on its way to {in_mm(c.move.target_mm)}"
+                )
+            c.move = c.move.seen(state)
         return state
 
 
+def _next_line(c: Controller, move: Move) -> str:
+    """The jog of its next piece, or of all that is left."""
+    due_mm = move.due_mm(c.port.now_ns())
+    due_mm = math.inf if due_mm is None else due_mm
+    machine = move.place_mm(due_mm)
+    c.move = replace(move, sent_mm=due_mm)
+    words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXES, machine, strict=True))
+    return f"$J=G90G21G53{words}F{move.feed_mm_min:.3f}"
+
+
 def _send(c: Controller, line: str) -> None:
-    """In Hold or behind an open door it is heard, and not answered."""
-    try:
-        c.talk.command(line, ANSWER_S)
-    except NoAnswer as why:
-        halted = c.halt()
-        state = c.status().state
-        if state.partition(":")[0] not in ("Hold", "Door"):
-            raise TalkFault(f"{why.why}{halted}", lost=True) from why
+    """Send it and hear its ok. The same place once more is no motion, so it may be sent again."""
+    for left in range(TRIES - 1, -1, -1):
+        try:
+            c.talk.command(line, ANSWER_S)
+        except NoAnswer as why:
+            _unanswered(c, why)
+            if not left:
+                raise
+            c.waits += 1
+        else:
+            return
+
+
+def _unanswered(c: Controller, why: NoAnswer) -> None:
+    """A line was not answered: raise, unless nothing is touched and it goes on all the same.
+
+    In Hold or behind an open door a line is heard, and not answered.
+    """
+    halted = "" if c.clear else c.halt()
+    state = c.status().state
+    if state.partition(":")[0] in ("Hold", "Door"):
         # The line waits in the controller: the reset of the next `stop` is what forgets it.
-        raise TalkFault(f"{state_in_words(state)}: no move begins{halted}") from why
+        raise TalkFault(f"{state_in_words(state)}: no move begins{halted or c.halt()}") from why
+    if not c.clear or state not in ("Idle", "Jog"):
+        raise TalkFault(f"{why.why}{halted}", lost=True) from why
+    c.talk.forget_posted()

@@ -69,7 +69,7 @@ class ForceProbe:
                     self.stage.cancel()
                     self.stage.stop()
                     return True
-                self._clock.sleep_s(min(LOOK_S, left_s))
+                self.stage.listen(min(LOOK_S, left_s))
             self.stage.wait()
             return self._felt_n() > over_n
         except BaseException:
