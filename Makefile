@@ -62,9 +62,9 @@ peers: .venv-peers/.ready
 	.venv-peers/bin/python -m pip install -q --disable-pip-version-check -r $<
 	@touch $@
 
-# Real firmware under the host; SIMULATOR and CORE are clones of grblHAL/Simulator and grblHAL/core.
+# Real firmware under the host; clones of gnea/grbl, grblHAL/Simulator and grblHAL/core. Half an hour.
 firmware: .venv/.ready
-	$(V)/python -m benchmarks.firmware $(SIMULATOR) $(CORE)
+	$(V)/python -m benchmarks.firmware $(GRBL) $(SIMULATOR) $(CORE)
 
 # Hours; goes on where it was stopped. Wants the extra `fast`, and `make peers` for felupe's rows.
 evidence: .venv/.ready

@@ -1,8 +1,8 @@
-"""grblHAL under the real host: `python -m benchmarks.firmware SIMULATOR CORE`.
+"""GRBL and grblHAL under the real host: `python -m benchmarks.firmware GRBL SIMULATOR CORE`.
 
-SIMULATOR, CORE: clones (or their git directories) of grblHAL/Simulator and grblHAL/core. Built with
-cmake and a plain compiler in a temporary folder; `carriage.c` gives it end switches, for the
-simulator has none. Each row is one belief of the host, held against that firmware.
+Clones (or their git directories) of gnea/grbl, grblHAL/Simulator and grblHAL/core. Built with cmake
+and a plain compiler in a temporary folder. `avr.c` plays the chip under GRBL, `carriage.c` gives
+both a carriage with end switches. Each row is one belief of the host, held against that firmware.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.rig.stage.settings import Needs
 
+from . import dead_man
+
 HERE = Path(__file__).parent
 SETTINGS = {
     10: 3, 24: 300, 25: 1200, 27: 1, 1: 255, 100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500,
@@ -36,42 +38,66 @@ EDITS = (
     ("src/driver.c", "irq_mask.mask = on ? AXES_BITMASK : 0;",
      "irq_mask.mask = on ? AXES_BITMASK & ~homing_cycle.mask : 0;"),
     ("CMakeLists.txt", "    src/grbl_interface.c\n",
-     "    src/grbl_interface.c\n    src/carriage.c\n"),
+     "    src/grbl_interface.c\n    src/grblhal.c\n    src/carriage.c\n"),
 )  # fmt: skip
 
 
-def build(simulator: Path, core: Path, folder: Path) -> tuple[Path, str]:
-    """The program, and which commits it was built from."""
-    commits = []
-    for clone, where in ((simulator, folder), (core, folder / "src" / "grbl")):
-        where.mkdir(parents=True, exist_ok=True)
-        tar = subprocess.run(
-            ["git", "-C", clone, "archive", "HEAD"], capture_output=True, check=True
-        )
-        subprocess.run(["tar", "x", "-C", where], input=tar.stdout, check=True)
-        told = subprocess.run(["git", "-C", clone, "log", "-1", "--format=%h %cs"],
-                              capture_output=True, text=True, check=True)  # fmt: skip
-        commits.append(told.stdout.strip())
+UNO = ("avr/io", "avr/pgmspace", "avr/interrupt", "avr/wdt", "util/delay")  # headers
+GCC = ("gcc", "-O1", "-w", "-fcommon", "-DF_CPU=16000000UL", "-I.", "-Igrbl", "-c")
+
+
+def unpacked(clone: Path, folder: Path) -> str:
+    """Its newest commit there; which one, and of what day."""
+    folder.mkdir(parents=True, exist_ok=True)
+    tar = subprocess.run(["git", "-C", clone, "archive", "HEAD"], capture_output=True, check=True)
+    subprocess.run(["tar", "x", "-C", folder], input=tar.stdout, check=True)
+    told = ["git", "-C", clone, "log", "-1", "--format=%h of %cs"]
+    return subprocess.run(told, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def built_grbl(clone: Path, folder: Path) -> tuple[list[Path | str], str]:
+    """The program's words, and what it was built from."""
+    commit = unpacked(clone, folder)
+    (folder / "grbl" / "eeprom.c").unlink()  # avr.c has one
+    for name in ("avr.c", "avr.h", "carriage.c"):
+        (folder / name).write_bytes((HERE / name).read_bytes())
+    for name in UNO:
+        (folder / f"{name}.h").parent.mkdir(exist_ok=True)
+        (folder / f"{name}.h").write_text('#include "avr.h"\n')
+    renamed = {"main.c": ["-Dmain=grbl_main"], "serial.c": ["-Dserial_read=grbl_serial_read"]}
+    for source in (*(folder / "grbl").glob("*.c"), folder / "avr.c", folder / "carriage.c"):
+        words = [*GCC, *renamed.get(source.name, []), source]
+        subprocess.run(words, cwd=folder, check=True)
+    objects = list(folder.glob("*.o"))
+    subprocess.run(["gcc", *objects, "-lm", "-o", "uno"], cwd=folder, check=True)
+    return [folder / "uno"], f"GRBL 1.1h, {commit}"
+
+
+def built_grblhal(simulator: Path, core: Path, folder: Path) -> tuple[list[Path | str], str]:
+    """The program's words, and what it was built from."""
+    commits = unpacked(simulator, folder), unpacked(core, folder / "src" / "grbl")
     for name, was, becomes in EDITS:
         file = folder / name
         text = file.read_text()
         assert was in text, f"{name}: another version"
         file.write_text(text.replace(was, becomes, 1))
-    (folder / "src" / "carriage.c").write_bytes((HERE / "carriage.c").read_bytes())
+    for name in ("carriage.c", "grblhal.c"):
+        (folder / "src" / name).write_bytes((HERE / name).read_bytes())
     for words in (["cmake", "-B", "build"], ["make", "-C", "build", "grblHAL_sim"]):
         subprocess.run(words, cwd=folder, check=True, capture_output=True)
-    return folder / "build" / "grblHAL_sim", f"Simulator {commits[0]}, core {commits[1]}"
+    program = folder / "build" / "grblHAL_sim"
+    return [program, "-n", "-p"], f"grblHAL, simulator {commits[0]}, core {commits[1]}"
 
 
 @contextmanager
-def board(program: Path, folder: Path) -> Iterator[str]:
+def board(program: list[Path | str], folder: Path) -> Iterator[str]:
     """Its address, powered on with the settings that its folder remembers."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    # Its console takes what comes on standard input for keys; ctrl-F ends it and keeps settings.
+    # grblHAL's takes what comes on standard input for keys; ctrl-F ends it and keeps settings.
     with subprocess.Popen(
-        [program, "-n", "-p", str(port)], cwd=folder, stdin=subprocess.PIPE,
+        [*program, str(port)], cwd=folder, stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     ) as process:  # fmt: skip
         time.sleep(1.5)
@@ -84,17 +110,18 @@ def board(program: Path, folder: Path) -> Iterator[str]:
         process.kill()
 
 
-def change(program: Path, folder: Path, settings: dict[int, float]) -> None:
+def change(program: list[Path | str], folder: Path, settings: dict[int, float]) -> None:
     """One after the other; what was not answered is written again, at another power-up."""
     left = dict(settings)
     for _ in range(10):
         with board(program, folder) as url, suppress(OSError):
             host, port = url.removeprefix("socket://").split(":")
-            with socket.create_connection((host, int(port)), 2) as wire:
-                wire.settimeout(2.0)
+            with socket.create_connection((host, int(port)), 2) as wire, wire.makefile("rb") as said:
                 for n, value in list(left.items()):
                     wire.sendall(f"${n}={value:g}\n".encode())
-                    if b"ok" in wire.recv(200):
+                    while (line := said.readline()).strip() not in (b"ok", b""):
+                        pass
+                    if line:
                         del left[n]
         if not left:
             return
@@ -110,7 +137,7 @@ def refused(stage: GrblStage, words: str) -> str:
     return "WRONG: connected"
 
 
-def rows(program: Path, folder: Path) -> Iterator[tuple[str, str]]:
+def beliefs(program: list[Path | str], folder: Path) -> Iterator[tuple[str, str]]:
     """Each belief, and what came of it."""
 
     def look(what: Callable[[GrblStage], str]) -> str:
@@ -123,8 +150,9 @@ def rows(program: Path, folder: Path) -> Iterator[tuple[str, str]]:
                     return f"WRONG: {why}"
 
     change(program, folder, {**SETTINGS, 22: 1, **LAST})
-    yield "boots Idle, unlocked: refused", look(lambda s: refused(s, "not locked at its start"))
-    change(program, folder, {22: 5})
+    if len(program) > 1:  # grblHAL's
+        yield "boots Idle, unlocked: refused", look(lambda s: refused(s, "not locked at its start"))
+        change(program, folder, {22: 5})
 
     def unhomed(stage: GrblStage) -> str:
         stage.connect()
@@ -156,20 +184,27 @@ def rows(program: Path, folder: Path) -> Iterator[tuple[str, str]]:
         return f"at {stage.position_mm()}, a jog answered within {slowest_s:.2f} s"
 
     yield "homed and moved", look(moves)
+    with board(program, folder) as url:
+        yield from dead_man.rows(folder, int(url.rpartition(":")[2]))
 
 
 def main() -> None:
     """Build, look, print; exit code 1 where a belief is wrong."""
-    if len(sys.argv) != 3:
+    if len(sys.argv) != 4:
         raise SystemExit(__doc__)
+    grbl, simulator, core = (Path(word).resolve() for word in sys.argv[1:])
+    wrong = False
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        program, commits = build(Path(sys.argv[1]), Path(sys.argv[2]), folder)
-        print(f"grblHAL, {commits}")
-        found = list(rows(program, folder))
-    for what, came in found:
-        print(f"{what}: {came}")
-    raise SystemExit(any(came.startswith("WRONG") for _, came in found))
+        for program, what in (
+            built_grbl(grbl, Path(name) / "grbl"),
+            built_grblhal(simulator, core, Path(name) / "grblhal"),
+        ):
+            print(f"\n{what}", flush=True)
+            folder = Path(name) / ("grblhal" if len(program) > 1 else "grbl")
+            for belief, came in beliefs(program, folder):
+                wrong |= came.startswith("WRONG")
+                print(f"| {belief} | {came} |", flush=True)
+    raise SystemExit(wrong)
 
 
 if __name__ == "__main__":

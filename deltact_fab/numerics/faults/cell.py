@@ -223,7 +223,10 @@ def travelled(
 
 
 def rows(folder: Path) -> Rows:
-    """All columns but the clocks', the first of each row its id."""
+    """All columns but the clocks', the first of each row its id; of poses how many there are.
+
+    A move is sent in pieces as time goes by, and when it is asked for its place hangs on that.
+    """
     out: Rows = {}
     path = (folder / "journal.sqlite").absolute()
     with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as db:
@@ -232,5 +235,6 @@ def rows(folder: Path) -> Rows:
             kept = [c for c in columns if c not in CLOCK_COLUMNS]
             kept.sort(key=lambda c: c not in ("frame_id", "step_id"))
             query = f"SELECT {','.join(kept)} FROM {table} ORDER BY 1, 2"
-            out[table] = db.execute(query).fetchall()
+            found = db.execute(query).fetchall()
+            out[table] = [row[:-1] if "pose" in row else row for row in found]
     return out

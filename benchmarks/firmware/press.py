@@ -1,0 +1,42 @@
+"""One press and its retract on a controller, as a host of its own: `... press URL [whole]`."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from deltact_fab.errors import StageError
+from deltact_fab.optics import StageFrame
+from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.stage.grbl import GrblStage
+
+FACE_MM = -6.0  # of the machine's z
+FEED_MM_MIN = 60.0
+ABOVE_MM, DEEP_MM, CLEAR_MM = 0.5, -2.0, 3.0
+
+
+def main() -> None:
+    """Say what it does, a line each; "end WORDS" is the last."""
+    stage = GrblStage(sys.argv[1], WallClock(), StageFrame((-10.0, -10.0, FACE_MM)))
+    stage.whole_moves = sys.argv[2:] == ["whole"]
+    stage.connect()
+    stage.home()
+    try:
+        for name, z_mm, feed in (
+            ("approach", ABOVE_MM, 600.0),
+            ("press", DEEP_MM, FEED_MM_MIN),
+            ("retract", CLEAR_MM, 600.0),
+        ):
+            print(name, flush=True)
+            begun_s = time.monotonic()
+            planned_s = stage.start_move((0.0, 0.0, z_mm), feed)
+            stage.wait()
+            print(f"took {time.monotonic() - begun_s - planned_s:.4f}", flush=True)
+        print("end done", flush=True)
+    except StageError as why:
+        lifted = stage.rescue(CLEAR_MM, 600.0)
+        print(f"end {'lifted' if lifted else 'in the gel'}: {why}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
