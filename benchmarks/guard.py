@@ -1,19 +1,20 @@
 """From an excess force record on loopback to the stop byte on the wire, at full recording load.
 
-    python -m benchmarks.guard [--trips 500] [--load jxl|png|none] [--rate 1000] [--plain]
+    python -m benchmarks.guard [--trips 500] [--load jxl|png|none] [--rate 1000] [--hogs 8]
 
 One process is the bench: the simulated Net F/T box on UDP and the simulated controller on a pseudo
 terminal. The other is the host as in a run: the real stage in a jog and asked for its position ten
-times a second, the real force client and guard in a thread, and frames of 1280 x 720 at 60 a second
-put into the run's own pipeline, which encodes, hashes, writes and commits them. Both stamp with
-CLOCK_MONOTONIC: the box just before it sends the first record over the limit, the controller's end
-of the cable as soon as it has read the byte.
+times a second, the real force client and guard in their process, and frames of 1280 x 720 at 60 a
+second put into the run's own pipeline, which encodes, hashes, writes and commits them. Both stamp
+with CLOCK_MONOTONIC: the box just before it sends the first record over the limit, the controller's
+end of the cable as soon as it has read the byte.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import random
 import sqlite3
 import struct
@@ -45,7 +46,7 @@ def serve(rate_hz: float) -> None:
     """Print the ports, then for every line "over" what became of it: ns of record and byte."""
     from deltact_fab.rig.clock import WallClock
     from deltact_fab.rig.config import ForceConfig
-    from deltact_fab.rig.run.loop import run_first
+    from deltact_fab.rig.force.watchdog import run_first
     from deltact_fab.virtual.controller import GrblController
     from deltact_fab.virtual.netft_server import NetFTServer
     from deltact_fab.virtual.pty import PtyCable
@@ -156,20 +157,18 @@ class Recording:
 
 
 def measure(
-    trips: int, load: str, rate_hz: float = 1000.0, first: bool = True, seed: int = 0
+    trips: int, load: str, rate_hz: float = 1000.0, patience: float = 1.0, seed: int = 0
 ) -> dict[str, Any]:
     """Milliseconds (n,) of each trip, in all and to the guard's decision, and the load.
 
-    first: the force thread runs before others, where the system lets it, as in a run.
+    patience: times the silence, and the age of its samples, that the sensor is allowed.
     """
     from deltact_fab.optics import StageFrame
     from deltact_fab.rig.clock import WallClock
     from deltact_fab.rig.config import ForceConfig
-    from deltact_fab.rig.force.config import NetFTConfig
-    from deltact_fab.rig.force.guard import ForceGuard, GuardLimits
-    from deltact_fab.rig.force.open import open_force
+    from deltact_fab.rig.force.config import GuardConfig, NetFTConfig
+    from deltact_fab.rig.force.open import open_guarded
     from deltact_fab.rig.interface import ForceSamples
-    from deltact_fab.rig.run.loop import run_first
     from deltact_fab.rig.stage.grbl import GrblStage
 
     clock, draw = WallClock(), random.Random(seed)
@@ -183,23 +182,18 @@ def measure(
         stage.connect()
         stage.home()
         config = ForceConfig(netft=NetFTConfig(**ports["netft"]), rate_hz=rate_hz)
-        force = open_force(config, clock, 1.0)
+        force, guard = open_guarded(config, GuardConfig(force_n=5.0), stage, patience)
         open_.callback(force.close)
-        guard = ForceGuard(stage, GuardLimits((5.0, 5.0, 5.0)), clock)
         done = threading.Event()
         felt_n = [0.0]
-        told: list[str] = []
         kept: deque[ForceSamples] = deque(maxlen=1000)
 
         def feel() -> None:
             """As the force thread of a run, which the first trip would end."""
-            if first:
-                told.append(run_first())
             force.start()
             up.set()
             while not done.is_set():
                 samples = force.read()
-                guard.watch(samples)
                 kept.append(samples)
                 felt_n[0] = float(samples.force_n[-1, 2])
 
@@ -220,7 +214,7 @@ def measure(
             until_s = time.monotonic() + 0.05 + 0.15 * draw.random()
             while time.monotonic() < until_s:  # as a run does while it waits
                 stage.position_mm()
-                time.sleep(min(0.1, max(until_s - time.monotonic(), 0)))
+                stage.listen(min(0.1, max(until_s - time.monotonic(), 0)))
             process.stdin.write("over\n")
             process.stdin.flush()
             row = json.loads(process.stdout.readline())
@@ -237,7 +231,7 @@ def measure(
                 time.sleep(0.001)
             guard.rearm()
         took_s = time.monotonic() - begun_s
-        frames: dict[str, Any] = {"force_thread": (told or ["as any other"])[0]}
+        frames: dict[str, Any] = {"guard": force.identity()["guard"]}
         if recording is not None:
             frames["kept_hz"] = round(recording.kept / took_s, 1)
             frames["dropped_hz"] = round(recording.dropped / took_s, 1)
@@ -262,12 +256,17 @@ def main() -> None:
     options.add_argument("--trips", type=int, default=500)
     options.add_argument("--load", choices=("jxl", "png", "none"), default="jxl")
     options.add_argument("--rate", type=float, default=1000.0, help="of the force records, Hz")
-    options.add_argument("--plain", action="store_true", help="the force thread as any other")
+    options.add_argument("--hogs", type=int, default=0, help="busy processes beside it")
     asked = options.parse_args()
     if asked.serve:
         serve(asked.rate)
     else:
-        print(row(measure(asked.trips, asked.load, asked.rate, not asked.plain)))
+        hogs = [subprocess.Popen([sys.executable, "-c", "while 1: 0"]) for _ in range(asked.hogs)]
+        try:
+            print(row(measure(asked.trips, asked.load, asked.rate, 10.0)), os.getloadavg())
+        finally:
+            for hog in hogs:
+                hog.kill()
 
 
 if __name__ == "__main__":

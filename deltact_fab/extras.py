@@ -9,7 +9,6 @@ from .errors import MissingLibrary
 EXTRAS = {
     "cad": "parts, drawings and checks of the built solids",
     "report": "pages and figures",
-    "netft": "force from an ATI Net F/T box",
     "fast": "faster solves of large gels",
     "images": "frames as JPEG XL: smaller, and two to three times as fast to write as PNG",
     "export": "runs as Parquet and MCAP",

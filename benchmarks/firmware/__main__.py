@@ -51,7 +51,7 @@ def unpacked(clone: Path, folder: Path) -> str:
     folder.mkdir(parents=True, exist_ok=True)
     tar = subprocess.run(["git", "-C", clone, "archive", "HEAD"], capture_output=True, check=True)
     subprocess.run(["tar", "x", "-C", folder], input=tar.stdout, check=True)
-    told = ["git", "-C", clone, "log", "-1", "--format=%h of %cs"]
+    told = ["git", "-C", str(clone), "log", "-1", "--format=%h of %cs"]
     return subprocess.run(told, capture_output=True, text=True, check=True).stdout.strip()
 
 
@@ -66,10 +66,10 @@ def built_grbl(clone: Path, folder: Path) -> tuple[list[Path | str], str]:
         (folder / f"{name}.h").write_text('#include "avr.h"\n')
     renamed = {"main.c": ["-Dmain=grbl_main"], "serial.c": ["-Dserial_read=grbl_serial_read"]}
     for source in (*(folder / "grbl").glob("*.c"), folder / "avr.c", folder / "carriage.c"):
-        words = [*GCC, *renamed.get(source.name, []), source]
+        words: list[str | Path] = [*GCC, *renamed.get(source.name, []), source]
         subprocess.run(words, cwd=folder, check=True)
     objects = list(folder.glob("*.o"))
-    subprocess.run(["gcc", *objects, "-lm", "-o", "uno"], cwd=folder, check=True)
+    subprocess.run(["gcc", *map(str, objects), "-lm", "-o", "uno"], cwd=folder, check=True)
     return [folder / "uno"], f"GRBL 1.1h, {commit}"
 
 
@@ -116,7 +116,10 @@ def change(program: list[Path | str], folder: Path, settings: dict[int, float]) 
     for _ in range(10):
         with board(program, folder) as url, suppress(OSError):
             host, port = url.removeprefix("socket://").split(":")
-            with socket.create_connection((host, int(port)), 2) as wire, wire.makefile("rb") as said:
+            with (
+                socket.create_connection((host, int(port)), 2) as wire,
+                wire.makefile("rb") as said,
+            ):
                 for n, value in list(left.items()):
                     wire.sendall(f"${n}={value:g}\n".encode())
                     while (line := said.readline()).strip() not in (b"ok", b""):

@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -145,8 +146,8 @@ def steadiness(folder: Path, port: int, how: str) -> tuple[float, float, float]:
 def rows(folder: Path, port: int) -> Iterator[tuple[str, str]]:
     """Each fault, and the worst that came of it."""
     for how in ("pieces", "whole"):
-        got = np.array([steadiness(folder, port, how) for _ in range(5)])
-        longer_s, feed, off_mm = got[np.argmax(got[:, 2])]
+        steady = [steadiness(folder, port, how) for _ in range(5)]
+        longer_s, feed, off_mm = max(steady, key=itemgetter(2))
         yield (
             f"a press sent {how}, five times" if how == "whole" else "a press sent in pieces, five",
             f"{feed:.2f} mm/min, {off_mm:.4f} mm off a steady line, {longer_s:.3f} s over its plan",

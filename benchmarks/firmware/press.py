@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import suppress
 
 from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
@@ -34,7 +35,9 @@ def main() -> None:
             print(f"took {time.monotonic() - begun_s - planned_s:.4f}", flush=True)
         print("end done", flush=True)
     except StageError as why:
-        lifted = stage.rescue(CLEAR_MM, 600.0)
+        lifted = False
+        with suppress(StageError):
+            lifted = stage.rescue(CLEAR_MM, 600.0)
         print(f"end {'lifted' if lifted else 'in the gel'}: {why}", flush=True)
 
 

@@ -12,8 +12,7 @@ from .options import JSON, RIG_NAME, TIP_IS_CLEAR, Finite
 
 if TYPE_CHECKING:
     from ..rig.config import GrblConfig
-    from ..rig.force.guard import ForceGuard
-    from ..rig.interface import ForceSensor
+    from ..rig.interface import ForceSensor, Guard
     from ..rig.stage.grbl import GrblStage
 
 RIG = click.argument("rig", type=RIG_NAME)
@@ -251,14 +250,14 @@ def _connected(stage: GrblStage) -> Iterator[None]:
 @contextmanager
 def _felt(
     stage: GrblStage, config: GrblConfig
-) -> Iterator[tuple[ForceSensor | None, ForceGuard | None]]:
+) -> Iterator[tuple[ForceSensor | None, Guard | None]]:
     """The force sensor of the rig file and the guard on it; None where it names no way to one."""
     from ..rig.force.open import open_guarded
 
     if config.force is None or not config.force.reachable:
         yield None, None
         return
-    force, guard = open_guarded(config.force, config.guard, stage, stage.clock)
+    force, guard = open_guarded(config.force, config.guard, stage)
     try:
         yield force, guard
     finally:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..aliases import Progress
 from ..errors import InputError
@@ -17,14 +17,11 @@ from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
 from .clock import WallClock
 from .config import GrblConfig
-from .interface import Camera, ForceSensor
+from .interface import Camera, ForceSensor, Guard
 from .job import Devices, RigSetup
-from .stage.firmware import open_stage
+from .stage.grbl import GrblStage
 from .tool.tooling import Tooling
 from .tool.touch import change_s
-
-if TYPE_CHECKING:
-    from .force.guard import ForceGuard
 
 KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
@@ -104,16 +101,14 @@ class GrblRig:
     def _build(self, config: GrblConfig, folder: Path, patience: float) -> None:
         job = self._job
         self.clock = WallClock()
-        self.stage = open_stage(config.stage, self.clock)
+        self.stage = GrblStage.of(config.stage, self.clock)
         self._open.callback(self.stage.close)
         self.force: ForceSensor | None = None
-        self.guard: ForceGuard | None = None
+        self.guard: Guard | None = None
         if config.force is not None and config.force.reachable:
             from .force.open import open_guarded
 
-            self.force, self.guard = open_guarded(
-                config.force, config.guard, self.stage, self.clock, patience
-            )
+            self.force, self.guard = open_guarded(config.force, config.guard, self.stage, patience)
             self._open.callback(self.force.close)
         elif not job.air:
             raise InputError(

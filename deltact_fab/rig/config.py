@@ -12,7 +12,7 @@ import hashlib
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from .. import catalog, reading
 from ..configuration import Table
@@ -21,7 +21,6 @@ from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
 from .simulator import SimulatorConfig
 from .stage.config import StageSettings
-from .stage.firmware import FIRMWARE
 from .tool.config import RegistrationFile, ToolConfig, TouchConfig, named_tools
 
 Tools = Annotated[dict[str, ToolConfig], AfterValidator(named_tools)]
@@ -30,16 +29,6 @@ TOOLS = {"sphere:10": {"length_mm": 0.0}}
 
 class StageConfig(StageSettings):
     """The 3-axis stage; machine coordinates are 0 at an axis' positive end and negative below."""
-
-    firmware: Annotated[str, Field(json_schema_extra={"enum": list(FIRMWARE)})] = "grbl"
-    """What the controller speaks."""
-
-    @field_validator("firmware")
-    @classmethod
-    def _spoken(cls, value: str) -> str:
-        if value not in FIRMWARE:
-            raise ValueError(f"no such firmware; {did_you_mean(value, FIRMWARE)}")
-        return value
 
 
 class VirtualConfig(Table):

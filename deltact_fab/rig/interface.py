@@ -6,7 +6,8 @@ of the sensor, z = 0 at the resting face; a depth d is z = -d. Times are seconds
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -142,6 +143,12 @@ class Stage(Protocol):
     def cancel(self) -> None:
         """Write the byte that ends the motion under way, and no more: from any thread."""
 
+    def share(self, hold: Callable[[int | None, bytes], None]) -> None:
+        """Tell it, now and whenever that changes, where the stop byte goes and which that is.
+
+        None: nowhere, for the port is about to be closed.
+        """
+
     def abort(self) -> None:
         """Halt at once, whatever is lost by it, and never raise: written in a signal handler."""
 
@@ -195,6 +202,29 @@ class ForceSensor(Protocol):
 
     def identity(self) -> dict[str, Any]: ...
     def close(self) -> None: ...
+
+
+class Guard(Protocol):
+    """What stops the stage beyond a force; see `force.guard.ForceGuard`."""
+
+    @property
+    def tripped(self) -> str:
+        """Why it stopped the stage, "" while it has not."""
+
+    def watch(self, samples: ForceSamples) -> None:
+        """Look at what was read."""
+
+    def lost(self, why: str) -> None:
+        """The sensor says nothing that can be trusted."""
+
+    def tell(self) -> tuple[str, ...]:
+        """What it has to say of itself, a line "NAME: what" each."""
+
+    def rearm(self) -> None:
+        """Forget why it stopped."""
+
+    def easing(self) -> AbstractContextManager[None]:
+        """While the tip is lifted after a trip."""
 
 
 LIFT_FEED_MM_MIN = 120.0

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ..aliases import Progress
-from .interface import Camera, Clock, ForceSensor, Stage
+from .interface import Camera, Clock, ForceSensor, Guard, Stage
 
 if TYPE_CHECKING:
     from ..optics import CameraModel, FlatField
     from ..patterns.recipe import PatternRecipe
     from ..protocols import plan
     from ..shapes import SensorDimensions
-    from .force.guard import ForceGuard
 
 
 @dataclass
@@ -28,7 +27,7 @@ class Devices:
     force: ForceSensor | None
     change_indenter: Callable[[str], str | None]
     """Has an indenter mounted and finds its tip; returns what the record is to keep of it."""
-    guard: ForceGuard | None = None
+    guard: Guard | None = None
     begin: Callable[[], str] | None = None
     """Before a session's homing, the stage connected: asks, lifts a tip out of the gel, or raises;
     returns what the record is to keep of it."""

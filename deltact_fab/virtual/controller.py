@@ -23,13 +23,14 @@ from typing import Literal
 
 from ..aliases import Vector
 from ..protocols.motion import minus, plus
+from ..rig.stage.config import StageSettings
 from ..units import MM_PER_INCH, NS_PER_S, to_ns
 from . import grbl_report
 from .board import SimulatedBoard
 from .carriage import PLANNER_BLOCKS, replaced
 from .clock import NsClock
 from .gcode import GcodeError, Modal, parse
-from .grbl_settings import FACTORY, SETTINGS, change, listed
+from .grbl_settings import FACTORY, SETTINGS, change, listed, settings_for
 
 BANNER = "Grbl 1.1h ['$' for help]"
 _RX_BYTES, _LINE_CHARS = 128, 79
@@ -88,6 +89,12 @@ class GrblController(SimulatedBoard):
         self._trips_ns: int | None = None  # when the move under way meets a switch
         self._user_info = ""
         self._power_on()
+
+    @classmethod
+    def of(cls, stage: StageSettings, clock: NsClock) -> GrblController:
+        """With the limits of a rig file's stage; all else as a bench usually has it."""
+        limits = stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2
+        return cls(settings_for(*limits), clock)
 
     # ---- the wire -----------------------------------------------------------------------------
 

@@ -16,12 +16,11 @@ from ..rig.config import VirtualConfig
 from ..rig.force.netft import NetFTSensor
 from ..rig.interface import Camera
 from ..rig.job import Devices, RigSetup
-from ..rig.stage.firmware import open_stage
 from ..rig.stage.grbl import GrblStage
 from ..shapes import SensorDimensions
 from .clock import VirtualClock
+from .controller import GrblController
 from .feasibility import unanswered
-from .firmware import board_of
 from .gel_summary import gel_left_out, gel_notes
 from .netft import LockstepLink, NetFTBox
 from .presses import Presses
@@ -107,7 +106,7 @@ class VirtualRig:
         job, stage = self._job, self._config.stage
         self.clock = VirtualClock()
         simulator = self._config.virtual
-        controller = board_of(stage, self.clock)
+        controller = GrblController.of(stage, self.clock)
         self.presses = presses = Presses(job.protocol, job.sensor.skin, simulator.gel)
         self._crop: LatticeCrop | None = None
         if "image" in job.protocol.channels:
@@ -121,9 +120,8 @@ class VirtualRig:
         # A name of its own, so that several runs can share one process.
         name = f"{job.folder.name}-{next(_NUMBER)}"
         self._link = SerialLink(controller, self.clock, name, baud=stage.baud)
-        self.stage = open_stage(stage, self.clock, self._link.url)
-        if isinstance(self.stage, GrblStage):
-            self.stage.whole_moves = True  # the gel is solved along the lines of the plan
+        self.stage = GrblStage.of(stage, self.clock, self._link.url)
+        self.stage.whole_moves = True  # the gel is solved along the lines of the plan
         self._open.callback(self.stage.close)
         self.camera: VirtualCamera | None = None
         if self._crop is not None:

@@ -28,8 +28,8 @@ from ..rig.force.config import ForceConfig
 from ..rig.simulator import SimulatorConfig
 from ..shapes import SensorDimensions
 from .bench_face import BenchFace
+from .controller import GrblController
 from .drawing import printed, resting
-from .firmware import board_of
 from .netft_server import NetFTServer
 from .pty import PtyCable
 
@@ -55,7 +55,7 @@ def served(
     """
     simulator = rig.virtual if rig.kind == "virtual" else SimulatorConfig()
     clock, mount = WallClock(), simulator.mount
-    board = board_of(rig.stage, clock)
+    board = GrblController.of(rig.stage, clock)
     frame = rig.stage.frame
     x, y, z = (a + b for a, b in zip(frame.origin_machine_mm, mount.offset_mm, strict=True))
     true = replace(frame, origin_machine_mm=(x, y, z), tilt_deg=mount.tilt_deg)

@@ -62,7 +62,7 @@ def bench_served() -> Iterator[ServedBench]:
 def _serve() -> None:
     from deltact_fab.rig.clock import WallClock
     from deltact_fab.rig.force.config import ForceConfig
-    from deltact_fab.rig.run.loop import run_first
+    from deltact_fab.rig.force.watchdog import run_first
     from deltact_fab.virtual.controller import GrblController
     from deltact_fab.virtual.netft_server import NetFTServer
     from deltact_fab.virtual.pty import PtyCable

@@ -34,7 +34,9 @@ from deltact_fab.rig.camera.open import open_camera
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.config import ForceConfig
 from deltact_fab.rig.force.config import NetFTConfig
+from deltact_fab.rig.force.guard import GuardLimits
 from deltact_fab.rig.force.open import open_force
+from deltact_fab.rig.force.watchdog import Watchdog
 from deltact_fab.rig.interface import Camera, Clock, ForceSensor, Stage
 from deltact_fab.rig.job import Devices, Rig, RigSetup
 from deltact_fab.shapes import SensorDimensions
@@ -48,6 +50,7 @@ FORCE_SENSORS = {
     "NetFTSensor": ("virtual", "sockets"),
     "VirtualForce": ("virtual",),
     "SerialScale": ("pty",),
+    "Watchdog": ("process",),
 }
 RIGS = {"VirtualRig": ("virtual",), "GrblRig": ("grbl",)}
 INTERFACES = {"Stage": Stage, "Camera": Camera, "ForceSensor": ForceSensor, "Rig": Rig}
@@ -234,12 +237,16 @@ def a_force_sensor(kind: str, name: str, build: Any) -> Iterator[tuple[ForceSens
     if kind == "pty":
         with scale() as it:
             yield it.opened(), WallClock()
-    elif kind == "sockets":
+    elif kind in ("sockets", "process"):
         from deltact_fab.virtual.netft_server import NetFTServer
 
         with NetFTServer(lambda t_ns: np.zeros((len(t_ns), 6))) as box:
             way = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
-            yield open_force(ForceConfig(netft=NetFTConfig(**way)), WallClock(), 2.0), WallClock()
+            config = ForceConfig(netft=NetFTConfig(**way))
+            if kind == "process":
+                yield Watchdog(config, GuardLimits.of(None, config), 20.0), WallClock()
+            else:
+                yield open_force(config, WallClock(), 2.0), WallClock()
     else:
         devices = build(kind).devices()
         over_the_sensor(devices)

@@ -77,7 +77,7 @@ class ForceConfig(Table):
     rate_hz: float = Field(default=1000.0, ge=1, le=10_000)
     """Readings per second."""
     netft: NetFTConfig | None = None
-    """How a real rig reaches it: an ATI Net F/T box on the network (extra `netft`)."""
+    """How a real rig reaches it: an ATI Net F/T box on the network."""
     serial: SerialScaleConfig | None = Field(
         default=None, json_schema_extra={"instead_of": "netft"}
     )

@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
+from typing import Protocol
 
 import numpy as np
 
 from ...aliases import Vector
 from ...errors import InputError
 from ...units import to_ns
-from ..interface import Clock, ForceSamples, Stage
+from ..interface import Clock, ForceSamples
 from .config import ForceConfig, GuardConfig
 from .notes import NoteCounts
 
@@ -72,6 +73,13 @@ class Trip:
     byte_ns: int
 
 
+class Stops(Protocol):
+    """Whatever can be stopped."""
+
+    def cancel(self) -> None:
+        """Write the byte that ends the motion under way."""
+
+
 class ForceGuard:
     """Looks at every sample before anyone else does; may live in any thread, for it only writes.
 
@@ -86,7 +94,7 @@ class ForceGuard:
 
     def __init__(
         self,
-        stage: Stage,
+        stage: Stops,
         limits: GuardLimits,
         clock: Clock,
         behind_s: float | None = None,
@@ -135,6 +143,10 @@ class ForceGuard:
             self._write()
         if self.trip is None:
             self.trip = Trip(why, None, self._byte_ns)
+
+    def tell(self) -> tuple[str, ...]:
+        """What it has to say of itself, a line "NAME: what" each."""
+        return self.tally.tell(self._now_ns())
 
     def rearm(self) -> None:
         """Forget why it stopped, on the word of whoever put things right."""

@@ -1,6 +1,6 @@
 """ATI Net F/T: a stream of numbered records in, samples on the host's clock out.
 
-What is here is the same for the box on the network (`link.PynetftLink`) and for the simulated one
+What is here is the same for the box on the network (`rdt.RdtLink`) and for the simulated one
 in virtual time (`virtual.netft.LockstepLink`): which records are readings, what is missing between
 them, and when each was taken.
 """
@@ -160,8 +160,9 @@ class NetFTSensor:
             raise SensorError(self._fault)
         deadline_ns = self._now_ns() + to_ns(self._timeout_s)
         stale = 0
-        while (left_ns := deadline_ns - self._now_ns()) >= 0:
-            came = self._link.receive(left_ns / 1e9)
+        while True:
+            left_ns = deadline_ns - self._now_ns()  # below 0: this host was late, not the box
+            came = self._link.receive(max(left_ns, 0) / 1e9)
             if len(came):
                 sequence = came["rdt"].astype(np.int64)
                 # Where a stream starts is the box's affair.
@@ -173,7 +174,7 @@ class NetFTSensor:
                 if len(fresh):
                     return fresh
                 stale += len(came)
-            elif left_ns == 0:
+            if left_ns <= 0:
                 break
         self.tally.add("silence", 1)
         what = f"; {stale} old ones came: does another program use the box?" if stale else ""

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from ...errors import InputError
 from ..interface import Clock, ForceSensor, Stage
 from .config import ForceConfig, GuardConfig
-from .guard import BEHIND_S, ForceGuard, GuardLimits
+from .guard import GuardLimits
 from .netft import SILENT_S, NetFTSensor
+
+if TYPE_CHECKING:
+    from .watchdog import RemoteGuard, Watchdog
 
 
 def open_guarded(
-    config: ForceConfig,
-    guard: GuardConfig | None,
-    stage: Stage,
-    clock: Clock,
-    patience: float = 1.0,
-) -> tuple[ForceSensor, ForceGuard]:
+    config: ForceConfig, guard: GuardConfig | None, stage: Stage, patience: float = 1.0
+) -> tuple[Watchdog, RemoteGuard]:
     """The sensor of a rig file, and the guard on it that stops the stage.
 
     patience: times the silence, and the age of its samples, that the sensor is allowed. Raises as
     `open_force`, and InputError for a limit that the sensor cannot measure.
     """
-    limits = GuardLimits.of(guard, config)
-    force = open_force(config, clock, patience * SILENT_S)
-    return force, ForceGuard(stage, limits, clock, patience * BEHIND_S)
+    from .watchdog import Watchdog
+
+    force = Watchdog(config, GuardLimits.of(guard, config), patience)
+    stage.share(force.hold)
+    return force, force.guard
 
 
 def open_force(config: ForceConfig, clock: Clock, timeout_s: float = SILENT_S) -> ForceSensor:
@@ -33,10 +36,10 @@ def open_force(config: ForceConfig, clock: Clock, timeout_s: float = SILENT_S) -
     MissingLibrary.
     """
     if config.netft is not None:
-        from .link import PynetftLink
         from .page import fetch
+        from .rdt import RdtLink
 
-        return NetFTSensor(PynetftLink(config.netft, fetch(config.netft)), clock, timeout_s)
+        return NetFTSensor(RdtLink(config.netft, fetch(config.netft)), clock, timeout_s)
     if config.serial is not None:
         from .scale import SerialScale
 

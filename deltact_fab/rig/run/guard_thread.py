@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
 
 from ...errors import DeltactFabError
-from ..interface import Clock, ForceSensor, Stage
+from ..interface import Clock, ForceSensor, Guard, Stage
 from .loop import Loop
 from .streams import ForceStream
-
-if TYPE_CHECKING:
-    from ..force.guard import ForceGuard
 
 NAME = "force sensor"
 ANSWER_S = 10.0
@@ -21,7 +17,7 @@ END_S = 5.0
 
 @contextmanager
 def watched(
-    stage: Stage, clock: Clock, force: ForceSensor | None, guard: ForceGuard | None
+    stage: Stage, clock: Clock, force: ForceSensor | None, guard: Guard | None
 ) -> Iterator[None]:
     """The guard sees every sample until the block ends, as in a run; nothing is kept of them.
 
@@ -39,7 +35,7 @@ def watched(
 
     stream = ForceStream(force, guard, clock, lambda name, text: None)
     stream.keeping = False
-    loop = Loop(NAME, stream.step, failed, first=True)
+    loop = Loop(NAME, stream.step, failed)
     try:
         loop.ask(force.start, ANSWER_S, going=True)
         try:

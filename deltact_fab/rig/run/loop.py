@@ -2,40 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
-from contextlib import suppress
 
 from ...errors import SensorError
-
-REALTIME = 10  # of 1 to 99: over every ordinary thread, under those of the system
-NICE = -10
-
-
-def run_first() -> str:
-    """Put the calling thread first, as far as the system lets this user; "" where it does not.
-
-    On Linux, with the right to (`ulimit -r`, `ulimit -e`, or root). Threads that it starts from
-    then on, as a receiver in a library, come first as well.
-    """
-    if hasattr(os, "sched_setscheduler"):
-        with suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REALTIME))
-            return "real time"
-        with suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
-            return f"nice {NICE}"
-    return ""
 
 
 class Loop:
     """The only thread that touches its device, so that no driver needs a lock.
 
     failed: called from it with the reason when a step fails; it rests then, until it is asked to go
-    on. first: it comes before other threads, as far as the system lets it.
+    on.
     """
 
     def __init__(
@@ -43,10 +22,8 @@ class Loop:
         name: str,
         step: Callable[[], None],
         failed: Callable[[BaseException], None],
-        first: bool = False,
     ) -> None:
         self.name = name
-        self._first = first
         self._step = step
         self._failed = failed
         self._changed = threading.Condition()
@@ -87,8 +64,6 @@ class Loop:
         return not self._thread.is_alive()
 
     def _run(self) -> None:
-        if self._first:
-            run_first()
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._asked or self._going or self._ending)

@@ -18,8 +18,7 @@ from ...errors import SensorError
 from ...protocols.plan import Step
 from ...record import Chunk
 from ...units import to_ns
-from ..force.guard import ForceGuard
-from ..interface import Camera, CameraFrame, Clock, ForceSamples, ForceSensor, Stage
+from ..interface import Camera, CameraFrame, Clock, ForceSamples, ForceSensor, Guard, Stage
 
 
 def now_ns(clock: Clock) -> int:
@@ -66,7 +65,7 @@ class ForceStream:
     def __init__(
         self,
         force: ForceSensor,
-        guard: ForceGuard | None,
+        guard: Guard | None,
         clock: Clock,
         note: Callable[[str, str], None],
     ) -> None:
@@ -99,7 +98,7 @@ class ForceStream:
             self.force_n = (x, y, z)
         notes = samples.notes
         if self._guard is not None:
-            notes += self._guard.tally.tell(now_ns(self._clock))
+            notes += self._guard.tell()
         for line in notes:
             name, _, text = line.partition(": ")
             self._note(name, text)

@@ -53,7 +53,7 @@ class ThreadedSchedule(Schedule):
             self._loops.append(self._seeing)
         if self._d.force is not None and self.force is not None:
             self.force.keeping = False
-            self._feeling = Loop("force sensor", self.force.step, self._fail, first=True)
+            self._feeling = Loop("force sensor", self.force.step, self._fail)
             self._loops.append(self._feeling)
             self._feeling.ask(self._d.force.start, ANSWER_S, going=True)
 

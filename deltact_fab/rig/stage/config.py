@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
@@ -54,8 +54,8 @@ class StageSettings(Table):
     """Acceleration of each axis. MEASURE: $120 to $122."""
     baud: int = Field(default=115200, ge=1200, le=10_000_000)
     """Of the serial port."""
-    firmware: str = "grbl"
-    """What the controller speaks; a rig file's is one of `firmware.FIRMWARE`."""
+    firmware: Literal["grbl"] = "grbl"
+    """What the controller speaks: "grbl" is GRBL 1.1 and grblHAL."""
     direction_mask: int = Field(default=0, ge=0, le=7)
     """Axes whose motor turns the other way (GRBL's $3): 1 for x, 2 for y, 4 for z, added up."""
     homing_direction_mask: int = Field(default=0, ge=0, le=3)

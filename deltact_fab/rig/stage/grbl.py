@@ -19,10 +19,10 @@ any, and only write then.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ...aliases import Vector
-from ...errors import InputError
 from ...optics import StageFrame
 from ...units import to_ns
 from ..interface import Clock, StageState
@@ -73,15 +73,7 @@ class GrblStage:
 
     @classmethod
     def of(cls, config: StageSettings, clock: Clock, url: str | None = None) -> GrblStage:
-        """The stage of a rig file, its port not yet open; url: in place of the file's port.
-
-        Raises InputError for a controller that speaks something else.
-        """
-        if config.firmware != "grbl":
-            raise InputError(
-                f"stage.firmware: {config.firmware!r}; this command speaks GRBL only, `run` and "
-                "`rig register` any firmware"
-            )
+        """The stage of a rig file, its port not yet open; url: in place of the file's port."""
         where = url if url is not None else config.port
         assert where is not None, "the configuration has a port"
         needs = Needs(
@@ -234,6 +226,10 @@ class GrblStage:
         """Write the byte that ends the motion under way and nothing else: from any thread."""
         self._c.cancelled = True
         self._c.port.blurt(RESET if self._c.homing else JOG_CANCEL)
+
+    def share(self, hold: Callable[[int | None, bytes], None]) -> None:
+        """As Stage. While homing that byte does nothing; whoever asks for samples stops that."""
+        self._c.port.share(lambda port: hold(port, JOG_CANCEL))
 
     def abort(self) -> None:
         """Write the reset byte and nothing else: for a signal handler.

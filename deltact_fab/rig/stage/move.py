@@ -81,8 +81,11 @@ class Move:
 
     def was_held(self, state: StageState) -> bool:
         """Whether somebody else ended a jog of it, and it goes on from rest with the next one."""
+        if self.whole:
+            return False
         dry = self.runs_dry(round(state.t_s * 1e9), braking=True)
-        return not (self.whole or dry) and self._behind_s(state) > self.behind_s + HELD_S
+        behind_s = self._behind_s(state) - state.within_s
+        return behind_s > self.behind_s + HELD_S and not dry
 
     def again(self, from_mm: Vector, now_ns: int, planned_s: float) -> Move:
         """What is left of it, begun anew from rest."""

@@ -38,6 +38,7 @@ class Port:
         self._clock = clock
         self._port: Any = None
         self._partial = b""
+        self._tell_it: Callable[[int | None], None] | None = None
 
     @property
     def is_open(self) -> bool:
@@ -64,6 +65,17 @@ class Port:
                 ) from why
             raise StageError(f"{self.url}: cannot be opened: {why}") from why
         self._stay_up()
+        self._tell(lambda: self._port.fileno())
+
+    def share(self, tell: Callable[[int | None], None]) -> None:
+        """Have somebody told its file descriptor, None before it is closed."""
+        self._tell_it = tell
+        if self.is_open:
+            self._tell(lambda: self._port.fileno())
+
+    def _tell(self, number: Callable[[], int | None]) -> None:
+        if self._tell_it is not None:
+            self._tell_it(number())
 
     def _stay_up(self) -> None:
         """Leave DTR up when the port is closed: its fall and rise is what restarts an Arduino.
@@ -82,6 +94,7 @@ class Port:
         """Close the port; again does nothing."""
         port, self._port = self._port, None
         if port is not None:
+            self._tell(lambda: None)
             with suppress(OSError):
                 port.close()
 

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Field, Vector
 from ...errors import SensorError
 from ...units import to_ns
-from ..interface import Clock, ForceSamples, ForceSensor, Stage
-
-if TYPE_CHECKING:
-    from ..force.guard import ForceGuard
+from ..interface import Clock, ForceSamples, ForceSensor, Guard, Stage
 
 STREAM = "touch-off"
 LOOK_S = 0.004  # between two looks at the samples that came
@@ -31,9 +26,7 @@ class ForceProbe:
     tripped guard, with the stage told to stop.
     """
 
-    def __init__(
-        self, stage: Stage, force: ForceSensor, clock: Clock, guard: ForceGuard | None
-    ) -> None:
+    def __init__(self, stage: Stage, force: ForceSensor, clock: Clock, guard: Guard | None) -> None:
         self.stage, self.guard = stage, guard
         self._force = force
         self._clock = clock

@@ -7,18 +7,13 @@ built with another order drags the tip through the gel.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import StageError
-from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Stage
+from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Guard, Stage
 from ..run.guard_thread import watched
 from .operator import Operator, confirm
-
-if TYPE_CHECKING:
-    from ..force.guard import ForceGuard
 
 LIFT_MM = 25.0
 STANDING_S = 0.1
@@ -77,7 +72,7 @@ def home_safely(
     operator: Operator | None,
     *,
     tip_is_clear: bool = False,
-    guard: ForceGuard | None = None,
+    guard: Guard | None = None,
 ) -> str:
     """Clear the face, then home with the guard armed; says how. Raises StageError, SensorError."""
     how = clear_the_face(stage, clock, force, operator, tip_is_clear=tip_is_clear)

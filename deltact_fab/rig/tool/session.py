@@ -7,7 +7,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ...errors import DeltactFabError, InputError, StageError, Stopped
 from ...files import write_whole
@@ -15,9 +14,9 @@ from ...shapes import Indenter, SensorDimensions
 from ...shapes.indenter import parse as parse_indenter
 from ..clock import WallClock
 from ..config import GrblConfig
-from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Stage
+from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Guard, Stage
 from ..run.interrupt import interruptible
-from ..stage.firmware import open_stage
+from ..stage.grbl import GrblStage
 from .config import JigConfig, TouchConfig
 from .feeler import ForceProbe
 from .homing import LIFT_MM, home_safely
@@ -28,9 +27,6 @@ from .tooling import raised
 from .touch import FaceTouch
 from .touch_off import find_face
 
-if TYPE_CHECKING:
-    from ..force.guard import ForceGuard
-
 
 @dataclass
 class GuardedStage:
@@ -39,7 +35,7 @@ class GuardedStage:
     clock: Clock
     stage: Stage
     force: ForceSensor
-    guard: ForceGuard
+    guard: Guard
 
 
 @contextmanager
@@ -59,10 +55,10 @@ def homed(
             "breaking what it meets: add [force.netft] or [force.serial]"
         )
     clock = WallClock()
-    stage = open_stage(config.stage, clock)
+    stage = GrblStage.of(config.stage, clock)
     with ExitStack() as opened:
         opened.callback(stage.close)
-        force, guard = open_guarded(config.force, config.guard, stage, clock)
+        force, guard = open_guarded(config.force, config.guard, stage)
         opened.callback(force.close)
         with interruptible(stage.abort):
             try:

@@ -17,7 +17,7 @@ from ... import reading
 from ...errors import InputError, RunFailed
 from ...files import write_whole
 from ...shapes.indenter import parse as parse_indenter
-from ..interface import Clock, ForceSensor, Stage, go
+from ..interface import Clock, ForceSensor, Guard, Stage, go
 from ..job import RigSetup
 from .config import ToolConfig, TouchConfig
 from .feeler import ForceProbe
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ...optics import StageFrame
-    from ..force.guard import ForceGuard
 
 KEPT = "tool.json"
 
@@ -48,7 +47,7 @@ class Tooling:
         stage: Stage,
         clock: Clock,
         force: ForceSensor | None = None,
-        guard: ForceGuard | None = None,
+        guard: Guard | None = None,
         touch: TouchConfig | None = None,
         tools: Mapping[str, ToolConfig] | None = None,
         operator: Operator | None = None,

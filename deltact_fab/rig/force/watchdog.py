@@ -1,0 +1,344 @@
+"""The force sensor and its guard in a process of their own.
+
+An interpreter lock that is shared with encoders costs the guard tens of milliseconds. Here samples
+come in and the stop byte goes out of one process that does nothing else; the program asks it for
+what was measured. It holds the stage's port open beside the program, for opening it anew would
+restart an Arduino. When the program dies, it stops the stage.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from functools import partial
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+
+from ...errors import DeltactFabError, SensorError
+from ..clock import WallClock
+from ..interface import ForceSamples, ForceSensor
+from .config import ForceConfig
+from .guard import BEHIND_S, ForceGuard, GuardLimits, Trip
+from .netft import SILENT_S
+from .open import open_force
+
+ANSWER_S = 10.0
+END_S = 2.0
+KEPT = 10_000  # batches that nobody has asked for
+SENT = 1000  # samples in an answer, at least: more than one batch only up to so many
+REALTIME = 10  # of 1 to 99: over every ordinary thread, under those of the system
+NICE = -10
+
+
+def run_first() -> str:
+    """Put this process first, as far as the system lets this user; "" where it does not.
+
+    On Linux, with the right to (`ulimit -r`, `ulimit -e`, or root).
+    """
+    with suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REALTIME))
+        return "real time"
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, NICE)
+        return f"nice {NICE}"
+    return ""
+
+
+# ---- in the program -----------------------------------------------------------------------------
+
+
+class Watchdog:
+    """Implements rig.interface.ForceSensor; `guard` is the guard on it. Call `hold` for a port.
+
+    patience: times the silence, and the age of its samples, that the sensor is allowed. Raises as
+    `open_force`.
+    """
+
+    def __init__(self, config: ForceConfig, limits: GuardLimits, patience: float = 1.0) -> None:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            words = [sys.executable, "-m", __name__, str(theirs.fileno())]
+            self._process = subprocess.Popen(
+                words,
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl-C is the program's affair
+            )
+        self._ports = ours  # file descriptors go where messages go
+        self._line = Connection(os.dup(ours.fileno()))
+        self._lock = threading.RLock()
+        self._notes: tuple[str, ...] = ()
+        self.trip: Trip | None = None
+        self.guard = RemoteGuard(self, limits)
+        try:
+            self._ask("open", config, limits, patience)
+        except BaseException:
+            self.close()
+            raise
+
+    def hold(self, port: int | None, stop: bytes) -> None:
+        """Write the stop byte to that descriptor from now on; None: let go of it."""
+        with suppress(SensorError):
+            self._ask("hold", stop, port is not None, port=port)
+
+    def begin(self, stream: str) -> None:
+        """As ForceSensor; the guard sees nothing until it is done."""
+        self._ask("begin", stream)
+
+    def start(self) -> None:
+        """As ForceSensor."""
+        self._ask("start")
+
+    def read(self) -> ForceSamples:
+        """As ForceSensor; what the guard saw is in it."""
+        samples: ForceSamples = self._ask("read")
+        return samples
+
+    def stop(self) -> None:
+        """As ForceSensor."""
+        self._ask("stop")
+
+    def identity(self) -> dict[str, Any]:
+        """As ForceSensor, and how the system favours the process."""
+        about: dict[str, Any] = self._ask("identity")
+        return about
+
+    def close(self) -> None:
+        """End the process."""
+        with suppress(DeltactFabError):
+            self._ask("close")
+        self._line.close()
+        self._ports.close()
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _ask(self, what: str, *args: Any, port: int | None = None) -> Any:
+        """Its answer. Raises what came of it there, and SensorError where the process is gone."""
+        with self._lock:
+            try:
+                self._line.send((what, args))
+                if port is not None:
+                    socket.send_fds(self._ports, [b"p"], [port])
+                if not self._line.poll(ANSWER_S):
+                    raise SensorError(f"force sensor: no answer within {ANSWER_S:g} s")
+                answer, self.trip = self._line.recv()
+            except (EOFError, OSError) as why:
+                raise SensorError("force sensor: the process that guards the force died") from why
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+
+class RemoteGuard:
+    """The guard as the program knows it; what `ForceGuard` does is done in its own process."""
+
+    def __init__(self, process: Watchdog, limits: GuardLimits) -> None:
+        self._process = process
+        self.limits = limits
+
+    @property
+    def trip(self) -> Trip | None:
+        """As of the last answer."""
+        return self._process.trip
+
+    @property
+    def tripped(self) -> str:
+        """Why it stopped the stage, "" while it has not."""
+        return self.trip.why if self.trip is not None else ""
+
+    def watch(self, samples: ForceSamples) -> None:
+        """It has seen them."""
+
+    def lost(self, why: str) -> None:
+        """It knows."""
+
+    def tell(self) -> tuple[str, ...]:
+        """What it has to say comes with the samples."""
+        return ()
+
+    def rearm(self) -> None:
+        """As ForceGuard."""
+        self._process._ask("rearm")
+
+    @contextmanager
+    def easing(self) -> Iterator[None]:
+        """As ForceGuard."""
+        with suppress(SensorError):  # a dead guard does not leave the tip in the gel
+            self._process._ask("ease", True)
+        try:
+            yield
+        finally:
+            with suppress(SensorError):
+                self._process._ask("ease", False)
+
+
+# ---- in the process -----------------------------------------------------------------------------
+
+
+class _StopLine:
+    """The port of the stage, to write the stop byte to."""
+
+    port: int | None = None
+    stop = b""
+
+    def cancel(self) -> None:
+        with suppress(OSError):
+            if self.port is not None:
+                os.write(self.port, self.stop)
+
+    def hold(self, port: int | None, stop: bytes) -> None:
+        if self.port is not None:
+            os.close(self.port)
+        self.port, self.stop = port, stop
+
+
+class _Server:
+    """Reads the sensor, watches, and answers what it is asked."""
+
+    def __init__(self, channel: socket.socket) -> None:
+        self._ports = channel
+        self._line = Connection(os.dup(channel.fileno()))
+        self._clock = WallClock()
+        self._stop_line = _StopLine()
+        self._force: ForceSensor | None = None
+        self._guard: ForceGuard | None = None
+        self._easing: Any = None
+        self._going = False
+        self._kept: list[ForceSamples] = []
+        self._trouble: SensorError | None = None
+        self._asked = False  # for samples, and none were there
+
+    def run(self) -> None:
+        """Until the program closes it, or is gone: then the stage is stopped."""
+        try:
+            while True:
+                if self._going:
+                    self._feel()
+                if self._asked and (self._kept or self._trouble or not self._going):
+                    self._asked = False
+                    self._answer(self._samples)
+                while self._line.poll(0 if self._going else None):
+                    what, args = self._line.recv()
+                    if what == "read":
+                        self._asked = True
+                        break
+                    self._answer(partial(getattr(self, f"do_{what}"), *args))
+                    if what == "close":
+                        return
+        except (EOFError, OSError):
+            self._stop_line.cancel()
+        finally:
+            if self._force is not None:
+                self._force.close()
+
+    def do_open(self, config: ForceConfig, limits: GuardLimits, patience: float) -> None:
+        self._force = open_force(config, self._clock, patience * SILENT_S)
+        self._guard = ForceGuard(self._stop_line, limits, self._clock, patience * BEHIND_S)
+        gc.freeze()
+
+    def do_hold(self, stop: bytes, follows: bool) -> None:
+        port = socket.recv_fds(self._ports, 1, 1)[1][0] if follows else None
+        self._stop_line.hold(port, stop)
+
+    def do_begin(self, stream: str) -> None:
+        self._of.begin(stream)
+        self._forget()
+
+    def do_start(self) -> None:
+        self._of.start()
+        self._forget()
+        self._going = True
+
+    def do_stop(self) -> None:
+        self._going = False
+        self._of.stop()
+        self._forget()
+
+    def do_identity(self) -> dict[str, Any]:
+        return {**self._of.identity(), "guard": FIRST or "as any other process"}
+
+    def do_rearm(self) -> None:
+        assert self._guard is not None
+        self._guard.rearm()
+
+    def do_ease(self, on: bool) -> None:
+        assert self._guard is not None
+        if on:
+            self._easing = self._guard.easing()
+            self._easing.__enter__()
+        elif self._easing is not None:
+            self._easing.__exit__(None, None, None)
+
+    def do_close(self) -> None:
+        self._going = False
+
+    @property
+    def _of(self) -> ForceSensor:
+        assert self._force is not None
+        return self._force
+
+    def _forget(self) -> None:
+        self._kept, self._trouble = [], None
+
+    def _feel(self) -> None:
+        assert self._guard is not None
+        try:
+            samples = self._of.read()
+        except SensorError as why:
+            self._guard.lost(str(why))
+            self._going, self._trouble = False, why
+            return
+        self._guard.watch(samples)
+        if notes := self._guard.tell():
+            samples = replace(samples, notes=samples.notes + notes)
+        self._kept.append(samples)
+        del self._kept[:-KEPT]
+
+    def _samples(self) -> ForceSamples:
+        """What was measured since the last time, or why nothing was."""
+        if not self._kept:
+            raise self._trouble or SensorError("force sensor: it was not started")
+        n, length = 0, 0
+        while n < len(self._kept) and (not n or length + len(self._kept[n].t_ns) <= SENT):
+            length += len(self._kept[n].t_ns)
+            n += 1
+        parts, self._kept = self._kept[:n], self._kept[n:]
+        return ForceSamples(
+            np.concatenate([part.t_ns for part in parts]),
+            np.concatenate([part.counts for part in parts]),
+            parts[0].per_unit,
+            np.concatenate([part.saturated for part in parts]),
+            sum(part.lost for part in parts),
+            sum(part.late for part in parts),
+            tuple(note for part in parts for note in part.notes),
+        )
+
+    def _answer(self, what: Any) -> None:
+        try:
+            answer = what()
+        except DeltactFabError as why:
+            answer = why
+        self._line.send((answer, None if self._guard is None else self._guard.trip))
+
+
+FIRST = ""
+
+if __name__ == "__main__":
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    FIRST = run_first()
+    with socket.socket(fileno=int(sys.argv[1])) as channel:
+        _Server(channel).run()
