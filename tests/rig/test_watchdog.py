@@ -69,6 +69,11 @@ def watchdog(bench: Bench) -> Iterator[Watchdog]:
     found.close()
 
 
+def read_on(watchdog: Watchdog) -> None:
+    while True:
+        watchdog.read()
+
+
 def test_it_stops_the_stage_and_says_why(bench: Bench, watchdog: Watchdog) -> None:
     watchdog.begin("p")
     watchdog.start()
@@ -110,8 +115,7 @@ def test_silence_stops_the_stage_and_a_start_makes_it_good(
     bench.box.faults.silent = True
     assert bench.heard() == b"!"
     with pytest.raises(SensorError, match="no sample within 1000 ms"):
-        while True:
-            watchdog.read()
+        read_on(watchdog)
     bench.box.faults.silent = False
     watchdog.start()
     assert len(watchdog.read().t_ns)
@@ -131,8 +135,7 @@ def test_a_process_that_is_gone_is_an_error(watchdog: Watchdog) -> None:
     watchdog.start()
     watchdog._process.kill()
     with pytest.raises(SensorError, match="the process that guards the force died"):
-        while True:
-            watchdog.read()
+        read_on(watchdog)
 
 
 PROGRAM = """
@@ -162,5 +165,5 @@ def test_a_program_that_is_killed_stops_the_stage(bench: Bench) -> None:
 def test_a_box_out_of_reach_is_told_as_in_the_program(bench: Bench) -> None:
     os.close(bench.written)
     bench.box.close()
-    with pytest.raises(SensorError, match="cannot be read .* check the box's power"):
+    with pytest.raises(SensorError, match=r"cannot be read .* check the box's power"):
         Watchdog(bench.config, LIMITS)

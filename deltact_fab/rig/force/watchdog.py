@@ -256,6 +256,7 @@ class _Server:
     def do_begin(self, stream: str) -> None:
         self._of.begin(stream)
         self._forget()
+        self._going = True
 
     def do_start(self) -> None:
         self._of.start()
