@@ -340,8 +340,6 @@ def _accepted(done: Any, simulated: str | None, out: Path | None) -> Iterator[st
               help="How a touch is felt.")  # fmt: skip
 @click.option("--at", "at", multiple=True, type=Point(), metavar="X,Y",
               help="Where to touch the face, mm; give at least three.")  # fmt: skip
-@click.option("--jig", is_flag=True,
-              help="Find position and rotation too, from the sides of [touch.jig].")  # fmt: skip
 @DESIGN
 @TIP_IS_CLEAR
 @out_file("Registration to write, .toml.", required=True)
@@ -351,7 +349,6 @@ def register(
     indenter: str,
     by: str | None,
     at: tuple[tuple[float, float], ...],
-    jig: bool,
     design: str,
     tip_is_clear: bool,
     out: Path,
@@ -361,9 +358,8 @@ def register(
 
     The rig homes, and the ball touches the face at several places; height and tilt of the face are
     written to a file. Without --at it touches four places, so that the file can say how flat they
-    are. With --jig the ball then touches the sides of a block around the sensor, which give the
-    sideways position of the face and its rotation. Name the file as `registration` under [stage] of
-    the rig file.
+    are. Name the file as `registration` under [stage] of the rig file. Where the face is sideways,
+    examples/find_the_block.py finds by a block around the sensor.
     """
     from ..cad.design import load_design
     from ..errors import InputError
@@ -377,7 +373,7 @@ def register(
         raise InputError(f"{path}: kind: only a real rig is registered; this one is {bench.kind!r}")
     if not out.parent.is_dir():
         raise InputError(f"{out.parent}: no such folder")
-    asked = session.wanted(bench, path, load_design(design), indenter, at, by, jig)
+    asked = session.wanted(bench, path, load_design(design), indenter, at, by)
     operator = TerminalOperator()
     with session.homed(bench, path, operator, tip_is_clear) as devices:
         found = session.register_face(devices, asked, operator)

@@ -62,7 +62,7 @@ VIRTUAL = {
 GRBL = {
     "kind": "grbl", "stage": {**STAGE, "port": "/dev/not-there"},
     "force": {"netft": {"host": "127.0.0.1"}}, "camera": {"source": "/dev/not-there"},
-    "touch": {"jig": {"half_mm": [20.0, 20.0], "top_mm": -1.0}},
+    "touch": {"gauge_mm": 0.2},
     "tools": {"sphere:10": {"length_mm": 1.0}},
 }  # fmt: skip
 REGISTRATION = {

@@ -26,15 +26,15 @@ from deltact_fab.record import RunWriter
 from deltact_fab.rig.config import ToolConfig
 from deltact_fab.rig.job import Devices, RigSetup
 from deltact_fab.rig.run.runner import Runner
-from deltact_fab.rig.tool.config import JigConfig, TouchConfig
+from deltact_fab.rig.tool.config import TouchConfig
 from deltact_fab.rig.tool.feeler import ForceProbe
 from deltact_fab.rig.tool.homing import clear_the_face
-from deltact_fab.rig.tool.jig import JigPlacement, JigTouch
 from deltact_fab.rig.tool.operator import Operator, TerminalOperator, confirm
 from deltact_fab.rig.tool.register import places_for, register, require_fit
 from deltact_fab.rig.tool.tooling import KEPT, Tooling
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
+from examples.find_the_block import BlockPlace, BlockTouch
 
 PROTOCOL = plan.Protocol.model_validate(
     {
@@ -293,16 +293,15 @@ def test_places_and_indenters_that_give_no_plane_are_refused() -> None:
 
 
 @pytest.mark.slow
-def test_a_jig_says_where_the_face_is_sideways() -> None:
+def test_a_block_says_where_the_face_is_sideways() -> None:
     it = bench(
         "sphere:10", (0.7, -0.4, 0.0), guard_n=10.0, block_mm=(24.0, 22.0, -2.0), turn_deg=1.2
     )
     low(it)
     feeler = ForceProbe(it.stage, it.force, it.clock, it.guard)
 
-    def find(half_x: float) -> JigPlacement:
-        jig = JigConfig(half_mm=(half_x, 22.0), top_mm=-2.0)
-        return JigTouch(feeler, TOUCH, jig, parse("sphere:10")).find()
+    def find(half_x: float) -> BlockPlace:
+        return BlockTouch(feeler, TOUCH, (half_x, 22.0), -2.0, parse("sphere:10")).find()
 
     frame = find(24.0).frame(EXPECTED)
     assert frame.origin_machine_mm == pytest.approx((-59.3, -60.4, -40.0), abs=0.02)

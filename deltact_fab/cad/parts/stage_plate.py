@@ -9,7 +9,7 @@ Seen along -z:  +--------------------------+
                 +--------------------------+
 
 Its edges are parallel to the sensor's x and y: they square it to the stage. Place and turn come
-from `rig register --jig`, which touches the sensor's own frame and needs no block on the plate.
+from examples/find_the_block.py, which touches the sensor's own frame: no block on the plate.
 Frame: the sensor's; its top is the plane of the sensor's back.
 """
 
@@ -110,7 +110,7 @@ def callouts(d: Design) -> Callouts:
     slot, half = slot_pitch_mm(d)[0] / 2, d.stage_plate.slot_travel_mm / 2
     notes = (
         f"Long edges square to the stage within 0.1. {SQUARE_EDGES}",
-        f"rig register --jig: half_mm = [{fx:g}, {fy:g}], top_mm = {d.z_front_mm:g}.",
+        f"examples/find_the_block.py: half {fx:g}, {fy:g} mm, top {d.z_front_mm:g} mm.",
     )
     rounds = {
         d.stage_plate.thread_hole_mm: f"tapped {d.table.screw}",

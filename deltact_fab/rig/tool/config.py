@@ -10,7 +10,6 @@ from ...configuration import Place, Table
 from ...errors import InputError
 
 Tilt = Annotated[float, Field(ge=-5, le=5)]  # degrees
-Half = Annotated[float, Field(ge=1, le=200)]
 Millimetres = Annotated[float, Field(ge=-100, le=100)]
 
 
@@ -20,17 +19,6 @@ class ToolConfig(Table):
     length_mm: Millimetres = Field(examples=[0.0])
     """How much longer it is than the one that `[stage] origin_machine_mm` was measured with.
     MEASURE with a caliper; a touch-off corrects it within search_mm."""
-
-
-class JigConfig(Table):
-    """A block with upright sides around the middle of the face, as the base's own frame is, by
-    which `rig register --jig` finds the face's place with a ball."""
-
-    half_mm: tuple[Half, Half] = Field(examples=[[22.0, 21.0]])
-    """Half its sides along the sensor's x and y. MEASURE with a caliper."""
-    top_mm: Millimetres = Field(examples=[-3.0])
-    """Height of its top above the resting face; below it, as the base's own frame is: negative.
-    MEASURE with a caliper."""
 
 
 class TouchConfig(Table):
@@ -61,7 +49,6 @@ class TouchConfig(Table):
     """By hand: thickness of the feeler gauge or paper between tip and face."""
     moved_mm: float = Field(default=0.3, ge=0.01, le=5)
     """A resumed run may find the face at most so much from where the run had it."""
-    jig: JigConfig | None = None
 
     @model_validator(mode="after")
     def _heights(self) -> Self:
@@ -93,7 +80,7 @@ class RegistrationFile(Table):
     tilt_deg: tuple[Tilt, Tilt]
     residual_mm: float = Field(ge=0, le=10)
     jig_off_mm: tuple[Millimetres, Millimetres] | None = None
-    """How far the jig was from where it was expected; without it the place was not registered."""
+    """Of a file that `rig register --jig` wrote."""
     touches: tuple[RegisteredTouch, ...] = Field(min_length=3, max_length=1000)
 
 

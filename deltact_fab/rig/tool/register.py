@@ -18,7 +18,6 @@ from ...errors import InputError, RunFailed
 from ...optics import StageFrame
 from ...shapes import Indenter, SkinDimensions
 from .contact import powers_of
-from .jig import JigPlacement
 from .touch import FaceTouch
 
 MAX_TILT_DEG = 2.0
@@ -41,8 +40,6 @@ class Registration:
     by: str
     touches: tuple[tuple[FaceTouch, Vector], ...]
     residual_mm: float
-    placed: JigPlacement | None = None
-    """By a jig; None: x, y and angle_deg are the rig file's."""
 
     @property
     def tilt_deg(self) -> float:
@@ -54,15 +51,10 @@ class Registration:
         """For a person."""
         x, y, z = self.frame.origin_machine_mm
         tx, ty = self.frame.tilt_deg
-        p, place = self.placed, ""
-        if p is not None:
-            place = (
-                f"; the jig was off by ({p.x_mm:+.3f}, {p.y_mm:+.3f}) mm and {p.turn_deg:+.3f} deg"
-            )
         known = f"{self.residual_mm:.3f} mm from flat" if len(self.touches) > 3 else "no residual"
         return (
             f"face at machine ({x:.3f}, {y:.3f}, {z:.3f}) mm, tilted {tx:+.3f} deg about x and "
-            f"{ty:+.3f} about y, {known} by {len(self.touches)} touches{place}"
+            f"{ty:+.3f} about y, {known} by {len(self.touches)} touches"
         )
 
     def toml(self, rig: str, date: str) -> str:
@@ -72,15 +64,13 @@ class Registration:
             f"spread_mm = {touch.spread_mm:.4f}\n"
             for touch, machine in self.touches
         )
-        p = self.placed
-        jig = "" if p is None else f"jig_off_mm = {_list((p.x_mm, p.y_mm))}\n"
         return (
             "# Where the face lies; `[stage] registration` of the rig file names this file.\n"
             f'date = "{date}"\nrig = "{rig}"\nindenter = "{self.indenter}"\nby = "{self.by}"\n'
             f"origin_machine_mm = {_list(self.frame.origin_machine_mm)}\n"
             f"angle_deg = {self.frame.angle_deg:.4f}\n"
             f"tilt_deg = {_list(self.frame.tilt_deg)}\n"
-            f"residual_mm = {self.residual_mm:.4f}\n{jig}{rows}"
+            f"residual_mm = {self.residual_mm:.4f}\n{rows}"
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -17,10 +17,9 @@ from ..config import GrblConfig
 from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Guard, Stage
 from ..run.interrupt import interruptible
 from ..stage.grbl import GrblStage
-from .config import JigConfig, TouchConfig
+from .config import TouchConfig
 from .feeler import ForceProbe
 from .homing import LIFT_MM, home_safely
-from .jig import JigTouch
 from .operator import Operator, confirm
 from .register import Place, Registration, places_for, register, require_fit
 from .tooling import raised
@@ -80,14 +79,13 @@ def homed(
 class RegistrationRequest:
     """A registration as it was asked for, judged: a ball, places that it fits at, how it touches.
 
-    longer_mm: than the reference tool it is. jig: None where its sides are not touched.
+    longer_mm: than the reference tool it is.
     """
 
     ball: Indenter
     places: tuple[Place, ...]
     touch: TouchConfig
     longer_mm: float
-    jig: JigConfig | None
 
 
 def wanted(
@@ -97,25 +95,19 @@ def wanted(
     indenter: str,
     places: tuple[Place, ...] = (),
     by: str | None = None,
-    jig: bool = False,
 ) -> RegistrationRequest:
     """Judge what was asked for, before a device is opened. Raises InputError.
 
-    places: none is four of them. by: instead of the rig file's. jig: touch its sides too, for place
-    and turn.
+    places: none is four of them. by: instead of the rig file's.
     """
     ball = parse_indenter(indenter)
     touch = config.touch or TouchConfig()
     if by is not None:
         touch = TouchConfig.model_validate({**touch.model_dump(), "by": by})
-    if jig and touch.jig is None:
-        raise InputError(
-            f"{source}: touch.jig: missing table; --jig needs half_mm and top_mm of it"
-        )
     places = places or places_for(sensor.skin, ball)
     require_fit(sensor.skin, ball, places)
     longer_mm = config.tools[ball.name].length_mm if ball.name in config.tools else 0.0
-    return RegistrationRequest(ball, places, touch, longer_mm, touch.jig if jig else None)
+    return RegistrationRequest(ball, places, touch, longer_mm)
 
 
 def register_face(
@@ -130,18 +122,11 @@ def register_face(
     frame = raised(stage.frame, asked.longer_mm)
     stage.set_frame(frame)
 
-    def feeler() -> ForceProbe:
-        return ForceProbe(stage, bench.force, bench.clock, bench.guard)
-
     def find(place: Place) -> FaceTouch:
-        return find_face(feeler(), touch, operator, ball, place)
+        feeler = ForceProbe(stage, bench.force, bench.clock, bench.guard)
+        return find_face(feeler, touch, operator, ball, place)
 
-    found = register(find, frame, asked.longer_mm, ball, asked.places)
-    if asked.jig is None:
-        return found
-    stage.set_frame(raised(found.frame, asked.longer_mm))
-    placed = JigTouch(feeler(), touch, asked.jig, ball).find()
-    return replace(found, frame=placed.frame(found.frame), placed=placed)
+    return register(find, frame, asked.longer_mm, ball, asked.places)
 
 
 def write(registration: Registration, rig: Path, out: Path) -> None:

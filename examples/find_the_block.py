@@ -1,5 +1,11 @@
 """Where the face is sideways: a block around the sensor, touched from beside by a ball.
 
+    python find_the_block.py RIG HALF_X_MM HALF_Y_MM TOP_MM [sphere:10]
+
+HALF: half its sides along the sensor's x and y. TOP: height of its top above the resting face,
+negative. Run it after `rig register`; what it prints stands for `origin_machine_mm` and `angle_deg`
+in that registration. The rig homes, and asks for the ball first.
+
 A force says nothing about where on an even face it acts, so place and turn come from something with
 edges: the tactile base's own frame, or a block that is put over it. Opposite sides are touched in
 the same way, so that the ball's size, the threshold and the way to a stop are not part of the
@@ -9,23 +15,25 @@ middle between them. The turn comes from two touches of one side.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
-from ...aliases import Vector
-from ...errors import RunFailed, SensorError
-from ...optics import StageFrame
-from ..interface import go
-from .config import JigConfig, TouchConfig
-from .feeler import ForceProbe
-from .touch import LOWERING, MOST, STEP_MM
-
-if TYPE_CHECKING:
-    from ...shapes import Indenter
+from deltact_fab.aliases import Vector
+from deltact_fab.errors import RunFailed, SensorError
+from deltact_fab.optics import StageFrame
+from deltact_fab.rig import config
+from deltact_fab.rig.interface import go
+from deltact_fab.rig.tool import session
+from deltact_fab.rig.tool.config import TouchConfig
+from deltact_fab.rig.tool.feeler import ForceProbe
+from deltact_fab.rig.tool.operator import TerminalOperator, confirm
+from deltact_fab.rig.tool.touch import LOWERING, MOST, STEP_MM
+from deltact_fab.shapes import Indenter
+from deltact_fab.shapes.indenter import parse
 
 STRIDE_MM = 0.2
-BELOW_MM = 1.0  # the ball's widest place under the jig's top
+BELOW_MM = 1.0  # the ball's widest place under the block's top
 BACK_MM = 0.1
 OFF_MM = 0.5  # of the declared size, at most
 MAX_TURN_DEG = 5.0
@@ -35,7 +43,7 @@ Side = tuple[float, float]  # a unit vector out of the block
 
 
 @dataclass(frozen=True)
-class JigPlacement:
+class BlockPlace:
     """By how much the block lies off the frame, in its own axes (mm, degrees), and its size."""
 
     x_mm: float
@@ -50,22 +58,27 @@ class JigPlacement:
         return replace(before, origin_machine_mm=origin, angle_deg=turned)
 
 
-class JigTouch:
+class BlockTouch:
     """Touches the sides of a block with a ball, in the stage's frame, whose z = 0 is the face."""
 
     def __init__(
-        self, feeler: ForceProbe, config: TouchConfig, jig: JigConfig, ball: Indenter
+        self,
+        feeler: ForceProbe,
+        config: TouchConfig,
+        half_mm: tuple[float, float],
+        top_mm: float,
+        ball: Indenter,
     ) -> None:
         self._feeler, self._stage = feeler, feeler.stage
         self._config = config
-        self._jig = jig
+        self._half_mm = half_mm
         self._radius_mm = ball.footprint_half_mm[0]
-        self._low_mm = jig.top_mm - BELOW_MM - self._radius_mm
+        self._low_mm = top_mm - BELOW_MM - self._radius_mm
 
-    def find(self) -> JigPlacement:
+    def find(self) -> BlockPlace:
         """Touch all sides, one of them twice. Raises SensorError or RunFailed; the tip is up then,
         unless the stage is at fault."""
-        half_x, half_y = self._jig.half_mm
+        half_x, half_y = self._half_mm
         high_mm = max(self._stage.position_mm()[2], self._config.clear_mm)
         try:
             left = self._touch((-1, 0), 0.0, high_mm)
@@ -84,15 +97,15 @@ class JigTouch:
         for axis, got, said in zip("xy", size, (half_x, half_y), strict=True):
             if abs(got - said) > OFF_MM:
                 raise RunFailed(
-                    f"the jig is {2 * got:.2f} mm wide along {axis}, and touch.jig.half_mm says "
-                    f"{2 * said:g}: another jig, or another ball"
+                    f"the block is {2 * got:.2f} mm wide along {axis}, {2 * said:g} were given: "
+                    "another block, or another ball"
                 )
         if abs(math.degrees(turn)) > MAX_TURN_DEG:
             raise RunFailed(
-                f"the jig is turned by {math.degrees(turn):.1f} degrees, more than "
+                f"the block is turned by {math.degrees(turn):.1f} degrees, more than "
                 f"{MAX_TURN_DEG:g}: put it straight"
             )
-        return JigPlacement(*middle, math.degrees(turn), (size[0], size[1]))
+        return BlockPlace(*middle, math.degrees(turn), (size[0], size[1]))
 
     def _touch(self, side: Side, along_mm: float, high_mm: float) -> float:
         """One side at a place along it; where the ball's middle met it, on that side's axis.
@@ -102,7 +115,7 @@ class JigTouch:
         config = self._config
         axis = 0 if side[0] else 1
         sign = side[axis]
-        expected = self._jig.half_mm[axis] + self._radius_mm
+        expected = self._half_mm[axis] + self._radius_mm
         far, near = expected + config.search_mm, expected - config.search_mm
 
         def at(out_mm: float, z_mm: float) -> Vector:
@@ -117,7 +130,7 @@ class JigTouch:
             if self._feeler.move(
                 at(far, self._low_mm), config.feed_mm_min * LOWERING, config.force_n
             ):
-                raise SensorError(f"something is in the way beside the jig, at {_side(side)}")
+                raise SensorError(f"something is in the way beside the block, at {_side(side)}")
             self._approach(side, far, near, at)
             out = sign * self._stage.position_mm()[axis]
             out += BACK_MM
@@ -144,10 +157,30 @@ class JigTouch:
             ):
                 return
         raise SensorError(
-            f"the jig was not met at {_side(side)} within {self._config.search_mm:g} mm of its "
+            f"the block was not met at {_side(side)} within {self._config.search_mm:g} mm of its "
             "side (touch.search_mm)"
         )
 
 
 def _side(side: Side) -> str:
     return ("+" if sum(side) > 0 else "-") + ("x" if side[0] else "y")
+
+
+def main(rig: str, half_x: float, half_y: float, top: float, indenter: str = "sphere:10") -> None:
+    """Home, touch, print."""
+    bench, path = config.load(rig)
+    assert isinstance(bench, config.GrblConfig), "a real rig"
+    ball, operator = parse(indenter), TerminalOperator()
+    with session.homed(bench, path, operator) as devices:
+        confirm(operator, ball.name, "it is mounted, screwed tight")
+        feeler = ForceProbe(devices.stage, devices.force, devices.clock, devices.guard)
+        block = BlockTouch(feeler, bench.touch or TouchConfig(), (half_x, half_y), top, ball)
+        found = block.find()
+        frame = found.frame(devices.stage.frame)
+    print(f"# the block was off by ({found.x_mm:+.3f}, {found.y_mm:+.3f}) mm")
+    print(f"origin_machine_mm = {[round(p, 4) for p in frame.origin_machine_mm]}")
+    print(f"angle_deg = {frame.angle_deg:.4f}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], *map(float, sys.argv[2:5]), *sys.argv[5:])
