@@ -139,7 +139,7 @@ def test_a_hold_in_a_jog_ends_it_and_one_at_rest_is_left_behind() -> None:
     bench = Bench()
     bench.moving()
     bench.grbl.fault("hold")
-    with pytest.raises(StageError, match=r"held by somebody, or slower .* is short of"):
+    with pytest.raises(StageError, match="short of"):
         bench.stage.wait()
     bench.clock.sleep_s(1)
     bench.grbl.fault("hold")

@@ -97,7 +97,10 @@ class Talk:
             _watch(text)
 
     def command(self, line: str, limit_s: float = ANSWER_S) -> list[str]:
-        """Send a line, wait for its ok, return what came before it."""
+        """Send a line, wait for its ok, return what came before it.
+
+        Raises NoAnswer, and the line stays posted: its answer may come later.
+        """
         self.drain()
         if not self.settle(limit_s):
             self.forget_posted()
@@ -112,7 +115,6 @@ class Talk:
                 self._swift |= self._port.now_ns() - sent_ns < self._port.on_wire_ns(length)
                 return data
             data.append(text)
-        self.posted = None
         raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", lost=True)
 
     def status(self, on_silence: Callable[[], str]) -> StageState:

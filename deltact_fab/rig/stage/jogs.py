@@ -23,6 +23,7 @@ ANSWER_S = 0.5  # it comes within .1 s, and without it the carriage may be on it
 HEAR_S = 0.005  # between two looks at what was said without being asked for
 POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
 UP = 0.9  # of a way that leads away from the face, at least so much is upwards
+HELD_S, HELD_CLEAR_S = 0.03, 0.1  # behind its plan: in the gel, and where nothing is touched
 TRIES = 3  # of a line that is not answered, where nothing is touched
 
 
@@ -52,6 +53,8 @@ def begin(
     if c.cancelled:
         raise TalkFault("stopped before it moved")
     _send(c, _next_line(c, c.move))
+    if not whole:  # it has begun by now, and not long before that where an answer is slow
+        c.move = replace(c.move, start_ns=c.port.now_ns())
     if c.cancelled:  # while the line was read, which drops the byte
         c.port.write(JOG_CANCEL)
     return planned_s
@@ -66,9 +69,9 @@ def feed(c: Controller) -> None:
     if c.talk.posted is not None:
         line, since_ns = c.talk.posted
         if now_ns - since_ns > ANSWER_S * 1e9:
-            c.talk.forget_posted()
-            _unanswered(c, NoAnswer(f"no answer to {line} within {ANSWER_S:g} s", lost=True))
-            _send(c, line)
+            why = NoAnswer(f"no answer to {line} within {ANSWER_S:g} s", lost=True)
+            if not _came_late(c, why):
+                _send(c, line)
         return
     late = move.runs_dry(now_ns, braking=True)
     c.waits += late
@@ -78,8 +81,6 @@ def feed(c: Controller) -> None:
         axes = c.limits.axes
         planned_s = move_duration_s(left, move.feed_mm_min, axes(110), axes(120))
         c.move = move = move.again(from_mm, now_ns, planned_s)
-    elif late:
-        c.move = move = replace(move, behind_s=math.inf)
     if move.due_mm(now_ns) is not None:
         c.talk.post(_next_line(c, move))
         if c.cancelled:  # meanwhile, by another thread
@@ -148,15 +149,12 @@ def poll(c: Controller) -> StageState:
         state = c.status()
         c.at_mm = state.machine_mm
         c.require_position(state)
-        if c.cancelled and state.state == "Jog":  # it came before the jog began
-            c.port.write(JOG_CANCEL)
-        if c.move is not None and state.state in ("Jog", "Idle") and not c.cancelled:
-            if c.move.was_held(state):
-                raise TalkFault(
-                    f"held by somebody, or slower than its settings say: {in_mm(state.machine_mm)} "
-                    f"is short of where it should be on its way to {in_mm(c.move.target_mm)}"
-                )
+        if c.move is not None and state.state in ("Jog", "Idle"):
+            # A hold ends one jog: no other follows it.
+            c.cancelled |= c.move.was_held(state, HELD_CLEAR_S if c.clear else HELD_S)
             c.move = c.move.seen(state)
+        if c.cancelled and state.state == "Jog":  # the byte came before the jog began
+            c.port.write(JOG_CANCEL)
         return state
 
 
@@ -176,16 +174,16 @@ def _send(c: Controller, line: str) -> None:
         try:
             c.talk.command(line, ANSWER_S)
         except NoAnswer as why:
-            _unanswered(c, why)
+            if _came_late(c, why):
+                return
             if not left:
                 raise
-            c.waits += 1
         else:
             return
 
 
-def _unanswered(c: Controller, why: NoAnswer) -> None:
-    """A line was not answered: raise, unless nothing is touched and it goes on all the same.
+def _came_late(c: Controller, why: NoAnswer) -> bool:
+    """A line was not answered in time: raise, unless nothing is touched and it may go on.
 
     In Hold or behind an open door a line is heard, and not answered.
     """
@@ -196,4 +194,8 @@ def _unanswered(c: Controller, why: NoAnswer) -> None:
         raise TalkFault(f"{state_in_words(state)}: no move begins{halted or c.halt()}") from why
     if not c.clear or state not in ("Idle", "Jog"):
         raise TalkFault(f"{why.why}{halted}", lost=True) from why
+    c.waits += 1
+    if c.talk.posted is None:
+        return True
     c.talk.forget_posted()
+    return False

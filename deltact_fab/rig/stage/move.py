@@ -16,8 +16,7 @@ from ..interface import StageState
 AHEAD_S = 0.2
 PIECE_S = 0.05  # of motion in a line, at the feed
 SHORTEST_MM = 2e-4  # of a line: places have four decimals
-BEHIND_S = 0.03  # a controller begins at most so long after it was told
-HELD_S = 0.02  # more than a position's time is off by
+FOLLOWED = 0.2  # of what it is behind, at each look
 
 
 @dataclass(frozen=True)
@@ -25,8 +24,7 @@ class Move:
     """Machine places (mm), start (ns of the clock), planned time (s).
 
     ahead_s: no more motion than that is sent before it is due; infinite: all of it at once.
-    sent_mm: of the way. behind_s: the least by which it was seen to be behind its plan, and may be
-    at its start.
+    sent_mm: of the way.
     """
 
     start_mm: Vector
@@ -37,7 +35,6 @@ class Move:
     planned_s: float
     ahead_s: float
     sent_mm: float = 0.0
-    behind_s: float = BEHIND_S
 
     def since_s(self, now_ns: int) -> float:
         """Time that it has taken."""
@@ -75,28 +72,21 @@ class Move:
         return not self.whole and self._way_mm(self.since_s(now_ns)) + ahead_mm > self.sent_mm
 
     def seen(self, state: StageState) -> Move:
-        """It, once its controller was seen on the way."""
-        behind_s = math.inf if self.whole else self._behind_s(state)
-        return replace(self, behind_s=min(self.behind_s, behind_s))
+        """It, its plan moved towards where its controller was seen: their clocks may differ."""
+        if self.whole:
+            return self
+        return replace(self, start_ns=self.start_ns + round(FOLLOWED * 1e9 * self._behind_s(state)))
 
-    def was_held(self, state: StageState) -> bool:
+    def was_held(self, state: StageState, more_than_s: float) -> bool:
         """Whether somebody else ended a jog of it, and it goes on from rest with the next one."""
         if self.whole:
             return False
         dry = self.runs_dry(round(state.t_s * 1e9), braking=True)
-        behind_s = self._behind_s(state) - state.within_s
-        return behind_s > self.behind_s + HELD_S and not dry
+        return self._behind_s(state) - state.within_s > more_than_s and not dry
 
     def again(self, from_mm: Vector, now_ns: int, planned_s: float) -> Move:
         """What is left of it, begun anew from rest."""
-        return replace(
-            self,
-            start_mm=from_mm,
-            start_ns=now_ns,
-            planned_s=planned_s,
-            sent_mm=0.0,
-            behind_s=BEHIND_S,
-        )
+        return replace(self, start_mm=from_mm, start_ns=now_ns, planned_s=planned_s, sent_mm=0.0)
 
     def _behind_s(self, state: StageState) -> float:
         gone = minus(state.machine_mm, self.start_mm)
