@@ -97,7 +97,7 @@ def trial(folder: Path, port: int, fault: str, after_s: float) -> tuple[float, f
         for line in host.stdout:
             if line == ("retract\n" if "retract" in fault else "press\n"):
                 break
-        time.sleep(after_s)
+        time.sleep(after_s + (0.05 if line == "press\n" else 0.0))
         if "killed" in fault:
             host.kill()
         elif "cable" in fault:
@@ -153,7 +153,7 @@ def rows(folder: Path, port: int) -> Iterator[tuple[str, str]]:
             f"{feed:.2f} mm/min, {off_mm:.4f} mm off a steady line, {longer_s:.3f} s over its plan",
         )
     for fault, n in FAULTS.items():
-        of_s = 0.2 if "retract" in fault else PRESS_S
+        of_s = 0.0 if "retract" in fault else PRESS_S
         got = [trial(folder, port, fault, of_s * (k + 0.5) / n) for k in range(n)]
         deeper_mm, above_s, last = zip(*got, strict=True)
         ends = sorted({words.partition(":")[0] for words in last})

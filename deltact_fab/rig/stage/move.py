@@ -13,7 +13,7 @@ from ...aliases import Vector
 from ...protocols.motion import minus
 from ..interface import StageState
 
-AHEAD_S = 0.2
+AHEAD_S = 0.17  # with a piece on its way, whose answer is lost, .22
 PIECE_S = 0.05  # of motion in a line, at the feed
 SHORTEST_MM = 2e-4  # of a line: places have four decimals
 FOLLOWED = 0.2  # of what it is behind, at each look
