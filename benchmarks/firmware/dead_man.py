@@ -128,8 +128,11 @@ def steadiness(folder: Path, port: int, how: str) -> tuple[float, float, float]:
     words = [sys.executable, "-m", "benchmarks.firmware.press", relay.url, how]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as host:
         assert host.stdout is not None
-        while host.stdout.readline() != "press\n":
-            pass
+        for line in host.stdout:
+            if line == "press\n":
+                break
+        else:
+            raise SystemExit("the host did not come to its press")
         begun_s, seen = time.monotonic(), []
         while (at_s := time.monotonic() - begun_s) < PRESS_S - 0.2:
             if at_s > 0.2:

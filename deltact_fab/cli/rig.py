@@ -17,6 +17,7 @@ from .options import (
     NEW_FILE,
     PATH,
     PATTERN_NAME,
+    PROTOCOL_NAME,
     RIG_NAME,
     TIP_IS_CLEAR,
     Finite,
@@ -395,6 +396,46 @@ def _rows(table: dict[str, Any], before: str) -> Iterator[tuple[str, Any]]:
             yield from _rows(value, f"{before}{key}.")
         else:
             yield f"{before}{key}", value
+
+
+@rig.command(epilog="Example: deltact-fab rig rehearse smoke --rig bench.toml --out rehearsed")
+@click.argument("protocol", metavar="PROTOCOL", type=PROTOCOL_NAME)
+@click.option("--rig", "name", default="virtual", show_default=True, metavar="RIG",
+              type=RIG_NAME, help="Whose stage and guard are simulated.")  # fmt: skip
+@click.option("--thorough", is_flag=True, help="Every fault at every moment; minutes.")
+@out_folder("Folder for a page and JSON.")
+@JSON
+def rehearse(protocol: str, name: str, thorough: bool, out: Path | None, as_json: bool) -> None:
+    """Put a protocol through every fault on the simulated stage of a rig file.
+
+    Lost and mangled answers, silence, a pulled cable, alarms, switches, an open door, forces over
+    the limit, a lost sensor or camera, a full disk, a kill: at every change of state of the deepest
+    press, and at moments drawn between. Tells what the operator reads, how far the tip goes after
+    that, and whether --resume gives the same record. No device is opened. Exit code 1 when a fault
+    does not end as it must.
+    """
+    from ..numerics.faults.rehearsal import rehearse
+    from ..numerics.faults.scenario import of_lab
+    from ..protocols import plan
+    from ..rig import config
+    from .output import echo_result, progress
+
+    declared, path = plan.load(protocol)
+    bench, bench_path = config.load(name)
+    scenario = of_lab(declared, path.read_bytes(), bench)
+    with progress("rehearse") as report:
+        found = rehearse(scenario, thorough, report)
+    told = found.as_dict()
+    lines = [found.verdict()]
+    lines += [f"{c.fault}, {c.moment}: {c.wrong}; {c.outcome}" for c in found.wrong]
+    if out is not None:
+        from ..report import rehearsal_page
+
+        lines += [f"written: {file}" for file in
+                  rehearsal_page.write(told, path.stem, bench_path.stem, out)]  # fmt: skip
+    echo_result(told, lines, as_json)
+    if found.wrong:
+        raise click.exceptions.Exit(1)
 
 
 for _command in rig_stage.COMMANDS:

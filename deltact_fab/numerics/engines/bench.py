@@ -71,10 +71,10 @@ def _killed(number: int, scratch: Path) -> tuple[float, str]:
     while True:
         shutil.copytree(made.begun, folder)
         try:
-            if kill_after(folder, after_s) is not None:
+            if kill_after(made.of, folder, after_s) is not None:
                 after_s *= 0.7  # it was over: the machine is less busy than when that was timed
                 continue
-            if wrong := made.resumed(FaultBench(), folder, "killed"):
+            if wrong := made.resumed(FaultBench(made.of), folder, "killed"):
                 raise Wrong(f"killed after {after_s:.2f} s: {wrong}")
             return 0.0, f"killed after {after_s:.2f} s"
         finally:
@@ -87,7 +87,7 @@ def _session_s(scratch: Path) -> float:
     made = matrix(scratch)
     folder = made.folder / "alone"
     shutil.copytree(made.begun, folder)
-    took_s = kill_after(folder, 600.0)
+    took_s = kill_after(made.of, folder, 600.0)
     shutil.rmtree(folder)
     assert took_s is not None
     return took_s

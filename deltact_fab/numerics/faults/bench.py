@@ -1,18 +1,18 @@
 """A cheap bench in lockstep: real host, force client, guard, runner and record; no gel is solved.
 
 A board outlives the sessions that drive it, as on a table: what a fault leaves it in is what the
-next session finds. `python -m deltact_fab.numerics.faults.bench RUN` is one session in a process.
+next session finds. `python -m deltact_fab.numerics.faults.bench RUN` is one in a process.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+import pickle
 import subprocess
 import sys
 import threading
 import time
-import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,12 +22,9 @@ from numpy.typing import NDArray
 
 from ...aliases import Image
 from ...errors import SensorError
-from ...optics import StageFrame
-from ...protocols import plan
 from ...record import RunWriter
 from ...rig.camera.stream import ArrivedImage, StreamCamera
-from ...rig.config import ForceConfig
-from ...rig.force.guard import ForceGuard, GuardLimits
+from ...rig.force.guard import ForceGuard
 from ...rig.interface import CameraFrame
 from ...rig.job import Devices
 from ...rig.run.runner import Runner
@@ -38,33 +35,16 @@ from ...virtual.faulty_controller import NoisyController
 from ...virtual.netft import BoxFaults, Datagram, NetFTBox
 from ...virtual.rig import VirtualForce
 from ...virtual.seeds import stream_number
+from .scenario import Scenario
 
-PROTOCOL = """
-name = "bench"
-indenters = ["sphere:6"]
-positions_mm = [[-6.0, -5.0], [6.0, 5.0]]
-depths_mm = [1.5]
-channels = ["image", "force", "shear"]
-[shear]
-amplitude_mm = 1.0
-axes = ["x"]
-[capture]
-rate_hz = 1.0
-settle_s = 0.1
-[motion]
-clearance_mm = 1.0
-park_mm = 4.0
-travel_feed_mm_min = 600.0
-press_feed_mm_min = 60.0
-shear_feed_mm_min = 60.0
-"""
-FRAME = StageFrame((-20.0, -18.0, -10.0))
-FORCE = ForceConfig(range_n=(50.0, 50.0, 70.0), range_nmm=(500.0, 500.0, 500.0))
-GUARD_N = 20.0
-RADIUS_MM = 3.0
-HERTZ = 4 / 3 * 0.75 * RADIUS_MM**0.5  # N / mm^1.5: of a sphere on a soft half-space
 _NUMBER = itertools.count(1)
 Place = Callable[[], tuple[float, float, float]]
+Push = Callable[[float], float]
+
+
+def none(t_s: float) -> float:
+    """Nothing pushes but the gel."""
+    return 0.0
 
 
 class WatchedFaults(BoxFaults):
@@ -168,27 +148,28 @@ class BenchCamera(StreamCamera):
 class FaultBench:
     """Board, force box and camera on one virtual clock; each session opens them anew."""
 
-    def __init__(self, fill_disk: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, of: Scenario, fill_disk: Callable[[], None] = lambda: None) -> None:
         """fill_disk: fills the one that the run is on, for the fault that does."""
         self.fill_disk = fill_disk
+        self.of = of
         self.clock = VirtualClock()
         self.trace: list[wire.Exchange] = []
-        self.board = NoisyController(None, self.clock, start_mm=(-6.0, -6.0, -6.0))
+        self.board = NoisyController(of.settings, self.clock, start_mm=(-6.0, -6.0, -6.0))
         self.link = wire.SerialLink(
             self.board, self.clock, f"bench-{next(_NUMBER)}",
             resets_on_open=False, trace=self.trace,
         )  # fmt: skip
-        self.extra_n = (np.inf, 0.0)  # from a time on (ns), on z
-        self.box = NetFTBox(FORCE, self.clock, 1, self._wrenches, 0.01)
+        self.extra_n: Push = none  # on z, by the time (s)
+        self.box = NetFTBox(of.force, self.clock, 1, self._wrenches, 0.01)
         self.box.faults = self.box_faults = WatchedFaults()
-        self.box_faults.limit_counts = GUARD_N * self.box.settings().counts_per_n
+        self.box_faults.limit_counts = of.limit_n * self.box.settings().counts_per_n
         self.camera_faults: dict[str, float] = {}  # stalled or hung: from that time on, s
         self._camera_bad_ns = 0
         self.clock.sleep_s(2.0)  # the board is up
 
     def tip_mm(self, t_s: float | None = None) -> tuple[float, float, float]:
         """Where the carriage really has the tip, in the sensor frame."""
-        return FRAME.to_sensor_mm(self.board.position_mm(t_s))
+        return self.of.frame.to_sensor_mm(self.board.position_mm(t_s))
 
     def struck_ns(self, at_s: float) -> int:
         """When a fault of that time had come to the wire: the first line, record or frame of it."""
@@ -212,11 +193,12 @@ class FaultBench:
         for name in ("silent", "late_s", "error", "saturated", "drop_every"):
             setattr(self.box_faults, name, 0)
         self.camera_faults = {}
-        self.extra_n = (np.inf, 0.0)
+        self.extra_n = none
 
     def run(self, folder: Path, progress: Any = None) -> None:
         """One session: begin the run of that folder, or go on with it. Raises what the run does."""
-        steps = plan.expand(plan.Protocol.model_validate(tomllib.loads(PROTOCOL)))
+        of = self.of
+        steps = list(of.steps)
         if folder.exists():
             writer = RunWriter.resume(folder, steps)
         else:
@@ -226,9 +208,9 @@ class FaultBench:
                 "rig": {}, "sensor": {}, "camera": None, "simulated": False, "air": False,
                 "seed": 1, "versions": {},
             }  # fmt: skip
-            writer = RunWriter.create(folder, meta, PROTOCOL.encode(), {"dots_mm": []}, steps)
-        stage = GrblStage(self.link.url, self.clock, FRAME)
-        guard = ForceGuard(stage, GuardLimits((GUARD_N,) * 3), self.clock)
+            writer = RunWriter.create(folder, meta, of.text, {"dots_mm": []}, steps)
+        stage = GrblStage(self.link.url, self.clock, of.frame)
+        guard = ForceGuard(stage, of.limits, self.clock)
         force = VirtualForce(self.box, self.clock, None)
         camera = BenchCamera(self.clock, self.tip_mm, self.camera_faults)
         try:
@@ -246,24 +228,26 @@ class FaultBench:
 
     def _wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """(n, 6) N, N mm: a Hertzian press, and friction that follows the drag."""
-        machine = [self.board.position_mm(t / 1e9) for t in t_ns.tolist()]
-        tips = np.array(machine) - FRAME.origin_machine_mm  # the frame is not turned
-        normal_n = HERTZ * np.maximum(-tips[:, 2], 0.0) ** 1.5
+        times_s = [t / 1e9 for t in t_ns.tolist()]
+        tips = np.array([self.tip_mm(t_s) for t_s in times_s])
+        normal_n = self.of.hertz * np.maximum(-tips[:, 2], 0.0) ** 1.5
         out = np.zeros((len(t_ns), 6))
         out[:, 0] = 0.3 * normal_n * np.tanh(tips[:, 0])
-        out[:, 2] = np.where(t_ns >= self.extra_n[0], -normal_n - self.extra_n[1], -normal_n)
+        out[:, 2] = -normal_n - [self.extra_n(t_s) for t_s in times_s]
         return out
 
 
-def kill_after(folder: Path, seconds: float) -> float | None:
+def kill_after(of: Scenario, folder: Path, seconds: float) -> float | None:
     """Go on with the run of a folder in a process and SIGKILL that after so long; None.
 
     Ended before, the seconds that it took, from its first word on.
     """
-    with subprocess.Popen(
-        [sys.executable, "-m", __name__, str(folder)], stdout=subprocess.PIPE, text=True
-    ) as process:
+    words = [sys.executable, "-m", "deltact_fab.numerics.faults.bench", str(folder)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin is not None
         assert process.stdout is not None
+        with process.stdin as told:
+            pickle.dump(of, told)
         process.stdout.readline()
         began_s = time.monotonic()
         try:
@@ -275,6 +259,8 @@ def kill_after(folder: Path, seconds: float) -> float | None:
 
 
 if __name__ == "__main__":
-    bench = FaultBench()
+    from deltact_fab.numerics.faults.bench import FaultBench  # as whoever pickled it knows it
+
+    bench = FaultBench(pickle.load(sys.stdin.buffer))
     print("begins", flush=True)  # so that whoever kills it knows when it lives
     bench.run(Path(sys.argv[1]))

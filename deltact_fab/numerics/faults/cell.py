@@ -6,6 +6,7 @@ Every cell goes on with a run whose first press is committed, so that there is s
 from __future__ import annotations
 
 import math
+import random
 import shutil
 import sqlite3
 from collections.abc import Sequence
@@ -17,11 +18,12 @@ from typing import Any
 from ...errors import DeltactFabError
 from ...record import CLOCK_COLUMNS, PRESS_TABLES
 from ...record import open as open_run
+from ...rig.stage.move import AHEAD_S, PIECE_S
 from .bench import FaultBench
 from .disk import Disk
 from .kinds import BEFORE, DRAG, HOMING, PRESS, TRAVEL, WRITING, FaultKind
+from .scenario import Scenario, own
 
-SECOND = "sphere-6/p2"
 REACTION_S = 0.010  # of motion, beyond the braking distance
 ROUNDING_MM = 0.003
 ELAPSED = 0.37  # of a move when the fault strikes: at full speed, and at no moment of a report
@@ -57,17 +59,19 @@ class FaultOutcome:
 class Matrix:
     """What all cells share: the undisturbed run, the one begun, and when its moments are."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, of: Scenario | None = None) -> None:
+        """of: the engine's own where it is left out."""
         self.folder = folder
+        self.of, self._own = of or own(), of is None
         self._undisturbed = folder / "undisturbed"
         self.begun = folder / "begun"
-        FaultBench().run(self._undisturbed)
+        FaultBench(self.of).run(self._undisturbed)
         self.whole = rows(self._undisturbed)
         # A run that was stopped in its second press.
-        assert ended(FaultBench(), self.begun, _stop) != "success"
+        assert ended(FaultBench(self.of), self.begun, self._stop) != "success"
         # The press that was cut off is done again whole: none of its rows is to be kept.
         self.committed = {
-            table: [row for row in part if not str(row[0]).startswith(SECOND)]
+            table: [row for row in part if not str(row[0]).startswith(self.of.second)]
             for table, part in rows(self.begun).items()
         }
         self.at_s = self._moments()
@@ -77,7 +81,7 @@ class Matrix:
         folder = disk.folder / "cell"
         shutil.copytree(self.begun, folder)
         try:
-            bench, at_s = FaultBench(disk.fill), self.at_s[moment]
+            bench, at_s = FaultBench(self.of, disk.fill), self.at_s[moment]
             fault.strike(bench, at_s)
             found = FaultOutcome(fault.name, moment, ended(bench, folder))
             ended_ns = bench.clock.now_ns()
@@ -129,11 +133,15 @@ class Matrix:
         tables = () if outcome == "success" else PRESS_TABLES
         return self.lost(folder, self.committed) or self.wrong(folder, tables)
 
+    def _stop(self, done: int, total: int, what: str) -> None:
+        if what.startswith(self.of.second):
+            raise KeyboardInterrupt
+
     def _moments(self) -> dict[str, float]:
         """When they are in the session of a cell, in which nothing goes wrong."""
         folder = self.folder / "timed"
         shutil.copytree(self.begun, folder)
-        bench = FaultBench()
+        bench = FaultBench(self.of)
         bench.run(folder)
         run = open_run(folder)
         began_ns = next(t for t, who, data in bench.trace if who == "host" and data == b"$H\n")
@@ -141,18 +149,28 @@ class Matrix:
         frames_s = run.frames().set_index("frame_id")["t_s"].to_dict()
         shutil.rmtree(folder)
 
+        second = self.of.second
+
         def within(step: str) -> float:
-            row = steps[f"{SECOND}/{step}"]
+            row = steps[f"{second}/{step}"]
             return float(row["t_start_s"] + row["planned_s"] * ELAPSED)
 
-        return {
+        first = {
             HOMING: began_ns / 1e9 + 0.3,  # Z is on its way up, at full speed
             BEFORE: float(events[events["kind"] == "homed"]["t_s"].max()),
-            TRAVEL: within("rest"),
-            PRESS: within("d1.50/press"),
-            DRAG: within("d1.50/shear-x-"),
-            WRITING: float(frames_s[f"{SECOND}/d1.50/shear-x-#001"]),
         }
+        if self._own:
+            writing_s = float(frames_s[f"{second}/d1.50/shear-x-#001"])
+            moved = {TRAVEL: "rest", PRESS: "d1.50/press", DRAG: "d1.50/shear-x-"}
+            return {**first, **{k: within(v) for k, v in moved.items()}, WRITING: writing_s}
+        # Every change of state, and a moment drawn between.
+        draw = random.Random(0)
+        for name, row in ((str(name), row) for name, row in steps.items()):
+            if name.startswith(f"{second}/"):
+                leg, planned_s = name.removeprefix(f"{second}/"), row["planned_s"]
+                first[f"{leg} begins"] = row["t_start_s"] + min(0.02, planned_s / 2)
+                first[leg] = row["t_start_s"] + planned_s * draw.uniform(0.1, 1.0)
+        return first
 
 
 def ended(bench: FaultBench, folder: Path, progress: Any = None) -> str:
@@ -162,11 +180,6 @@ def ended(bench: FaultBench, folder: Path, progress: Any = None) -> str:
     except DeltactFabError as why:
         return " ".join(str(why).split())
     return "success"
-
-
-def _stop(done: int, total: int, what: str) -> None:
-    if what.startswith(SECOND):
-        raise KeyboardInterrupt
 
 
 def misjudged(fault: FaultKind, found: FaultOutcome) -> str:
@@ -211,8 +224,11 @@ def travelled(
         speeds = [phase[2] for s in segments if s.block in blocks for phase in s.phases]
         speed, accel = max(speeds, default=0.0), min(s.accel_mm_s2 for s in moved)
         way = [math.dist(s.position_mm(max(known_ns, s.start_ns)), s.end_mm) for s in moved]
-        most = speed**2 / (2 * accel) + speed * REACTION_S + ROUNDING_MM if fault.carries else None
-        found = replace(found, travel_mm=sum(way), allowed_mm=most)
+        most = speed**2 / (2 * accel) + speed * REACTION_S if fault.carries else None
+        if not fault.carries and moved[-1].end_mm[2] <= moved[0].start_mm[2]:  # a dead man
+            most = speed * max(AHEAD_S + PIECE_S, speed / accel)
+        allowed_mm = None if most is None else most + ROUNDING_MM
+        found = replace(found, travel_mm=sum(way), allowed_mm=allowed_mm)
     rises = all(
         s.end_mm[2] > s.start_mm[2] and math.dist(s.start_mm[:2], s.end_mm[:2]) < ROUNDING_MM
         for s in later

@@ -9,7 +9,7 @@ from .bench import FaultBench
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 GARBAGE = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # a line of it, and more before the next
-FORCE_N = 30.0  # over the guard's 20 N, within the sensor's range
+DRIFT_S = 10.0  # to the guard's limit
 
 # What the moments of a session are called, in order.
 MOMENTS = ("homing", "before the first move", "travel", "press", "drag", "writing")
@@ -45,8 +45,17 @@ def _box(field: str, value: float, for_s: float = 1e6) -> Strike:
     return strike
 
 
-def _push(bench: FaultBench, at_s: float) -> None:
-    bench.extra_n = (at_s * 1e9, FORCE_N)
+def _push(for_s: float) -> Strike:
+    def strike(bench: FaultBench, at_s: float) -> None:
+        push_n = bench.of.push_n
+        bench.extra_n = lambda t_s: push_n if at_s <= t_s < at_s + for_s else 0.0
+
+    return strike
+
+
+def _drift(bench: FaultBench, at_s: float) -> None:
+    rate_n_s = bench.of.limit_n / DRIFT_S
+    bench.extra_n = lambda t_s: max(t_s - at_s, 0.0) * rate_n_s
 
 
 SENSED = (BEFORE, TRAVEL, PRESS, DRAG, WRITING)
@@ -78,7 +87,9 @@ FAULTS: tuple[FaultKind, ...] = (
               ("no answer to",), within_s=1.2),
     FaultKind("disk full", lambda b, at_s: b.at(at_s, b.fill_disk),
               ("No space left", "disk is full", "disk I/O error"), within_s=3.0),
-    FaultKind("force over the limit", _push, ("over the guard's",), at=SENSED),
+    FaultKind("force over the limit", _push(1e6), ("over the guard's",), at=SENSED),
+    FaultKind("force spike of 5 ms", _push(0.005), ("over the guard's",), at=SENSED),
+    FaultKind("force drifting", _drift, ("over the guard's",), success=True, at=SENSED),
     FaultKind("force silent", _box("silent", True), ("no sample within",), within_s=0.2, at=SENSED),
     FaultKind("force late by 0.15 s", _box("late_s", 0.15), ("no sample within", "late"),
               within_s=0.2, at=SENSED, success=True),

@@ -16,7 +16,7 @@ from ..interface import StageState
 from .controller import JOG_CANCEL, MARGIN_S, POLL_END_S, Controller, in_mm
 from .exchange import NoAnswer, TalkFault
 from .grbl_messages import state_in_words
-from .move import AHEAD_S, Move
+from .move import AHEAD_CLEAR_S, AHEAD_S, Move
 from .settings import AXES
 
 ANSWER_S = 0.5  # it comes within .1 s, and without it the carriage may be on its way
@@ -45,11 +45,13 @@ def begin(
     planned_s = move_duration_s(delta, feed_mm_min, limits.axes(110), limits.axes(120))
     accel = along_line(delta, limits.axes(120)) if any(delta) else math.inf
     whole = at_once or delta[2] >= UP * math.hypot(*delta)
-    ahead_s = math.inf if whole else max(AHEAD_S, feed_mm_min / 60 / accel)
+    ahead_s = max(AHEAD_CLEAR_S if clear else AHEAD_S, feed_mm_min / 60 / accel)
     c.talk.drain()
     now_ns = c.port.now_ns()
     c.clear = clear
-    c.move = Move(c.at_mm, machine, feed_mm_min, accel, now_ns, planned_s, ahead_s)
+    c.move = Move(
+        c.at_mm, machine, feed_mm_min, accel, now_ns, planned_s, math.inf if whole else ahead_s
+    )
     if c.cancelled:
         raise TalkFault("stopped before it moved")
     _send(c, _next_line(c, c.move))
@@ -74,7 +76,9 @@ def feed(c: Controller) -> None:
                 _send(c, line)
         return
     late = move.runs_dry(now_ns, braking=True)
-    c.waits += late
+    if late:
+        c.waits += 1
+        c.move = move = replace(move, late_ns=now_ns)
     if move.runs_dry(now_ns):
         from_mm = move.place_mm(move.sent_mm)
         left = minus(move.target_mm, from_mm)

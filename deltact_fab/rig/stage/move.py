@@ -13,8 +13,10 @@ from ...aliases import Vector
 from ...protocols.motion import minus
 from ..interface import StageState
 
-AHEAD_S = 0.17  # with a piece on its way, whose answer is lost, .22
+AHEAD_S = 0.17  # in the gel; with a piece on its way, whose answer is lost, .22
+AHEAD_CLEAR_S = 0.5  # where nothing is touched
 PIECE_S = 0.05  # of motion in a line, at the feed
+EXCUSED_S = 0.3  # after a host was late
 SHORTEST_MM = 2e-4  # of a line: places have four decimals
 FOLLOWED = 0.2  # of what it is behind, at each look
 
@@ -24,7 +26,7 @@ class Move:
     """Machine places (mm), start (ns of the clock), planned time (s).
 
     ahead_s: no more motion than that is sent before it is due; infinite: all of it at once.
-    sent_mm: of the way.
+    sent_mm: of the way. late_ns: when a line was last sent so late that it braked.
     """
 
     start_mm: Vector
@@ -35,6 +37,7 @@ class Move:
     planned_s: float
     ahead_s: float
     sent_mm: float = 0.0
+    late_ns: int = 0
 
     def since_s(self, now_ns: int) -> float:
         """Time that it has taken."""
@@ -75,18 +78,31 @@ class Move:
         """It, its plan moved towards where its controller was seen: their clocks may differ."""
         if self.whole:
             return self
-        return replace(self, start_ns=self.start_ns + round(FOLLOWED * 1e9 * self._behind_s(state)))
+        share = 1.0 if self._excused(state) else FOLLOWED
+        return replace(self, start_ns=self.start_ns + round(share * 1e9 * self._behind_s(state)))
 
     def was_held(self, state: StageState, more_than_s: float) -> bool:
         """Whether somebody else ended a jog of it, and it goes on from rest with the next one."""
         if self.whole:
             return False
         dry = self.runs_dry(round(state.t_s * 1e9), braking=True)
-        return self._behind_s(state) - state.within_s > more_than_s and not dry
+        behind_s = self._behind_s(state) - state.within_s
+        return behind_s > more_than_s and not dry and not self._excused(state)
 
     def again(self, from_mm: Vector, now_ns: int, planned_s: float) -> Move:
         """What is left of it, begun anew from rest."""
-        return replace(self, start_mm=from_mm, start_ns=now_ns, planned_s=planned_s, sent_mm=0.0)
+        return replace(
+            self,
+            start_mm=from_mm,
+            start_ns=now_ns,
+            planned_s=planned_s,
+            sent_mm=0.0,
+            late_ns=now_ns,
+        )
+
+    def _excused(self, state: StageState) -> bool:
+        """Whether it is behind because the host was late."""
+        return state.t_s - self.late_ns / 1e9 < EXCUSED_S + self.feed_mm_min / 60 / self.accel_mm_s2
 
     def _behind_s(self, state: StageState) -> float:
         gone = minus(state.machine_mm, self.start_mm)
