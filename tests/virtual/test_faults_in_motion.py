@@ -165,7 +165,7 @@ def test_a_cable_that_stays_out_lets_it_go_on_for_what_it_was_told() -> None:
     assert bench.clock.now_s() - begin < 2
     bench.clock.sleep_s(30)
     gone_mm = math.dist(bench.grbl.position_mm(), from_mm)
-    assert 0 < gone_mm < 0.25 * 10
+    assert 0 < gone_mm < 0.6 * 10
     bench.link.plug()
     bench.stage.connect()
     bench.homes_at_once()

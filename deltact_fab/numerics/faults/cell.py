@@ -36,7 +36,7 @@ Rows = dict[str, list[tuple[Any, ...]]]
 class FaultOutcome:
     """outcome: "success" or the error. travel_mm, allowed_mm: after the error; None where nothing
     moved or nothing failed. known_s: from the fault until the host could know, or knew. wrong: what
-    is not as it must be, "" when all is."""
+    is not as it must be, "" when all is. deeper_mm: than at the fault."""
 
     fault: str
     moment: str
@@ -45,6 +45,7 @@ class FaultOutcome:
     allowed_mm: float | None = None
     known_s: float | None = None
     wrong: str = ""
+    deeper_mm: float = 0.0
 
     @property
     def says(self) -> str:
@@ -218,7 +219,9 @@ def travelled(
     pieces = [s for s in segments if s.end_ns > max(known_ns, s.start_ns)]
     moved = [s for s in pieces if s.block in begun]
     later = [s for s in pieces if s.block not in begun]
-    found = replace(found, known_s=(known_ns - at_ns) / 1e9)
+    low_mm = min((s.end_mm[2] for s in segments if s.end_ns > at_ns), default=0.0)
+    deeper_mm = max(bench.board.position_mm(at_ns / 1e9)[2] - low_mm, 0.0)
+    found = replace(found, known_s=(known_ns - at_ns) / 1e9, deeper_mm=deeper_mm)
     if moved:
         blocks = {s.block for s in moved}
         speeds = [phase[2] for s in segments if s.block in blocks for phase in s.phases]
@@ -239,7 +242,7 @@ def travelled(
 
 
 def rows(folder: Path) -> Rows:
-    """All columns but the clocks', the first of each row its id; of poses how many there are.
+    """All columns but the clocks', the first of each row its id; of poses that they are there.
 
     A move is sent in pieces as time goes by, and when it is asked for its place hangs on that.
     """
@@ -252,5 +255,5 @@ def rows(folder: Path) -> Rows:
             kept.sort(key=lambda c: c not in ("frame_id", "step_id"))
             query = f"SELECT {','.join(kept)} FROM {table} ORDER BY 1, 2"
             found = db.execute(query).fetchall()
-            out[table] = [row[:-1] if "pose" in row else row for row in found]
+            out[table] = [row[:3] if "pose" in row else row for row in found]
     return out

@@ -86,7 +86,7 @@ FAULTS: tuple[FaultKind, ...] = (
     FaultKind("silent for 30 s", lambda b, at_s: b.board.lose(at_s=at_s, for_s=30.0),
               ("no answer to",), within_s=1.2),
     FaultKind("disk full", lambda b, at_s: b.at(at_s, b.fill_disk),
-              ("No space left", "disk is full", "disk I/O error"), within_s=3.0),
+              ("No space left", "disk is full", "disk I/O error", "too large"), within_s=3.0),
     FaultKind("force over the limit", _push(1e6), ("over the guard's",), at=SENSED),
     FaultKind("force spike of 5 ms", _push(0.005), ("over the guard's",), at=SENSED),
     FaultKind("force drifting", _drift, ("over the guard's",), success=True, at=SENSED),

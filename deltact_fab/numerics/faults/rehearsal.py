@@ -19,9 +19,9 @@ from .disk import Disk
 from .kinds import BEFORE, FAULTS
 from .scenario import Scenario
 
-SHORT = 64  # faults at moments, where not all are asked for
+SHORT = len(FAULTS)  # faults at moments, where not all are asked for
 KILLED = "kill -9"
-KILLS = 4
+KILLS = 2
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,13 @@ class Rehearsal:
     def verdict(self) -> str:
         """In one sentence."""
         n = len(self.cells)
-        far_mm = max((c.travel_mm or 0.0 for c in self.cells), default=0.0)
+        far_mm = max(cell.deeper_mm for cell in self.cells)
         what = (
             f"{len(self.wrong)} of {n} faults did NOT end as they must"
             if self.wrong
             else f"all {n} faults ended at rest, and every run went on to the same record"
         )
-        return f"{what}; after its error the tip went {far_mm:.2f} mm at most (simulated)"
+        return f"{what}; the tip went {far_mm:.2f} mm deeper at most (simulated)"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""

@@ -16,8 +16,9 @@ from ...rig.force.config import ForceConfig
 from ...rig.force.guard import GuardLimits
 from ...virtual.grbl_settings import settings_for
 
-FRAMES, DRAGS = 2, 2  # of a step, of a press
-PRESSED = 0.4  # of the guard's limit, at the deepest
+DRAGS = 1  # of a press
+SETTLE_S = 0.2
+PRESSED, PUSHED = 0.1, 1.05  # of the guard's limit: at the deepest, by a fault
 OWN = """
 name = "bench"
 indenters = ["sphere:6"]
@@ -63,7 +64,7 @@ class Scenario:
     @property
     def push_n(self) -> float:
         """Over the guard's limit, and within the sensor's range where that lets it be."""
-        return 1.1 * self.limit_n
+        return PUSHED * self.limit_n
 
     @property
     def hertz(self) -> float:
@@ -91,7 +92,10 @@ def of_lab(protocol: Protocol, text: bytes, rig: RigConfig) -> Scenario:
 
 
 def _cut(steps: Sequence[Step]) -> tuple[Step, ...]:
-    """The first press and the deepest other, the second without its drags but a few."""
+    """The first press and the deepest other; of each its lowest depth, DRAGS, frames at rest.
+
+    A frame in mid-move has another place each time, by what a host's clock makes of it.
+    """
     presses = [list(part) for _, part in itertools.groupby(steps, lambda step: step.press)]
     changes = {part[0].indenter: part[0] for part in presses if part[0].kind == "change"}
     presses = [part for part in presses if part[0].kind != "change"]
@@ -106,5 +110,6 @@ def _cut(steps: Sequence[Step]) -> tuple[Step, ...]:
         for i, step in enumerate(part):
             far = step.kind in ("press", "shear") and not low <= i <= low + DRAGS
             if not far:
-                kept.append(replace(step, frames=min(step.frames, FRAMES)))
+                settle_s = max(step.settle_s, SETTLE_S) if step.frames else 0.0
+                kept.append(replace(step, frames=min(step.frames, 1), settle_s=settle_s))
     return tuple(kept)
