@@ -101,13 +101,15 @@ def board(program: list[Path | str], folder: Path) -> Iterator[str]:
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     ) as process:  # fmt: skip
         time.sleep(1.5)
-        yield f"socket://127.0.0.1:{port}"
-        assert process.stdin is not None
-        with suppress(OSError, subprocess.TimeoutExpired):
-            process.stdin.write(b"\x06")
-            process.stdin.flush()
-            process.wait(3)
-        process.kill()
+        try:
+            yield f"socket://127.0.0.1:{port}"
+            assert process.stdin is not None
+            with suppress(OSError, subprocess.TimeoutExpired):
+                process.stdin.write(b"\x06")
+                process.stdin.flush()
+                process.wait(3)
+        finally:
+            process.kill()
 
 
 def change(program: list[Path | str], folder: Path, settings: dict[int, float]) -> None:

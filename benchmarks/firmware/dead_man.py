@@ -128,12 +128,13 @@ def steadiness(folder: Path, port: int, how: str) -> tuple[float, float, float]:
     words = [sys.executable, "-m", "benchmarks.firmware.press", relay.url, how]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as host:
         assert host.stdout is not None
-        for line in host.stdout:
-            if line == "press\n":
+        for said in host.stdout:
+            if said == "press\n":
                 break
         else:
             raise SystemExit("the host did not come to its press")
-        begun_s, seen = time.monotonic(), []
+        begun_s = time.monotonic()
+        seen: list[tuple[float, float]] = []
         while (at_s := time.monotonic() - begun_s) < PRESS_S - 0.2:
             if at_s > 0.2:
                 seen.append((at_s, depth_mm(folder)))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import JSON, RIG_NAME, TIP_IS_CLEAR, Finite
+from .options import DESIGN, JSON, RIG_NAME, TIP_IS_CLEAR, Finite
 
 if TYPE_CHECKING:
     from ..rig.config import GrblConfig
@@ -120,7 +120,7 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
 
 @click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig jog bench 0 0 5")
 @RIG
-@click.argument("by_mm", type=Finite(), nargs=3, metavar="DX DY DZ")
+@click.argument("by_mm", type=Finite(), nargs=3, required=False, metavar="[DX DY DZ]")
 @FEED
 @click.option(
     "--most",
@@ -132,29 +132,89 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
 )
 @CLEARANCE
 @INTO_GEL
+@click.option("--indenter", default="sphere:10", show_default=True, metavar="sphere:MM",
+              help="The ball that the key r registers with.")  # fmt: skip
+@DESIGN
 @JSON
 def jog(
     rig: str,
-    by_mm: tuple[float, float, float],
+    by_mm: tuple[float, float, float] | None,
     feed: float,
     most: float,
     clearance: float,
     into_gel: bool,
+    indenter: str,
+    design: str,
     as_json: bool,
 ) -> None:
     """Move the tip by DX DY DZ mm in the sensor frame, whose z is up, out of the gel.
 
-    Relies on the position that the controller has counted since it was homed. Ctrl-C stops it.
+    Relies on the position that the controller has counted since it was homed. Ctrl-C stops it. The
+    guard on the force sensor of the rig file stops it as in a run. Without DX DY DZ the keys move
+    it, in one session on one open port: homing, origin and registration (written beside the rig
+    file) as well, with the force on the screen.
     """
+    from ..rig.run.guard_thread import watched
     from ..rig.stage import by_hand
 
     config, stage = _stage(rig)
+    if by_mm is None:
+        _by_keys(rig, config, stage, into_gel, indenter, design)
+        return
     by_hand.require_short(by_mm, most)  # before a port is opened, which may restart the board
-    with _connected(stage):
+    with _connected(stage), _felt(stage, config) as (force, guard):
         _count(stage)
-        with by_hand.stopped_by_ctrl_c(stage):
+        with by_hand.stopped_by_ctrl_c(stage), watched(stage, stage.clock, force, guard):
             by_hand.jog(stage, by_mm, feed, most_mm=most, clearance_mm=clearance, into_gel=into_gel)
         _tell(stage, config, as_json)
+
+
+def _by_keys(
+    rig: str, config: GrblConfig, stage: GrblStage, into_gel: bool, indenter: str, design: str
+) -> None:
+    import sys
+    from pathlib import Path
+
+    from ..cad.design import load_design
+    from ..errors import InputError
+    from ..rig import config as rigs
+    from ..rig.stage.by_hand import stopped_by_ctrl_c
+    from ..rig.tool import session
+    from ..rig.tool.hand import HandSession
+    from ..rig.tool.homing import home_safely
+    from ..rig.tool.operator import TerminalOperator
+    from .keys import keys, whole_lines
+
+    if not sys.stdin.isatty():
+        raise InputError("DX DY DZ: missing; keys need a terminal")
+    source = rigs.load(rig)[1]
+    out, operator = Path(f"{source.stem}-registration.toml"), TerminalOperator()
+    asked = session.wanted(config, source, load_design(design), indenter)
+    with _connected(stage), _felt(stage, config) as (force, guard), keys() as key:
+
+        def home() -> str:
+            with whole_lines():
+                return home_safely(stage, stage.clock, force, operator, guard=guard) + "; homed"
+
+        def register() -> str:
+            if force is None or guard is None:
+                return "registration needs a force sensor"
+            bench = session.GuardedStage(stage.clock, stage, force, guard)
+            with whole_lines():
+                found = session.register_face(bench, asked, operator)
+            session.write(found, source, out)
+            return f"{out}: {found.line()}"
+
+        def tell(line: str) -> None:
+            click.echo(f"\r\x1b[K{line}", err=True)
+
+        def show(line: str) -> None:
+            click.echo(f"\r\x1b[K{line}", nl=False, err=True)
+
+        others = {"h": home, "r": register}
+        with stopped_by_ctrl_c(stage):
+            HandSession(stage, force, guard, key, tell, show, into_gel, others).run()
+        click.echo("", err=True)
 
 
 @click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig goto bench 0 0 10 --home")
@@ -186,9 +246,10 @@ def goto(
     """Move the tip to X Y Z mm in the sensor frame, whose z = 0 is the resting face.
 
     It goes up, then sideways, then down. Give --home or --as-counted, as the stage must know where
-    it is. Ctrl-C stops it.
+    it is. Ctrl-C stops it, and the guard on the force sensor of the rig file as in a run.
     """
     from ..errors import InputError
+    from ..rig.run.guard_thread import watched
     from ..rig.stage import by_hand
     from ..rig.tool.homing import home_safely
 
@@ -202,7 +263,8 @@ def goto(
                     home_safely(stage, stage.clock, force, None, tip_is_clear=True, guard=guard)
             else:
                 _count(stage)
-            by_hand.goto(stage, target_mm, feed, clearance_mm=clearance, into_gel=into_gel)
+            with _felt(stage, config) as (force, guard), watched(stage, stage.clock, force, guard):
+                by_hand.goto(stage, target_mm, feed, clearance_mm=clearance, into_gel=into_gel)
         _tell(stage, config, as_json)
 
 

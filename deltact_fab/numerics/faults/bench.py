@@ -259,8 +259,6 @@ def kill_after(of: Scenario, folder: Path, seconds: float) -> float | None:
 
 
 if __name__ == "__main__":
-    from deltact_fab.numerics.faults.bench import FaultBench  # as whoever pickled it knows it
-
     bench = FaultBench(pickle.load(sys.stdin.buffer))
     print("begins", flush=True)  # so that whoever kills it knows when it lives
     bench.run(Path(sys.argv[1]))

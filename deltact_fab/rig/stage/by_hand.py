@@ -1,6 +1,6 @@
 """Single moves that somebody asks for at a terminal, bounded so that a slip breaks nothing.
 
-No force guard watches here. What goes into the gel, or sideways near it, has to be asked for twice.
+What goes into the gel, or sideways near it, has to be asked for twice.
 """
 
 from __future__ import annotations
@@ -49,6 +49,19 @@ def jog(
     Raises InputError, with nothing sent, for one that is longer than most_mm or, without into_gel,
     ends below clearance_mm or goes sideways there; straight up is always allowed.
     """
+    go(stage, *wanted(stage, by_mm, feed_mm_min, most_mm, clearance_mm, into_gel))
+    return stage.position_mm()
+
+
+def wanted(
+    stage: Stage,
+    by_mm: Vector,
+    feed_mm_min: float,
+    most_mm: float,
+    clearance_mm: float,
+    into_gel: bool,
+) -> tuple[Vector, float]:
+    """Where such a jog leads, and how fast; nothing moves. Raises as `jog`."""
     require_short(by_mm, most_mm)
     here = stage.position_mm()
     there = plus(here, by_mm)
@@ -56,8 +69,7 @@ def jog(
     near = low_mm < clearance_mm and not up
     if near and not into_gel:
         raise InputError(_too_low(low_mm, clearance_mm))
-    go(stage, there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min)
-    return stage.position_mm()
+    return there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
 
 
 def require_short(by_mm: Vector, most_mm: float = MAX_MM) -> None:
@@ -110,5 +122,5 @@ def in_words(position_mm: Vector) -> str:
 def _too_low(z_mm: float, clearance_mm: float) -> str:
     return (
         f"z = {z_mm:g} mm is below {clearance_mm:g} mm over the face, where the tip may touch the "
-        "gel, and no force guard watches: give --into-gel (slow), or go up first"
+        "gel: give --into-gel (slow), or go up first"
     )

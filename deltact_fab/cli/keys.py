@@ -1,0 +1,58 @@
+"""Single keys of a terminal, by name."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+NAMED = {
+    b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left",
+    b"\x1bOA": "up", b"\x1bOB": "down", b"\x1bOC": "right", b"\x1bOD": "left",
+    b"\x1b[5~": "page up", b"\x1b[6~": "page down",
+}  # fmt: skip
+
+
+@contextmanager
+def keys() -> Iterator[Callable[[float], str]]:
+    """A function that waits so long (s) for a key: its name or letter, "" where none came.
+
+    Ctrl-C stays what it is. The terminal is as it was afterwards.
+    """
+    import termios
+    import tty
+
+    number = sys.stdin.fileno()
+    before = termios.tcgetattr(number)
+
+    def key(wait_s: float) -> str:
+        if not select.select([number], [], [], wait_s)[0]:
+            return ""
+        data = os.read(number, 8)
+        if not data:
+            return "q"
+        return NAMED.get(data, data[:1].decode("ascii", "replace"))
+
+    tty.setcbreak(number)
+    try:
+        yield key
+    finally:
+        termios.tcsetattr(number, termios.TCSADRAIN, before)
+
+
+@contextmanager
+def whole_lines() -> Iterator[None]:
+    """A whole line can be typed meanwhile, as a terminal usually lets one."""
+    import termios
+
+    number = sys.stdin.fileno()
+    raw = termios.tcgetattr(number)
+    whole = termios.tcgetattr(number)
+    whole[3] |= termios.ICANON | termios.ECHO
+    termios.tcsetattr(number, termios.TCSADRAIN, whole)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(number, termios.TCSADRAIN, raw)
