@@ -122,8 +122,8 @@ def tables(scratch: Path) -> Sequence[dict[str, Any]]:
         "fault had come to the host, or from the stop byte where that had to wait for a "
         "time-out (*), to rest. Travel at 600 mm/min, press and drag at 60, 50 mm/s2: braking "
         "takes 0.77 to 1.0 and 0.01 mm, 10 ms of motion are 0.1 and 0.01 mm. A cable that is "
-        "out carries no byte, and the move goes on to its end (+). Every run goes on with "
-        "--resume, on the same board, to the same images.",
+        "out carries no byte: the tip goes on for what the controller was told; on its way up "
+        "to the end (+). Every run goes on with --resume, on the same board, to the same images.",
         "columns": ["fault", *MOMENTS],
         "rows": [[f.name, *(found.get((f.name, m), "-") for m in MOMENTS)] for f in FAULTS],
     }]  # fmt: skip
