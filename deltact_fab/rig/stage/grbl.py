@@ -10,7 +10,9 @@ raised the stop byte goes out, 0x85 in a move and 0x18 while homing. After an al
 the controller or silence motion commands are refused until `home` succeeds, which begins with a
 reset (0x18) then; `$X` is never sent. Hold and the safety door keep the position: a reset at rest
 ends them, never `~`, which would go on with what nobody asks for any more. A cable that is out
-carries no byte: the tip goes on for what the controller was told (`jogs`). This is no emergency stop.
+carries no byte: the tip goes on for what the controller was told (`jogs`).
+
+This is no emergency stop.
 
 One thread drives the stage; another may ask where it is; `stop`, `cancel` and `abort` may come from
 any, and only write then.

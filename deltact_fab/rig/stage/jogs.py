@@ -54,7 +54,7 @@ def begin(
     )
     if c.cancelled:
         raise TalkFault("stopped before it moved")
-    _send(c, _next_line(c, c.move))
+    _send(c, _line(c, c.move, c.move.first_mm()))
     if not whole:  # it has begun by now, and not long before that where an answer is slow
         c.move = replace(c.move, start_ns=c.port.now_ns())
     if c.cancelled:  # while the line was read, which drops the byte
@@ -85,8 +85,8 @@ def feed(c: Controller) -> None:
         axes = c.limits.axes
         planned_s = move_duration_s(left, move.feed_mm_min, axes(110), axes(120))
         c.move = move = move.again(from_mm, now_ns, planned_s)
-    if move.due_mm(now_ns) is not None:
-        c.talk.post(_next_line(c, move))
+    if (due_mm := move.due_mm(now_ns)) is not None:
+        c.talk.post(_line(c, move, due_mm))
         if c.cancelled:  # meanwhile, by another thread
             c.port.write(JOG_CANCEL)
 
@@ -153,7 +153,7 @@ def poll(c: Controller) -> StageState:
         state = c.status()
         c.at_mm = state.machine_mm
         c.require_position(state)
-        if c.move is not None and state.state in ("Jog", "Idle"):
+        if c.move is not None and state.state in ("Jog", "Idle") and not c.cancelled:
             # A hold ends one jog: no other follows it.
             c.cancelled |= c.move.was_held(state, HELD_CLEAR_S if c.clear else HELD_S)
             c.move = c.move.seen(state)
@@ -162,10 +162,8 @@ def poll(c: Controller) -> StageState:
         return state
 
 
-def _next_line(c: Controller, move: Move) -> str:
-    """The jog of its next piece, or of all that is left."""
-    due_mm = move.due_mm(c.port.now_ns())
-    due_mm = math.inf if due_mm is None else due_mm
+def _line(c: Controller, move: Move, due_mm: float) -> str:
+    """The jog that leads so far along it."""
     machine = move.place_mm(due_mm)
     c.move = replace(move, sent_mm=due_mm)
     words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXES, machine, strict=True))

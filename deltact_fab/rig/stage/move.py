@@ -58,6 +58,10 @@ class Move:
                 return None
         return None if self.whole else due_mm
 
+    def first_mm(self) -> float:
+        """How far along it the first line leads."""
+        return max(self._way_mm(self.ahead_s), SHORTEST_MM)
+
     def place_mm(self, way_mm: float) -> Vector:
         """So far along it, as a line has it."""
         if way_mm >= self._length_mm:
@@ -71,8 +75,11 @@ class Move:
 
     def runs_dry(self, now_ns: int, braking: bool = False) -> bool:
         """Whether the controller is at the end of what it was told; or brakes before it."""
-        ahead_mm = (self.feed_mm_min / 60) ** 2 / (2 * self.accel_mm_s2) if braking else 0.0
-        return not self.whole and self._way_mm(self.since_s(now_ns)) + ahead_mm > self.sent_mm
+        since_s, ahead_mm = self.since_s(now_ns), 0.0
+        if braking:
+            speed = min(self.feed_mm_min / 60, self.accel_mm_s2 * max(since_s, 0.0))
+            ahead_mm = speed**2 / (2 * self.accel_mm_s2)
+        return not self.whole and self._way_mm(since_s) + ahead_mm > self.sent_mm
 
     def seen(self, state: StageState) -> Move:
         """It, its plan moved towards where its controller was seen: their clocks may differ."""
