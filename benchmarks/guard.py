@@ -182,7 +182,7 @@ def measure(
         stage.connect()
         stage.home()
         config = ForceConfig(netft=NetFTConfig(**ports["netft"]), rate_hz=rate_hz)
-        force, guard = open_guarded(config, GuardConfig(force_n=5.0), stage, patience)
+        force = guard = open_guarded(config, GuardConfig(force_n=5.0), stage, patience)
         open_.callback(force.close)
         done = threading.Event()
         felt_n = [0.0]

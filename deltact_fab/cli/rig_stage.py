@@ -319,9 +319,9 @@ def _felt(
     if config.force is None or not config.force.reachable:
         yield None, None
         return
-    force, guard = open_guarded(config.force, config.guard, stage)
+    force = open_guarded(config.force, config.guard, stage)
     try:
-        yield force, guard
+        yield force, force
     finally:
         force.close()
 

@@ -108,7 +108,7 @@ class GrblRig:
         if config.force is not None and config.force.reachable:
             from .force.open import open_guarded
 
-            self.force, self.guard = open_guarded(config.force, config.guard, self.stage, patience)
+            self.force = self.guard = open_guarded(config.force, config.guard, self.stage, patience)
             self._open.callback(self.force.close)
         elif not job.air:
             raise InputError(

@@ -41,7 +41,7 @@ class Hand:
             box = held.enter_context(NetFTServer(self._wrench))
             net = NetFTConfig(host=box.host, rdt_port=box.rdt_port, http_port=box.http_port)
             limits = GuardConfig(force_n=5.0)
-            self.force, self.guard = open_guarded(
+            self.force = self.guard = open_guarded(
                 ForceConfig(netft=net), limits, self.stage, patience=20.0
             )
             held.callback(self.force.close)

@@ -78,23 +78,23 @@ def test_it_stops_the_stage_and_says_why(bench: Bench, watchdog: Watchdog) -> No
     watchdog.begin("p")
     watchdog.start()
     assert watchdog.read().force_n[-1] == pytest.approx((0, 0, 0))
-    assert not watchdog.guard.tripped
+    assert not watchdog.tripped
     bench.push_n = -6.0
     assert bench.heard() == b"!"  # nobody has asked for a sample
-    while not watchdog.guard.tripped:
+    while not watchdog.tripped:
         samples = watchdog.read()
-    assert "Fz = -6.00 N, over the guard's 5 N" in watchdog.guard.tripped
+    assert "Fz = -6.00 N, over the guard's 5 N" in watchdog.tripped
     assert samples.force_n[-1, 2] == -6.0
-    with watchdog.guard.easing():
+    with watchdog.easing():
         bench.quiet()
         bench.push_n = -9.0
         assert bench.heard() == b"!"  # more than a lift out of the gel may feel
     bench.push_n = 0.0
     while watchdog.read().force_n[-1, 2] < 0:
         pass
-    watchdog.guard.rearm()
+    watchdog.rearm()
     bench.quiet()
-    assert not watchdog.guard.tripped
+    assert not watchdog.tripped
 
 
 def test_it_lets_go_of_the_port(bench: Bench, watchdog: Watchdog) -> None:
@@ -103,7 +103,7 @@ def test_it_lets_go_of_the_port(bench: Bench, watchdog: Watchdog) -> None:
     assert bench.heard() == b""
     assert os.read(bench._port, 1) == b""  # nobody else has it
     bench.push_n = -6.0
-    while not watchdog.guard.tripped:
+    while not watchdog.tripped:
         watchdog.read()
 
 

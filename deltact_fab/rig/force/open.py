@@ -11,13 +11,13 @@ from .guard import GuardLimits
 from .netft import SILENT_S, NetFTSensor
 
 if TYPE_CHECKING:
-    from .watchdog import RemoteGuard, Watchdog
+    from .watchdog import Watchdog
 
 
 def open_guarded(
     config: ForceConfig, guard: GuardConfig | None, stage: Stage, patience: float = 1.0
-) -> tuple[Watchdog, RemoteGuard]:
-    """The sensor of a rig file, and the guard on it that stops the stage.
+) -> Watchdog:
+    """The sensor of a rig file, and in one with it the guard that stops the stage.
 
     patience: times the silence, and the age of its samples, that the sensor is allowed. Raises as
     `open_force`, and InputError for a limit that the sensor cannot measure.
@@ -26,7 +26,7 @@ def open_guarded(
 
     force = Watchdog(config, GuardLimits.of(guard, config), patience)
     stage.share(force.hold)
-    return force, force.guard
+    return force
 
 
 def open_force(config: ForceConfig, clock: Clock, timeout_s: float = SILENT_S) -> ForceSensor:

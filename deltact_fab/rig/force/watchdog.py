@@ -58,7 +58,7 @@ def run_first() -> str:
 
 
 class Watchdog:
-    """Implements rig.interface.ForceSensor; `guard` is the guard on it. Call `hold` for a port.
+    """Implements rig.interface.ForceSensor, and Guard: what it has to do is done in the process.
 
     patience: times the silence, and the age of its samples, that the sensor is allowed. Raises as
     `open_force`.
@@ -77,9 +77,8 @@ class Watchdog:
         self._ports = ours  # file descriptors go where messages go
         self._line = Connection(os.dup(ours.fileno()))
         self._lock = threading.RLock()
-        self._notes: tuple[str, ...] = ()
         self.trip: Trip | None = None
-        self.guard = RemoteGuard(self, limits)
+        """Of the guard, as of the last answer."""
         try:
             self._ask("open", config, limits, patience)
         except BaseException:
@@ -125,6 +124,38 @@ class Watchdog:
             self._process.kill()
             self._process.wait()
 
+    # ---- the guard ----
+
+    @property
+    def tripped(self) -> str:
+        """As Guard."""
+        return self.trip.why if self.trip is not None else ""
+
+    def watch(self, samples: ForceSamples) -> None:
+        """It has seen them."""
+
+    def lost(self, why: str) -> None:
+        """It knows."""
+
+    def tell(self) -> tuple[str, ...]:
+        """What it has to say comes with the samples."""
+        return ()
+
+    def rearm(self) -> None:
+        """As Guard."""
+        self._ask("rearm")
+
+    @contextmanager
+    def easing(self) -> Iterator[None]:
+        """As Guard; a dead one does not leave the tip in the gel."""
+        with suppress(SensorError):
+            self._ask("ease", True)
+        try:
+            yield
+        finally:
+            with suppress(SensorError):
+                self._ask("ease", False)
+
     def _ask(self, what: str, *args: Any, port: int | None = None) -> Any:
         """Its answer. Raises what came of it there, and SensorError where the process is gone."""
         with self._lock:
@@ -140,49 +171,6 @@ class Watchdog:
         if isinstance(answer, BaseException):
             raise answer
         return answer
-
-
-class RemoteGuard:
-    """The guard as the program knows it; what `ForceGuard` does is done in its own process."""
-
-    def __init__(self, process: Watchdog, limits: GuardLimits) -> None:
-        self._process = process
-        self.limits = limits
-
-    @property
-    def trip(self) -> Trip | None:
-        """As of the last answer."""
-        return self._process.trip
-
-    @property
-    def tripped(self) -> str:
-        """Why it stopped the stage, "" while it has not."""
-        return self.trip.why if self.trip is not None else ""
-
-    def watch(self, samples: ForceSamples) -> None:
-        """It has seen them."""
-
-    def lost(self, why: str) -> None:
-        """It knows."""
-
-    def tell(self) -> tuple[str, ...]:
-        """What it has to say comes with the samples."""
-        return ()
-
-    def rearm(self) -> None:
-        """As ForceGuard."""
-        self._process._ask("rearm")
-
-    @contextmanager
-    def easing(self) -> Iterator[None]:
-        """As ForceGuard."""
-        with suppress(SensorError):  # a dead guard does not leave the tip in the gel
-            self._process._ask("ease", True)
-        try:
-            yield
-        finally:
-            with suppress(SensorError):
-                self._process._ask("ease", False)
 
 
 # ---- in the process -----------------------------------------------------------------------------

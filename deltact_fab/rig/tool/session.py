@@ -57,7 +57,7 @@ def homed(
     stage = GrblStage.of(config.stage, clock)
     with ExitStack() as opened:
         opened.callback(stage.close)
-        force, guard = open_guarded(config.force, config.guard, stage)
+        force = guard = open_guarded(config.force, config.guard, stage)
         opened.callback(force.close)
         with interruptible(stage.abort):
             try:
