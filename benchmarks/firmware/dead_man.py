@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from operator import itemgetter
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from .press import ABOVE_MM, DEEP_MM, FACE_MM, FEED_MM_MIN
 STEPS_MM = 800
 PRESS_S = (ABOVE_MM - DEEP_MM) / FEED_MM_MIN * 60
 MOMENTS = 50
+TRIES = 5
 FAULTS = {
     "host killed (kill -9)": MOMENTS,
     "cable out": MOMENTS,
@@ -88,16 +89,31 @@ def depth_mm(folder: Path) -> float:
     return float(FACE_MM - np.fromfile(folder / "carriage", np.int32)[2] / STEPS_MM)
 
 
+@contextmanager
+def pressing(port: int, comes_to: str, *how: str) -> Iterator[tuple[Relay, subprocess.Popen[str]]]:
+    """A host that has just said so; one that was stopped before is begun again."""
+    for _ in range(TRIES):
+        relay = Relay(port)
+        words = [sys.executable, "-m", "benchmarks.firmware.press", relay.url, *how]
+        with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as host:
+            assert host.stdout is not None
+            if any(line == f"{comes_to}\n" for line in host.stdout):
+                try:
+                    yield relay, host
+                finally:
+                    host.kill()
+                    relay.close()
+                return
+        relay.close()
+    raise SystemExit(f"no host came to its {comes_to}")
+
+
 def trial(folder: Path, port: int, fault: str, after_s: float) -> tuple[float, float, str]:
     """How much deeper the tip went (mm), how soon it was above the face (s), the last line."""
-    relay = Relay(port)
-    words = [sys.executable, "-m", "benchmarks.firmware.press", relay.url]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as host:
+    comes_to = "retract" if "retract" in fault else "press"
+    with pressing(port, comes_to) as (relay, host):
         assert host.stdout is not None
-        for line in host.stdout:
-            if line == ("retract\n" if "retract" in fault else "press\n"):
-                break
-        time.sleep(after_s + (0.05 if line == "press\n" else 0.0))
+        time.sleep(after_s + (0.05 if comes_to == "press" else 0.0))
         if "killed" in fault:
             host.kill()
         elif "cable" in fault:
@@ -116,7 +132,6 @@ def trial(folder: Path, port: int, fault: str, after_s: float) -> tuple[float, f
             if now_mm < 0 and np.isinf(above_s) and from_mm > 0:
                 above_s = time.monotonic() - begun_s
         said = [line.removeprefix("end ").strip() for line in host.stdout if line[:3] == "end"]
-    relay.close()
     if from_mm <= 0:
         above_s = 0.0
     return deepest_mm - from_mm, above_s, said[-1] if said else ""
@@ -124,15 +139,8 @@ def trial(folder: Path, port: int, fault: str, after_s: float) -> tuple[float, f
 
 def steadiness(folder: Path, port: int, how: str) -> tuple[float, float, float]:
     """Without a fault: longer than planned (s), speed (mm/min), most off a steady one (mm)."""
-    relay = Relay(port)
-    words = [sys.executable, "-m", "benchmarks.firmware.press", relay.url, how]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as host:
+    with pressing(port, "press", how) as (_, host):
         assert host.stdout is not None
-        for said in host.stdout:
-            if said == "press\n":
-                break
-        else:
-            raise SystemExit("the host did not come to its press")
         begun_s = time.monotonic()
         seen: list[tuple[float, float]] = []
         while (at_s := time.monotonic() - begun_s) < PRESS_S - 0.2:
@@ -141,7 +149,6 @@ def steadiness(folder: Path, port: int, how: str) -> tuple[float, float, float]:
             time.sleep(0.002)
         longer_s = float(host.stdout.readline().split()[1])
         host.stdout.read()
-    relay.close()
     t_s, z_mm = np.array(seen).T
     line = np.polyfit(t_s, z_mm, 1)
     return longer_s, 60 * float(line[0]), float(np.abs(z_mm - np.polyval(line, t_s)).max())

@@ -210,9 +210,10 @@ class _Server:
         self._asked = False  # for samples, and none were there
 
     def run(self) -> None:
-        """Until the program closes it, or is gone: then the stage is stopped."""
+        """Until the program closes it; whatever else ends it stops the stage."""
+        closed = False
         try:
-            while True:
+            while not closed:
                 if self._going:
                     self._feel()
                 if self._asked and (self._kept or self._trouble or not self._going):
@@ -223,12 +224,15 @@ class _Server:
                     if what == "read":
                         self._asked = True
                         break
+                    closed = what == "close"
                     self._answer(partial(getattr(self, f"do_{what}"), *args))
-                    if what == "close":
-                        return
-        except (EOFError, OSError):
-            self._stop_line.cancel()
+                    if closed:
+                        break
+        except (EOFError, OSError):  # the program is gone
+            pass
         finally:
+            if not closed:
+                self._stop_line.cancel()
             if self._force is not None:
                 self._force.close()
 
