@@ -87,8 +87,9 @@ def _serve(reboot_at_jog: int | None) -> None:
         nonlocal jogs, line
         *lines, line = (line + data).split(b"\n")
         for whole in lines:
-            jogs += b"$J=" in whole
-            if b"$J=" in whole and jogs == reboot_at_jog:
+            begins = b"$J=" in whole and grbl.state == "Idle"  # the rest of a move follows it
+            jogs += begins
+            if begins and jogs == reboot_at_jog:
                 grbl.fault("reboot")
 
     def opened(is_open: bool) -> None:

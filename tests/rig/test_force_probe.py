@@ -49,7 +49,7 @@ def test_what_is_wrong_says_what_would_be_right() -> None:
         assert "do not change at all: is the transducer plugged in?" in wrong
         assert "guard: the limit 60 of Fx is over the sensor's range of 50" in wrong
         box.faults.error = True
-        assert "a fault of the box, status word 0x80000000" in "\n".join(found(box))
+        assert "fault, status word 0x80000000" in "\n".join(found(box))
         box.page["comrdte"] = "Disabled"
         assert list(found(box).values()) == [False]
 

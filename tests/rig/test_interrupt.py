@@ -22,7 +22,7 @@ from deltact_fab.rig.stage.grbl import GrblStage
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
 
-DOWN, UP = b"Z-19.0000", b"Z-2.0000"  # in the jogs that go there
+DOWN, UP = b"$J=", b"Z-2.0000"  # in the first line of the press, in that of the lift
 HOST = """
 import sys
 from deltact_fab.optics import StageFrame
