@@ -9,6 +9,7 @@ from typing import NamedTuple
 from ..errors import DeltactFabError
 from .clock import WallClock
 from .config import GrblConfig
+from .interface import BenchFinding
 
 SECONDS = 2.0
 
@@ -35,15 +36,19 @@ def check(config: GrblConfig, folder: Path, seconds: float = SECONDS) -> Iterato
     if config.force is not None and config.force.reachable:
         from .force.probe import probe as listen
 
-        for passed, text, _ in listen(config.force, config.guard, seconds):
-            yield DeviceRow("force", "pass" if passed else "FAIL", text)
+        for found in listen(config.force, config.guard, seconds):
+            yield _row("force", found)
     if config.camera is not None:
         from .camera.probe import probe as look
 
-        for passed, text, warns in look(config.camera, folder, seconds):
-            verdict = "pass" if passed else "WARN" if warns else "FAIL"
-            yield DeviceRow("camera", verdict, text)
+        for found in look(config.camera, folder, seconds):
+            yield _row("camera", found)
     yield from _presses(config)
+
+
+def _row(device: str, found: BenchFinding) -> DeviceRow:
+    verdict = "pass" if found.passed else "WARN" if found.warns else "FAIL"
+    return DeviceRow(device, verdict, found.text)
 
 
 def _stage(config: GrblConfig) -> Iterator[DeviceRow]:

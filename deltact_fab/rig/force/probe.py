@@ -92,7 +92,7 @@ def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> Iterator
     of = f" of {told_hz:g}" if config.netft is not None else ""
     lost, late = sum(part.lost for part in parts), sum(part.late for part in parts)
     yield BenchFinding(not slow, f"{hz:.0f}{of} samples a second")
-    yield BenchFinding(not lost and not late, f"{lost} samples lost, {late} late")
+    yield BenchFinding(not lost and not late, f"{lost} samples lost, {late} late", not lost)
     if any(part.saturated.any() for part in parts):
         yield BenchFinding(False, "saturated with nothing touching: is the tip free?")
     ranges = np.array([*config.range_n, *config.range_nmm])
