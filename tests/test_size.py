@@ -4,8 +4,8 @@ A figure goes down with each commit that makes the house smaller. It goes up onl
 says why; at the end of an issue no figure is above the one at its beginning.
 
 In the middle of "The bench on real firmware" (80,981, 610 and 47,255 at its beginning): moves in
-pieces, a process for the guard, `rig rehearse` and `rig jog` by keys are there; what its rooms are to
-lose for it is not gone yet.
+pieces, a process for the guard, `rig rehearse` and `rig jog` by keys are there; what its rooms are
+to lose for it is not gone yet.
 """
 
 from __future__ import annotations
