@@ -145,7 +145,7 @@ def test_a_changed_dimension_gives_a_gated_solid_or_a_refusal(cq, changes):
     gated_or_refused(changes)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @settings(max_examples=200, deadline=None, derandomize=True, database=None)
 @given(changes())
 def test_two_hundred_changed_designs(cq, changes):
