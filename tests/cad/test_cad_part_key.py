@@ -159,13 +159,9 @@ def _ran(changes):
 
 CHANGES = (
     ["cover.strain_limit=0.03"],
-    ["cover.floor_mm=1.7"],
-    ["light.diffuser_mm=1.8"],
     ["mold.web_mm=9"],
-    ["screw.tip_clearance_mm=1.3"],
     ["skin.width_mm=37"],
     ["mount.kind=franka"],
-    ["camera.measured=['focal_length_mm']"],
 )
 
 
