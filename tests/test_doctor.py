@@ -38,7 +38,7 @@ def test_the_name_of_the_import_is_the_package_s_own(name: str, module: str) -> 
 
 def test_the_core_is_complete_here() -> None:
     done = CliRunner().invoke(main, ["doctor", "--json"])
-    said = json.loads(done.output)
+    said = json.loads(done.stdout)
     core = {f["name"].lower(): f["state"] for f in said["findings"] if f["group"] == "core"}
     assert set(core.values()) == {"ok"}
     assert {"python", "deltact-fab", "numpy", "pillow", "scipy"} <= set(core)

@@ -72,7 +72,7 @@ def test_mcap_has_every_message_at_its_time(run: Run, tmp_path: Path) -> None:
             for t in line.of_press_ns(str(press), part["t_s"].to_numpy())
         ]
         assert [t for t, _ in found[topic]] == wanted, topic
-        assert json.loads(done.output)["rows"][topic] == len(table)
+        assert json.loads(done.stdout)["rows"][topic] == len(table)
     assert len(found["/events"]) == len(run.events()) + 1
     z_m = [m["pose"]["position"]["z"] for _, m in found["/stage/pose"]]
     np.testing.assert_allclose(np.array(z_m) * 1e3, run.pose()["z_mm"], atol=1e-9)
