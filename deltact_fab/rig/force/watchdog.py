@@ -164,6 +164,7 @@ class Watchdog:
                 if port is not None:
                     socket.send_fds(self._ports, [b"p"], [port])
                 if not self._line.poll(ANSWER_S):
+                    self._process.kill()  # a late answer would be taken for the next one's
                     raise SensorError(f"force sensor: no answer within {ANSWER_S:g} s")
                 answer, self.trip = self._line.recv()
             except (EOFError, OSError) as why:
