@@ -16,9 +16,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 81913,
+    ("deltact_fab", "lines"): 81920,
     ("deltact_fab", "files"): 612,
-    ("tests", "lines"): 47577,
+    ("tests", "lines"): 47605,
 }
 
 

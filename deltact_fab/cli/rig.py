@@ -414,14 +414,20 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None, as_json
     that, and whether --resume gives the same record. No device is opened. Exit code 1 when a fault
     does not end as it must.
     """
+    from ..cad.design import load_design
     from ..numerics.faults.rehearsal import rehearse
     from ..numerics.faults.scenario import of_lab
-    from ..protocols import plan
+    from ..protocols import limits, plan
+    from ..report.templating import require_pages
     from ..rig import config
     from .output import echo_result, progress
 
     declared, path = plan.load(protocol)
     bench, bench_path = config.load(name)
+    if out is not None:
+        require_pages()
+    design, steps = load_design(declared.specimen.design), plan.expand(declared)
+    limits.require(limits.check(declared, design, bench.stage.box, steps), str(path))
     scenario = of_lab(declared, path.read_bytes(), bench)
     with progress("rehearse") as report:
         found = rehearse(scenario, thorough, report)
