@@ -47,7 +47,7 @@ class Rehearsal:
             if self.wrong
             else f"all {n} faults ended at rest, and every run went on to the same record"
         )
-        return f"{what}; the tip went {far_mm:.2f} mm lower at most, in the air or the gel (simulated)"
+        return f"{what}; the tip went {far_mm:.2f} mm lower at most, in air or gel (simulated)"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
