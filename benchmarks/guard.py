@@ -157,17 +157,17 @@ class Recording:
 
 
 def measure(
-    trips: int, load: str, rate_hz: float = 1000.0, patience: float = 1.0, seed: int = 0
+    trips: int, load: str, rate_hz: float = 1000.0, silent_s: float = 0.05, seed: int = 0
 ) -> dict[str, Any]:
     """Milliseconds (n,) of each trip, in all and to the guard's decision, and the load.
 
-    patience: times the silence, and the age of its samples, that the sensor is allowed.
+    silent_s: see `NetFTConfig`.
     """
     from deltact_fab.optics import StageFrame
     from deltact_fab.rig.clock import WallClock
     from deltact_fab.rig.config import ForceConfig
     from deltact_fab.rig.force.config import GuardConfig, NetFTConfig
-    from deltact_fab.rig.force.open import open_guarded
+    from deltact_fab.rig.force.watchdog import open_guarded
     from deltact_fab.rig.interface import ForceSamples
     from deltact_fab.rig.stage.grbl import GrblStage
 
@@ -181,8 +181,10 @@ def measure(
         open_.callback(stage.close)
         stage.connect()
         stage.home()
-        config = ForceConfig(netft=NetFTConfig(**ports["netft"]), rate_hz=rate_hz)
-        force = guard = open_guarded(config, GuardConfig(force_n=5.0), stage, patience)
+        config = ForceConfig(
+            netft=NetFTConfig(**ports["netft"], silent_s=silent_s), rate_hz=rate_hz
+        )
+        force = guard = open_guarded(config, GuardConfig(force_n=5.0), stage)
         open_.callback(force.close)
         done = threading.Event()
         felt_n = [0.0]

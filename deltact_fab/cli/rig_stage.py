@@ -314,7 +314,7 @@ def _felt(
     stage: GrblStage, config: GrblConfig
 ) -> Iterator[tuple[ForceSensor | None, Guard | None]]:
     """The force sensor of the rig file and the guard on it; None where it names no way to one."""
-    from ..rig.force.open import open_guarded
+    from ..rig.force.watchdog import open_guarded
 
     if config.force is None or not config.force.reachable:
         yield None, None

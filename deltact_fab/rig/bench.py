@@ -85,20 +85,17 @@ class GrblRig:
         config: GrblConfig,
         folder: Path,
         job: RigSetup,
-        patience: float = 1.0,
     ) -> None:
-        """folder: of the rig file. patience: times the silence, and the age of its samples, that a
-        force sensor is allowed.
-        """
+        """folder: of the rig file."""
         self._job = job
         self._open = ExitStack()
         try:
-            self._build(config, folder, patience)
+            self._build(config, folder)
         except BaseException:
             self.close()
             raise
 
-    def _build(self, config: GrblConfig, folder: Path, patience: float) -> None:
+    def _build(self, config: GrblConfig, folder: Path) -> None:
         job = self._job
         self.clock = WallClock()
         self.stage = GrblStage.of(config.stage, self.clock)
@@ -106,9 +103,9 @@ class GrblRig:
         self.force: ForceSensor | None = None
         self.guard: Guard | None = None
         if config.force is not None and config.force.reachable:
-            from .force.open import open_guarded
+            from .force.watchdog import open_guarded
 
-            self.force = self.guard = open_guarded(config.force, config.guard, self.stage, patience)
+            self.force = self.guard = open_guarded(config.force, config.guard, self.stage)
             self._open.callback(self.force.close)
         elif not job.air:
             raise InputError(

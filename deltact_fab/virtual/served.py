@@ -35,6 +35,7 @@ from .pty import PtyCable
 
 RIG, CAMERA, IMAGES = "rig.toml", "camera.toml", "images"
 RATE_HZ = 10.0
+SILENT_S = 1.0  # a busy computer keeps the simulated box from running for a while
 AGAIN = 60  # times that the images are shown: a folder ends
 
 
@@ -92,7 +93,8 @@ def _text(rig: RigConfig, force: ForceConfig, port: str, box: NetFTServer) -> st
     told["stage"]["port"] = port
     told["stage"].pop("registration", None)
     kept = force.model_dump(mode="json", exclude_unset=True, exclude={"serial", "netft"})
-    netft = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
+    way = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
+    netft = {**way, "silent_s": SILENT_S}
     told["force"] = {**kept, "netft": netft}
     told["camera"] = {"source": IMAGES, "rate_hz": RATE_HZ, "model": CAMERA}
     if rig.touch is not None:

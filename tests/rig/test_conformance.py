@@ -242,11 +242,11 @@ def a_force_sensor(kind: str, name: str, build: Any) -> Iterator[tuple[ForceSens
 
         with NetFTServer(lambda t_ns: np.zeros((len(t_ns), 6))) as box:
             way = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
-            config = ForceConfig(netft=NetFTConfig(**way))
+            config = ForceConfig(netft=NetFTConfig(**way, silent_s=2))
             if kind == "process":
-                yield Watchdog(config, GuardLimits.of(None, config), 20.0), WallClock()
+                yield Watchdog(config, GuardLimits.of(None, config)), WallClock()
             else:
-                yield open_force(config, WallClock(), 2.0), WallClock()
+                yield open_force(config, WallClock()), WallClock()
     else:
         devices = build(kind).devices()
         over_the_sensor(devices)

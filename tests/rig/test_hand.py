@@ -15,7 +15,7 @@ from deltact_fab.cli import keys
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.force.config import ForceConfig, GuardConfig, NetFTConfig
-from deltact_fab.rig.force.open import open_guarded
+from deltact_fab.rig.force.watchdog import open_guarded
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.rig.tool.hand import HandSession
 from deltact_fab.virtual.netft_server import NetFTServer
@@ -39,11 +39,11 @@ class Hand:
         self.force = self.guard = None
         if guarded:
             box = held.enter_context(NetFTServer(self._wrench))
-            net = NetFTConfig(host=box.host, rdt_port=box.rdt_port, http_port=box.http_port)
-            limits = GuardConfig(force_n=5.0)
-            self.force = self.guard = open_guarded(
-                ForceConfig(netft=net), limits, self.stage, patience=20.0
+            net = NetFTConfig(
+                host=box.host, rdt_port=box.rdt_port, http_port=box.http_port, silent_s=1
             )
+            limits = GuardConfig(force_n=5.0)
+            self.force = self.guard = open_guarded(ForceConfig(netft=net), limits, self.stage)
             held.callback(self.force.close)
 
     def _wrench(self, t_ns: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]

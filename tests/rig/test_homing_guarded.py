@@ -59,9 +59,11 @@ def bench() -> Iterator[Bench]:
         clock = WallClock()
         stage = GrblStage(it.port, clock, StageFrame((-30.0, -30.0, -20.0)))
         held.callback(stage.close)
-        net = NetFTConfig(host="127.0.0.1", rdt_port=server.rdt_port, http_port=server.http_port)
+        net = NetFTConfig(
+            host="127.0.0.1", rdt_port=server.rdt_port, http_port=server.http_port, silent_s=1
+        )
         # The box is in this process: on a busy machine it may be kept from running for a while.
-        force = open_force(config.model_copy(update={"netft": net}), clock, timeout_s=1.0)
+        force = open_force(config.model_copy(update={"netft": net}), clock)
         held.callback(force.close)
         limits = GuardLimits.of(GuardConfig(force_n=5.0), config)
         yield Bench(it, server, stage, force, ForceGuard(stage, limits, clock, 2.0), push_n)

@@ -41,8 +41,8 @@ def way(box: NetFTServer, **own: Any) -> NetFTConfig:
     return NetFTConfig(host=box.host, rdt_port=box.rdt_port, http_port=box.http_port, **own)
 
 
-def opened(box: NetFTServer, timeout_s: float = WAIT_S) -> NetFTSensor:
-    sensor = open_force(ForceConfig(netft=way(box)), WallClock(), timeout_s)
+def opened(box: NetFTServer, silent_s: float = WAIT_S) -> NetFTSensor:
+    sensor = open_force(ForceConfig(netft=way(box, silent_s=silent_s)), WallClock())
     assert isinstance(sensor, NetFTSensor)
     return sensor
 

@@ -17,7 +17,7 @@ from deltact_fab.protocols import plan
 from deltact_fab.record import RunWriter
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.force.config import ForceConfig, NetFTConfig
-from deltact_fab.rig.force.guard import BEHIND_S, ForceGuard, GuardLimits
+from deltact_fab.rig.force.guard import ForceGuard, GuardLimits
 from deltact_fab.rig.force.open import open_force
 from deltact_fab.rig.job import Devices
 from deltact_fab.rig.run.live import Live
@@ -93,7 +93,7 @@ def silenced(folder: Path) -> tuple[str, bool, dict[str, float]]:
         )
         force = open_force(ForceConfig(netft=net), clock)  # as a real bench: 50 ms
         held.callback(force.close)
-        guard = ForceGuard(stage, GuardLimits.of(None, ForceConfig()), clock, BEHIND_S)
+        guard = ForceGuard(stage, GuardLimits.of(None, ForceConfig()), clock, 0.1)
         devices = Devices(clock, stage, None, force, lambda name: None, guard, wall_clock=True)
         meta = {"name": "r", "simulated": False, "camera": None, "rig": {}}
         meta["protocol"] = {

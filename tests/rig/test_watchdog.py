@@ -22,7 +22,7 @@ from deltact_fab.rig.force.watchdog import Watchdog
 from deltact_fab.virtual.netft_server import NetFTServer
 
 LIMITS = GuardLimits((5.0, 5.0, 5.0))
-PATIENCE = 20.0  # this machine is busy by itself
+SILENT_S = 1.0  # this machine is busy by itself
 
 
 class Bench:
@@ -36,7 +36,10 @@ class Bench:
         held.callback(os.close, self._port)
         self.config = ForceConfig(
             netft=NetFTConfig(
-                host=self.box.host, rdt_port=self.box.rdt_port, http_port=self.box.http_port
+                host=self.box.host,
+                rdt_port=self.box.rdt_port,
+                http_port=self.box.http_port,
+                silent_s=SILENT_S,
             )
         )
 
@@ -62,7 +65,7 @@ def bench() -> Iterator[Bench]:
 
 @pytest.fixture
 def watchdog(bench: Bench) -> Iterator[Watchdog]:
-    found = Watchdog(bench.config, LIMITS, PATIENCE)
+    found = Watchdog(bench.config, LIMITS)
     found.hold(bench.written, b"!")
     os.close(bench.written)
     yield found
@@ -144,7 +147,7 @@ from deltact_fab.rig.config import ForceConfig
 from deltact_fab.rig.force.guard import GuardLimits
 from deltact_fab.rig.force.watchdog import Watchdog
 if __name__ == "__main__":
-    watchdog = Watchdog(ForceConfig.model_validate_json(sys.argv[1]), GuardLimits((5.0,) * 3), 20.0)
+    watchdog = Watchdog(ForceConfig.model_validate_json(sys.argv[1]), GuardLimits((5.0,) * 3))
     watchdog.hold(int(sys.argv[2]), b"!")
     watchdog.start()
     print("up", flush=True)

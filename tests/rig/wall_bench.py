@@ -118,9 +118,11 @@ def wall_bench(folder: Path, guard_n: float = 20.0, behind_s: float = 2.0) -> It
         clock = WallClock()
         stage = GrblStage(it.port, clock, StageFrame(ORIGIN_MM))
         held.callback(stage.close)
-        net = NetFTConfig(host="127.0.0.1", rdt_port=server.rdt_port, http_port=server.http_port)
+        net = NetFTConfig(
+            host="127.0.0.1", rdt_port=server.rdt_port, http_port=server.http_port, silent_s=1
+        )
         # The box is in this process: on a busy machine it may be kept from running for a while.
-        force = open_force(config.model_copy(update={"netft": net}), clock, timeout_s=1.0)
+        force = open_force(config.model_copy(update={"netft": net}), clock)
         held.callback(force.close)
         (folder / "camera.py").write_text(CAMERA)
         seen = CameraConfig(

@@ -23,6 +23,9 @@ class NetFTConfig(Table):
     """TCP port of its settings."""
     serial: str | None = Field(default=None, min_length=1, max_length=64, examples=["FT11564"])
     """Of the transducer, as FT11564; with it, any other one is refused."""
+    silent_s: float = Field(default=0.05, ge=0.02, le=10)
+    """A box that says nothing for so long has failed, and readings twice as old leave the guard
+    blind. What simulates a box on a busy computer needs more."""
 
 
 class SerialScaleConfig(Table):

@@ -15,6 +15,7 @@ from ...errors import InputError
 from ...units import to_ns
 from ..interface import Clock, ForceSamples
 from .config import ForceConfig, GuardConfig
+from .netft import SILENT_S
 from .notes import NoteCounts
 
 SHARE = 0.8  # of the sensor's range, where the rig file sets no limit
@@ -25,8 +26,6 @@ SURELY_NS = 100_000_000  # the byte is repeated for so long, whatever the force 
 EASE = (
     1.25  # on the way out the force may rise over the limit, to so much of what tripped the guard
 )
-BEHIND_S = 0.1
-"""A newest sample that is older leaves the guard blind: twice the silence that a box is allowed."""
 NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 
@@ -59,6 +58,11 @@ class GuardLimits:
                     "([force] range_n, range_nmm), where it would never be seen"
                 )
         return cls(force_n, torque_nmm, inf if own.resultant_n is None else own.resultant_n)
+
+
+def behind_s(force: ForceConfig) -> float:
+    """A newest sample that is older leaves the guard blind: twice the silence of a box."""
+    return 2 * (SILENT_S if force.netft is None else force.netft.silent_s)
 
 
 @dataclass(frozen=True)

@@ -1,36 +1,15 @@
-"""The force sensor that a rig file declares, opened, and the guard on it."""
+"""The force sensor that a rig file declares, opened."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from ...errors import InputError
-from ..interface import Clock, ForceSensor, Stage
-from .config import ForceConfig, GuardConfig
-from .guard import GuardLimits
-from .netft import SILENT_S, NetFTSensor
-
-if TYPE_CHECKING:
-    from .watchdog import Watchdog
+from ..interface import Clock, ForceSensor
+from .config import ForceConfig
+from .netft import NetFTSensor
 
 
-def open_guarded(
-    config: ForceConfig, guard: GuardConfig | None, stage: Stage, patience: float = 1.0
-) -> Watchdog:
-    """The sensor of a rig file, and in one with it the guard that stops the stage.
-
-    patience: times the silence, and the age of its samples, that the sensor is allowed. Raises as
-    `open_force`, and InputError for a limit that the sensor cannot measure.
-    """
-    from .watchdog import Watchdog
-
-    force = Watchdog(config, GuardLimits.of(guard, config), patience)
-    stage.share(force.hold)
-    return force
-
-
-def open_force(config: ForceConfig, clock: Clock, timeout_s: float = SILENT_S) -> ForceSensor:
-    """The sensor, reached and not streaming yet. timeout_s: silence for so long is an error.
+def open_force(config: ForceConfig, clock: Clock) -> ForceSensor:
+    """The sensor, reached and not streaming yet.
 
     Raises InputError where the table names no way to it, SensorError where it cannot be reached,
     MissingLibrary.
@@ -39,7 +18,7 @@ def open_force(config: ForceConfig, clock: Clock, timeout_s: float = SILENT_S) -
         from .page import fetch
         from .rdt import RdtLink
 
-        return NetFTSensor(RdtLink(config.netft, fetch(config.netft)), clock, timeout_s)
+        return NetFTSensor(RdtLink(config.netft, fetch(config.netft)), clock, config.netft.silent_s)
     if config.serial is not None:
         from .scale import SerialScale
 

@@ -13,7 +13,6 @@ from ..clock import WallClock
 from ..interface import BenchFinding, ForceSensor
 from .config import ForceConfig, GuardConfig
 from .guard import GuardLimits
-from .netft import SILENT_S
 from .open import open_force
 
 LISTEN_S = 2.0
@@ -29,15 +28,14 @@ def probe(
     config: ForceConfig,
     guard: GuardConfig | None = None,
     seconds: float = LISTEN_S,
-    silent_s: float = SILENT_S,
 ) -> Iterator[BenchFinding]:
     """Open the sensor, tare it with nothing touching, listen for so long, and judge what it says.
 
-    silent_s: see `open_force`. Raises nothing that a sensor can cause: it is a finding.
+    Raises nothing that a sensor can cause: it is a finding.
     """
     try:
         yield from _page(config)
-        with closing(open_force(config, WallClock(), silent_s)) as sensor:
+        with closing(open_force(config, WallClock())) as sensor:
             heard = list(_heard(sensor, config, seconds))
         yield from heard
         limits = GuardLimits.of(guard, config)

@@ -26,10 +26,9 @@ import numpy as np
 
 from ...errors import DeltactFabError, SensorError
 from ..clock import WallClock
-from ..interface import ForceSamples, ForceSensor
-from .config import ForceConfig
-from .guard import BEHIND_S, ForceGuard, GuardLimits, Trip
-from .netft import SILENT_S
+from ..interface import ForceSamples, ForceSensor, Stage
+from .config import ForceConfig, GuardConfig
+from .guard import ForceGuard, GuardLimits, Trip, behind_s
 from .open import open_force
 
 ANSWER_S = 10.0
@@ -60,11 +59,10 @@ def run_first() -> str:
 class Watchdog:
     """Implements rig.interface.ForceSensor, and Guard: what it has to do is done in the process.
 
-    patience: times the silence, and the age of its samples, that the sensor is allowed. Raises as
-    `open_force`.
+    Raises as `open_force`.
     """
 
-    def __init__(self, config: ForceConfig, limits: GuardLimits, patience: float = 1.0) -> None:
+    def __init__(self, config: ForceConfig, limits: GuardLimits) -> None:
         ours, theirs = socket.socketpair()
         with theirs:
             words = [sys.executable, "-m", __name__, str(theirs.fileno())]
@@ -80,7 +78,7 @@ class Watchdog:
         self.trip: Trip | None = None
         """Of the guard, as of the last answer."""
         try:
-            self._ask("open", config, limits, patience)
+            self._ask("open", config, limits)
         except BaseException:
             self.close()
             raise
@@ -174,6 +172,16 @@ class Watchdog:
         return answer
 
 
+def open_guarded(config: ForceConfig, guard: GuardConfig | None, stage: Stage) -> Watchdog:
+    """The sensor of a rig file, and in one with it the guard that stops the stage.
+
+    Raises as `open_force`, and InputError for a limit that the sensor cannot measure.
+    """
+    force = Watchdog(config, GuardLimits.of(guard, config))
+    stage.share(force.hold)
+    return force
+
+
 # ---- in the process -----------------------------------------------------------------------------
 
 
@@ -237,9 +245,9 @@ class _Server:
             if self._force is not None:
                 self._force.close()
 
-    def do_open(self, config: ForceConfig, limits: GuardLimits, patience: float) -> None:
-        self._force = open_force(config, self._clock, patience * SILENT_S)
-        self._guard = ForceGuard(self._stop_line, limits, self._clock, patience * BEHIND_S)
+    def do_open(self, config: ForceConfig, limits: GuardLimits) -> None:
+        self._force = open_force(config, self._clock)
+        self._guard = ForceGuard(self._stop_line, limits, self._clock, behind_s(config))
         gc.freeze()
 
     def do_hold(self, stop: bytes, follows: bool) -> None:

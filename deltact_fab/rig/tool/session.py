@@ -46,7 +46,7 @@ def homed(
     Raises InputError for a rig without a force sensor, and whatever the devices raise; Stopped
     when the operator interrupts.
     """
-    from ..force.open import open_guarded
+    from ..force.watchdog import open_guarded
 
     if config.force is None or not config.force.reachable:
         raise InputError(
