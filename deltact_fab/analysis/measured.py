@@ -130,7 +130,8 @@ def measured(
 def _deepest_ends(frames: pd.DataFrame) -> list[str]:
     """Id of the last frame of each indenter's deepest press."""
     last = frames[frames["kind"] == "press"].groupby("step_id", sort=False).tail(1)
-    at = last.groupby("indenter", sort=False)["z_mm"].idxmin().dropna()
+    last = last.dropna(subset="z_mm")  # under a weight nobody knows how deep it went
+    at = last.groupby("indenter", sort=False)["z_mm"].idxmin()
     return [str(name) for name in last.loc[at, "frame_id"]]
 
 

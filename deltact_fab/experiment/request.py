@@ -24,6 +24,7 @@ from ..rig.tool import requirements
 
 if TYPE_CHECKING:
     from ..optics import CameraModel
+    from ..rig.weights import WeightsKind
 
 _LOG = logging.getLogger(__name__)
 
@@ -57,16 +58,20 @@ class RunRequest:
     rig_path: Path = field(init=False)
     design: Design = field(init=False)
     steps: list[Step] = field(init=False)
-    kind: RigKind = field(init=False)
+    kind: RigKind | WeightsKind = field(init=False)
 
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise InputError(f"--seed: {self.seed}; expected 0 or more")
-        self.protocol, self.source = plan.load(self.protocol_name)
+        self.protocol, self.source = plan.load(self.protocol_name, by_hand=True)
         self.rig, self.rig_path = rig_config.load(self.rig_name)
         self.design = load_design(self.protocol.specimen.design)
         self.steps = plan.expand(self.protocol, self.air)
         self.kind = kind_of(self.rig, self.rig_path)
+        if self.protocol.weights is not None and self.rig.kind == "grbl":
+            from ..rig.weights import WeightsKind
+
+            self.kind = WeightsKind(self.rig, self.rig_path)
 
     @cached_property
     def recipe(self) -> PatternRecipe:
@@ -93,7 +98,7 @@ class RunRequest:
         pace = LOCKSTEP if self.rig.simulated else WALL_CLOCK
         image_px = preflight.image_px(self.view, self.rig)
         rig, change = self.rig, 0.0
-        if rig.kind == "grbl" and not self.air:
+        if rig.kind == "grbl" and not self.air and not self.protocol.weights:
             from ..rig.tool.touch import change_s
 
             change = change_s(rig.stage, rig.touch, self.protocol.motion.park_mm)
@@ -122,7 +127,7 @@ class RunRequest:
         a simulated one those that are known already are taken.
         """
         rows = self._rows()
-        if self.rig.kind == "grbl" and not self.air:
+        if self.rig.kind == "grbl" and not self.air and not self.protocol.weights:
             unknown = requirements.undeclared_lengths(self.rig, self.protocol)
             what, where = "unknown", "; ".join(unknown)
             rows.append(
@@ -141,6 +146,8 @@ class RunRequest:
 
         None where that would take more than seconds and solve is False. Raises InputError.
         """
+        if self.protocol.weights is not None:
+            return [], []  # they are the forces
         declared = preflight.limits_of(self.rig, str(self.rig_path), self.protocol)
         peaks = preflight.predict(
             self.protocol, self.design, declared.origin_mm, self.progress, solve
@@ -153,14 +160,14 @@ class RunRequest:
     def _rows(self) -> list[limits.LimitCheck]:
         """Every check but that of the forces; check and run ask it alone."""
         protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
-        wall_clock = not rig.simulated
-        rows = limits.check(protocol, design, rig.stage.box, self.steps)
+        wall_clock, by_hand = not rig.simulated, protocol.weights is not None
+        rows = [] if by_hand else limits.check(protocol, design, rig.stage.box, self.steps)
         rows += preflight.needs(protocol, self.steps, rig, self.view, self.out, wall_clock)
         refused = kind.refusals(protocol, design, str(self.source))
         rows.append(limits.refusals(kind.part, refused))
         rows.append(limits.refusals("pattern", self._pattern()))
         rows.append(limits.refusals("image format", self._format()))
-        if rig.kind == "grbl" and not self.air:
+        if rig.kind == "grbl" and not self.air and not by_hand:
             unmet = requirements.unmet(rig, protocol, design, self.unattended)
             rows.append(limits.refusals("contact", [f"{self.rig_path}: {line}" for line in unmet]))
         return rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -17,12 +17,14 @@ from ..errors import InputError
 from ..patterns.dots import centres_mm
 from ..patterns.recipe import PatternRecipe
 from ..protocols import plan
+from ..protocols.plan import Step
 from ..record import RunWriter
 from ..record import open as open_run
 from ..rig.config import RigConfig, VirtualConfig
-from ..rig.job import Devices, RigSetup
+from ..rig.job import Rig, RigSetup
 from ..rig.run.live import Live
 from ..rig.run.runner import Runner
+from ..rig.weights import WeightsBench
 from ..shapes import indenter
 from .request import RunRequest
 
@@ -74,10 +76,8 @@ def run(
         if note is not None:
             record.add_note(out, note)
         with closing(request.kind.build(job, request.progress)) as bench:
-            devices = bench.devices()
-            start_s = devices.clock.now_s()
-            runner = Runner(devices, writer, request.progress, live)
-            runner.run(steps)
+            start_s = bench.clock.now_s()
+            counts = _carry_out(bench, steps, writer, request.progress, live)
             kept = sum(step.frames for step in steps if step.press in writer.kept)
             summary = {
                 "protocol": protocol.name,
@@ -88,11 +88,11 @@ def run(
                 "steps": len(steps),
                 "frames": sum(step.frames for step in steps) - writer.missed,
                 "missed_frames": writer.missed,
-                "frame_counts": runner.counts(),
+                "frame_counts": counts,
                 "sessions": writer.session,
                 "kept_frames": kept,
                 "redone": writer.redone,
-                "rig_seconds": devices.clock.now_s() - start_s,
+                "rig_seconds": bench.clock.now_s() - start_s,
                 "wall_seconds": time.monotonic() - started,
                 "left_out": bench.left_out(),
                 "notes": [
@@ -108,6 +108,22 @@ def run(
     return {**summary, "already_finished": False}
 
 
+def _carry_out(
+    bench: Rig | WeightsBench, steps: Sequence[Step], writer: RunWriter, progress: Progress | None,
+    live: Callable[[Live], None] | None,
+) -> dict[str, int]:  # fmt: skip
+    """By the stage, or by a hand that lays weights on; frames that were late, missed and the like.
+
+    Raises RunFailed and its kin.
+    """
+    if isinstance(bench, WeightsBench):
+        bench.run(steps, writer, progress)
+        return {}
+    runner = Runner(bench.devices(), writer, progress, live)
+    runner.run(steps)
+    return runner.counts()
+
+
 def dry_run(request: RunRequest) -> dict[str, Any]:
     """Check all that a run checks, and ask the devices of a rig that has any; nothing moves.
 
@@ -120,25 +136,27 @@ def dry_run(request: RunRequest) -> dict[str, Any]:
         with TemporaryDirectory() as folder:
             job = request.setup(Path(folder) / "dry-run")
             with closing(request.kind.build(job, request.progress)) as bench:
-                lines = _answers(bench.devices())
+                lines = list(_answers(bench))
     return {**asdict(request.estimate()), "devices": lines, "notes": notes}
 
 
-def _answers(found: Devices) -> list[str]:
+def _answers(found: Rig | WeightsBench) -> Iterator[str]:
     """A line a device: that it answers, and how. Raises InputError, StageError, SensorError.
 
     The stage is connected, its settings are judged; the camera gives an image, the force sensor
     a reading.
     """
-    found.stage.connect()
-    lines = [f"stage: {_identity(found.stage.identity(), 'banner', 'port')}"]
+    if not isinstance(found, WeightsBench):
+        stage = found.devices().stage
+        stage.connect()
+        yield f"stage: {_identity(stage.identity(), 'banner', 'port')}"
     if found.camera is not None:
         found.camera.begin("dry-run")
         frame = found.camera.capture()
         h, w = frame.image.shape[:2]
         age_ms = (found.clock.now_s() - frame.t_s) * 1e3
         name = _identity(found.camera.identity(), "name", "kind")
-        lines.append(f"camera: {name}: {w} x {h} px, {age_ms:.0f} ms old")
+        yield f"camera: {name}: {w} x {h} px, {age_ms:.0f} ms old"
     if found.force is not None:
         found.force.start()
         try:
@@ -147,10 +165,9 @@ def _answers(found: Devices) -> list[str]:
             found.force.stop()
         x, y, z = samples.force_n[-1]
         name = _identity(found.force.identity(), "kind", "serial")
-        lines.append(f"force sensor: {name}: {x:+.2f}, {y:+.2f}, {z:+.2f} N, not tared")
+        yield f"force sensor: {name}: {x:+.2f}, {y:+.2f}, {z:+.2f} N, not tared"
         if samples.saturated.any():
-            lines.append("force sensor: SATURATED: the guard would stop the run at once")
-    return lines
+            yield "force sensor: SATURATED: the guard would stop the run at once"
 
 
 def _identity(identity: dict[str, object], *keys: str) -> str:

@@ -37,7 +37,7 @@ def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
     """
     from ..protocols import plan
 
-    _, path = plan.load(source)
+    _, path = plan.load(source, by_hand=True)
     text = f"As {source}; say here what the experiment is for."
     given = {**catalog.read(path), "name": name, "description": text}
     about = (

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from math import isnan
 from typing import Any
 
 from .session import MeasuredImage
 
 
 def as_dict(m: MeasuredImage, outlines: bool = False) -> dict[str, Any]:
-    """Plain numbers of one result; what was not asked for, or needs a calibration, is None.
+    """Plain numbers of one result; what was not asked for, or was not calibrated, is None.
 
     outlines: also those of the contacts, as lists of points in mm.
     """
@@ -48,8 +49,12 @@ def _one(value: float | None) -> float | None:
     return None if value is None else round(float(value), 4)
 
 
-def _rounded(values: Any) -> list[float]:
-    return [round(float(v), 4) for v in values]
+def _rounded(values: Any) -> list[float | None]:
+    return [None if isnan(v) else round(float(v), 4) for v in values]
+
+
+def _signed(values: list[float | None], digits: int) -> str:
+    return " ".join("-" if v is None else f"{v:+.{digits}f}" for v in values)
 
 
 def line(m: MeasuredImage) -> str:
@@ -61,8 +66,8 @@ def line(m: MeasuredImage) -> str:
         f"cover {told['cover']:4.0%}" + ("" if told["trusted"] else " NOT TRUSTED"),
     ]
     if told["force_n"] is not None:
-        parts.append("F " + " ".join(f"{v:+.2f}" for v in told["force_n"]) + " N")
-        parts.append("T " + " ".join(f"{v:+.1f}" for v in told["torque_nmm"]) + " N mm")
+        parts.append(f"F {_signed(told['force_n'], 2)} N")
+        parts.append(f"T {_signed(told['torque_nmm'], 1)} N mm")
     if told["extrapolated"]:
         parts.append("BEYOND ITS CALIBRATION")
     if told["contacts"] is not None:

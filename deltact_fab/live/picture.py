@@ -68,8 +68,9 @@ def point(m: MeasuredImage) -> tuple[float | None, ...]:
     force, t_s = m.result.force, round(m.given.t_s, 4)
     if force is None:
         return (t_s, motion_mm(m.result), float(m.result.trusted))
-    x, y, z = (round(float(v), 4) for v in force.force_n)
-    return (t_s, -z, x, y, float(m.result.trusted and not force.extrapolated))
+    x, y, z = (None if np.isnan(v) else round(float(v), 4) for v in force.force_n)
+    trusted = float(m.result.trusted and not force.extrapolated)
+    return (t_s, None if z is None else -z, x, y, trusted)
 
 
 def motion_mm(result: Result) -> float | None:

@@ -90,10 +90,13 @@ class RigSource:
         yield from self._carried_out()
 
     def _carried_out(self, at_rest: bool = False) -> Iterator[CameraFrame]:
+        from ..virtual.rig import VirtualRig
+
         request = self._request
         with TemporaryDirectory() as folder:
             job = request.setup(Path(folder))
             with closing(request.kind.build(job)) as rig:
+                assert isinstance(rig, VirtualRig), "a real one has another source"
                 yield from _carried_out(request.steps, rig.devices(), at_rest)
 
     def at_rest(self) -> Iterator[CameraFrame]:

@@ -16,7 +16,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_serializer, field_validator, model_validator
 
 from .. import catalog
-from ..aliases import Point
+from ..aliases import Point, Point2
 from ..configuration import Place, Table, same_as
 from ..elasticity.material import GelMaterial
 from ..errors import InputError, did_you_mean
@@ -29,6 +29,8 @@ Length = Annotated[float, Field(ge=0.001, le=1000)]  # mm
 Feed = Annotated[float, Field(ge=0.001, le=100_000)]  # mm/min; `budget` asks for more
 Rate = Annotated[float, Field(ge=0.0001, le=1000)]  # frames a second
 Share = Annotated[float, Field(ge=0.001, le=100)]
+Mass = Annotated[float, Field(ge=0.1, le=100_000)]  # g
+Tilt = Annotated[float, Field(ge=-60, le=60)]
 Seconds = Annotated[float, Field(ge=0.001, le=1e6)]
 
 
@@ -157,6 +159,42 @@ class Specimen(Table):
         return value
 
 
+class DeadWeights(Table):
+    """Known masses that are laid on the face by hand, in place of a stage and a force sensor."""
+
+    masses_g: tuple[Mass, ...] = Field(min_length=1, max_length=100, examples=[[50.0, 100.0]])
+    """Each with the indenter and what holds it, in the order in which they are laid on."""
+    error_g: Annotated[float, Field(ge=0, le=1000)] = 0.1
+    """How far a mass may be off, by its class or by the balance."""
+    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
+    """What a level on the face shows along x and along y, positive where that way leads down. A
+    tilted face is sheared; a level one says nothing of shear."""
+    tilt_error_deg: Annotated[float, Field(ge=0, le=10)] = 0.2
+    """How far the level may be off."""
+    height_mm: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
+    """Of the centre of mass over the face; 0 or less where the mass hangs from a yoke. On a tilted
+    face it makes a moment."""
+    gravity_m_s2: float = Field(default=9.80665, ge=9.7, le=9.9)
+    """Where the lab is; 9.780 at the equator to 9.832 at the poles."""
+
+    def wrench(self, mass_g: float, at_mm: Point2) -> tuple[float, ...]:
+        """Force (N) on the sensor, and its moment (N mm) about the centre of the resting face."""
+        fx, fy = (self._weight_n(mass_g) * math.sin(math.radians(t)) for t in self.tilt_deg)
+        fz = -math.sqrt(self._weight_n(mass_g) ** 2 - fx**2 - fy**2)
+        (x, y), z = at_mm, self.height_mm
+        return fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
+
+    def error_n(self) -> tuple[float, float]:
+        """How far the normal force and a shear force may be off, at the largest mass."""
+        weight_n, off = self._weight_n(max(self.masses_g)), math.radians(self.tilt_error_deg)
+        steepest = max(abs(math.sin(math.radians(t))) for t in self.tilt_deg)
+        mass_n = self._weight_n(self.error_g)
+        return mass_n + weight_n * off * (steepest + off), mass_n * steepest + weight_n * off
+
+    def _weight_n(self, mass_g: float) -> float:
+        return mass_g / 1000 * self.gravity_m_s2
+
+
 class Protocol(Table):
     """One scripted indentation experiment."""
 
@@ -169,8 +207,9 @@ class Protocol(Table):
     star, cylinder, ring, hat, with or without :SIZE_MM; or a shape of cad/indenters.toml."""
     positions_mm: tuple[tuple[Place, Place], ...] = Field(min_length=1)
     """Where each indenter presses: (x, y) from the centre of the face."""
-    depths_mm: tuple[Length, ...] = Field(min_length=1)
+    depths_mm: tuple[Length, ...] = ()
     """How deep each press goes, below the resting face, one stop after the other; rising."""
+    weights: DeadWeights | None = Field(default=None, json_schema_extra={"instead_of": "depths_mm"})
     channels: frozenset[Literal["image", "dots", "force", "shear", "traction"]]
     """What the analysis will ask for; what is not named here is not built and not solved. None at
     all leaves the poses of the stage. traction: what presses and shears the face, of every frame,
@@ -199,6 +238,13 @@ class Protocol(Table):
             raise ValueError("channels: 'traction' needs 'image': it is kept for the frames")
         if self.shear and "shear" not in self.channels:
             raise ValueError("channels: a protocol with [shear] needs 'shear'")
+        if bool(self.depths_mm) == bool(self.weights):
+            raise ValueError("either depths_mm (a stage presses) or [weights] (a hand does)")
+        capture = self.capture
+        if self.weights and (self.shear or capture.rate_hz or not capture.settle_s):
+            raise ValueError(
+                "[weights] need capture.settle_s, and neither rate_hz nor [shear]: tilt the face"
+            )
         if list(self.depths_mm) != sorted(set(self.depths_mm)):
             raise ValueError("depths_mm: strictly increasing, the gel has a history")
         legs = 0 if self.shear is None else self.shear.legs
@@ -226,7 +272,8 @@ class Protocol(Table):
         rows = {
             "indenters": ", ".join(self.indenters),
             "places": f"{len(self.positions_mm)} on the face",
-            "depths": f"{', '.join(f'{d:g}' for d in self.depths_mm)} mm",
+            "depths": self.depths_mm and f"{', '.join(f'{d:g}' for d in self.depths_mm)} mm",
+            "masses": self.weights and f"{', '.join(f'{m:g}' for m in self.weights.masses_g)} g",
             "shear": shear,
             "channels": ", ".join(sorted(self.channels)) or "none",
             "gel": f"{self.specimen.gel_model}, {self.specimen.modulus_mpa:g} MPa",
@@ -259,10 +306,16 @@ class Step:
     """Whether that last one is taken at rest, as the protocol's capture means it."""
 
 
-def load(name: str) -> tuple[Protocol, Path]:
-    """Read a protocol by catalogue name or path. Raises InputError."""
+def load(name: str, by_hand: bool = False) -> tuple[Protocol, Path]:
+    """Read a protocol by catalogue name or path. by_hand: one of dead weights will do.
+
+    Raises InputError.
+    """
     path = catalog.find("protocols", name)
-    return catalog.validate(Protocol, catalog.read(path), str(path)), path
+    protocol = catalog.validate(Protocol, catalog.read(path), str(path))
+    if protocol.weights is not None and not by_hand:
+        raise InputError(f"{path}: weights: laid on by hand, in a `run` on a real rig alone")
+    return protocol, path
 
 
 def expand(protocol: Protocol, air: bool = False) -> list[Step]:
@@ -323,6 +376,11 @@ def _press(
 
     # Nothing touches the gel yet, whether the protocol has stops that settle or not.
     yield replace(move("rest", "travel", above, stops=True), settled=True)
+    if protocol.weights is not None:
+        for number in range(1, len(protocol.weights.masses_g) + 1):
+            yield move(f"m{number}/press", "press", (x, y, 0.0), stops=True)
+        yield replace(move("after", "travel", above, stops=True), settled=False)
+        return
     yield move("approach", "approach", (x, y, motion.approach_gap_mm))
     for depth in protocol.depths_mm:
         down = (x, y, -depth)

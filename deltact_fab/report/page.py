@@ -200,7 +200,9 @@ def _strips(
                 {
                     "src": _png(np.asarray(small, np.uint8)),
                     "caption": str(row.step_id).rsplit("/", 1)[-1],
-                    "pose": f"x {row.x_mm:+.2f}, y {row.y_mm:+.2f}, z {row.z_mm:+.2f} mm",
+                    "pose": "pose not recorded"
+                    if np.isnan(row.z_mm)
+                    else f"x {row.x_mm:+.2f}, y {row.y_mm:+.2f}, z {row.z_mm:+.2f} mm",
                 }
             )
         strips.append({"indenter": indenter, "pictures": pictures})

@@ -38,6 +38,8 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
     """Refuse what the protocol's gel level cannot answer for. Raises InputError."""
     specimen = protocol.specimen
     level, thickness_mm = specimen.gel_model, sensor.skin.thickness_mm
+    if protocol.weights is not None:
+        raise InputError(f"{source}: weights: no hand lays them on a virtual gel")
     deepest = max(protocol.depths_mm)
     if deepest >= thickness_mm:
         raise InputError(

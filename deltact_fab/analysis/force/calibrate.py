@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from ... import catalog
 from ...aliases import Progress
 from ...errors import InputError
 from ...measure.force import (
@@ -22,6 +23,7 @@ from ...measure.force import (
     make_features,
 )
 from ...measure.force.calibration import ForceCalibration, load_force
+from ...protocols.plan import DeadWeights
 from ...record import Run, encode_png
 from ..frames import settled, settles
 from ..view import head_of, view_of
@@ -155,6 +157,13 @@ def _doubts(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]:
     for run, frames in zip(runs, tables, strict=True):
         if not settles(frames):
             doubts.append(f"{run.folder}: nothing settles in it; the end of each motion is taken")
+        weights = run.meta["protocol"].get("weights")
+        if weights is not None:
+            normal_n, shear_n = catalog.validate(DeadWeights, weights, str(run.folder)).error_n()
+            doubts.append(
+                f"{run.folder}: weights laid on by hand: the normal force is known to "
+                f"{normal_n:.3f} N, shear to {shear_n:.3f} N, which no error above contains"
+            )
         if run.simulated and run.meta["protocol"]["specimen"]["gel_model"] == "layer":
             doubts.append(
                 f'{run.folder}: simulated with gel_model = "layer", whose forces are no gel\'s: '

@@ -187,6 +187,7 @@ def errors_kept(of: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]
     return {
         name: {k: v for k, v in one.items() if k != "regression" and not k.startswith("condition")}
         for name, one in of.items()
+        if one.get("range_n", one.get("range_nmm"))
     }
 
 
@@ -200,7 +201,10 @@ def _errors(of: Mapping[str, Mapping[str, Any]]) -> str:
         return f"{max(known):.2f}", f"{100 * max(known) / span:.1f} %" if span else "-"
 
     (normal, part), *shears = (one(name) for name in FORCES)
+    text = f"normal force to {normal} N ({part} of {of['normal']['range_n']:.1f} N), "
+    if not any(of[name]["range_n"] for name in FORCES[1:]):
+        return f"{text}shear not calibrated (there was none)"
     return (
-        f"normal force to {normal} N ({part} of {of['normal']['range_n']:.1f} N), "
-        f"shear to {' and '.join(v for v, _ in shears)} N ({' and '.join(p for _, p in shears)})"
+        f"{text}shear to {' and '.join(v for v, _ in shears)} N "
+        f"({' and '.join(p for _, p in shears)})"
     )

@@ -118,7 +118,7 @@ def press_shape(
     if (lost := rows.loc[rows["z_mm"].isna(), "frame_id"]).size:
         raise InputError(
             f"{run.folder}: frame {lost.iloc[0]}: where the stage was is not recorded; "
-            "`deltact-fab record check` says what is damaged"
+            "nobody knows under a weight laid on by hand, else `record check` says what is damaged"
         )
     finder = DepthFinder(view, model)
     features = None

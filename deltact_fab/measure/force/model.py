@@ -97,6 +97,11 @@ class ForceModel:
             fits[component] = fit
         return cls(features.name, tuple(features.names), coefficients, reach), fits
 
+    @property
+    def calibrated(self) -> Array:
+        """(6,) bool: of COMPONENTS, those that ever were other than 0 in training."""
+        return np.asarray(self.coefficients.any(axis=1))
+
     def predict(self, X: Array) -> Array:
         """Wrenches (n, 6), N and N mm, of features (n, k)."""
         return np.asarray(X, float) @ self.coefficients.T
@@ -111,8 +116,8 @@ class ForceModel:
         return np.asarray(~((each**2).sum(axis=-1) <= REACH).all(axis=-1))
 
     def wrench(self, x: Array, cover: float) -> Wrench:
-        """Of one frame's features (k,), of which a share is known."""
-        six = self.predict(x[None])[0]
+        """Of one frame's features (k,), of which a share is known; nan: not calibrated."""
+        six = np.where(self.calibrated, self.predict(x[None])[0], np.nan)
         return Wrench(six[:3], six[3:], cover, bool(self.outside(x[None])[0]))
 
     def as_dict(self) -> dict[str, Any]:

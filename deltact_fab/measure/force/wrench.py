@@ -16,9 +16,10 @@ COMPONENTS = ("fx", "fy", "fz", "tx", "ty", "tz")
 class Wrench:
     """Force and torque on the sensor about the centre of its resting face; a press has Fz < 0.
 
-    force_n, torque_nmm (3,) float64. cover: share of the points it rests on whose motion is known;
-    where it is 0 nothing was seen and the wrench is 0. extrapolated: a feature lies beyond what
-    the model was trained on, so no error that was measured then holds.
+    force_n, torque_nmm (3,) float64, nan where it was not calibrated. cover: share of the points
+    it rests on whose motion is known; where it is 0 nothing was seen and the wrench is 0.
+    extrapolated: a feature lies beyond what the model was trained on, so no error that was measured
+    then holds.
     """
 
     force_n: Array

@@ -1,0 +1,231 @@
+"""Dead weights for a force sensor: a hand lays them on, the camera looks, the masses are known.
+
+For a bench without a stage, or with a force sensor that is to be checked itself: where the rig file
+says how one is read, what it reads of each weight is told and held against the weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..aliases import Array, Progress
+from ..errors import InputError, Stopped
+from ..protocols.plan import Step
+from ..record import Chunk, RunWriter
+from ..record.streams import FORCE_COLUMNS
+from ..units import to_ns
+from .bench import GrblKind
+from .clock import WallClock
+from .force.open import open_force
+from .interface import Camera, CameraFrame, ForceSensor
+from .job import RigSetup
+from .tool.operator import TerminalOperator
+
+if TYPE_CHECKING:
+    from ..protocols.plan import Protocol
+    from ..shapes import SensorDimensions
+    from .config import GrblConfig
+
+PER_UNIT = 1e6  # counts in a newton, in a newton millimetre: up to 2 kN
+READ_S = 0.5  # of the force sensor, for a mean
+
+
+class WeightsKind:
+    """A real bench's camera, and a hand. As rig.job.RigKind, but for what it builds."""
+
+    part = GrblKind.part
+
+    def __init__(self, config: GrblConfig, source: Path) -> None:
+        """source: of the rig file."""
+        self._config, self._source = config, source
+        kind = GrblKind(config, source)
+        self.camera, self.flat, self._refusals = kind.camera, kind.flat, kind.refusals
+
+    def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
+        """As of the bench; the weights are the force."""
+        asked = protocol.model_copy(update={"channels": protocol.channels - {"force"}})
+        return self._refusals(asked, sensor, source)
+
+    def build(self, job: RigSetup, progress: Progress | None = None) -> WeightsBench:
+        """Camera and force sensor, as far as there are any."""
+        if job.unattended or job.air:
+            option = "unattended" if job.unattended else "air"
+            raise InputError(f"--{option}: does not go with weights that are laid on by hand")
+        return WeightsBench(self._config, self._source.parent, job)
+
+
+class WeightsBench:
+    """Has one weight after the other laid on, and records what is seen of it.
+
+    Whoever builds it closes it.
+    """
+
+    def __init__(self, config: GrblConfig, folder: Path, job: RigSetup) -> None:
+        """folder: of the rig file."""
+        assert job.protocol.weights is not None, "of a protocol with weights"
+        self._job, self._weights = job, job.protocol.weights
+        self._operator = TerminalOperator()
+        self.clock = WallClock()
+        self._open = ExitStack()
+        self.camera: Camera | None = None
+        self.force: ForceSensor | None = None
+        self._read_n: list[float] = []
+        self._laid_n: list[float] = []
+        try:
+            if "image" in job.protocol.channels:
+                from .camera.open import open_camera
+
+                assert config.camera is not None, "refused without one"
+                self.camera = open_camera(config.camera, folder, self.clock)
+                self._open.callback(self.camera.close)
+            if config.force is not None and config.force.reachable:
+                self.force = open_force(config.force, self.clock)
+                self._open.callback(self.force.close)
+        except BaseException:
+            self.close()
+            raise
+
+    def run(
+        self, steps: Sequence[Step], writer: RunWriter, progress: Progress | None = None
+    ) -> None:
+        """All places that the writer has not kept. Raises RunFailed, SensorError, Stopped."""
+        total, done = sum(step.frames for step in steps), 0
+        step = steps[0]
+        try:
+            for press, group in groupby(steps, lambda step: step.press):
+                part = list(group)
+                if press not in writer.kept:
+                    began_s = self.clock.now_s()
+                    frames: dict[str, float] = {}
+                    for step in part:
+                        if progress is not None:
+                            progress(done, total, step.id)
+                        frames |= self._step(step, writer, began_s)
+                        done += step.frames
+                    if self.camera is not None and frames:
+                        self.camera.end(frames)
+                    writer.flush()
+                else:
+                    done += sum(step.frames for step in part)
+        except KeyboardInterrupt as why:
+            raise Stopped(
+                f"stopped by the operator in {step.id}; complete places are kept: go on with "
+                "--resume"
+            ) from why
+
+    def _step(self, step: Step, writer: RunWriter, began_s: float) -> dict[str, float]:
+        """Ask, wait, take the frame and the force; its id and time."""
+        start_s = self.clock.now_s()
+        x_mm, y_mm, z_mm = step.target_mm
+        mass_g = 0.0
+        if step.kind == "change":
+            self._operator.ask(f"take {step.indenter}; Enter when it is at hand")
+        elif z_mm > 0:
+            self._operator.ask(
+                f"take everything off the face, next is ({x_mm:g}, {y_mm:g}) mm; Enter when "
+                "nothing touches it"
+            )
+        else:
+            number = int(step.id.split("/")[-2].removeprefix("m"))
+            mass_g = self._weights.masses_g[number - 1]
+            self._operator.ask(
+                f"lay {mass_g:g} g on {step.indenter} at ({x_mm:g}, {y_mm:g}) mm; Enter when it "
+                "rests"
+            )
+        frames: dict[str, float] = {}
+        chunks: list[Chunk] = []
+        if step.frames:
+            if step.id.endswith("/rest"):
+                self._tare(step)
+            self._operator.tell(f"  {step.settle_s:g} s: do not touch the table")
+            frame, t_s = self._settled(step.settle_s)
+            force = self._weights.wrench(mass_g, (x_mm, y_mm)) if mass_g else (0.0,) * 6
+            counts = np.rint(np.array(force) * PER_UNIT).astype(np.int32)
+            columns = {"t_ns": np.array([to_ns(t_s - began_s)]),
+                       **dict(zip(FORCE_COLUMNS, counts[:, None], strict=True)),
+                       "saturated": np.zeros(1, bool)}  # fmt: skip
+            chunks = [Chunk("force", began_s, columns, dict.fromkeys(FORCE_COLUMNS, PER_UNIT))]
+            frame_id = writer.frame(
+                step, 1, None if frame is None else frame.image, t_s, t_s - start_s, t_s - began_s,
+                dropped=0 if frame is None else frame.dropped,
+            )  # fmt: skip
+            assert frame_id is not None, "it waits for room"
+            frames[frame_id] = t_s
+            if mass_g:
+                self._compare(step, writer, mass_g, force[2])
+        writer.step(step, self.clock.now_s() - start_s, start_s, self.clock.now_s(), chunks)
+        return frames
+
+    def _tare(self, step: Step) -> None:
+        if self.camera is not None:
+            self.camera.begin(step.press)
+        if self.force is not None:
+            self.force.begin(step.press)
+            self.force.stop()
+
+    def _settled(self, settle_s: float) -> tuple[CameraFrame | None, float]:
+        """The first frame exposed once the face has settled, and its time."""
+        due_s = self.clock.now_s() + settle_s
+        self.clock.sleep_s(settle_s)
+        while self.camera is not None:
+            frame = self.camera.capture()
+            if frame.t_s >= due_s:
+                return frame, frame.t_s
+        return None, self.clock.now_s()
+
+    def _compare(self, step: Step, writer: RunWriter, mass_g: float, fz_n: float) -> None:
+        """What the force sensor says of a weight, kept as an event."""
+        text = f"{mass_g:g} g, Fz {fz_n:.4f} N"
+        if self.force is not None:
+            self.force.start()
+            until_s = self.clock.now_s() + READ_S
+            parts: list[Array] = []
+            while not parts or self.clock.now_s() < until_s:
+                parts.append(self.force.read().force_n[:, 2])
+            self.force.stop()
+            self._laid_n.append(fz_n)
+            self._read_n.append(float(np.concatenate(parts).mean()))
+            text += f"; the force sensor reads {self._read_n[-1]:.4f} N"
+        writer.event("weight", text, self.clock.now_s(), step)
+
+    def left_out(self) -> list[str]:
+        """What was not asked for."""
+        lines = ["stage and guard: a hand lays the weights on"]
+        return lines if self.camera else [*lines, "camera: no channel asks for images"]
+
+    def notes(self) -> list[str]:
+        """How well the weights are known, and what the force sensor makes of them."""
+        normal_n, shear_n = self._weights.error_n()
+        lines = [f"weights: the normal force is known to {normal_n:.3f} N, shear to {shear_n:.3f}"]
+        if len(self._read_n) > 1:
+            from ..measure.regression import least_squares
+
+            read_n = np.array(self._read_n)
+            fit = least_squares(read_n[:, None], np.array(self._laid_n), ["read"])
+            (factor,), ((low, high),) = fit.coefficients, fit.intervals
+            off_n = np.abs(factor * read_n - self._laid_n).max()
+            lines.append(
+                f"the weights are {factor:.4f} times what the force sensor reads (95 %: {low:.4f} "
+                f"to {high:.4f}, {len(read_n)} weights; the masses themselves "
+                f"{normal_n / max(map(abs, self._laid_n)):.2%}), then at most {off_n:.4f} N off: "
+                "multiply [force.serial] scale by it"
+            )
+        return lines
+
+    def identity(self) -> dict[str, Any]:
+        """What the summary keeps of the devices."""
+        return {
+            "stage": None,
+            "camera": self.camera.identity() if self.camera is not None else None,
+            "force": self.force.identity() if self.force is not None else None,
+        }
+
+    def close(self) -> None:
+        """Close what was opened; again does nothing."""
+        self._open.close()
