@@ -22,7 +22,7 @@ VIEW_HZ = 10.0
 
 
 @click.command(epilog="Example: deltact-fab measure smoke-run --view")
-@click.argument("source", required=False, type=RIG_NAME)
+@click.argument("source", type=RIG_NAME)
 @click.option("--camera", type=PATH, metavar="FILE", help="Camera file made by `calibrate`.")
 @click.option("--calibration", "calibrations", multiple=True, type=PATH, metavar="FILE",
               help="Calibration of depth or force; repeatable.")  # fmt: skip
@@ -41,11 +41,9 @@ VIEW_HZ = 10.0
 @click.option("--view", is_flag=True, help="Show everything live on a page on this computer.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
               show_default="a free one", help="Port of that page.")  # fmt: skip
-@click.option("--benchmark", is_flag=True,
-              help="Measure rate, latency and error on this machine; needs no SOURCE.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, once all is measured.")
 def measure(
-    source: str | None,
+    source: str,
     camera: Path | None,
     calibrations: tuple[Path, ...],
     show: str | None,
@@ -56,7 +54,6 @@ def measure(
     jsonl: bool,
     view: bool,
     port: int,
-    benchmark: bool,
     as_json: bool,
 ) -> None:
     """Measure the images of SOURCE as they come; the first must show the face at rest.
@@ -69,11 +66,6 @@ def measure(
     """
     # Every BLAS reads it, when numpy is imported. The stages have the cores already.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    if benchmark:
-        _benchmark(as_json)
-        return
-    if source is None:
-        raise click.UsageError("SOURCE: missing: a camera's number, a video, folder, run or rig")
     if jsonl and as_json:
         raise click.UsageError("--jsonl, --json: one of them, as both write to stdout")
     import cv2
@@ -145,26 +137,3 @@ def _run(session: Session, outputs: list[Output], stay: bool) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
     return status
-
-
-def _benchmark(as_json: bool) -> None:
-    from ..numerics.benchmark import AGE_MS, IN_TIME, PARTS, run_benchmark
-    from .output import echo_json, echo_table, progress
-
-    with progress("benchmark") as report:
-        found = run_benchmark(progress=report)
-    if as_json:
-        echo_json(found)
-        return
-    rows = [
-        (pattern, case, row["hz"], row["goal_hz"], row["latency_ms"]["p50"],
-         row["latency_ms"]["p95"], f"{row['in_time']:.1%}", row["dropped"], row["cpu_ms"],
-         *row["by_part_ms"].values(), row["mean_error_mm"], row["coverage"])
-        for pattern, cases in found.items() if pattern not in ("about", "load_average")
-        for case, row in cases.items()
-    ]  # fmt: skip
-    echo_table(("pattern", "case", "hz", "goal", "latency p50, ms", "p95",
-                f"in {AGE_MS:g} ms, goal {IN_TIME:.0%}", "dropped", "CPU, ms", *PARTS,
-                "mean error, mm", "coverage"), rows, names=2)  # fmt: skip
-    load = found["load_average"]
-    click.echo(f"\n{found['about']}; load average {load['before']} before, {load['after']} after")

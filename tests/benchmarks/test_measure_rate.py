@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from deltact_fab.numerics.benchmark import CASES, run_benchmark
+from benchmarks.measure_rate import CASES, run_benchmark
 
 
 @pytest.mark.evidence

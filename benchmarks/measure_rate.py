@@ -1,4 +1,6 @@
-"""What the measurement does on this machine: images a second, latency, CPU, error and coverage.
+"""What the measurement does on this machine: `python -m benchmarks.measure_rate` prints JSON.
+
+Images a second, latency, CPU, error and coverage.
 
 It measures the frames of a shipped press and shear through the fisheye: runs of the virtual rig,
 kept in the user's cache folder, one a pattern. The gel is solved once for both: its store finds the
@@ -7,6 +9,7 @@ solution again.
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import time
@@ -17,18 +20,18 @@ from typing import Any
 
 import numpy as np
 
-from .. import cache, catalog, digest
-from ..aliases import Array, Progress
-from ..analysis.force import fit
-from ..analysis.force.dataset import gather
-from ..analysis.shape.ball import calibrate_depth
-from ..analysis.tracking_error.truth import TrueFrame, seen_by
-from ..analysis.view import view_of
-from ..measure.flow import FlowState
-from ..measure.flow.fused import to_full
-from ..measure.pipeline import Measurement, Pipeline
-from ..record import Run
-from .scenes import machine
+from deltact_fab import cache, catalog, digest, experiment, record
+from deltact_fab.aliases import Array, Progress
+from deltact_fab.analysis.force import fit
+from deltact_fab.analysis.force.dataset import gather
+from deltact_fab.analysis.shape.ball import calibrate_depth
+from deltact_fab.analysis.tracking_error.truth import TrueFrame, seen_by
+from deltact_fab.analysis.view import view_of
+from deltact_fab.measure.flow import FlowState
+from deltact_fab.measure.flow.fused import to_full
+from deltact_fab.measure.pipeline import Measurement, Pipeline
+from deltact_fab.numerics.scenes import machine
+from deltact_fab.record import Run
 
 FRAMES = 300
 TIMED = 150  # of them, the press and two drags of the four
@@ -184,8 +187,6 @@ def _judged(run: Run, images: list[Array]) -> dict[str, float]:
 
 def _drawn(pattern: str, progress: Progress | None) -> Run:
     """The run on a pattern of PATTERNS, made if the cache folder has none."""
-    from .. import experiment, record
-
     home = cache.user_folder() / "benchmark"
     name = pattern.replace("/", "-")
     folder = home / f"{name}-{digest.of(*DRAWN_BY)}"
@@ -229,3 +230,7 @@ def _about(frames: int) -> dict[str, Any]:
 def _load() -> list[float] | None:
     """Load averages of the whole machine, over 1, 5 and 15 minutes."""
     return list(os.getloadavg()) if hasattr(os, "getloadavg") else None
+
+
+if __name__ == "__main__":
+    print(json.dumps(run_benchmark(), indent=1))
