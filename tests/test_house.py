@@ -12,9 +12,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SHIPPED = ("deltact_fab", "benchmarks")
 USERS = (*SHIPPED, "cad", "examples")
-# Found by their names: parts by the registry, engines by the fault matrix, the protocol that
-# pyserial loads, what a kernel of the flow says of itself, and what another process begins with.
-BY_NAME = {"PARTS", "ENGINE", "Serial", "NAME", "stands", "main"}
+# Found by their names: parts by the registry, engines by the fault matrix, what a kernel of the
+# flow says of itself, and what another process begins with.
+BY_NAME = {"PARTS", "ENGINE", "NAME", "stands", "main"}
 NAMEDTUPLE = {"_fields", "_asdict", "_replace"}
 NAMING = (
     ast.ImportFrom, ast.Name, ast.Attribute, ast.Constant, ast.FunctionDef, ast.ClassDef

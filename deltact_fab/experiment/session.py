@@ -76,8 +76,7 @@ def run(
         if note is not None:
             record.add_note(out, note)
         with closing(request.kind.build(job, request.progress)) as bench:
-            start_s = bench.clock.now_s()
-            counts = _carry_out(bench, steps, writer, request.progress, live)
+            counts, rig_seconds = _carry_out(bench, steps, writer, request.progress, live)
             kept = sum(step.frames for step in steps if step.press in writer.kept)
             summary = {
                 "protocol": protocol.name,
@@ -92,7 +91,7 @@ def run(
                 "sessions": writer.session,
                 "kept_frames": kept,
                 "redone": writer.redone,
-                "rig_seconds": bench.clock.now_s() - start_s,
+                "rig_seconds": rig_seconds,
                 "wall_seconds": time.monotonic() - started,
                 "left_out": bench.left_out(),
                 "notes": [
@@ -111,17 +110,20 @@ def run(
 def _carry_out(
     bench: Rig | WeightsBench, steps: Sequence[Step], writer: RunWriter, progress: Progress | None,
     live: Callable[[Live], None] | None,
-) -> dict[str, int]:  # fmt: skip
-    """By the stage, or by a hand that lays weights on; frames that were late, missed and the like.
+) -> tuple[dict[str, int], float]:  # fmt: skip
+    """By the stage, or by a hand that lays weights on: frames late or lost, and the rig's seconds.
 
     Raises RunFailed and its kin.
     """
-    if isinstance(bench, WeightsBench):
-        bench.run(steps, writer, progress)
-        return {}
-    runner = Runner(bench.devices(), writer, progress, live)
-    runner.run(steps)
-    return runner.counts()
+    devices = bench if isinstance(bench, WeightsBench) else bench.devices()
+    start_s, counts = devices.clock.now_s(), dict[str, int]()
+    if isinstance(devices, WeightsBench):
+        devices.run(steps, writer, progress)
+    else:
+        runner = Runner(devices, writer, progress, live)
+        runner.run(steps)
+        counts = runner.counts()
+    return counts, devices.clock.now_s() - start_s
 
 
 def dry_run(request: RunRequest) -> dict[str, Any]:
@@ -146,25 +148,26 @@ def _answers(found: Rig | WeightsBench) -> Iterator[str]:
     The stage is connected, its settings are judged; the camera gives an image, the force sensor
     a reading.
     """
-    if not isinstance(found, WeightsBench):
-        stage = found.devices().stage
+    seen = found if isinstance(found, WeightsBench) else found.devices()
+    if not isinstance(seen, WeightsBench):
+        stage = seen.stage
         stage.connect()
         yield f"stage: {_identity(stage.identity(), 'banner', 'port')}"
-    if found.camera is not None:
-        found.camera.begin("dry-run")
-        frame = found.camera.capture()
+    if seen.camera is not None:
+        seen.camera.begin("dry-run")
+        frame = seen.camera.capture()
         h, w = frame.image.shape[:2]
-        age_ms = (found.clock.now_s() - frame.t_s) * 1e3
-        name = _identity(found.camera.identity(), "name", "kind")
+        age_ms = (seen.clock.now_s() - frame.t_s) * 1e3
+        name = _identity(seen.camera.identity(), "name", "kind")
         yield f"camera: {name}: {w} x {h} px, {age_ms:.0f} ms old"
-    if found.force is not None:
-        found.force.start()
+    if seen.force is not None:
+        seen.force.start()
         try:
-            samples = found.force.read()
+            samples = seen.force.read()
         finally:
-            found.force.stop()
+            seen.force.stop()
         x, y, z = samples.force_n[-1]
-        name = _identity(found.force.identity(), "kind", "serial")
+        name = _identity(seen.force.identity(), "kind", "serial")
         yield f"force sensor: {name}: {x:+.2f}, {y:+.2f}, {z:+.2f} N, not tared"
         if samples.saturated.any():
             yield "force sensor: SATURATED: the guard would stop the run at once"

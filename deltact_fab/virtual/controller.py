@@ -26,11 +26,11 @@ from ..protocols.motion import minus, plus
 from ..rig.stage.config import StageSettings
 from ..units import MM_PER_INCH, NS_PER_S, to_ns
 from . import grbl_report
-from .board import SimulatedBoard
-from .carriage import PLANNER_BLOCKS, replaced
+from .carriage import PLANNER_BLOCKS, Carriage, replaced
 from .clock import NsClock
 from .gcode import GcodeError, Modal, parse
 from .grbl_settings import FACTORY, SETTINGS, change, listed, settings_for
+from .motion import Segment
 
 BANNER = "Grbl 1.1h ['$' for help]"
 _RX_BYTES, _LINE_CHARS = 128, 79
@@ -45,8 +45,8 @@ Wait = Literal["slot", "sync", "still"] | int
 Task = Generator[Wait, None, int]
 
 
-class GrblController(SimulatedBoard):
-    """One simulated board with its three axes.
+class GrblController:
+    """One simulated board with its three axes: bytes in, bytes out, and a carriage.
 
     settings: `$` numbers to values, over `SETTINGS`. start_mm: where the carriage stands at
     power-on, in the true machine frame (the switches are at 0, or at -travel where $23 says so).
@@ -78,7 +78,9 @@ class GrblController(SimulatedBoard):
         if unknown:
             raise ValueError(f"no such GRBL setting: ${unknown[0]}")
         self.banner = banner
-        super().__init__(self.settings, clock, start_mm)
+        self._clock, self._t = clock, clock.now_ns()
+        self._carriage = Carriage(self.settings, start_mm, self._t)
+        self._out: list[tuple[int, bytes]] = []
         self._boot = to_ns(boot_s)
         self._blank = blank_eeprom
         self._systems: dict[int, Vector] = dict.fromkeys(range(54, 60), (0.0, 0.0, 0.0))
@@ -128,7 +130,43 @@ class GrblController(SimulatedBoard):
         self._faults.sort()
         self._advance()
 
+    def read_available(self) -> bytes:
+        """Everything said up to now and not yet read."""
+        return b"".join(data for _, data in self.take_output())
+
+    def take_output(self) -> list[tuple[int, bytes]]:
+        """The same, in pieces with the time (ns) at which each was said."""
+        self._advance()
+        out, self._out = self._out, []
+        return out
+
+    def next_event_ns(self) -> int | None:
+        """When something next happens by itself (and the controller may speak), None: never."""
+        self._advance()
+        return self._next_ns()
+
+    def now_ns(self) -> int:
+        """The time of its clock."""
+        return self._clock.now_ns()
+
     # ---- the truth, for the scene -------------------------------------------------------------
+
+    @property
+    def segments(self) -> list[Segment]:
+        """Every straight piece of the carriage's path, the planned one last."""
+        self._advance()
+        return self._carriage.path.segments
+
+    def position_mm(self, t_s: float | None = None) -> Vector:
+        """Where the carriage is, machine mm, now or at a past time.
+
+        Raises ValueError for a time that has not come: what will be is not decided yet.
+        """
+        self._advance()
+        t_ns = self._t if t_s is None else to_ns(t_s)
+        if t_ns > self._t:
+            raise ValueError(f"{t_s} s has not come yet: it is {self._t / NS_PER_S} s")
+        return self._carriage.path.position_mm(t_ns)
 
     @property
     def state(self) -> str:

@@ -18,8 +18,8 @@ from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
 from ..units import NS_PER_S
-from .board import SimulatedBoard
 from .clock import NsClock
+from .controller import GrblController
 
 IDLE_MS = 20  # between two looks when nothing is to happen
 CLOSED_MS = 2  # between two looks whether a host has opened the port
@@ -34,7 +34,7 @@ class PtyCable(AbstractContextManager["PtyCable"]):
 
     def __init__(
         self,
-        controller: SimulatedBoard,
+        controller: GrblController,
         clock: NsClock,
         *,
         resets_on_open: bool = False,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
@@ -32,8 +31,6 @@ if TYPE_CHECKING:
     from ..gel.level import Choice
     from .devices import VirtualCamera
     from .picture import FrameRenderer
-
-_NUMBER = itertools.count(1)
 
 
 class VirtualKind:
@@ -117,10 +114,8 @@ class VirtualRig:
             controller, self.clock, stage.frame, presses.increments, presses.open, self._crop,
             presses.modulus_mpa,
         )  # fmt: skip
-        # A name of its own, so that several runs can share one process.
-        name = f"{job.folder.name}-{next(_NUMBER)}"
-        self._link = SerialLink(controller, self.clock, name, baud=stage.baud)
-        self.stage = GrblStage.of(stage, self.clock, self._link.url)
+        self._link = SerialLink(controller, self.clock, baud=stage.baud)
+        self.stage = GrblStage.of(stage, self.clock, self._link)
         self.stage.whole_moves = True  # the gel is solved along the lines of the plan
         self._open.callback(self.stage.close)
         self.camera: VirtualCamera | None = None

@@ -19,8 +19,8 @@ from ..aliases import Point
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, SolvedKnot, divide
 from ..optics import StageFrame, SurfaceLattice
 from ..units import NS_PER_S
-from .board import SimulatedBoard
 from .clock import NsClock
+from .controller import GrblController
 from .motion import Segment
 from .presses import PlannedPress
 
@@ -129,7 +129,7 @@ class GelScene:
 
     def __init__(
         self,
-        controller: SimulatedBoard,
+        controller: GrblController,
         clock: NsClock,
         frame: StageFrame,
         increments: Increments,

@@ -1,10 +1,9 @@
-"""The lockstep wire: a pyserial port whose other end is a simulated controller.
+"""The lockstep wire: a serial port whose other end is a simulated controller.
 
-`SerialLink` puts a controller behind the URL `simgrbl://NAME`, which `serial.serial_for_url` then
-opens like any port, so the real host runs unchanged. Virtual time moves only while the host sleeps
-or exchanges bytes: a byte takes 10 bits at the baud rate, what the controller says travels while
-the host does other things, and a read with nothing to come lasts its time-out or until the
-controller next speaks. No threads.
+A `Port` opens a `SerialLink` in place of a device, so the real host runs unchanged. Virtual time
+moves only while the host sleeps or exchanges bytes: a byte takes 10 bits at the baud rate, what the
+controller says travels while the host does other things, and a read with nothing to come lasts its
+time-out or until the controller next speaks. No threads.
 """
 
 from __future__ import annotations
@@ -13,15 +12,13 @@ import math
 from collections import deque
 from dataclasses import dataclass
 from typing import Literal
-from weakref import WeakValueDictionary
 
 import serial
 
 from ..units import NS_PER_S, to_ns
-from .board import SimulatedBoard
 from .clock import VirtualClock
+from .controller import GrblController
 
-SCHEME = "simgrbl"
 _BITS_PER_BYTE = 10
 Exchange = tuple[int, Literal["host", "controller"], bytes]
 
@@ -35,32 +32,25 @@ class _Chunk:
     taken: int = 0
 
 
-_LINKS: WeakValueDictionary[str, SerialLink] = WeakValueDictionary()
-
-
 class SerialLink:
-    """The cable between a host and one controller; it lives while somebody holds it.
+    """The cable between a host and one controller, read and written as a pyserial port is.
 
     resets_on_open: opening the port restarts the controller, as an Arduino does. trace: a list that
-    gets every exchange as (virtual ns, who, bytes). A name in use goes to the newest controller.
+    gets every exchange as (virtual ns, who, bytes). timeout: of a read, virtual seconds.
     """
+
+    timeout: float | None = 0.05
 
     def __init__(
         self,
-        controller: SimulatedBoard,
+        controller: GrblController,
         clock: VirtualClock,
-        name: str = "stage",
         *,
         baud: int = 115200,
         resets_on_open: bool = True,
         trace: list[Exchange] | None = None,
     ) -> None:
-        package = __package__ or "deltact_fab.virtual"
-        if package not in serial.protocol_handler_packages:
-            serial.protocol_handler_packages.append(package)
-        _LINKS[name] = self
         self.controller = controller
-        self.name = name
         self._clock = clock
         self._baud = baud
         self._resets_on_open = resets_on_open
@@ -69,10 +59,8 @@ class SerialLink:
         self._free_ns = clock.now_ns()
         self._out_ns: tuple[float, float] = (0, 0)  # the cable is out from then till then
 
-    @property
-    def url(self) -> str:
-        """What the host opens."""
-        return f"{SCHEME}://{self.name}"
+    def __str__(self) -> str:
+        return "simulated"
 
     def unplug(self, for_s: float = math.inf, at_s: float | None = None) -> None:
         """Pull the cable: the host's reads and writes fail, the controller's motion goes on.
@@ -87,19 +75,24 @@ class SerialLink:
         self._out_ns = (0, 0)
         self.discard()
 
-    def opened(self) -> None:
-        """The host opened the port: an Arduino restarts, other boards do not notice."""
+    def opened(self, timeout: float | None = 0.05) -> SerialLink:
+        """The host opens the port: an Arduino restarts, other boards do not notice."""
+        self.timeout = timeout
         self._require_cable()
         self.discard()
         if self._resets_on_open:
             self.controller.hard_reset()
+        return self
+
+    def close(self) -> None:
+        """The controller goes on."""
 
     def discard(self) -> None:
         """Forget what has arrived and was not read."""
         self.controller.take_output()
         self._arriving.clear()
 
-    def send(self, data: bytes) -> None:
+    def write(self, data: bytes) -> None:
         """Host to controller; returns when the last bit is through."""
         self._require_cable()
         self._clock.advance_to_ns(self._clock.now_ns() + self._duration_ns(len(data)))
@@ -107,20 +100,25 @@ class SerialLink:
             self._trace.append((self._clock.now_ns(), "host", data))
         self.controller.write(data)
 
-    def waiting(self) -> int:
+    @property
+    def in_waiting(self) -> int:
         """Bytes that have arrived and can be read without any wait."""
         self._require_cable()
         self._collect()
         now = self._clock.now_ns()
         return sum(self._arrived(chunk, now) for chunk in self._arriving)
 
-    def receive(self, size: int, timeout_s: float | None, until: bytes = b"") -> bytes:
+    def read_until(self, end: bytes = b"\n") -> bytes:
+        """Up to that byte, or less at the time-out."""
+        return self.read(1 << 30, end)
+
+    def read(self, size: int = 1, until: bytes = b"") -> bytes:
         """Up to `size` bytes, ended by the byte `until` if given, or less at the time-out.
 
         Raises SerialException when it would wait for ever.
         """
         self._require_cable()
-        deadline = None if timeout_s is None else self._clock.now_ns() + to_ns(timeout_s)
+        deadline = None if self.timeout is None else self._clock.now_ns() + to_ns(self.timeout)
         got = bytearray()
         while len(got) < size:
             self._collect()
@@ -160,7 +158,7 @@ class SerialLink:
         """Let time pass to the controller's next event or the deadline; True at the deadline."""
         event = self.controller.next_event_ns()
         if event is None and deadline is None:
-            raise serial.SerialException(f"{self.url}: nothing will ever come")
+            raise serial.SerialException("nothing will ever come")
         if deadline is not None and (event is None or event > deadline):
             self._clock.advance_to_ns(deadline)
             return True
@@ -189,14 +187,4 @@ class SerialLink:
 
     def _require_cable(self) -> None:
         if self._out_ns[0] <= self._clock.now_ns() < self._out_ns[1]:
-            raise serial.SerialException(f"{self.url}: device disconnected")
-
-
-def find(url: str) -> SerialLink:
-    """The cable that a URL names. Raises SerialException listing the live ones."""
-    name = url.partition("://")[2]
-    link = _LINKS.get(name)
-    if link is None:
-        live = ", ".join(sorted(_LINKS)) or "none"
-        raise serial.SerialException(f"{url}: no such simulated controller (live: {live})")
-    return link
+            raise serial.SerialException("device disconnected")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +24,6 @@ from deltact_fab.virtual.netft import LockstepLink, NetFTBox
 from deltact_fab.virtual.wire import SerialLink
 
 EXPECTED = StageFrame((-60.0, -60.0, -40.0))
-_NUMBER = itertools.count(1)
 
 
 @dataclass
@@ -82,8 +80,8 @@ def bench(
         return np.reshape(at, (-1, 6))
 
     box = NetFTBox(ForceConfig(), clock, seed, wrenches, noise_n)
-    link = SerialLink(grbl, clock, f"felt-{next(_NUMBER)}")
-    stage = GrblStage(link.url, clock, EXPECTED)
+    link = SerialLink(grbl, clock)
+    stage = GrblStage(link, clock, EXPECTED)
     force = NetFTSensor(LockstepLink(box), clock)
     limits = GuardLimits.of(GuardConfig(force_n=guard_n), ForceConfig())
     guard = ForceGuard(stage, limits, clock)

@@ -29,9 +29,9 @@ class Bench:
         self.clock = VirtualClock()
         sizes = (100.0,) * 3, (1000.0,) * 3, (100.0,) * 3
         self.controller = GrblController(settings_for(*sizes), self.clock)
-        self.link = SerialLink(self.controller, self.clock, f"guard-{id(self)}")
+        self.link = SerialLink(self.controller, self.clock)
         frame = StageFrame((-50.0, -50.0, -20.0))
-        self.stage = GrblStage(self.link.url, self.clock, frame)
+        self.stage = GrblStage(self.link, self.clock, frame)
         self.guard = ForceGuard(self.stage, LIMITS, self.clock, 0.1)
 
     def samples(

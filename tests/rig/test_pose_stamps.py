@@ -22,8 +22,8 @@ ROUNDING_MM = 0.002  # half a step and half a digit of the report, on three axes
 def test_in_motion_it_is_where_the_carriage_was_then(baud: int) -> None:
     clock = VirtualClock(1234.5)
     grbl = GrblController(None, clock)
-    link = wire.SerialLink(grbl, clock, f"stamps-{baud}", baud=baud)
-    stage = GrblStage(link.url, clock, FRAME, baud=baud)
+    link = wire.SerialLink(grbl, clock, baud=baud)
+    stage = GrblStage(link, clock, FRAME, baud=baud)
     stage.connect()
     stage.home()
     stage.start_move((0.0, 0.0, 5.0), 1200.0)

@@ -44,8 +44,8 @@ def connected(
     grbl = Built(settings, clock)
     grbl.options, grbl.unsaid = options, unsaid
     trace: list[wire.Exchange] = []
-    link = wire.SerialLink(grbl, clock, "judged", trace=trace)
-    stage = GrblStage.of(config.StageConfig(**{**STAGE, **file}), clock, link.url)  # type: ignore[arg-type]
+    link = wire.SerialLink(grbl, clock, trace=trace)
+    stage = GrblStage.of(config.StageConfig(**{**STAGE, **file}), clock, link)  # type: ignore[arg-type]
     try:
         stage.connect()
     finally:

@@ -28,10 +28,10 @@ class Bench:
         self.trace: list[wire.Exchange] = []
         self.grbl = NoisyController(None, self.clock)
         self.link = wire.SerialLink(
-            self.grbl, self.clock, "faults", resets_on_open=resets_on_open, trace=self.trace
+            self.grbl, self.clock, resets_on_open=resets_on_open, trace=self.trace
         )
         self.clock.sleep_s(2)
-        self.stage = GrblStage(self.link.url, self.clock, FRAME)
+        self.stage = GrblStage(self.link, self.clock, FRAME)
         self.stage.connect()
         self.stage.home()
 
@@ -236,7 +236,7 @@ def test_a_board_that_hears_nothing_but_a_reset_is_connected_to(asleep: bool) ->
     else:
         bench.grbl.fault("limit")
         bench.clock.sleep_s(1)
-    other = GrblStage(bench.link.url, bench.clock, FRAME)
+    other = GrblStage(bench.link, bench.clock, FRAME)
     other.connect()
     assert other.identity()["banner"].startswith("Grbl 1.1h")
     other.home()

@@ -24,11 +24,9 @@ class Bench:
         self.clock = VirtualClock()
         self.trace: list[wire.Exchange] = []
         self.grbl = GrblController(settings, self.clock)
-        self.link = wire.SerialLink(
-            self.grbl, self.clock, "doors", resets_on_open=False, trace=self.trace
-        )
+        self.link = wire.SerialLink(self.grbl, self.clock, resets_on_open=False, trace=self.trace)
         self.clock.sleep_s(2)
-        self.stage = GrblStage(self.link.url, self.clock, StageFrame((-60.0, -50.0, -40.0)))
+        self.stage = GrblStage(self.link, self.clock, StageFrame((-60.0, -50.0, -40.0)))
         self.stage.connect()
         self.stage.home()
 

@@ -6,7 +6,6 @@ next session finds. `python -m deltact_fab.numerics.faults.bench RUN` is one in 
 
 from __future__ import annotations
 
-import itertools
 import math
 import pickle
 import subprocess
@@ -37,7 +36,6 @@ from ...virtual.rig import VirtualForce
 from ...virtual.seeds import stream_number
 from .scenario import Scenario
 
-_NUMBER = itertools.count(1)
 Place = Callable[[], tuple[float, float, float]]
 Push = Callable[[float], float]
 
@@ -156,8 +154,7 @@ class FaultBench:
         self.trace: list[wire.Exchange] = []
         self.board = NoisyController(of.settings, self.clock, start_mm=(-6.0, -6.0, -6.0))
         self.link = wire.SerialLink(
-            self.board, self.clock, f"bench-{next(_NUMBER)}",
-            resets_on_open=False, trace=self.trace,
+            self.board, self.clock, resets_on_open=False, trace=self.trace,
         )  # fmt: skip
         self.extra_n: Push = none  # on z, by the time (s)
         self.box = NetFTBox(of.force, self.clock, 1, self._wrenches, 0.01)
@@ -209,7 +206,7 @@ class FaultBench:
                 "seed": 1, "versions": {},
             }  # fmt: skip
             writer = RunWriter.create(folder, meta, of.text, {"dots_mm": []}, steps)
-        stage = GrblStage(self.link.url, self.clock, of.frame)
+        stage = GrblStage(self.link, self.clock, of.frame)
         guard = ForceGuard(stage, of.limits, self.clock)
         force = VirtualForce(self.box, self.clock, None)
         camera = BenchCamera(self.clock, self.tip_mm, self.camera_faults)

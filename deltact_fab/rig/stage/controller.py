@@ -18,7 +18,7 @@ from .exchange import BANNER_S, RESET, Talk, TalkFault
 from .grbl_messages import ALARMS, explain, state_in_words
 from .limits import Limits
 from .move import Move
-from .port import LinkLost, Port
+from .port import Cable, LinkLost, Port
 
 JOG_CANCEL, HOLD = b"\x85", b"!"
 POLL_END_S = 0.02
@@ -29,7 +29,7 @@ HELD = ("Hold", "Hold:0", "Door:0", "Check")  # at rest, and a reset ends it wit
 class Controller:
     """url: a serial device or a pyserial URL."""
 
-    def __init__(self, url: str, clock: Clock, baud: int) -> None:
+    def __init__(self, url: str | Cable, clock: Clock, baud: int) -> None:
         self.url = url
         self.port = Port(url, clock, baud)
         self.talk = Talk(self.port)

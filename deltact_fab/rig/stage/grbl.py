@@ -33,6 +33,7 @@ from .controller import JOG_CANCEL, Controller
 from .exchange import RESET, TalkFault
 from .grbl_messages import BANNER, SETTING, state_in_words
 from .limits import Limits
+from .port import Cable
 from .settings import Needs, SettingRow, judge, refusal
 
 RESCUE_S = 10.0  # so long after a fault a controller may answer again
@@ -45,14 +46,14 @@ if TYPE_CHECKING:
 class GrblStage:
     """A `Stage` on a GRBL 1.1 or grblHAL controller.
 
-    url: a serial device or a pyserial URL. frame: sensor frame to machine frame. needs: what
+    url: a serial device, a pyserial URL or a cable. frame: sensor to machine frame. needs: what
     `connect` judges the controller's settings by. Machine coordinates are 0 at the positive end of
     each axis and negative below.
     """
 
     def __init__(
         self,
-        url: str,
+        url: str | Cable,
         clock: Clock,
         frame: StageFrame,
         *,
@@ -74,7 +75,7 @@ class GrblStage:
         """The controller's settings, rule by rule, as `connect` found them."""
 
     @classmethod
-    def of(cls, config: StageSettings, clock: Clock, url: str | None = None) -> GrblStage:
+    def of(cls, config: StageSettings, clock: Clock, url: str | Cable | None = None) -> GrblStage:
         """The stage of a rig file, its port not yet open; url: in place of the file's port."""
         where = url if url is not None else config.port
         assert where is not None, "the configuration has a port"
@@ -246,7 +247,7 @@ class GrblStage:
         """Banner, version, options and settings as the controller gave them, and the frame."""
         return {
             "kind": "grbl",
-            "port": self._url,
+            "port": str(self._url),
             "banner": self.banner,
             "info": list(self._info),
             "settings": {f"${n}": v for n, v in sorted(self._c.limits.settings.items())},

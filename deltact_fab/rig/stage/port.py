@@ -8,7 +8,7 @@ from __future__ import annotations
 import errno
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import serial
 
@@ -29,10 +29,17 @@ class LinkLost(Exception):
     """The port is gone or was never open."""
 
 
-class Port:
-    """url: a serial device or a pyserial URL. Times are ns of the clock."""
+class Cable(Protocol):
+    """Leads to a simulated controller."""
 
-    def __init__(self, url: str, clock: Clock, baud: int) -> None:
+    def opened(self, timeout: float) -> Any:
+        """As a pyserial port."""
+
+
+class Port:
+    """url: a serial device, a pyserial URL or a cable. Times are ns of the clock."""
+
+    def __init__(self, url: str | Cable, clock: Clock, baud: int) -> None:
         self.url = url
         self.baud = baud
         self._clock = clock
@@ -51,11 +58,14 @@ class Port:
         Raises InputError for an unknown kind of URL, StageError for all else.
         """
         self._partial = b""
-        own = {} if "://" in self.url else {"exclusive": True}
         try:
-            self._port = serial.serial_for_url(
-                self.url, baudrate=self.baud, timeout=SLICE_S, write_timeout=WRITE_S, **own
-            )
+            if isinstance(self.url, str):
+                own = {} if "://" in self.url else {"exclusive": True}
+                self._port = serial.serial_for_url(
+                    self.url, baudrate=self.baud, timeout=SLICE_S, write_timeout=WRITE_S, **own
+                )
+            else:
+                self._port = self.url.opened(SLICE_S)
         except ValueError as why:
             raise InputError(f"{self.url}: not a serial port: {why}") from why
         except OSError as why:
