@@ -1,6 +1,6 @@
-"""The page of `deltact-fab numerics bench --out OUT`: `python -m benchmarks.bench_table OUT`.
+"""The page of `rig rehearse PROTOCOL --rig RIG --out OUT`: `python -m benchmarks.bench_table OUT`.
 
-Reads OUT/numerics.json and prints Markdown, as it stands in docs/evidence/bench.md.
+Reads OUT/rehearsal.json and prints Markdown, as it stands in docs/evidence/bench.md.
 """
 
 from __future__ import annotations
@@ -10,44 +10,39 @@ import sys
 from pathlib import Path
 from typing import Any
 
-COMMAND = "`deltact-fab numerics bench --out OUT`, `python -m benchmarks.bench_table OUT`"
+COMMAND = (
+    "`deltact-fab rig rehearse first-press --rig grbl-bench --out OUT`,\n"
+    "`python -m benchmarks.bench_table OUT`"
+)
 
 
-def page(table: dict[str, Any], stability: list[dict[str, Any]]) -> str:
-    """table: faults by moments, with columns and rows. stability: the rows of all cells."""
-    columns, rows = table["columns"], table["rows"]
-    lines = [
-        "# What each fault does, at each moment of a run",
-        "",
-        f"Made by {COMMAND}:",
-        "the real host, force client, guard, camera, runner and writer on a simulated controller",
-        "in lockstep. How travel is counted: docs/decisions/0036.",
-        "",
-        table["note"],
-        "",
-        "| " + " | ".join(columns) + " |",
-        "|" + "---|" * len(columns),
-        *("| " + " | ".join(str(value) for value in row) + " |" for row in rows),
-        "",
+def page(found: dict[str, Any]) -> str:
+    """found: as `Rehearsal.as_dict`."""
+    rows = [
+        f"| {c['fault']} | {c['moment']} | {c['outcome']} | "
+        + ("-" if c["travel_mm"] is None else f"{c['travel_mm']:.2f}")
+        + f" | {c['deeper_mm']:.2f} | {c['wrong'] or 'the same record'} |"
+        for c in found["cells"]
     ]
-    outcomes = [row["outcome"] for row in stability]
-    kills = [row for row in stability if row["case"].startswith("kill -9")]
-    whole = sum(row["outcome"] == "right" for row in kills)
-    lines += [
-        f"{len(outcomes)} cells and kills: {outcomes.count('refused')} end in the error that names "
-        f"the fault, {outcomes.count('right')} in success, {outcomes.count('wrong')} are wrong. "
-        f"kill -9 at {len(kills)} random times: {whole} runs ended as the undisturbed one.",
-        "",
-    ]
-    return "\n".join(lines)
-
-
-def main(out: Path) -> None:
-    """Print the page of a folder."""
-    found = json.loads((out / "numerics.json").read_text())
-    table = next(t for t in found["tables"] if t["title"] == "Faults by moments")
-    print(page(table, found["stability"]), end="")
+    return "\n".join(
+        [
+            "# What each fault does",
+            "",
+            f"Made by {COMMAND}:",
+            "the real host, force client, guard, camera, runner and writer on a simulated board in",
+            "lockstep; `--thorough` strikes each fault at each moment. Travel counts from when the",
+            "fault had come to the host, or from the stop byte after a time-out.",
+            "",
+            f"{found['verdict'][0].upper()}{found['verdict'][1:]}; {len(found['cells'])} of "
+            f"{found['of']} faults at moments.",
+            "",
+            "| fault | when | what the operator reads | travel, mm | lower, mm | with --resume |",
+            "|---|---|---|---|---|---|",
+            *rows,
+            "",
+        ]
+    )
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    print(page(json.loads((Path(sys.argv[1]) / "rehearsal.json").read_text())), end="")

@@ -53,9 +53,6 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None, as_json: b
         echo_table(tuple(CURVES), [[r[k] for k in CURVES.values()] for r in told], names=4)
         click.echo()
         echo_table(CASES, [[row[k] for k in CASES] for row in found.stability], names=3)
-        for table in found.tables:
-            click.echo(f"\n{table['title']}: {table['note']}")
-            echo_table(table["columns"], table["rows"])
         click.echo("\nwhat leaving a layer out of a scene saves")
         echo_table(tuple(COSTS), [[row[k] for k in COSTS.values()] for row in found.scenes])
         if files:

@@ -72,20 +72,11 @@ class Case:
             raise ValueError(f"case {self.name!r}: expectation {self.expectation!r} needs a bound")
 
 
-def _none(_: Any) -> Sequence[Any]:
-    return ()
-
-
 @dataclass(frozen=True)
 class Engine:
-    """title, about: for the page. curves, cases: called with `quick`, a few seconds' worth.
-
-    tables: figures that are neither: dicts of title, note, columns and rows; left out of a quick
-    run, called with the scratch folder when the cases are done.
-    """
+    """title, about: for the page. curves, cases: called with `quick`, a few seconds' worth."""
 
     title: str
     about: str
     cases: Callable[[bool], Sequence[Case]]
-    curves: Callable[[bool], Sequence[CurveSetting]] = _none
-    tables: Callable[[Path], Sequence[dict[str, Any]]] = _none
+    curves: Callable[[bool], Sequence[CurveSetting]]

@@ -23,15 +23,13 @@ class Numerics:
     """What `run` found, as plain rows.
 
     engines: name, title and about of each, in order. curves: as `work_precision` has them;
-    stability: as `stability.judge`; scenes: as `scenes.costs`. tables: engine, title, note,
-    columns and rows.
+    stability: as `stability.judge`; scenes: as `scenes.costs`.
     """
 
     meta: dict[str, Any]
     engines: Rows
     curves: Rows
     stability: Rows
-    tables: Rows
     scenes: Rows
 
     @property
@@ -61,9 +59,6 @@ class Numerics:
         data = self.as_dict()
         tables = {name: pd.DataFrame(data[name], dtype=object)
                   for name in ("curves", "stability", "scenes") if data[name]}  # fmt: skip
-        for table in self.tables:
-            name = f"table-{table['title'].lower().replace(' ', '-')}"
-            tables[name] = pd.DataFrame(table["rows"], columns=table["columns"])
         files = {"numerics.json": json.dumps(data, indent=1, allow_nan=False) + "\n"}
         files |= {f"{name}.csv": table.to_csv(index=False) for name, table in tables.items()}
         for name, text in files.items():
@@ -76,7 +71,7 @@ class Numerics:
 def run(
     names: Sequence[str] = (), quick: bool = False, progress: Progress | None = None
 ) -> Numerics:
-    """Curves, stability and tables of the named engines (all by default), and the scenes.
+    """Curves and stability of the named engines (all by default), and the scenes.
 
     quick: a few settings and cases a engine, and the scenes' cost only when it is known already.
     Raises InputError for an unknown engine, RunFailed when a setting cannot be timed.
@@ -90,10 +85,9 @@ def run(
     total = sum(len(settings) + len(cases) for settings, cases in plans.values())
     curves: Rows = []
     judged: Rows = []
-    tables: Rows = []
     with tempfile.TemporaryDirectory(prefix="deltact-fab-") as folder:
         scratch = Path(folder)
-        for name, engine in engines.items():
+        for name in engines:
             settings, cases = plans[name]
             place = name, REGISTRY[name]
             for row in work_precision.measure(*place, settings, scratch, quick):
@@ -102,10 +96,7 @@ def run(
             for row in stability.measure(*place, cases, scratch, quick):
                 judged.append(row)
                 tell(len(curves) + len(judged), total, f"{name}: {row['case']}")
-            if not quick:
-                tables += [{"engine": name, **table} for table in engine.tables(scratch)]
-        # The bench has no scene: its table is not to wait for what others leave out.
-        costs = scenes.costs(measure=not quick and list(engines) != ["bench"], progress=tell)
+        costs = scenes.costs(measure=not quick, progress=tell)
     return Numerics(
         meta={
             "quick": quick,
@@ -116,6 +107,5 @@ def run(
         engines=[{"name": n, "title": e.title, "about": e.about} for n, e in engines.items()],
         curves=work_precision.compared(curves),
         stability=judged,
-        tables=tables,
         scenes=costs,
     )

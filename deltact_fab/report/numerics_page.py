@@ -43,7 +43,6 @@ def write(data: dict[str, Any], out: Path) -> Path:
                     name: sum(r["outcome"] == name for r in cases)
                     for name in ("right", "refused", "wrong")
                 },
-                "tables": [t for t in data["tables"] if t["engine"] == engine["name"]],
             }
         )
     page = render(

@@ -25,7 +25,7 @@ from deltact_fab.shapes.indenter import parse
 def test_every_engine_has_curves_and_stability_cases(name: str, quick: bool) -> None:
     engine = load(REGISTRY[name])
     settings, cases = list(engine.curves(quick)), list(engine.cases(quick))
-    assert len(settings) >= 2 or name == "bench", f"{name} has no curve"
+    assert len(settings) >= 2, f"{name} has no curve"
     assert cases, f"{name} has no stability cases"
     assert len({s.key for s in settings}) == len(settings)
     assert len({c.name for c in cases}) == len(cases)
@@ -39,8 +39,7 @@ def test_every_engine_has_curves_and_stability_cases(name: str, quick: bool) -> 
     assert any(c.expectation == "right" for c in cases)
 
 
-# Those of the bench are in test_faults_by_moments, which shares what they need.
-@pytest.mark.parametrize("name", [name for name in REGISTRY if name != "bench"])
+@pytest.mark.parametrize("name", REGISTRY)
 def test_no_quick_case_is_wrong(name: str, tmp_path: Path) -> None:
     rows = [judge(case, tmp_path) for case in load(REGISTRY[name]).cases(True)]
     assert {r["outcome"] for r in rows} == {"right", "refused"}, [

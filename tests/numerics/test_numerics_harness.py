@@ -190,7 +190,7 @@ def test_everything_end_to_end(
     found = harness.run(quick=quick)
     assert found.wrong == []
     assert {r["engine"] for r in found.stability} == set(engines.REGISTRY)
-    assert {r["engine"] for r in found.curves} == set(engines.REGISTRY) - {"bench"}
+    assert {r["engine"] for r in found.curves} == set(engines.REGISTRY)
 
 
 @pytest.mark.slow

@@ -9,8 +9,7 @@ from ..engine import Engine
 
 # Modules, imported only when asked for: an engine needs libraries that another does not.
 REGISTRY = {
-    name: f"{__name__}.{name}"
-    for name in ("pattern", "flow", "layer", "gel", "lens", "measure", "bench")
+    name: f"{__name__}.{name}" for name in ("pattern", "flow", "layer", "gel", "lens", "measure")
 }
 
 

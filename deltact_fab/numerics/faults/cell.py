@@ -21,12 +21,11 @@ from ...record import open as open_run
 from ...rig.stage.move import AHEAD_S, PIECE_S
 from .bench import FaultBench
 from .disk import Disk
-from .kinds import BEFORE, DRAG, HOMING, PRESS, TRAVEL, WRITING, FaultKind
-from .scenario import Scenario, own
+from .kinds import BEFORE, HOMING, FaultKind
+from .scenario import Scenario
 
 REACTION_S = 0.010  # of motion, beyond the braking distance
 ROUNDING_MM = 0.003
-ELAPSED = 0.37  # of a move when the fault strikes: at full speed, and at no moment of a report
 HOMING_S = 60.0  # a homing board answers nothing until it is done, so that long it is waited for
 STOPS = (b"\x85", b"\x18", b"!")
 Rows = dict[str, list[tuple[Any, ...]]]
@@ -47,23 +46,12 @@ class FaultOutcome:
     wrong: str = ""
     deeper_mm: float = 0.0
 
-    @property
-    def says(self) -> str:
-        """The cell of the table."""
-        what = "success" if self.outcome == "success" else "error"
-        if self.travel_mm is not None:
-            what += f" {self.travel_mm:.2f} mm{'*' * bool(self.known_s)}"
-            what += "+" * (self.allowed_mm is None)
-        return f"WRONG: {what}" if self.wrong else what
-
 
 class Matrix:
     """What all cells share: the undisturbed run, the one begun, and when its moments are."""
 
-    def __init__(self, folder: Path, of: Scenario | None = None) -> None:
-        """of: the engine's own where it is left out."""
-        self.folder = folder
-        self.of, self._own = of or own(), of is None
+    def __init__(self, folder: Path, of: Scenario) -> None:
+        self.folder, self.of = folder, of
         self._undisturbed = folder / "undisturbed"
         self.begun = folder / "begun"
         FaultBench(self.of).run(self._undisturbed)
@@ -147,23 +135,13 @@ class Matrix:
         run = open_run(folder)
         began_ns = next(t for t, who, data in bench.trace if who == "host" and data == b"$H\n")
         events, steps = run.events(), run.steps().set_index("step_id").to_dict("index")
-        frames_s = run.frames().set_index("frame_id")["t_s"].to_dict()
         shutil.rmtree(folder)
 
         second = self.of.second
-
-        def within(step: str) -> float:
-            row = steps[f"{second}/{step}"]
-            return float(row["t_start_s"] + row["planned_s"] * ELAPSED)
-
         first = {
             HOMING: began_ns / 1e9 + 0.3,  # Z is on its way up, at full speed
             BEFORE: float(events[events["kind"] == "homed"]["t_s"].max()),
         }
-        if self._own:
-            writing_s = float(frames_s[f"{second}/d1.50/shear-x-#001"])
-            moved = {TRAVEL: "rest", PRESS: "d1.50/press", DRAG: "d1.50/shear-x-"}
-            return {**first, **{k: within(v) for k, v in moved.items()}, WRITING: writing_s}
         # Every change of state, and a moment drawn between.
         draw = random.Random(0)
         for name, row in ((str(name), row) for name, row in steps.items()):
@@ -179,7 +157,7 @@ def ended(bench: FaultBench, folder: Path, progress: Any = None) -> str:
     try:
         bench.run(folder, progress)
     except DeltactFabError as why:
-        return " ".join(str(why).split())
+        return " ".join(str(why).replace(str(folder), "RUN").split())
     return "success"
 
 

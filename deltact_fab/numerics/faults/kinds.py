@@ -1,4 +1,4 @@
-"""The faults of the matrix: how each is made, what a run may end in, and how soon that is known."""
+"""The faults that are rehearsed: how each is made, what it may end in, how soon that is known."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 GARBAGE = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # a line of it, and more before the next
 DRIFT_S = 10.0  # to the guard's limit
 
-# What the moments of a session are called, in order.
-MOMENTS = ("homing", "before the first move", "travel", "press", "drag", "writing")
-HOMING, BEFORE, TRAVEL, PRESS, DRAG, WRITING = MOMENTS
+# The moments of every session that are no step of it.
+HOMING, BEFORE = "homing", "before the first move"
 Strike = Callable[[FaultBench, float], None]
 
 
@@ -24,7 +23,7 @@ class FaultKind:
 
     within_s: None where the fault is something that comes (a line, a sample): travel counts from
     then. Else it is something that fails to come: the host can know only after a time-out, which
-    is at most so long, and travel counts from when it ended. at: the moments at which it exists.
+    is at most so long, and travel counts from when it ended. homing: it exists then, too.
     """
 
     name: str
@@ -32,7 +31,7 @@ class FaultKind:
     says: tuple[str, ...]
     success: bool = False
     within_s: float | None = None
-    at: tuple[str, ...] = MOMENTS
+    homing: bool = True
     carries: bool = True
     """Whether a stop byte can reach the board; else the move goes on to its target."""
 
@@ -58,7 +57,6 @@ def _drift(bench: FaultBench, at_s: float) -> None:
     bench.extra_n = lambda t_s: max(t_s - at_s, 0.0) * rate_n_s
 
 
-SENSED = (BEFORE, TRAVEL, PRESS, DRAG, WRITING)
 FAULTS: tuple[FaultKind, ...] = (
     FaultKind("lost ok", lambda b, at_s: b.board.lose(b"ok", at_s, most=1),
               ("no answer to $",), success=True, within_s=0.6),
@@ -87,19 +85,20 @@ FAULTS: tuple[FaultKind, ...] = (
               ("no answer to",), within_s=1.2),
     FaultKind("disk full", lambda b, at_s: b.at(at_s, b.fill_disk),
               ("No space left", "disk is full", "disk I/O error", "too large"), within_s=3.0),
-    FaultKind("force over the limit", _push(1e6), ("over the guard's",), at=SENSED),
-    FaultKind("force spike of 5 ms", _push(0.005), ("over the guard's",), at=SENSED),
-    FaultKind("force drifting", _drift, ("over the guard's",), success=True, at=SENSED),
-    FaultKind("force silent", _box("silent", True), ("no sample within",), within_s=0.2, at=SENSED),
+    FaultKind("force over the limit", _push(1e6), ("over the guard's",), homing=False),
+    FaultKind("force spike of 5 ms", _push(0.005), ("over the guard's",), homing=False),
+    FaultKind("force drifting", _drift, ("over the guard's",), success=True, homing=False),
+    FaultKind("force silent", _box("silent", True), ("no sample within",), within_s=0.2,
+              homing=False),
     FaultKind("force late by 0.15 s", _box("late_s", 0.15), ("no sample within", "late"),
-              within_s=0.2, at=SENSED, success=True),
-    FaultKind("force late by 0.03 s", _box("late_s", 0.03), ("late",), at=SENSED, success=True),
-    FaultKind("force faulted", _box("error", True), ("fault, status word",), at=SENSED),
-    FaultKind("force saturated", _box("saturated", True), ("saturated",), at=SENSED),
+              within_s=0.2, homing=False, success=True),
+    FaultKind("force late by 0.03 s", _box("late_s", 0.03), ("late",), homing=False, success=True),
+    FaultKind("force faulted", _box("error", True), ("fault, status word",), homing=False),
+    FaultKind("force saturated", _box("saturated", True), ("saturated",), homing=False),
     FaultKind("force gaps of 20 ms", _box("silent", True, 0.02), ("missing",), success=True,
-              at=SENSED),
+              homing=False),
     FaultKind("camera stalled", lambda b, at_s: b.camera_faults.update(stalled=at_s),
-              ("stalled, no image within",), within_s=1.2, at=SENSED),
+              ("stalled, no image within",), within_s=1.2, homing=False),
     FaultKind("camera repeating", lambda b, at_s: b.camera_faults.update(hung=at_s),
-              ("the same image over and over",), within_s=1.2, at=SENSED),
+              ("the same image over and over",), within_s=1.2, homing=False),
 )  # fmt: skip

@@ -16,12 +16,12 @@ from ...rig.stage.move import AHEAD_S, PIECE_S
 from .bench import FaultBench, kill_after
 from .cell import FaultOutcome, Matrix
 from .disk import Disk
-from .kinds import BEFORE, FAULTS
+from .kinds import FAULTS, HOMING
 from .scenario import Scenario
 
 SHORT = len(FAULTS)  # faults at moments, where not all are asked for
 KILLED = "kill -9"
-KILLS = 2
+KILLS, THOROUGH_KILLS = 2, 20
 
 
 @dataclass(frozen=True)
@@ -74,14 +74,15 @@ def rehearse(of: Scenario, thorough: bool, progress: Progress | None = None) -> 
             (fault.name, moment)
             for fault in FAULTS
             for moment in moments
-            if moment in fault.at or (BEFORE in fault.at and moment not in moments[:2])
+            if fault.homing or moment != HOMING
         ]
-        total = len(pairs) + KILLS
+        kills = THOROUGH_KILLS if thorough else KILLS
+        total = len(pairs) + THOROUGH_KILLS
         if not thorough and len(pairs) > SHORT:
             random.Random(0).shuffle(pairs)
             pairs = _covering(pairs)
         jobs = [(made, k, *pair) for k, pair in enumerate(pairs)]
-        jobs += [(made, len(pairs) + k, KILLED, f"{k + 1}/{KILLS + 1}") for k in range(KILLS)]
+        jobs += [(made, len(pairs) + k, KILLED, f"{k + 1}/{kills + 1}") for k in range(kills)]
         names = [f"{fault}: {moment}" for _, _, fault, moment in jobs]
         cells = each(_cell, jobs, names, progress=progress)
     order = {fault.name: k for k, fault in enumerate(FAULTS)}
@@ -106,7 +107,7 @@ def _cell(job: tuple[Matrix, int, str, str]) -> FaultOutcome:
         if name == KILLED:
             return _killed(made, folder / "run", moment)
         fault = next(fault for fault in FAULTS if fault.name == name)
-        return made.cell(fault, moment, Disk(folder, False))
+        return made.cell(fault, moment, Disk(folder))
     finally:
         shutil.rmtree(folder)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,25 +18,6 @@ from ...virtual.grbl_settings import settings_for
 DRAGS = 1  # of a press
 SETTLE_S = 0.2
 PRESSED, PUSHED = 0.1, 1.05  # of the guard's limit: at the deepest, by a fault
-OWN = """
-name = "bench"
-indenters = ["sphere:6"]
-positions_mm = [[-6.0, -5.0], [6.0, 5.0]]
-depths_mm = [1.5]
-channels = ["image", "force", "shear"]
-[shear]
-amplitude_mm = 1.0
-axes = ["x"]
-[capture]
-rate_hz = 1.0
-settle_s = 0.1
-[motion]
-clearance_mm = 1.0
-park_mm = 4.0
-travel_feed_mm_min = 600.0
-press_feed_mm_min = 60.0
-shear_feed_mm_min = 60.0
-"""
 
 
 @dataclass(frozen=True)
@@ -71,14 +51,6 @@ class Scenario:
         """N / mm^1.5 of a gel that the deepest press does not trip the guard on."""
         deepest_mm = max(-step.target_mm[2] for step in self.steps)
         return PRESSED * self.limit_n / max(deepest_mm, 0.1) ** 1.5
-
-
-def own() -> Scenario:
-    """The one that the engine `bench` is judged by."""
-    steps = plan.expand(Protocol.model_validate(tomllib.loads(OWN)))
-    force = ForceConfig(range_n=(50.0, 50.0, 70.0), range_nmm=(500.0, 500.0, 500.0))
-    frame, limits = StageFrame((-20.0, -18.0, -10.0)), GuardLimits((20.0,) * 3)
-    return Scenario(OWN.encode(), tuple(steps), frame, None, force, limits)
 
 
 def of_lab(protocol: Protocol, text: bytes, rig: RigConfig) -> Scenario:
