@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from typing import ClassVar
 
 import click
 
@@ -14,6 +15,8 @@ class CommandGroup(click.Group):
     """A group whose commands stand in its help as they were added. noun: what one is called."""
 
     noun = "command"
+    moved: ClassVar[dict[str, str]] = {"probe": "check"}
+    """Old names of commands that are part of another one now; they go with version 0.4."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
@@ -32,6 +35,9 @@ class CommandGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         name = args[0]
+        if name in self.moved and self.moved[name] in self.commands:
+            click.echo(f"`{name}` is `{self.moved[name]}` now", err=True)
+            name, args = self.moved[name], [self.moved[name], *args[1:]]
         known = self.list_commands(ctx)
         # An option that stands where a command should is click's to refuse.
         if name not in known and not name.startswith("-") and not ctx.resilient_parsing:

@@ -1,4 +1,4 @@
-"""`deltact-fab rig probe|status|home|jog|goto|reset`: a real rig's stage, one command at a time."""
+"""`deltact-fab rig status|home|jog|goto|reset`: a real rig's stage, one command at a time."""
 
 from __future__ import annotations
 
@@ -34,40 +34,6 @@ CLEARANCE = click.option(
     help="Height above the face that is safe.",
 )
 NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
-
-
-@click.command()
-@RIG
-@JSON
-def probe(rig: str, as_json: bool) -> None:
-    """Connect to the stage of RIG and check its settings.
-
-    Nothing moves; a stage that was left moving is brought to rest. An Arduino restarts when its
-    port is opened for the first time, and loses its position.
-    """
-    from dataclasses import asdict
-
-    from ..errors import StageError
-    from .output import echo_result
-
-    config, stage = _stage(rig)
-    refused = ""
-    with closing(stage):
-        try:
-            stage.connect()
-        except StageError as why:
-            if not stage.judged:
-                raise
-            refused = str(why)
-        state = _state(stage, config)
-        identity = stage.identity()
-    rows = [asdict(row) for row in stage.judged]
-    data = {"ok": not refused, "settings": rows, "state": state, "stage": identity}
-    banner = f"{identity['port']}: {identity['banner'] or 'no banner: it did not restart'}"
-    facts = (f"  {line}" for line in (*identity["info"], *(row.line() for row in stage.judged)))
-    echo_result(data, [banner, *facts, _in_words(state)], as_json)
-    if refused:
-        raise StageError(refused)
 
 
 @click.command()
@@ -286,7 +252,7 @@ def reset(rig: str, as_json: bool) -> None:
     echo_result({"banner": banner}, [f"{banner}; its position is lost: home next"], as_json)
 
 
-COMMANDS = (probe, status, home, jog, goto, reset)
+COMMANDS = (status, home, jog, goto, reset)
 
 
 def _stage(name: str) -> tuple[GrblConfig, GrblStage]:

@@ -32,11 +32,6 @@ def divide(steps: tuple[int, int, int], per_mm: Vector) -> Vector:
     return (steps[0] / per_mm[0], steps[1] / per_mm[1], steps[2] / per_mm[2])
 
 
-def replaced(mm: Vector, axes: dict[int, float]) -> Vector:
-    """The position with some axes, by number, replaced."""
-    return (axes.get(0, mm[0]), axes.get(1, mm[1]), axes.get(2, mm[2]))
-
-
 PLANNER_BLOCKS = 15
 SCATTER_MM = 0.01
 BEND_MM = 0.01  # of a motor step or two: a line that goes on so is straight
@@ -95,11 +90,6 @@ class Carriage:
     def free_blocks(self) -> int:
         """How many more lines the planner can take."""
         return PLANNER_BLOCKS - len(self._queue)
-
-    @property
-    def idle(self) -> bool:
-        """Nothing moves and nothing is to."""
-        return not self._queue and self.moving is None
 
     @property
     def queued(self) -> bool:

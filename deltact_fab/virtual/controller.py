@@ -1,16 +1,16 @@
-"""A GRBL 1.1h motion controller as a pure state machine: bytes in, bytes out, a carriage in time.
+"""A GRBL 1.1h motion controller that jogs: bytes in, bytes out, a carriage in time.
 
-What it does follows the firmware's documents and behaviour: send-response lines, realtime bytes,
-the planner's queue, jogging, homing, soft limits, alarms, status reports with WCO and Ov now and
-then. It has no thread and no time of its own: each call first catches up with the clock.
+What a host of jogs meets follows the firmware's documents and behaviour: send-response lines,
+realtime bytes, the planner's queue, homing, soft limits, alarms, settings, status reports with WCO
+and Ov now and then. It has no thread and no time of its own: each call first catches up with the
+clock.
 
 Where it is simpler than the firmware:
+- it runs no program: a line of G-code answers error:20. `make firmware` builds what does;
 - every line is a trapezoid from rest to rest, but for a jog that goes straight on: it prolongs the
   one under way. There is no other look-ahead, so a chain of lines takes longer than on a board;
 - homing comes to rest at the switches instead of running into them;
-- its switches trip within SCATTER_MM of their place, another way at each approach;
-- arcs, probing, G28/G30, G93, check mode, startup lines and overrides are not modelled: the
-  commands answer error:20 or error:3, the realtime bytes are ignored.
+- its switches trip within SCATTER_MM of their place, another way at each approach.
 What the firmware itself answered stands in tests/data; a test compares.
 """
 
@@ -22,14 +22,12 @@ from collections.abc import Callable, Generator, Iterable, Mapping
 from typing import Literal
 
 from ..aliases import Vector
-from ..protocols.motion import minus, plus
 from ..rig.stage.config import StageSettings
 from ..units import MM_PER_INCH, NS_PER_S, to_ns
-from . import grbl_report
-from .carriage import PLANNER_BLOCKS, Carriage, replaced
+from .carriage import PLANNER_BLOCKS, Carriage
 from .clock import NsClock
-from .gcode import GcodeError, Modal, parse
-from .grbl_settings import FACTORY, SETTINGS, change, listed, settings_for
+from .grbl_settings import SETTINGS, change, listed, settings_for
+from .jog import GrblError, coordinates, jog_of
 from .motion import Segment
 
 BANNER = "Grbl 1.1h ['$' for help]"
@@ -37,11 +35,11 @@ _RX_BYTES, _LINE_CHARS = 128, 79
 # The firmware waits for its alarm message to get out, deaf to everything, before it does the rest.
 _ALARM_PAUSE_NS = NS_PER_S // 2
 
-State = Literal["Idle", "Run", "Jog", "Hold", "Home", "Alarm", "Sleep"]
+State = Literal["Idle", "Jog", "Hold", "Home", "Alarm", "Sleep"]
 Fault = Literal["reboot", "silence", "limit", "soft limit", "door", "door closes", "hold"]
-# What a line that cannot finish yet waits for: a free planner slot, an empty planner, a carriage at
-# rest, or a moment (ns).
-Wait = Literal["slot", "sync", "still"] | int
+# What a line that cannot finish yet waits for: a free planner slot, a carriage at rest, or a moment
+# (ns).
+Wait = Literal["slot", "still"] | int
 Task = Generator[Wait, None, int]
 
 
@@ -83,13 +81,11 @@ class GrblController:
         self._out: list[tuple[int, bytes]] = []
         self._boot = to_ns(boot_s)
         self._blank = blank_eeprom
-        self._systems: dict[int, Vector] = dict.fromkeys(range(54, 60), (0.0, 0.0, 0.0))
         self._faults: list[tuple[int, Fault]] = []
         self._mute = False
         self._ajar = False  # the safety door's switch
         self._scatter = random.Random(0)
         self._trips_ns: int | None = None  # when the move under way meets a switch
-        self._user_info = ""
         self._power_on()
 
     @classmethod
@@ -170,7 +166,7 @@ class GrblController:
 
     @property
     def state(self) -> str:
-        """What it is doing: Idle, Run, Jog, Hold, Home, Alarm or Sleep."""
+        """What it is doing: Idle, Jog, Hold, Home, Alarm or Sleep."""
         self._advance()
         return self._state
 
@@ -270,10 +266,8 @@ class GrblController:
         self._carriage.drop()
         self._holding = False  # braking for a hold or a jog cancel
         self._door = False  # what holds, or will, is the safety door
-        self._soft_limited = False  # braking because the next line leaves the travel
         self._locked = False  # a critical alarm: only a reset is heard
         self._deferred = []
-        self._modal = Modal()
         self._wco_in = self._ov_in = 0
         self._programmed_mm = self._carriage.count_mm()
 
@@ -284,7 +278,7 @@ class GrblController:
             or self._after_alarm is not None
             or self._boot_ns is not None
             or self._state == "Sleep"
-            or (self._state == "Hold" and not self._soft_limited)
+            or self._state == "Hold"
             or (self._state == "Jog" and self._holding)
         ):
             if self._task is None:
@@ -309,8 +303,6 @@ class GrblController:
     def _may_go_on(self) -> bool:
         if self._waiting == "slot":
             return self._carriage.free_blocks > 0
-        if self._waiting == "sync":
-            return self._carriage.idle
         if self._waiting == "still":
             return self._carriage.moving is None
         return self._wait_ns is None
@@ -342,10 +334,8 @@ class GrblController:
                 return 0
             if line[0] == "$":
                 return (yield from self._system(line))
-            if self._state in ("Alarm", "Jog"):
-                return 9
-            return (yield from self._gcode(line, jog=False))
-        except GcodeError as why:
+            return 9 if self._state in ("Alarm", "Jog") else 20  # no program is run here
+        except GrblError as why:
             return why.code
 
     # ---- realtime bytes -----------------------------------------------------------------------
@@ -367,9 +357,8 @@ class GrblController:
         elif byte == 0x84:
             self._open_door()
         elif byte == ord("~") and self._state == "Hold" and not (self._holding or self._ajar):
-            self._state = "Run" if self._carriage.queued else "Idle"
+            self._state = "Idle"
             self._door = False
-            self._begin()
             self._pump()
 
     def _open_door(self) -> None:
@@ -384,10 +373,8 @@ class GrblController:
     def _hold(self) -> None:
         if self._state == "Idle":
             self._state = "Hold"
-        if self._state not in ("Run", "Jog") or self._holding:
+        if self._state != "Jog" or self._holding:
             return
-        if self._state == "Run":
-            self._state = "Hold"
         self._holding = True
         if not self._carriage.brake(self._t):
             self._segment_done()
@@ -428,7 +415,7 @@ class GrblController:
         """Start the next line of the queue, if the state is one that moves."""
         self._carriage.catch(self._t)
         self._trips_ns = None
-        if self._state in ("Run", "Jog"):
+        if self._state == "Jog":
             if not self._carriage.begin(self._t):
                 self._state = "Idle"
             elif self.settings[21]:
@@ -442,10 +429,9 @@ class GrblController:
             self._begin()
         elif self._holding:
             self._holding = False
-            if self._state == "Jog":
-                self._carriage.drop()
-                self._programmed_mm = self._carriage.count_mm()
-                self._state = "Hold" if self._door else "Idle"
+            self._carriage.drop()
+            self._programmed_mm = self._carriage.count_mm()
+            self._state = "Hold" if self._door else "Idle"
 
     def _stop_dead(self) -> None:
         self._trips_ns = None
@@ -466,18 +452,15 @@ class GrblController:
 
     # ---- $ commands ---------------------------------------------------------------------------
 
-    def _system(self, line: str) -> Task:  # noqa: C901 - a case a command
+    def _system(self, line: str) -> Task:
         what = line[1:]
         if what.startswith("J"):
             if self._state not in ("Idle", "Jog"):
                 return 8
             if not what.startswith("J="):
                 return 3
-            return (yield from self._gcode(what[2:], jog=True))
-        if what == "":
-            self._say("[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]")
-            return 0
-        if what[0] in "$GXC":
+            return (yield from self._jog(what[2:]))
+        if what[:1] in ("$", "X"):
             return self._print_or_unlock(what)
         if self._state not in ("Idle", "Alarm"):
             return 8
@@ -487,20 +470,10 @@ class GrblController:
             return (yield from self._home())
         if what == "SLP":
             self._state = "Sleep"
-        elif what.startswith("RST="):
-            return self._restore(what[4:])
-        elif what == "#":
-            inches = bool(self.settings[13])
-            self._say_all(grbl_report.parameters(self._systems, self._modal.g92_mm, inches))
         elif what == "I":
-            self._say(f"[VER:1.1h.20190830:{self._user_info}]")
+            self._say("[VER:1.1h.20190830:]")
             self._say(f"[OPT:V,{PLANNER_BLOCKS},{_RX_BYTES}]")
-        elif what.startswith("I="):
-            self._user_info = what[2:]
-        elif what == "N":
-            self._say("$N0=")
-            self._say("$N1=")
-        elif what[0] in "#HISRN":
+        elif not what or what[0] in "#GCHISRN":
             return 3
         else:
             change(self.settings, what)
@@ -511,32 +484,13 @@ class GrblController:
         if len(what) > 1:
             return 3
         if what == "$":
-            if self._state in ("Run", "Hold"):
+            if self._state == "Hold":
                 return 8
             self._say_all(listed(self.settings))
-        elif what == "G":
-            self._say(grbl_report.modal(self._modal))
-        elif what == "C":
-            return 3 if self._state == "Idle" else 8
         elif self._state == "Alarm":
             self._say("[MSG:Caution: Unlocked]")
             self._state = "Idle"
         return 0
-
-    def _restore(self, what: str) -> int:
-        if what not in ("$", "#", "*"):
-            return 3
-        if what != "#":
-            self.settings.update(FACTORY)
-        if what != "$":
-            self._systems = dict.fromkeys(self._systems, (0.0, 0.0, 0.0))
-        self._say("[MSG:Restoring defaults]")
-        self._deferred.append(0x18)
-        return 0
-
-    def _offset_mm(self) -> Vector:
-        """Work coordinate offset: machine = work + this."""
-        return plus(self._systems[self._modal.system], self._modal.g92_mm)
 
     def _report(self) -> None:
         name: str = self._state
@@ -548,170 +502,39 @@ class GrblController:
             )
         mm = self._carriage.count_mm(self._t)
         mask, inches = int(self.settings[10]), bool(self.settings[13])
-        if mask & 1:
-            parts = [name, f"MPos:{grbl_report.coordinates(mm, inches)}"]
-        else:
-            work_mm = minus(mm, self._offset_mm())
-            parts = [name, f"WPos:{grbl_report.coordinates(work_mm, inches)}"]
+        parts = [name, f"{'MPos' if mask & 1 else 'WPos'}:{coordinates(mm, inches)}"]
         if mask & 2:
             parts.append(f"Bf:{self._carriage.free_blocks},{_RX_BYTES - len(self._rx)}")
         speed = self._carriage.speed_mm_min(self._t)
-        parts.append(grbl_report.rates(speed, self._modal, inches))
-        busy = self._state in ("Run", "Jog", "Hold")
+        parts.append(f"FS:{speed / MM_PER_INCH:.1f},0" if inches else f"FS:{speed:.0f},0")
+        busy = self._state in ("Jog", "Hold")
         if self._wco_in:
             self._wco_in -= 1
         else:
             self._wco_in = 29 if busy else 9
             self._ov_in = self._ov_in or 1
-            parts.append(f"WCO:{grbl_report.coordinates(self._offset_mm(), inches)}")
+            parts.append(f"WCO:{coordinates((0.0, 0.0, 0.0), inches)}")
         if self._ov_in:
             self._ov_in -= 1
         else:
             self._ov_in = 19 if busy else 9
-            parts.append("Ov:100,100,100" + grbl_report.accessories(self._modal))
+            parts.append("Ov:100,100,100")
         self._say(f"<{'|'.join(parts)}>")
 
-    # ---- G-code -------------------------------------------------------------------------------
+    # ---- jogs ---------------------------------------------------------------------------------
 
-    def _gcode(self, line: str, *, jog: bool) -> Task:  # noqa: C901 - a case a word
-        words = parse(line)
-        groups, values, modal = words.groups, words.values, self._modal
-        inches = groups.get("units", 20 if modal.inches else 21) == 20
-        relative = groups.get("distance", 91 if modal.relative else 90) == 91
-        system = int(groups.get("system", modal.system))
-        motion = 1 if jog else int(groups.get("motion", modal.motion))
-        action = groups.get("action")
-        axes = {a: values[c] for a, c in enumerate("XYZ") if c in values}
-        if inches:
-            axes = {a: v * MM_PER_INCH for a, v in axes.items()}
-        moves = action not in (10, 92) and (bool(axes) or "motion" in groups)
-        if jog and "F" not in values:
-            raise GcodeError(22)
-        feed = values["F"] * (MM_PER_INCH if inches else 1) if "F" in values else modal.feed_mm_min
-        used = {"F", "N", "S", "T", "X", "Y", "Z"}
-        if action == 4:
-            if "P" not in values:
-                raise GcodeError(28)
-            used.add("P")
-        coordinates: tuple[int, Vector] | None = None
-        g92 = modal.g92_mm
-        if action == 10:
-            coordinates = self._g10(values, axes, system)
-            used |= {"L", "P"}
-        elif action == 92:
-            if not axes:
-                raise GcodeError(26)
-            base = minus(self._programmed_mm, self._systems[system])
-            g92 = replaced(g92, {a: base[a] - v for a, v in axes.items()})
-        elif action == 92.1:
-            g92 = (0.0, 0.0, 0.0)
-        if action == 53 and motion not in (0, 1):
-            raise GcodeError(30)
-        if moves and motion == 80 and axes:
-            raise GcodeError(31)
-        if moves and motion == 1 and feed == 0:
-            raise GcodeError(22)
-        if jog:
-            used = {"F", "N", "X", "Y", "Z"}
-        if set(values) - used:
-            raise GcodeError(36)
-        target = self._target(axes, system, absolute=action == 53, relative=relative)
-        if jog:
-            if set(groups) - {"distance", "units", "action"} or action not in (None, 53):
-                raise GcodeError(16)
-            return (yield from self._jog(target, feed))
-
-        if "spindle" in groups or "S" in values or "system" in groups or coordinates is not None:
-            yield "sync"
-        modal.inches, modal.relative, modal.system = inches, relative, system
-        modal.plane = int(groups.get("plane", modal.plane))
-        modal.coolant = int(groups.get("coolant", modal.coolant))
-        modal.spindle = int(groups.get("spindle", modal.spindle))
-        modal.spindle_rpm = values.get("S", modal.spindle_rpm)
-        modal.tool = int(values.get("T", modal.tool))
-        modal.feed_mm_min, modal.motion = feed, motion
-        if "system" in groups or coordinates is not None or g92 != modal.g92_mm:
-            self._wco_in = 0
-        modal.g92_mm = g92
-        if coordinates is not None:
-            self._systems[coordinates[0]] = coordinates[1]
-        if action == 4:
-            yield "sync"
-            yield self._t + to_ns(values["P"])
-        if moves and axes:
-            yield from self._move(target, None if motion == 0 else feed)
-        yield from self._program_flow(groups.get("flow"))
-        return 0
-
-    def _g10(
-        self, values: dict[str, float], axes: dict[int, float], system: int
-    ) -> tuple[int, Vector]:
-        """G10 L2 sets a coordinate system, G10 L20 makes the present position read as given."""
-        if not axes:
-            raise GcodeError(26)
-        if "P" not in values or "L" not in values:
-            raise GcodeError(28)
-        if values["P"] >= 7:
-            raise GcodeError(29)
-        if values["L"] not in (2, 20):
-            raise GcodeError(20)
-        chosen = 53 + int(values["P"]) if values["P"] >= 1 else system
-        if values["L"] == 20:
-            base = minus(self._programmed_mm, self._modal.g92_mm)
-            axes = {a: base[a] - v for a, v in axes.items()}
-        return chosen, replaced(self._systems[chosen], axes)
-
-    def _target(
-        self, axes: dict[int, float], system: int, *, absolute: bool, relative: bool
-    ) -> Vector:
-        at = self._programmed_mm
-        if absolute:
-            base: Vector = (0.0, 0.0, 0.0)
-        else:
-            base = at if relative else plus(self._systems[system], self._modal.g92_mm)
-        return replaced(at, {a: base[a] + v for a, v in axes.items()})
-
-    def _jog(self, target_mm: Vector, feed_mm_min: float) -> Task:
-        if feed_mm_min == 0:
-            raise GcodeError(22)
+    def _jog(self, line: str) -> Task:
+        target_mm, feed_mm_min = jog_of(line, self._programmed_mm)
         if self.settings[20] and self._carriage.outside(target_mm):
-            return 15
+            raise GrblError(15)
         yield "slot"
-        self._follow(target_mm, feed_mm_min, "Jog")
-        return 0
-
-    def _move(self, target_mm: Vector, feed_mm_min: float | None) -> Task:
-        if self.settings[20] and self._carriage.outside(target_mm):
-            if self._state == "Run":
-                self._soft_limited = True
-                self._hold()
-                yield "still"
-            self._alarm(2, self._lock)
-            yield "still"
-        yield "slot"
-        self._follow(target_mm, feed_mm_min, "Run")
-        return 0
-
-    def _follow(self, target_mm: Vector, feed_mm_min: float | None, state: State) -> None:
         self._programmed_mm = target_mm
         if self._state == "Jog" and self._carriage.prolong(target_mm, feed_mm_min, self._t):
             if self.settings[21]:
                 self._trips_ns = self._carriage.trips_ns(self._scatter.uniform)
-            return
+            return 0
         self._carriage.plan(target_mm, feed_mm_min)
         if self._state == "Idle" and self._carriage.queued:
-            self._state = state
+            self._state = "Jog"
             self._begin()
-
-    def _program_flow(self, flow: float | None) -> Task:
-        if flow is None or flow == 1:
-            return 0
-        yield "sync"
-        if flow == 0:
-            self._state = "Hold"
-            yield "sync"
-        else:
-            m = self._modal
-            m.motion, m.plane, m.system, m.relative, m.spindle, m.coolant = 1, 17, 54, False, 5, 9
-            self._say("[MSG:Pgm End]")
         return 0

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 from ..aliases import Vector
-from .gcode import NUMBER, GcodeError
+from .jog import GrblError
 
 SETTINGS: dict[int, float] = {
     0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0,
@@ -14,12 +15,6 @@ SETTINGS: dict[int, float] = {
     30: 1000, 31: 0, 32: 0,
     100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500, 112: 1200,
     120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60,
-}  # fmt: skip
-# What $RST=$ brings back.
-FACTORY: dict[int, float] = {
-    **SETTINGS, 10: 1, 20: 0, 21: 0, 22: 0, 24: 25, 25: 500,
-    100: 250, 101: 250, 102: 250, 110: 500, 111: 500, 112: 500,
-    120: 10, 121: 10, 122: 10, 130: 200, 131: 200, 132: 200,
 }  # fmt: skip
 _WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
 
@@ -37,27 +32,15 @@ def settings_for(
 
 
 def change(settings: dict[int, float], what: str) -> None:
-    """`N=value`: numbers first, then the rules of the setting. Raises Refused, nothing changed."""
-    key = NUMBER.match(what)
-    if key is None:
-        raise GcodeError(2)
-    rest = what[key.end() :]
-    if not rest.startswith("="):
-        raise GcodeError(3)
-    number = NUMBER.match(rest, 1)
-    if number is None:
-        raise GcodeError(2)
-    if number.end() != len(rest):
-        raise GcodeError(3)
-    n, value = int(float(key[0])), float(number[0])
+    """`N=value`. Raises GrblError, nothing changed."""
+    found = re.fullmatch(r"(\d+)=(-?\d+\.?\d*)", what)
+    if found is None or (n := int(found[1])) not in SETTINGS:
+        raise GrblError(3)
+    value = float(found[2])
     if value < 0:
-        raise GcodeError(4)
-    if n not in SETTINGS:
-        raise GcodeError(3)
-    if n == 0 and value < 3:
-        raise GcodeError(6)
+        raise GrblError(4)
     if n == 20 and value and not settings[22]:
-        raise GcodeError(10)
+        raise GrblError(10)
     settings[n] = float(int(value)) if n in _WHOLE else value
     if n == 22 and not value:
         settings[20] = 0

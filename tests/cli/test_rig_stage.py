@@ -1,4 +1,4 @@
-"""`rig probe|status|home|jog|goto|reset` on a simulated board behind a real terminal."""
+"""`rig status|home|jog|goto|reset` on a simulated board behind a real terminal."""
 
 from __future__ import annotations
 
@@ -77,29 +77,13 @@ def bench(folder: Path, settings: dict[int, float] | None = None) -> Iterator[Be
         yield Bench(terminal, file)
 
 
-def test_probe_judges_and_moves_nothing(tmp_path: Path) -> None:
-    with bench(tmp_path) as it:
-        said = it.does("probe")
-        assert said["ok"]
-        assert {row["verdict"] for row in said["settings"]} == {"pass"}
-        assert said["state"]["state"] == "Alarm"
-        assert said["state"]["sensor_mm"] is None
-        text = it.prints("probe")
-        assert "pass  $21=1 (hard limits on)" in text
-        assert text.splitlines()[-1].startswith("Alarm, locked: home first; machine 0.000")
-        assert it.segments() == []
-
-
-def test_probe_of_a_board_set_up_wrongly(tmp_path: Path) -> None:
+def test_a_board_set_up_wrongly_is_not_homed(tmp_path: Path) -> None:
     with bench(tmp_path, {21: 0, 3: 1}) as it:
+        text = it.prints("probe")  # its old name
+        assert "`probe` is `check` now" in text
+        told = [line for line in text.splitlines() if line.startswith("FAIL  stage")]
+        assert ["$21=0" in told[0], "$3=1" in told[1], len(told)] == [True, True, 2]
         with pytest.raises(StageError, match=r"\$21=0 .* set \$21=1 .*\(and 1 more"):
-            it.does("probe")
-        text = it.prints("probe")
-        assert [line.split()[1] for line in text.splitlines() if "FAIL" in line] == [
-            "$21=0",
-            "$3=1",
-        ]
-        with pytest.raises(StageError, match=r"\$21=0"):
             it.does("home", "--yes", "--tip-is-clear")
         assert it.segments() == []
 
@@ -206,7 +190,7 @@ def test_ctrl_c_stops_a_jog(tmp_path: Path) -> None:
         assert it.at_mm() == at_mm
 
 
-@pytest.mark.parametrize("words", [("probe",), ("jog", "0", "0", "1"), ("reset",)])
+@pytest.mark.parametrize("words", [("status",), ("jog", "0", "0", "1"), ("reset",)])
 def test_a_virtual_rig_has_nothing_to_drive(words: tuple[str, ...]) -> None:
     result = CliRunner().invoke(rig, [words[0], "virtual", *words[1:]])
     assert isinstance(result.exception, DeltactFabError)

@@ -73,7 +73,7 @@ def connected(
         ({111: 1000}, r"Y has 1000 mm/min \(\$111\); 1500 needed: set \$111=1500 if "),
         ({120: 0.5}, r"X has 0.5 mm/s2 \(\$120\); 50 needed: .* less in \[stage\] acceleration"),
         ({132: 45}, r"Z has 45 mm of travel \(\$132\); 60 needed: .* less in \[stage\] travel_mm"),
-        ({21: 0, 3: 1, 32: 1}, r"\$21=0 .*\(and 2 more: see `rig probe`\)$"),
+        ({21: 0, 3: 1, 32: 1}, r"\$21=0 .*\(and 2 more: see `rig check`\)$"),
     ],
 )
 def test_each_rule_refuses_in_one_line(settings: dict[int, float], said: str) -> None:

@@ -79,16 +79,15 @@ def test_status_gives_wco_and_overrides_only_now_and_then() -> None:
 @pytest.mark.parametrize(
     ("settings", "wanted"),
     [
-        ({10: 1}, "<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0|WCO:-1.000,0.000,0.000>"),
-        ({10: 0}, "<Idle|WPos:0.000,-1.000,-1.000|FS:0,0|WCO:-1.000,0.000,0.000>"),
-        ({13: 1, 10: 1}, "<Idle|MPos:-0.0394,-0.0394,-0.0394|FS:0.0,0|WCO:-0.0394,0.0000,0.0000>"),
+        ({10: 1}, "<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0|WCO:0.000,0.000,0.000>"),
+        ({10: 0}, "<Idle|WPos:-1.000,-1.000,-1.000|FS:0,0|WCO:0.000,0.000,0.000>"),
+        ({13: 1, 10: 1}, "<Idle|MPos:-0.0394,-0.0394,-0.0394|FS:0.0,0|WCO:0.0000,0.0000,0.0000>"),
     ],
 )
 def test_status_position_follows_settings_10_and_13(
     settings: dict[int, float], wanted: str
 ) -> None:
     bench = Bench(settings).homed()
-    assert bench.say("G10L20P1X0\n") == ["ok"]
     assert bench.say("?") == [wanted]
 
 
@@ -119,43 +118,24 @@ def test_homing_end_can_be_the_far_one() -> None:
 @pytest.mark.parametrize(
     ("line", "code"),
     [
-        ("12", 1),
-        ("G1X", 2),
-        ("$Z=1", 2),
+        ("G1X-2F600", 20),
+        ("$J=12", 1),
+        ("$J=X", 2),
         ("$10", 3),
         ("$HX", 3),
         ("$99=1", 3),
         ("$J1", 3),
-        ("G1X-2F-5", 4),
+        ("$J=X-2F-5", 4),
         ("$110=-1", 4),
-        ("$0=2", 6),
         ("$J=X1F100", 15),
         ("$J=X-1000F100", 15),
         ("$J=G1X-2F100", 16),
-        ("$J=G54X-2F100", 16),
-        ("G5X1", 20),
-        ("G2X1I1", 20),
-        ("M6", 20),
-        ("A1", 20),
-        ("G0G1X-2F10", 24),
-        ("G20G21", 21),
-        ("M3M5", 21),
-        ("G1X-2", 22),
+        ("$J=A1F100", 20),
+        ("$J=G20G21X-2F9", 21),
         ("$J=X-2", 22),
         ("$J=X-2F0", 22),
-        ("G54.5", 23),
-        ("G10G1X1", 24),
-        ("G1X-2X-3F10", 25),
-        ("G10L2P1", 26),
-        ("N10000001", 27),
-        ("G4", 28),
-        ("G10L2X1", 28),
-        ("G10L2P9X1", 29),
-        ("G80G53X-1", 30),
-        ("G80X-1", 31),
-        ("G1X-2F10P1", 36),
+        ("$J=X-2X-3F10", 25),
         ("$J=X-2F10S1", 36),
-        ("T300", 38),
         ("X" * 80, 11),
     ],
 )
@@ -169,14 +149,7 @@ def test_errors_have_the_firmware_s_codes(line: str, code: int) -> None:
 def test_a_line_of_any_length_is_answered_once(length: int) -> None:
     bench = Bench().homed()
     assert bench.say("G21" * (length // 3 + 1) + "\n") == ["error:11"]
-    assert bench.say("G21\n") == ["ok"]
-
-
-def test_longest_line_comments_and_line_ends() -> None:
-    bench = Bench().homed()
-    assert bench.say("G1X-1.0" + "0" * 68 + "F10\n") == ["ok"]  # 78 characters
-    assert bench.say("g21 (millimetres) g90 ; absolute\n") == ["ok"]
-    assert bench.say("G21\r\n") == ["ok", "ok"]  # carriage return and line feed are two ends
+    assert bench.say("\n") == ["ok"]
 
 
 def test_homing_needs_setting_22() -> None:
@@ -205,21 +178,19 @@ def test_the_lock_refuses_motion_until_unlocked() -> None:
 def test_a_jog_blocks_g_code_and_most_dollar_commands() -> None:
     bench = Bench().homed()
     assert bench.say("$J=X-50F600\n", 0.5) == ["ok"]
-    assert bench.say("G4P0.1\n$H\n$110=1\n$#\n") == ["error:9", "error:8", "error:8", "error:8"]
+    assert bench.say("G4P0.1\n$H\n$110=1\n") == ["error:9", "error:8", "error:8"]
     assert bench.say("$J=X-50Y-9F600\n") == ["ok"]  # a second jog queues
     assert "Bf:13,128" in bench.say("?")[0]
 
 
 def test_jogs_reach_their_targets_in_all_their_dialects() -> None:
     bench = Bench().homed()
-    assert bench.say("G10L20P1X0Y0Z0\n") == ["ok"]
-    bench.say("$J=G90G21X-4F600\n", 5)
+    bench.say("$J=G90G21X-5F600\n", 5)
     assert bench.mpos() == (-5.0, -1.0, -1.0)
     bench.say("$J=G91G20Y-1F20\n", 30)
     assert bench.mpos() == (-5.0, -26.4, -1.0)
     bench.say("$J=G90G21G53X-2Y-2Z-2F600\n", 30)
     assert bench.mpos() == (-2.0, -2.0, -2.0)
-    assert "G90 G94" in bench.say("$G\n")[0]  # a jog leaves the modes alone
 
 
 def test_incremental_moves_do_not_lose_what_is_less_than_a_step() -> None:
@@ -252,25 +223,6 @@ def test_jog_cancel_drops_the_queue_and_is_harmless_at_rest() -> None:
     (status,) = bench.say(b"\x85?")
     assert status.startswith("<Idle|")
     assert "|Bf:15,128|" in status
-
-
-def test_feed_hold_resumes_and_a_reset_in_hold_keeps_the_position() -> None:
-    bench = Bench().homed()
-    bench.say("G1X-50F600\n", 1)
-    bench.say("!")
-    assert bench.say("?")[0].startswith("<Hold:1|")
-    bench.clock.sleep_s(1)
-    assert bench.say("?")[0].startswith("<Hold:0|")
-    assert bench.say("$G\n") == []  # suspended: lines wait
-    held = bench.mpos()
-    assert bench.say("~")[0].startswith("[GC:G1 ")
-    bench.clock.sleep_s(0.5)
-    assert bench.mpos()[0] < held[0]
-    bench.say("!", 1)
-    held = bench.mpos()
-    assert bench.say(b"\x18") == BANNER  # no alarm, no lock
-    assert bench.mpos() == held
-    assert bench.say("G90\n") == ["ok"]
 
 
 def test_reset_while_moving_loses_the_position() -> None:
@@ -309,20 +261,6 @@ def test_reset_while_homing_is_alarm_6() -> None:
     assert bench.say(b"\x18", 0.5) == ["ALARM:6", "ok", *BANNER, LOCK]
 
 
-@pytest.mark.parametrize("moving", [False, True])
-def test_a_line_past_a_soft_limit_locks_up_until_a_reset(moving: bool) -> None:
-    bench = Bench().homed()
-    if moving:
-        assert bench.say("G1X-50F600\n", 1) == ["ok"]
-    assert bench.say("G1X5F600\n", 1) == ["ALARM:2", "[MSG:Reset to continue]"]
-    stopped = bench.grbl.position_mm()
-    assert bench.say("?$X\n$H\n", 5) == []
-    assert bench.grbl.position_mm() == stopped
-    # The stale ok of the line comes before the banner.
-    assert bench.say(b"\x18") == ["ok", *BANNER, LOCK]
-    assert bench.mpos() == pytest.approx(stopped, abs=0.0012)  # it was held, not lost
-
-
 def test_travel_limits_themselves_are_inside() -> None:
     bench = Bench().homed()
     assert bench.say("$J=X-120Y0Z-60F1000\n", 20) == ["ok"]
@@ -342,20 +280,12 @@ def test_sleep_hears_a_status_request_and_a_reset_only(homed: bool) -> None:
 
 def test_a_door_holds_until_it_is_closed_and_ends_a_jog() -> None:
     bench = Bench().homed()
-    bench.say("G1X-50F600\n", 1)
-    said, status = bench.say(b"\x84?")
-    assert said == "[MSG:Check Door]"
-    assert status.startswith("<Door:2|")
-    bench.clock.sleep_s(1)
-    assert bench.say("?")[0].startswith("<Door:0|")
-    assert bench.say("~", 10) == []
-    assert bench.mpos() == (-50.0, -1.0, -1.0)
-    bench.say("$J=X-1F600\n", 1)
+    bench.say("$J=X-50F600\n", 1)
     assert bench.say(b"\x84", 1) == ["[MSG:Check Door]"]
     assert bench.say("?")[0].startswith("<Door:0|")
     bench.say("~")
     assert bench.say("?")[0].startswith("<Idle|")
-    assert bench.mpos()[0] < -38
+    assert -13 < bench.mpos()[0] < -9
 
 
 def test_a_line_in_a_jog_cancel_waits_for_its_end() -> None:
@@ -366,50 +296,14 @@ def test_a_line_in_a_jog_cancel_waits_for_its_end() -> None:
     assert bench.mpos()[0] == -5.0
 
 
-def test_defaults_are_restored_by_a_reset_after_the_answer() -> None:
-    bench = Bench().homed()
-    assert bench.say("G10L2P1X-5\n$RST=%\n") == ["ok", "error:3"]
-    assert bench.say("$RST=$\n") == ["[MSG:Restoring defaults]", "ok", *BANNER]
-    assert "$130=200.000" in bench.say("$$\n")
-    assert "[G54:-5.000,0.000,0.000]" in bench.say("$#\n")
-    bench.say("$RST=*\n")
-    assert "[G54:0.000,0.000,0.000]" in bench.say("$#\n")
-
-
-def test_dwell_waits_for_the_motion_and_then_its_time() -> None:
-    bench = Bench().homed()
-    assert bench.say("G1X-2F600\nG4P0.5\n") == ["ok"]
-    move_s = 2 * math.sqrt(1 / 50)
-    assert bench.say("", move_s + 0.49) == []
-    assert bench.say("", 0.02) == ["ok"]
-
-
 def test_the_planner_holds_15_blocks_and_then_lines_wait() -> None:
     bench = Bench().homed()
-    lines = "".join(f"G1X{-2 - k}F600\n" for k in range(16))
+    lines = "".join(f"$J=X{-2 - k}Y{-3 + k % 2}F600\n" for k in range(16))
     assert bench.say(lines) == ["ok"] * 15
     assert "Bf:0," in bench.say("?")[0]
     assert bench.say("", 1) == ["ok"]
     bench.clock.sleep_s(30)
     assert bench.mpos()[0] == -17.0
-
-
-def test_bytes_beyond_the_receive_buffer_are_lost() -> None:
-    bench = Bench().homed()
-    bench.say("G4P1\n")
-    assert "|Bf:15,0|" in bench.say("G21\n" * 40 + "?")[0]
-    assert bench.say("", 2) == ["ok"] * 33
-
-
-def test_work_coordinates_and_program_end() -> None:
-    bench = Bench().homed()
-    bench.say("G10L2P2X-10Y-10Z-10\nG55\nG1X1F600\n", 5)
-    assert bench.mpos() == (-9.0, -1.0, -1.0)
-    bench.say("G92X0\nG0X-1\n", 5)
-    assert bench.mpos() == (-10.0, -1.0, -1.0)
-    assert "[G55:-10.000,-10.000,-10.000]" in bench.say("$#\n")
-    assert bench.say("M3S100\nM30\n") == ["ok", "[MSG:Pgm End]", "ok"]
-    assert bench.say("$G\n")[0] == "[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F600 S100]"
 
 
 def test_settings_are_read_back_and_take_effect() -> None:

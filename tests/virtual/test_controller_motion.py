@@ -128,27 +128,11 @@ def test_axis_limits_slow_a_diagonal_down() -> None:
     assert grbl.position_mm() == planned.end_mm
 
 
-def test_corners_are_reached_and_a_hold_bends_nothing() -> None:
-    clock, grbl = ready()
-    before = len(grbl.segments)
-    grbl.write(b"G1X-5F600\nG1X-5Y-4\nG1X-9\n")
-    clock.sleep_s(0.3)
-    grbl.write(b"!")
-    clock.sleep_s(1)
-    grbl.write(b"~")
-    clock.sleep_s(0.1)
-    assert -5 < grbl.position_mm()[0] < -1
-    clock.sleep_s(10)
-    corners = [s.end_mm for s in grbl.segments[before:]]
-    assert corners[-3:] == [(-5, -1, -1), (-5, -4, -1), (-9, -4, -1)]
-    assert all(y == z == -1 for _, y, z in corners[:-2])
-
-
 @settings(max_examples=40, deadline=None)
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from([b"$J=X-%dF900\n", b"$J=Z-%dF600\n", b"G1Y-%dF1500\n", b"G0X-%d\n"]),
+            st.sampled_from([b"$J=X-%dF900\n", b"$J=Z-%dF600\n", b"$J=Y-%dF1500\n"]),
             st.integers(0, 40),
             st.sampled_from([b"", b"", b"!", b"~", b"\x85", b"\x18", b"$X\n"]),
             st.floats(0, 3),

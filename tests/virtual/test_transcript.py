@@ -25,21 +25,9 @@ OVERHEAD_S = 0.05
 IDLE = "<Idle|MPos:-1.000,-1.000,-1.000|Bf:15,128|FS:0,0|"
 
 # Case and exchange whose answer gives a place that depends on when a byte arrived.
-IN_MOTION = {("jog cancel", 2), ("G1 hold 0x18", 3), ("homing reset", 4)}
-# Case and exchange: what the simulator answers in place of the firmware, and why.
-_STORED = "no stored positions (G28, G30), and the switches are read while homing only"
-_PROBE = "there is no probe"
-EXCEPTIONS = {
-    ("G28", 0): ("error:20", _STORED),
-    ("G28", 1): (IDLE + "WCO:0.000,0.000,0.000>", _STORED),
-    ("G30.1", 0): ("error:20", _STORED),
-    ("G38.2", 0): ("error:20", _PROBE),
-    ("G38.2", 1): (IDLE + "WCO:0.000,0.000,0.000>", _PROBE),
-    ("overrides", 2): (
-        IDLE + "Ov:100,100,100>",
-        "no overrides: the host jogs, and jogs ignore them",
-    ),
-}
+IN_MOTION = {("jog cancel", 2), ("homing reset", 4)}
+# What the simulator knows: jogs, homing, settings, sleep, realtime bytes. It runs no program.
+JOGS = re.compile(r"([?!~\x18\x84\x85]|(\$(J.*|H.*|\$|I|X|SLP|\d+=.*))?\n)*")
 
 
 def answers(case: dict[str, Any]) -> list[str]:
@@ -62,20 +50,19 @@ def without_numbers(answer: str) -> str:
     return re.sub(r"-?\d+\.\d+", "N", answer)
 
 
+def jogs(case: dict[str, Any]) -> bool:
+    return all(JOGS.fullmatch(exchange["send"]) for exchange in case["exchanges"])
+
+
 def test_the_transcript_is_whole() -> None:
     assert len(CASES) == 59
-    exchanges = {(c["name"], k) for c in CASES for k in range(len(c["exchanges"]))}
-    assert IN_MOTION | EXCEPTIONS.keys() < exchanges
+    assert sum(map(jogs, CASES)) == 19
 
 
-@pytest.mark.parametrize("case", CASES, ids=[c["name"] for c in CASES])
+@pytest.mark.parametrize("case", [c for c in CASES if jogs(c)], ids=lambda case: case["name"])
 def test_it_answers_as_the_firmware_does(case: dict[str, Any]) -> None:
     for k, (exchange, ours) in enumerate(zip(case["exchanges"], answers(case), strict=True)):
-        place, firmware = (case["name"], k), exchange["answer"]
-        if place in EXCEPTIONS:
-            assert ours == EXCEPTIONS[place][0]
-            assert ours != firmware, "no exception any more: strike it from the list"
-        elif place in IN_MOTION:
-            assert without_numbers(ours) == without_numbers(firmware)
-        else:
-            assert ours == firmware
+        firmware = exchange["answer"]
+        if (case["name"], k) in IN_MOTION:
+            ours, firmware = without_numbers(ours), without_numbers(firmware)
+        assert ours == firmware

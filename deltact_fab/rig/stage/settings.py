@@ -64,7 +64,7 @@ def judge(settings: Mapping[int, float], info: list[str], needs: Needs) -> list[
 def refusal(rows: list[SettingRow]) -> str:
     """The first rule that fails, and how many others do; "" if none does."""
     failed = [row.text for row in rows if row.verdict == "FAIL"]
-    more = f" (and {len(failed) - 1} more: see `rig probe`)" if len(failed) > 1 else ""
+    more = f" (and {len(failed) - 1} more: see `rig check`)" if len(failed) > 1 else ""
     return failed[0] + more if failed else ""
 
 
