@@ -4,13 +4,14 @@ DIR/
   recipes/d0p075-r0p6.toml ...   what every command takes as a RECIPE
   series.pdf                     one sticker of each
   contact-sheet.png              each as the camera would see it
-  quality.csv  quality.json      every figure, as designed and as seen; SHA-256 of the files
+  quality.csv  quality.json      every figure, as designed and as seen
   patterns.html                  where a page is asked for
 """
 
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,12 +22,13 @@ from numpy.typing import NDArray
 
 from ... import __version__, catalog
 from ...aliases import Progress
+from ...errors import InputError
+from ...files import disk_errors, making, whole
 from ..code import encode
 from ..quality.measure import MM_PER_PX, measure
 from ..recipe import DEFAULT_SEED, PatternRecipe, recipe_from
 from ..sheet import job as sheet
-from . import contact, index
-from .folder import replaced
+from . import contact
 
 GRIDS = (
     ((0.1, 0.15, 0.2), (0.1, 0.3, 0.5)),
@@ -138,14 +140,14 @@ def write(
     page: Callable[[Path], object] | None = None,
     progress: Progress | None = None,
 ) -> SeriesReport:
-    """Write the series into the folder `out`, which is whole afterwards or not there.
+    """Write the series into the new folder `out`, which is whole afterwards or not there.
 
     seed: of every draw, of the printer's and the camera's too. dpi: of the print job and of the
     printer model. entries: other Algorithm 1 patterns than the paper's. page: called with the
-    folder when all else is in it, to add `patterns.html`. A series written there before is
-    replaced if nothing in it was added or changed. Equal arguments and versions give equal bytes.
+    folder when all else is in it, to add `patterns.html`. Equal arguments and versions give equal
+    bytes.
 
-    Raises InputError for a folder that holds anything else, for a seed below 0 and for what
+    Raises InputError for a folder that is there and not empty, for a seed below 0 and for what
     `sheet.write` refuses, RunFailed when the disk refuses, and whatever `page` raises.
     """
     from ...imaging import ImageSensor, Printer
@@ -153,7 +155,12 @@ def write(
     chosen = recipes(seed, with_dots) if entries is None else list(entries)
     tell = progress or (lambda done, total, what: None)
     total = len(chosen) + 2
-    with replaced(out, lambda held: index.read(held, FIGURES, FORMAT)) as folder:
+    with making(out):
+        if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+            raise InputError(f"{out}: is there already; name a new folder")
+        out.parent.mkdir(parents=True, exist_ok=True)
+    with disk_errors(out), whole(out) as folder:
+        folder.mkdir()
         _write_recipes(folder / RECIPES, chosen)
         tell(0, total, SHEET)
         # First, for it refuses an unusable paper, dpi or transfer before the long part.
@@ -180,12 +187,12 @@ def write(
             "sensor": asdict(ImageSensor()),
             "patterns": rows,
         }
-        (folder / FIGURES).write_bytes(index.to_json(data))
+        text = json.dumps(data, indent=1, allow_nan=False) + "\n"
+        (folder / FIGURES).write_bytes(text.encode())
         (folder / TABLE).write_bytes(_csv(rows))
         if page is not None:
             page(folder)
         written = sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
-        index.seal(folder, FIGURES, data)
     tell(total, total, "done")
     return SeriesReport(out, tuple(out / name for name in written), job.pages, data)
 
