@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..shapes.bounded import Bounded, number
@@ -21,7 +20,7 @@ class GelMaterial(Bounded):
     prony: pairs (g, tau_s) of a relaxing gel; none: elastic. modulus_mpa is what is left after long
     rest (a slow press, a book value), g the extra share of its shear modulus that fades with tau:
         G(t) = G (1 + sum g exp(-t / tau)).
-    Shares of the *instantaneous* modulus, as many programs list them, go in by `of_instantaneous`.
+    Shares s of the *instantaneous* modulus, as many programs list them, are g = s / (1 - sum s).
 
     Raises ValueError for a number outside its range.
     """
@@ -45,25 +44,6 @@ class GelMaterial(Bounded):
                 raise ValueError(f"prony: tau_s > 0 and finite in each [g, tau_s]: {tau} fails")
         if not self.prony_sum <= MAX_PRONY:
             raise ValueError(f"prony: sum of g <= {MAX_PRONY:g}: {self.prony_sum} fails")
-
-    @classmethod
-    def of_instantaneous(
-        cls,
-        modulus_mpa: float,
-        shares: Sequence[tuple[float, float]],
-        poisson: float = 0.49,
-        friction: float = 0.5,
-    ) -> GelMaterial:
-        """From the modulus of a sudden press and pairs (share of it that fades, tau_s).
-
-        Raises ValueError where the shares leave nothing: their sum has to be below 1.
-        """
-        fading = sum(g for g, _ in shares)
-        if not fading < 1:
-            raise ValueError(f"prony: shares of the instantaneous modulus < 1: {fading} fails")
-        left = 1 - fading
-        pairs = tuple((g / left, tau) for g, tau in shares)
-        return cls(modulus_mpa * left, poisson, friction, pairs)
 
     @property
     def shear_modulus_mpa(self) -> float:

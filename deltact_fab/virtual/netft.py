@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -24,19 +24,15 @@ from .clock import Ticks, VirtualClock
 
 
 class Datagram(NamedTuple):
-    """One that leaves the box. at_ns: when it is there. stray: from another sender's address."""
+    """One that leaves the box. at_ns: when it is there."""
 
     at_ns: int
     payload: bytes
-    stray: bool = False
 
 
 @dataclass
 class BoxFaults:
-    """Set any field at any time; the records taken from then on have it.
-
-    every-fields: of each so many records one, 0 for none.
-    """
+    """Set any field at any time; the records taken from then on have it."""
 
     silent: bool = False
     """Records are taken and numbered, and none is sent."""
@@ -47,15 +43,8 @@ class BoxFaults:
     saturated: bool = False
     """As if a gauge were out of range."""
     drop_every: int = 0
-    duplicate_every: int = 0
-    swap_every: int = 0
-    """Such a record comes after the next one."""
-    garbage_every: int = 0
-    """Before such a record comes a datagram of another length."""
-    stray_every: int = 0
-    """Before such a record comes a plausible one with a huge force, from another address."""
+    """Of so many records one does not come; 0: all do."""
     _last_ns: int = field(default=0, repr=False)
-    _held: bytes = field(default=b"", repr=False)
 
     def datagrams(self, t_ns: NDArray[np.int64], records: NDArray[Any]) -> list[Datagram]:
         """Records (n,) taken at t_ns as they arrive."""
@@ -72,30 +61,13 @@ class BoxFaults:
             zip(t_ns.tolist(), records["rdt"].tolist(), strict=True)
         ):
             self._last_ns = max(at_ns + late_ns, self._last_ns)
-            for payload, stray in self._as_sent(number, data[k * size : (k + 1) * size]):
-                out.append(Datagram(self._last_ns, payload, stray))
+            record = data[k * size : (k + 1) * size]
+            out += [Datagram(self._last_ns, sent) for sent in self.sent(number, record)]
         return out
 
-    def _as_sent(self, number: int, record: bytes) -> Iterator[tuple[bytes, bool]]:
-        if _one_of(number, self.garbage_every):
-            yield record[:20], False
-        if _one_of(number, self.stray_every):
-            yield record[:12] + b"\x7f" * 24, True
-        if _one_of(number, self.drop_every):
-            return
-        if _one_of(number, self.swap_every):
-            self._held = record
-            return
-        yield record, False
-        if _one_of(number, self.duplicate_every):
-            yield record, False
-        if self._held:
-            held, self._held = self._held, b""
-            yield held, False
-
-
-def _one_of(number: int, every: int) -> bool:
-    return every > 0 and number % every == 0
+    def sent(self, number: int, record: bytes) -> list[bytes]:
+        """What leaves the box in the place of a record."""
+        return [] if self.drop_every and number % self.drop_every == 0 else [record]
 
 
 RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
@@ -246,7 +218,6 @@ class LockstepLink:
 
     def __init__(self, box: NetFTBox) -> None:
         self._box = box
-        self._garbage = 0
 
     def settings(self) -> NetFTSettings:
         """Of the box."""
@@ -273,21 +244,16 @@ class LockstepLink:
             came.append(data)
         if (data := self._box.receive(timeout_s)) is not None:
             came.append(data)
-        # A connected socket receives from nobody else, and a record has a fixed length.
-        came = [data for data in came if not data.stray]
-        whole = [data for data in came if len(data.payload) == RECORD.itemsize]
-        self._garbage += len(came) - len(whole)
-        arrivals = np.zeros(len(whole), ARRIVAL)
-        records = np.frombuffer(b"".join(data.payload for data in whole), RECORD)
-        arrivals["at_ns"] = [data.at_ns for data in whole]
+        arrivals = np.zeros(len(came), ARRIVAL)
+        records = np.frombuffer(b"".join(data.payload for data in came), RECORD)
+        arrivals["at_ns"] = [data.at_ns for data in came]
         for name in ("rdt", "status", "counts"):
             arrivals[name] = records[name]
         return arrivals
 
     def troubles(self) -> dict[str, int]:
-        """Datagrams that are no records."""
-        garbage, self._garbage = self._garbage, 0
-        return {"garbage": garbage}
+        """A wire in virtual time has none."""
+        return {}
 
     def close(self) -> None:
         """Stop streaming."""

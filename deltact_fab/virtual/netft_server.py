@@ -46,11 +46,9 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
         self.host = host
         self._done = threading.Event()
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._stray = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            for udp in (self._udp, self._stray):
-                udp.bind((host, 0))
-                udp.setblocking(False)
+            self._udp.bind((host, 0))
+            self._udp.setblocking(False)
             server = self
 
             class BoxPageHandler(BaseHTTPRequestHandler):
@@ -63,7 +61,6 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
             self._http = HTTPServer((host, 0), BoxPageHandler)
         except OSError:
             self._udp.close()
-            self._stray.close()
             raise
         self.rdt_port: int = self._udp.getsockname()[1]
         self.http_port: int = self._http.server_address[1]
@@ -89,7 +86,6 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
             thread.join()
         self._http.server_close()
         self._udp.close()
-        self._stray.close()
 
     def __exit__(self, *error: object) -> None:
         self.close()
@@ -110,7 +106,7 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
                 if self._sent is not None:
                     self._sent(data.payload, time.monotonic_ns())
                 try:
-                    (self._stray if data.stray else udp).sendto(data.payload, client)
+                    udp.sendto(data.payload, client)
                 except OSError:
                     break  # nobody is there, or its buffer is full: as on a wire, it is lost
 

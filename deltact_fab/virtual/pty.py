@@ -1,7 +1,7 @@
 """A simulated controller on a pseudo terminal, on the wall clock: a port like any other.
 
-Bytes take no time on it, unlike those of `wire`; a host sees no other difference. Its faults are
-those of a cable: pulled out and put back, noise, silence; the board's own are the controller's.
+Bytes take no time on it, unlike those of `wire`; a host sees no other difference. Its fault is that
+of a cable, pulled out and put back; the board's own are the controller's.
 """
 
 from __future__ import annotations
@@ -57,7 +57,6 @@ class PtyCable(AbstractContextManager["PtyCable"]):
         self._ours: int | None = None
         self._open = False
         self._unsaid = b""  # that the terminal could not take yet
-        self._silent_until_s = -math.inf
         self._done = threading.Event()
         self.plug()
         self._thread = threading.Thread(target=self._serve, name="pseudo terminal", daemon=True)
@@ -88,15 +87,6 @@ class PtyCable(AbstractContextManager["PtyCable"]):
                 os.unlink(self.port)
             self._ours, self._unsaid = None, b""
             self._see(False)
-
-    def silence(self, for_s: float = math.inf) -> None:
-        """What either side says in that time is lost."""
-        self._silent_until_s = time.monotonic() + for_s
-
-    def say(self, noise: bytes) -> None:
-        """Bytes that the controller did not say."""
-        with self.lock:
-            self._unsaid += noise
 
     def close(self) -> None:
         """End the thread and the terminal; again does nothing."""
@@ -153,12 +143,11 @@ class PtyCable(AbstractContextManager["PtyCable"]):
         data = b""
         with suppress(OSError):  # none has come, or the host is gone
             data = os.read(ours, PIECE)
-        silent = time.monotonic() < self._silent_until_s
-        if data and not silent:
+        if data:
             self._heard(time.monotonic(), data)
             self.controller.write(data)
         said = self.controller.read_available()
-        if not self._open or silent:
+        if not self._open:
             return
         self._unsaid += said
         with suppress(OSError):

@@ -224,15 +224,6 @@ def test_nodal_forces_carry_elastic_stress_and_overstress():
     assert got == pytest.approx(right, abs=1e-12)
 
 
-def test_shares_of_the_instantaneous_modulus_are_translated():
-    gel = GelMaterial.of_instantaneous(1.0, [(0.2, 1.0), (0.3, 10.0)], poisson=0.45)
-    assert gel.modulus_mpa == pytest.approx(0.5)
-    assert gel.prony == pytest.approx(np.array([(0.4, 1.0), (0.6, 10.0)]))
-    assert gel.shear_modulus_mpa * (1 + gel.prony_sum) == pytest.approx(1 / (2 * 1.45))
-    with pytest.raises(ValueError, match="instantaneous modulus < 1"):
-        GelMaterial.of_instantaneous(1.0, [(0.7, 1.0), (0.3, 10.0)])
-
-
 @pytest.mark.parametrize(
     "bad",
     [

@@ -1,4 +1,4 @@
-"""Some cells of `numerics bench` at the wall clock: a real terminal, UDP, a camera's process."""
+"""Some faults of a rehearsal at the wall clock: a real terminal, UDP, a camera's process."""
 
 from __future__ import annotations
 
@@ -26,11 +26,13 @@ def unplugged(bench: WallBench) -> None:
 
 
 def silent(bench: WallBench) -> None:
-    bench.board.terminal.silence(10.0)
+    with bench.board.terminal.lock:
+        bench.board.grbl.fault("silence")
 
 
 def false_alarm(bench: WallBench) -> None:
-    bench.board.terminal.say(b"ALARM:3\r\n")
+    with bench.board.terminal.lock:
+        bench.board.grbl._say("ALARM:3")
 
 
 def opened(bench: WallBench) -> None:

@@ -136,30 +136,16 @@ def test_a_stream_that_someone_else_started_anew_has_no_new_sample() -> None:
         sensor.read()
 
 
-@pytest.mark.parametrize(
-    ("fault", "note", "missing"),
-    [
-        ("duplicate_every", "duplicate: 2 force records came twice", 0),
-        ("swap_every", "order: 2 force records came after younger ones and were left out", 2),
-        ("garbage_every", "garbage: 2 pieces of garbage came instead of force records", 0),
-        ("stray_every", "", 0),
-        ("drop_every", "gap: 2 force samples are missing", 2),
-    ],
-)
-def test_what_the_network_does_is_counted_and_never_a_reading(
-    fault: str, note: str, missing: int
-) -> None:
+def test_records_that_do_not_come_are_counted() -> None:
     sensor, box, hand, clock = bench()
     hand.growth = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
     sensor.start()
-    setattr(box.faults, fault, 40)
+    box.faults.drop_every = 40
     clock.sleep_s(0.1)
     samples = sensor.read()
-    assert len(samples.t_ns) == 101 - missing
-    assert samples.lost == missing
+    assert (len(samples.t_ns), samples.lost) == (99, 2)
     assert samples.force_n[:, 2] == pytest.approx(-2.0 * samples.t_ns / 1e9, abs=2e-6)
-    assert (np.diff(samples.t_ns) > 0).all()
-    assert note in samples.notes or not (note or samples.notes)
+    assert samples.notes == ("gap: 2 force samples are missing",)
 
 
 def test_late_datagrams_have_the_time_at_which_they_were_taken() -> None:
