@@ -1,6 +1,8 @@
-"""Factors between units that are fixed by definition, and how numbers are written for a reader."""
+"""Factors between units that are fixed by definition, and how numbers are written and made."""
 
 from __future__ import annotations
+
+import zlib
 
 MM_PER_INCH = 25.4
 POINTS_PER_MM = 72 / MM_PER_INCH  # of PDF and type
@@ -29,3 +31,8 @@ def duration(seconds: float) -> str:
 def to_ns(seconds: float) -> int:
     """Seconds to the nearest nanosecond."""
     return round(seconds * NS_PER_S)
+
+
+def stream_number(name: str) -> int:
+    """A number for a stream's name that is the same in every process, for seeds."""
+    return zlib.crc32(name.encode())

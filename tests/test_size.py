@@ -2,10 +2,6 @@
 
 A figure goes down with each commit that makes the house smaller. It goes up only by a commit that
 says why; at the end of an issue no figure is above the one at its beginning.
-
-In the middle of "The bench on real firmware" (80,981, 610 and 47,255 at its beginning): moves in
-pieces, a process for the guard, `rig rehearse` and `rig jog` by keys are there; what its rooms are
-to lose for it is not gone yet.
 """
 
 from __future__ import annotations
@@ -16,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 81920,
-    ("deltact_fab", "files"): 612,
-    ("tests", "lines"): 47605,
+    ("deltact_fab", "lines"): 80977,
+    ("deltact_fab", "files"): 603,
+    ("tests", "lines"): 47191,
 }
 
 

@@ -26,13 +26,9 @@ INTO_GEL = click.option(
     help="Allow heights below --clearance; the stage moves slowly there.",
 )
 CLEARANCE = click.option(
-    "--clearance",
-    type=Finite(0),
-    default=5.0,
-    show_default=True,
-    metavar="MM",
+    "--clearance", type=Finite(0), default=5.0, show_default=True, metavar="MM",
     help="Height above the face that is safe.",
-)
+)  # fmt: skip
 NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
 
 
@@ -88,14 +84,8 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
 @RIG
 @click.argument("by_mm", type=Finite(), nargs=3, required=False, metavar="[DX DY DZ]")
 @FEED
-@click.option(
-    "--most",
-    type=Finite(0),
-    default=10.0,
-    show_default=True,
-    metavar="MM",
-    help="Longest move that is allowed.",
-)
+@click.option("--most", type=Finite(0), default=10.0, show_default=True, metavar="MM",
+              help="Longest move that is allowed.")  # fmt: skip
 @CLEARANCE
 @INTO_GEL
 @click.option("--indenter", default="sphere:10", show_default=True, metavar="sphere:MM",
@@ -189,15 +179,10 @@ def _by_keys(
 @FEED
 @CLEARANCE
 @INTO_GEL
-@click.option(
-    "--as-counted", is_flag=True, help="The stage was homed, and not unlocked by $X since."
-)
-@click.option(
-    "--home",
-    "home_first",
-    is_flag=True,
-    help="Home first; you confirm that the tip touches nothing.",
-)
+@click.option("--as-counted", is_flag=True,
+              help="The stage was homed, and not unlocked by $X since.")  # fmt: skip
+@click.option("--home", "home_first", is_flag=True,
+              help="Home first; you confirm that the tip touches nothing.")  # fmt: skip
 @JSON
 def goto(
     rig: str,

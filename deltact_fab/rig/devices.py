@@ -8,16 +8,9 @@ from pathlib import Path
 BY_ID = Path("/dev/serial/by-id")
 # Makers of the boards that GRBL runs on, and of their serial chips; others come after them.
 BOARDS = {
-    0x2341: "Arduino",
-    0x2A03: "Arduino",
-    0x1A86: "CH340",
-    0x0403: "FTDI",
-    0x10C4: "CP210x",
-    0x0483: "STM32",
-    0x16C0: "Teensy",
-    0x2E8A: "Raspberry Pi Pico",
-    0x303A: "ESP32",
-}
+    0x2341: "Arduino", 0x2A03: "Arduino", 0x1A86: "CH340", 0x0403: "FTDI", 0x10C4: "CP210x",
+    0x0483: "STM32", 0x16C0: "Teensy", 0x2E8A: "Raspberry Pi Pico", 0x303A: "ESP32",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -39,11 +39,11 @@ BEND_MM = 0.01  # of a motor step or two: a line that goes on so is straight
 
 @dataclass(frozen=True)
 class _Block:
-    """A line in the planner: its end in steps, its programmed feed (None: as fast as allowed)."""
+    """A line in the planner: its end in steps, its programmed feed."""
 
     number: int
     target_steps: tuple[int, int, int]
-    feed_mm_min: float | None
+    feed_mm_min: float
 
 
 class Carriage:
@@ -96,7 +96,7 @@ class Carriage:
         """Whether there are lines to follow, the one under way included."""
         return bool(self._queue)
 
-    def plan(self, target_mm: Vector, feed_mm_min: float | None) -> None:
+    def plan(self, target_mm: Vector, feed_mm_min: float) -> None:
         """Queue a line; one that is shorter than half a step is none."""
         self._made += 1
         target = steps(target_mm, self.axes(100))
@@ -104,7 +104,7 @@ class Carriage:
         if target != before:
             self._queue.append(_Block(self._made, target, feed_mm_min))
 
-    def prolong(self, target_mm: Vector, feed_mm_min: float | None, t_ns: int) -> bool:
+    def prolong(self, target_mm: Vector, feed_mm_min: float, t_ns: int) -> bool:
         """Go on to a place straight ahead without coming to rest; False where that is not one.
 
         The line under way is the last of the queue.
@@ -241,7 +241,7 @@ class Carriage:
     def _line_to(
         self,
         end_mm: Vector,
-        feed_mm_min: float | None,
+        feed_mm_min: float,
         number: int,
         t_ns: int,
         begun_mm_s: float = 0.0,
@@ -251,7 +251,7 @@ class Carriage:
         if not any(delta):
             return trapezoid(start, end_mm, 1.0, 1.0, t_ns, number)
         rate = along_line(delta, self.axes(110))
-        feed = rate if feed_mm_min is None else min(feed_mm_min, rate)
+        feed = min(feed_mm_min, rate)
         accel = along_line(delta, self.axes(120))
         line = trapezoid(start, end_mm, feed / 60, accel, t_ns, number, begun_mm_s)
         return self.path.add(line)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import random
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from typing import Literal
 
 from ..aliases import Vector
@@ -26,8 +26,15 @@ from ..rig.stage.config import StageSettings
 from ..units import MM_PER_INCH, NS_PER_S, to_ns
 from .carriage import PLANNER_BLOCKS, Carriage
 from .clock import NsClock
-from .grbl_settings import SETTINGS, change, listed, settings_for
-from .jog import GrblError, coordinates, jog_of
+from .grbl_lines import (
+    SETTINGS,
+    GrblError,
+    change,
+    coordinates,
+    jog_of,
+    listed,
+    settings_for,
+)
 from .motion import Segment
 
 BANNER = "Grbl 1.1h ['$' for help]"
@@ -200,7 +207,8 @@ class GrblController:
                 if self._blank:
                     self._blank = False
                     self._say("error:7")
-                    self._say_all(listed(self.settings))
+                    for line in listed(self.settings):
+                        self._say(line)
                 self._greet()
             if self._trips_ns is not None and self._trips_ns <= t:
                 self._trips_ns = None
@@ -242,10 +250,6 @@ class GrblController:
         if not self._mute:
             self._out.append((self._t, text.encode("ascii") + b"\r\n"))
 
-    def _say_all(self, lines: Iterable[str]) -> None:
-        for line in lines:
-            self._say(line)
-
     def _greet(self) -> None:
         if not self._mute:
             self._out.append((self._t, b"\r\n"))
@@ -259,7 +263,6 @@ class GrblController:
         self._rx = deque()
         self._line = ""
         self._overflow = False
-        self._comment = ""
         self._task = None
         self._waiting = None
         self._wait_ns = None
@@ -312,18 +315,11 @@ class GrblController:
             c = chr(self._rx.popleft())
             if c in "\r\n":
                 self._task = self._run(self._line, self._overflow)
-                self._line, self._overflow, self._comment = "", False, ""
+                self._line, self._overflow = "", False
                 return True
-            if self._comment or self._overflow:
-                if c == ")" and self._comment == "(":
-                    self._comment = ""
-            elif c in "(;":
-                self._comment = c
-            elif c > " " and c != "/":
-                if len(self._line) >= _LINE_CHARS:
-                    self._overflow = True
-                else:
-                    self._line += c.upper()
+            if c > " " and not self._overflow:
+                self._overflow = len(self._line) >= _LINE_CHARS
+                self._line += c.upper()
         return False
 
     def _run(self, line: str, overflow: bool) -> Task:
@@ -486,7 +482,8 @@ class GrblController:
         if what == "$":
             if self._state == "Hold":
                 return 8
-            self._say_all(listed(self.settings))
+            for line in listed(self.settings):
+                self._say(line)
         elif self._state == "Alarm":
             self._say("[MSG:Caution: Unlocked]")
             self._state = "Idle"

@@ -16,10 +16,10 @@ from ..files import write_whole
 from ..optics import Fisheye, SurfaceLattice
 from ..record import lattice_file, lens_file, truth_file
 from ..rig.interface import CameraFrame, Clock
+from ..units import stream_number
 from .drawing import noise_of
 from .picture import FrameRenderer
 from .scene import GelScene
-from .seeds import stream_number
 
 Seen = tuple[int, int, float]  # between which knots, and how far from the first
 

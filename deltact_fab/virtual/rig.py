@@ -17,6 +17,7 @@ from ..rig.interface import Camera
 from ..rig.job import Devices, RigSetup
 from ..rig.stage.grbl import GrblStage
 from ..shapes import SensorDimensions
+from ..units import stream_number
 from .clock import VirtualClock
 from .controller import GrblController
 from .feasibility import unanswered
@@ -24,7 +25,6 @@ from .gel_summary import gel_left_out, gel_notes
 from .netft import LockstepLink, NetFTBox
 from .presses import Presses
 from .scene import GelScene, LatticeCrop
-from .seeds import stream_number
 from .wire import SerialLink
 
 if TYPE_CHECKING:

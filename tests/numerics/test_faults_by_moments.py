@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from deltact_fab.numerics.faults.cell import FaultOutcome, Matrix
-from deltact_fab.numerics.faults.disk import Disk
+from deltact_fab.numerics.faults.cell import Disk, FaultOutcome, Matrix
 from deltact_fab.numerics.faults.kinds import FAULTS, FaultKind
 from deltact_fab.numerics.faults.scenario import of_lab
 from deltact_fab.protocols.plan import Protocol

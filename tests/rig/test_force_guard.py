@@ -16,7 +16,7 @@ from deltact_fab.rig.interface import ForceSamples
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.grbl_settings import settings_for
+from deltact_fab.virtual.grbl_lines import settings_for
 from deltact_fab.virtual.wire import SerialLink
 
 LIMITS = GuardLimits((4.0, 4.0, 8.0), (50.0, 50.0, 50.0), 9.0)

@@ -12,7 +12,7 @@ from deltact_fab.rig.stage.settings import Needs, judge
 from deltact_fab.virtual import wire
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.grbl_settings import SETTINGS, settings_for
+from deltact_fab.virtual.grbl_lines import SETTINGS, settings_for
 
 STAGE = {
     "origin_machine_mm": (-60.0, -60.0, -40.0),

@@ -9,7 +9,7 @@ import pytest
 
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.grbl_settings import settings_for
+from deltact_fab.virtual.grbl_lines import settings_for
 
 LOCK = "[MSG:'$H'|'$X' to unlock]"
 BANNER = ["", "Grbl 1.1h ['$' for help]"]

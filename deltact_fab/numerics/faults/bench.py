@@ -28,12 +28,12 @@ from ...rig.interface import CameraFrame
 from ...rig.job import Devices
 from ...rig.run.runner import Runner
 from ...rig.stage.grbl import GrblStage
+from ...units import stream_number
 from ...virtual import wire
 from ...virtual.clock import VirtualClock
 from ...virtual.faulty_controller import NoisyController
 from ...virtual.netft import BoxFaults, Datagram, NetFTBox
 from ...virtual.rig import VirtualForce
-from ...virtual.seeds import stream_number
 from .scenario import Scenario
 
 Place = Callable[[], tuple[float, float, float]]

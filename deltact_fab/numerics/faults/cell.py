@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 import random
+import resource
 import shutil
+import signal
 import sqlite3
 from collections.abc import Sequence
 from contextlib import closing
@@ -20,7 +22,6 @@ from ...record import CLOCK_COLUMNS, PRESS_TABLES
 from ...record import open as open_run
 from ...rig.stage.move import AHEAD_S, PIECE_S
 from .bench import FaultBench
-from .disk import Disk
 from .kinds import BEFORE, HOMING, FaultKind
 from .scenario import Scenario
 
@@ -45,6 +46,23 @@ class FaultOutcome:
     known_s: float | None = None
     wrong: str = ""
     deeper_mm: float = 0.0
+
+
+class Disk:
+    """A disk that fills up: no file may grow any more. folder: where runs are kept."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def free(self) -> None:
+        """There is room again."""
+        resource.setrlimit(resource.RLIMIT_FSIZE, self._limits)
+
+    def fill(self) -> None:
+        """From now on nothing more can be written."""
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, self._limits[1]))
 
 
 class Matrix:

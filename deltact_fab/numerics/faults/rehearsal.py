@@ -14,8 +14,7 @@ from ...errors import RunFailed
 from ...jobs import each
 from ...rig.stage.move import AHEAD_S, PIECE_S
 from .bench import FaultBench, kill_after
-from .cell import FaultOutcome, Matrix
-from .disk import Disk
+from .cell import Disk, FaultOutcome, Matrix
 from .kinds import FAULTS, HOMING
 from .scenario import Scenario
 

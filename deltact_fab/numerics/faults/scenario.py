@@ -13,7 +13,7 @@ from ...protocols.plan import Protocol, Step
 from ...rig.config import RigConfig
 from ...rig.force.config import ForceConfig
 from ...rig.force.guard import GuardLimits
-from ...virtual.grbl_settings import settings_for
+from ...virtual.grbl_lines import settings_for
 
 DRAGS = 1  # of a press
 SETTLE_S = 0.2

@@ -10,9 +10,8 @@ DIR/
 
 from __future__ import annotations
 
-import io
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -159,7 +158,7 @@ def write(
         if out.exists() and not (out.is_dir() and not any(out.iterdir())):
             raise InputError(f"{out}: is there already; name a new folder")
         out.parent.mkdir(parents=True, exist_ok=True)
-    with disk_errors(out), whole(out) as folder:
+    with disk_errors(out), whole(out.absolute()) as folder:
         folder.mkdir()
         _write_recipes(folder / RECIPES, chosen)
         tell(0, total, SHEET)
@@ -278,28 +277,17 @@ def _write_recipes(folder: Path, entries: Sequence[SeriesEntry]) -> None:
 
 def _csv(rows: Sequence[dict[str, Any]]) -> bytes:
     """One row a pattern; a figure's column is its path inside `quality`, joined by dots."""
-    import csv
+    import pandas as pd
 
-    flat = []
-    for row in rows:
-        about = {key: value for key, value in row.items() if key != "quality"}
-        flat.append(dict(_leaves("", about | row["quality"])))
-    columns = list(dict.fromkeys(key for row in flat for key in row))
-    text = io.StringIO()
-    table = csv.DictWriter(text, columns, lineterminator="\n")
-    table.writeheader()
-    table.writerows(flat)
-    return text.getvalue().encode()
+    def opened(value: Any) -> Any:
+        """Lists as tables of their places."""
+        if isinstance(value, list | tuple):
+            value = {str(k): inner for k, inner in enumerate(value)}
+        return {k: opened(v) for k, v in value.items()} if isinstance(value, dict) else value
 
-
-def _leaves(path: str, value: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _leaves(f"{path}.{key}" if path else key, inner)
-    elif isinstance(value, list | tuple) and path != "rounds":
-        for k, inner in enumerate(value):
-            yield from _leaves(f"{path}.{k}", inner)
-    elif path == "rounds":
-        yield path, " ".join(str(k) for k in value)
-    else:
-        yield path, value
+    flat = [
+        {**row, "rounds": " ".join(map(str, row["rounds"])), **opened(row["quality"])}
+        for row in rows
+    ]
+    table = pd.json_normalize([{k: v for k, v in row.items() if k != "quality"} for row in flat])
+    return bytes(table.to_csv(index=False, lineterminator="\n").encode())

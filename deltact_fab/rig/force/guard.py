@@ -15,7 +15,6 @@ from ...errors import InputError
 from ...units import to_ns
 from ..interface import Clock, ForceSamples
 from .config import ForceConfig, GuardConfig
-from .netft import SILENT_S
 from .notes import NoteCounts
 
 SHARE = 0.8  # of the sensor's range, where the rig file sets no limit
@@ -58,11 +57,6 @@ class GuardLimits:
                     "([force] range_n, range_nmm), where it would never be seen"
                 )
         return cls(force_n, torque_nmm, inf if own.resultant_n is None else own.resultant_n)
-
-
-def behind_s(force: ForceConfig) -> float:
-    """A newest sample that is older leaves the guard blind: twice the silence of a box."""
-    return 2 * (SILENT_S if force.netft is None else force.netft.silent_s)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,8 @@ from ...errors import DeltactFabError, SensorError
 from ..clock import WallClock
 from ..interface import ForceSamples, ForceSensor, Stage
 from .config import ForceConfig, GuardConfig
-from .guard import ForceGuard, GuardLimits, Trip, behind_s
+from .guard import ForceGuard, GuardLimits, Trip
+from .netft import SILENT_S
 from .open import open_force
 
 ANSWER_S = 10.0
@@ -247,7 +248,8 @@ class _Server:
 
     def do_open(self, config: ForceConfig, limits: GuardLimits) -> None:
         self._force = open_force(config, self._clock)
-        self._guard = ForceGuard(self._stop_line, limits, self._clock, behind_s(config))
+        silent_s = SILENT_S if config.netft is None else config.netft.silent_s
+        self._guard = ForceGuard(self._stop_line, limits, self._clock, 2 * silent_s)
         gc.freeze()
 
     def do_hold(self, stop: bytes, follows: bool) -> None:

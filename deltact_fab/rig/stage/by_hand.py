@@ -94,8 +94,6 @@ def goto(
 
     Raises InputError, with nothing sent, for one below clearance_mm without into_gel.
     """
-    if not all(map(math.isfinite, target_mm)):
-        raise InputError(f"X Y Z: {target_mm} mm is not a place")
     x, y, z = target_mm
     if z < clearance_mm and not into_gel:
         raise InputError(_too_low(z, clearance_mm))
@@ -104,12 +102,10 @@ def goto(
         high_mm = max(here[2], clearance_mm)
         for place in ((here[0], here[1], high_mm), (x, y, high_mm)):
             go(stage, place, feed_mm_min)
-    if z >= clearance_mm:
-        go(stage, target_mm, feed_mm_min)
-    else:
-        if stage.position_mm()[2] > clearance_mm:
-            go(stage, (x, y, clearance_mm), feed_mm_min)
-        go(stage, target_mm, min(feed_mm_min, NEAR_FEED_MM_MIN))
+    if z < clearance_mm < stage.position_mm()[2]:
+        go(stage, (x, y, clearance_mm), feed_mm_min)
+    near = z < clearance_mm
+    go(stage, target_mm, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min)
     return stage.position_mm()
 
 

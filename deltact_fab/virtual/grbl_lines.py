@@ -1,8 +1,9 @@
-"""A jog as GRBL 1.1h reads it, refused with its error codes, and places as it prints them."""
+"""Jogs and `$` settings as GRBL 1.1h reads them, refused with its error codes, and prints them."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
 from ..aliases import Vector
 from ..units import MM_PER_INCH
@@ -57,3 +58,51 @@ def coordinates(mm: Vector, inches: bool) -> str:
     if inches:
         return ",".join(f"{p / MM_PER_INCH + 0.0:.4f}" for p in mm)
     return ",".join(f"{p + 0.0:.3f}" for p in mm)
+
+
+# ---- settings -----------------------------------------------------------------------------------
+
+SETTINGS: dict[int, float] = {
+    0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0,
+    10: 3, 11: 0.01, 12: 0.002, 13: 0,
+    20: 1, 21: 1, 22: 1, 23: 0, 24: 100, 25: 600, 26: 250, 27: 1,
+    30: 1000, 31: 0, 32: 0,
+    100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500, 112: 1200,
+    120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60,
+}  # fmt: skip
+_WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
+
+
+def settings_for(
+    travel_mm: Vector, max_feed_mm_min: Vector, acceleration_mm_s2: Vector
+) -> dict[int, float]:
+    """The `$` settings of a stage with these limits; the rest are a bench's usual ones."""
+    own = dict(SETTINGS)
+    for axis in range(3):
+        own[110 + axis] = max_feed_mm_min[axis]
+        own[120 + axis] = acceleration_mm_s2[axis]
+        own[130 + axis] = travel_mm[axis]
+    return own
+
+
+def change(settings: dict[int, float], what: str) -> None:
+    """`N=value`. Raises GrblError, nothing changed."""
+    found = re.fullmatch(r"(\d+)=(-?\d+\.?\d*)", what)
+    if found is None or (n := int(found[1])) not in SETTINGS:
+        raise GrblError(3)
+    value = float(found[2])
+    if value < 0:
+        raise GrblError(4)
+    if n == 20 and value and not settings[22]:
+        raise GrblError(10)
+    settings[n] = float(int(value)) if n in _WHOLE else value
+    if n == 22 and not value:
+        settings[20] = 0
+
+
+def listed(settings: Mapping[int, float]) -> list[str]:
+    """The answer to `$$`."""
+    return [
+        f"${n}={value:.0f}" if n in _WHOLE or n in (30, 31) else f"${n}={value:.3f}"
+        for n, value in settings.items()
+    ]
