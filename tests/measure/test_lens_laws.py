@@ -108,8 +108,10 @@ def test_a_lens_of_another_law_is_off_by_no_more_than_its_sigmas() -> None:
     require_honest([("seventh order -", lens, list(seen(lens, 0, 0)))])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("in_air", [0, 6])
+@pytest.mark.parametrize(
+    "in_air",
+    [pytest.param(0, marks=pytest.mark.slow), pytest.param(6, marks=pytest.mark.evidence)],
+)
 def test_every_lens_is_off_by_no_more_than_its_sigmas(in_air: int) -> None:
     require_honest(
         (f"{name}, {in_air} in air", lens, list(seen(lens, seed, in_air)))

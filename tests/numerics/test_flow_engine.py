@@ -96,7 +96,7 @@ def test_two_threads_find_what_one_finds(tmp_path: Path) -> None:
         assert off.mean(dtype=np.float64) * flow_frames.MM_PER_PX < 0.002, method
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_no_case_of_the_flow_is_wrong(tmp_path: Path) -> None:
     rows = [judge(case, tmp_path) for case in flow.cases(False)]
     assert [r["case"] for r in rows if r["outcome"] == "wrong"] == []
