@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import inspect
 import re
-from typing import ClassVar
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import click
 
@@ -15,7 +16,7 @@ class CommandGroup(click.Group):
     """A group whose commands stand in its help as they were added. noun: what one is called."""
 
     noun = "command"
-    moved: ClassVar[dict[str, str]] = {"probe": "check"}
+    moved: Mapping[str, str] = MappingProxyType({})
     """Old names of commands that are part of another one now; they go with version 0.4."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -35,7 +36,7 @@ class CommandGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         name = args[0]
-        if name in self.moved and self.moved[name] in self.commands:
+        if name in self.moved:
             click.echo(f"`{name}` is `{self.moved[name]}` now", err=True)
             name, args = self.moved[name], [self.moved[name], *args[1:]]
         known = self.list_commands(ctx)

@@ -38,6 +38,9 @@ def rig() -> None:
     """
 
 
+rig.moved = {"probe": "check"}
+
+
 @rig.command("list")
 @JSON
 def list_(as_json: bool) -> None:

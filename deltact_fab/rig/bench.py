@@ -80,12 +80,7 @@ class GrblKind:
 class GrblRig:
     """Implements rig.interface.Rig. What was opened is closed, however building it ends."""
 
-    def __init__(
-        self,
-        config: GrblConfig,
-        folder: Path,
-        job: RigSetup,
-    ) -> None:
+    def __init__(self, config: GrblConfig, folder: Path, job: RigSetup) -> None:
         """folder: of the rig file."""
         self._job = job
         self._open = ExitStack()

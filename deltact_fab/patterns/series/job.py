@@ -155,7 +155,8 @@ def write(
     tell = progress or (lambda done, total, what: None)
     total = len(chosen) + 2
     with making(out):
-        if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        inside = Path.cwd().is_relative_to(out.absolute())
+        if out.exists() and (inside or not out.is_dir() or any(out.iterdir())):
             raise InputError(f"{out}: is there already; name a new folder")
         out.parent.mkdir(parents=True, exist_ok=True)
     with disk_errors(out), whole(out.absolute()) as folder:
