@@ -117,6 +117,7 @@ def test_a_camera_that_stalls_stops_the_run(tmp_path: Path) -> None:
             if live.step.endswith("p1/d1.00/press"):
                 (tmp_path / "stall").touch()
 
+        bench.devices.camera.timeout_s = 0.5  # type: ignore[union-attr]
         with pytest.raises(SensorError, match=r"/press: camera .*stalled.*\(the tip was lifted\)"):
             bench.run(bench.writer(), live=stall)
     assert not threads()

@@ -131,6 +131,7 @@ def wall_bench(folder: Path, guard_n: float = 20.0, behind_s: float = 2.0) -> It
         )  # fmt: skip
         camera = open_camera(seen, folder, clock)
         held.callback(camera.close)
+        camera.timeout_s = 3.0  # type: ignore[attr-defined] # the camera's process, too
         limits = GuardLimits.of(GuardConfig(force_n=guard_n), config)
         guard = ForceGuard(stage, limits, clock, behind_s)
         yield WallBench(
