@@ -268,14 +268,14 @@ def shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[GridJob]]:
     """
     settle, jobs = {}, []
     for name in catalog.names("protocols"):
-        protocol, _ = plan.load(name)
-        if not protocol.capture.settle_s or "force" not in protocol.channels or name in NO_BENCH:
-            continue
+        protocol, _ = plan.load(name, by_hand=True)
         balls = [one for one in protocol.indenters if one.startswith(BALL)]
-        if not balls:
+        settle_s, pressed = protocol.capture.settle_s, protocol.depths_mm
+        felt = "force" in protocol.channels and name not in NO_BENCH
+        if not (settle_s and pressed and felt and balls):
             continue
         largest = max(balls, key=lambda one: float(one.removeprefix(BALL)))
-        settle[name] = protocol.capture.settle_s
+        settle[name] = settle_s
         layer = protocol.model_copy(
             update={
                 "indenters": (largest,),

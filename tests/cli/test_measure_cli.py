@@ -75,7 +75,7 @@ def test_a_reader_that_has_enough_ends_it_without_a_word(mini_run: Path) -> None
 @pytest.mark.parametrize(
     ("asked", "told"),
     [
-        ([], "SOURCE: missing"),
+        ([], "Missing argument 'SOURCE'"),
         (["{run}", "--show", "forc"], "did you mean"),
         (["{run}", "--show", "force"], "a calibration of force is needed"),
         (["{run}", "--calibration", "{run}/protocol.toml"], "not a calibration"),

@@ -102,7 +102,7 @@ from deltact_fab.cli.main import entry
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual import wire
 
-start_move, send = GrblStage.start_move, wire.SerialLink.send
+start_move, send = GrblStage.start_move, wire.SerialLink.write
 pressed = False
 
 def interrupted(self, target_mm, feed_mm_min):
@@ -118,7 +118,7 @@ def watched(self, data):
     if data == bytes([0x18]):
         print(self.controller.state, flush=True)
 
-GrblStage.start_move, wire.SerialLink.send = interrupted, watched
+GrblStage.start_move, wire.SerialLink.write = interrupted, watched
 entry()
 """
 

@@ -53,7 +53,7 @@ def test_a_fault_in_a_press_has_its_name_and_the_run_is_resumed_whole(
     tmp_path: Path, strike: Callable[[WallBench], None], says: str
 ) -> None:
     struck: list[float] = []
-    with wall_bench(tmp_path) as bench:
+    with wall_bench(tmp_path, silent_s=5.0) as bench:
 
         def once(live: Live) -> None:
             if live.step.endswith("p2/d1.00/press") and not struck:
@@ -70,7 +70,7 @@ def test_a_fault_in_a_press_has_its_name_and_the_run_is_resumed_whole(
     print(f"{says}: told {told_s:.2f} s after the fault")
     kept = set(record.open(tmp_path / "r").frames()["frame_id"])
     assert {i for i in kept if "/p1/" in i}
-    with wall_bench(tmp_path) as bench:
+    with wall_bench(tmp_path, silent_s=5.0) as bench:
         writer = bench.writer()
         assert "sphere-6/p1" in writer.kept
         bench.run(writer)

@@ -102,7 +102,9 @@ def sine_n(t_s: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @contextmanager
-def wall_bench(folder: Path, guard_n: float = 20.0, behind_s: float = 2.0) -> Iterator[WallBench]:
+def wall_bench(
+    folder: Path, guard_n: float = 20.0, behind_s: float = 2.0, silent_s: float = 1.0
+) -> Iterator[WallBench]:
     """All devices open; closed at the end, in good order, whatever the run came to."""
     with ExitStack() as held:
         it = held.enter_context(board())
@@ -119,7 +121,10 @@ def wall_bench(folder: Path, guard_n: float = 20.0, behind_s: float = 2.0) -> It
         stage = GrblStage(it.port, clock, StageFrame(ORIGIN_MM))
         held.callback(stage.close)
         net = NetFTConfig(
-            host="127.0.0.1", rdt_port=server.rdt_port, http_port=server.http_port, silent_s=1
+            host="127.0.0.1",
+            rdt_port=server.rdt_port,
+            http_port=server.http_port,
+            silent_s=silent_s,
         )
         # The box is in this process: on a busy machine it may be kept from running for a while.
         force = open_force(config.model_copy(update={"netft": net}), clock)
