@@ -30,7 +30,7 @@ Feed = Annotated[float, Field(ge=0.001, le=100_000)]  # mm/min; `budget` asks fo
 Rate = Annotated[float, Field(ge=0.0001, le=1000)]  # frames a second
 Share = Annotated[float, Field(ge=0.001, le=100)]
 Mass = Annotated[float, Field(ge=0.1, le=100_000)]  # g
-Tilt = Annotated[float, Field(ge=-60, le=60)]
+Tilt = Annotated[float, Field(ge=-40, le=40)]  # both at once still leave a force on the face
 Seconds = Annotated[float, Field(ge=0.001, le=1e6)]
 
 

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from ..shapes import SensorDimensions
     from .config import GrblConfig
 
-PER_UNIT = 1e6  # counts in a newton, in a newton millimetre: up to 2 kN
 READ_S = 0.5  # of the force sensor, for a mean
 
 
@@ -75,8 +74,7 @@ class WeightsBench:
         self._open = ExitStack()
         self.camera: Camera | None = None
         self.force: ForceSensor | None = None
-        self._read_n: list[float] = []
-        self._laid_n: list[float] = []
+        self._laid: list[tuple[float, float]] = []  # Fz of a weight, and as it was read, N
         try:
             if "image" in job.protocol.channels:
                 from .camera.open import open_camera
@@ -100,40 +98,40 @@ class WeightsBench:
         try:
             for press, group in groupby(steps, lambda step: step.press):
                 part = list(group)
-                if press not in writer.kept:
-                    began_s = self.clock.now_s()
-                    frames: dict[str, float] = {}
-                    for step in part:
-                        if progress is not None:
-                            progress(done, total, step.id)
-                        frames |= self._step(step, writer, began_s)
-                        done += step.frames
-                    if self.camera is not None and frames:
-                        self.camera.end(frames)
-                    writer.flush()
-                else:
+                if press in writer.kept:
                     done += sum(step.frames for step in part)
+                    continue
+                began_s, masses_g = self.clock.now_s(), iter(self._weights.masses_g)
+                frames: dict[str, float] = {}
+                for step in part:
+                    if progress is not None:
+                        progress(done, total, step.id)
+                    mass_g = next(masses_g) if step.kind == "press" else 0.0
+                    frames |= self._step(step, mass_g, writer, began_s)
+                    done += step.frames
+                if self.camera is not None and frames:
+                    self.camera.end(frames)
+                writer.flush()
         except KeyboardInterrupt as why:
             raise Stopped(
                 f"stopped by the operator in {step.id}; complete places are kept: go on with "
                 "--resume"
             ) from why
 
-    def _step(self, step: Step, writer: RunWriter, began_s: float) -> dict[str, float]:
-        """Ask, wait, take the frame and the force; its id and time."""
+    def _step(
+        self, step: Step, mass_g: float, writer: RunWriter, began_s: float
+    ) -> dict[str, float]:
+        """Ask, wait, take the frame and the force; its id and time. mass_g: 0 where none lies."""
         start_s = self.clock.now_s()
-        x_mm, y_mm, z_mm = step.target_mm
-        mass_g = 0.0
+        x_mm, y_mm, _ = step.target_mm
         if step.kind == "change":
             self._operator.ask(f"take {step.indenter}; Enter when it is at hand")
-        elif z_mm > 0:
+        elif not mass_g:
             self._operator.ask(
                 f"take everything off the face, next is ({x_mm:g}, {y_mm:g}) mm; Enter when "
                 "nothing touches it"
             )
         else:
-            number = int(step.id.split("/")[-2].removeprefix("m"))
-            mass_g = self._weights.masses_g[number - 1]
             self._operator.ask(
                 f"lay {mass_g:g} g on {step.indenter} at ({x_mm:g}, {y_mm:g}) mm; Enter when it "
                 "rests"
@@ -145,12 +143,11 @@ class WeightsBench:
                 self._tare(step)
             self._operator.tell(f"  {step.settle_s:g} s: do not touch the table")
             frame, t_s = self._settled(step.settle_s)
-            force = self._weights.wrench(mass_g, (x_mm, y_mm)) if mass_g else (0.0,) * 6
-            counts = np.rint(np.array(force) * PER_UNIT).astype(np.int32)
+            wrench = self._weights.wrench(mass_g, (x_mm, y_mm))
             columns = {"t_ns": np.array([to_ns(t_s - began_s)]),
-                       **dict(zip(FORCE_COLUMNS, counts[:, None], strict=True)),
+                       **{n: np.array([v]) for n, v in zip(FORCE_COLUMNS, wrench, strict=True)},
                        "saturated": np.zeros(1, bool)}  # fmt: skip
-            chunks = [Chunk("force", began_s, columns, dict.fromkeys(FORCE_COLUMNS, PER_UNIT))]
+            chunks = [Chunk("force", began_s, columns)]
             frame_id = writer.frame(
                 step, 1, None if frame is None else frame.image, t_s, t_s - start_s, t_s - began_s,
                 dropped=0 if frame is None else frame.dropped,
@@ -158,7 +155,7 @@ class WeightsBench:
             assert frame_id is not None, "it waits for room"
             frames[frame_id] = t_s
             if mass_g:
-                self._compare(step, writer, mass_g, force[2])
+                self._compare(step, writer, mass_g, wrench[2])
         writer.step(step, self.clock.now_s() - start_s, start_s, self.clock.now_s(), chunks)
         return frames
 
@@ -189,9 +186,8 @@ class WeightsBench:
             while not parts or self.clock.now_s() < until_s:
                 parts.append(self.force.read().force_n[:, 2])
             self.force.stop()
-            self._laid_n.append(fz_n)
-            self._read_n.append(float(np.concatenate(parts).mean()))
-            text += f"; the force sensor reads {self._read_n[-1]:.4f} N"
+            self._laid.append((fz_n, float(np.concatenate(parts).mean())))
+            text += f"; the force sensor reads {self._laid[-1][1]:.4f} N"
         writer.event("weight", text, self.clock.now_s(), step)
 
     def left_out(self) -> list[str]:
@@ -203,17 +199,17 @@ class WeightsBench:
         """How well the weights are known, and what the force sensor makes of them."""
         normal_n, shear_n = self._weights.error_n()
         lines = [f"weights: the normal force is known to {normal_n:.3f} N, shear to {shear_n:.3f}"]
-        if len(self._read_n) > 1:
+        if len(self._laid) > 1:
             from ..measure.regression import least_squares
 
-            read_n = np.array(self._read_n)
-            fit = least_squares(read_n[:, None], np.array(self._laid_n), ["read"])
+            laid_n, read_n = np.array(self._laid).T
+            fit = least_squares(read_n[:, None], laid_n, ["read"])
             (factor,), ((low, high),) = fit.coefficients, fit.intervals
-            off_n = np.abs(factor * read_n - self._laid_n).max()
+            off_n = np.abs(factor * read_n - laid_n).max()
             lines.append(
                 f"the weights are {factor:.4f} times what the force sensor reads (95 %: {low:.4f} "
                 f"to {high:.4f}, {len(read_n)} weights; the masses themselves "
-                f"{normal_n / max(map(abs, self._laid_n)):.2%}), then at most {off_n:.4f} N off: "
+                f"{normal_n / np.abs(laid_n).max():.2%}), then at most {off_n:.4f} N off: "
                 "multiply [force.serial] scale by it"
             )
         return lines

@@ -106,6 +106,7 @@ def test_a_weight_is_a_wrench_with_errors() -> None:
         ({"depths_mm": [1.0]}, "either depths_mm"),
         ({"weights": None}, "either depths_mm"),
         ({"capture": {"rate_hz": 1.0}}, "need capture.settle_s"),
+        ({"weights": {"masses_g": [50], "tilt_deg": [41, 0]}}, "less than or equal to 40"),
         ({"shear": {"amplitude_mm": 1.0}, "channels": ["force", "shear"]}, "tilt the face"),
     ],
 )
@@ -135,6 +136,12 @@ def test_it_asks_tares_waits_and_records(weigh: Weigh, tmp_path: Path) -> None:
     assert frames[["x_mm", "z_mm"]].isna().all(axis=None)  # nobody knows how deep it went
     assert (run.events()["kind"] == "weight").sum() == 4
     assert record.check(tmp_path / "r").whole
+
+
+def test_a_heavy_weight_far_out_keeps_its_moment(weigh: Weigh, tmp_path: Path) -> None:
+    weigh(protocol(weights={"masses_g": [50_000]}, positions_mm=[[0, 10]]), Hand())
+    moments_nmm = record.open(tmp_path / "r").frames()["tx_nmm"]
+    assert moments_nmm.min() == pytest.approx(-10 * 50 * 9.80665)
 
 
 def test_it_is_taken_up_where_it_was_left(weigh: Weigh, tmp_path: Path) -> None:

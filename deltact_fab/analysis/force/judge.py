@@ -96,21 +96,26 @@ def rmse(predicted: Array, wrench: Array, name: str) -> float | None:
 
 
 def figures(judged: EvaluatedModel, data: ForceData) -> dict[str, dict[str, Any]]:
-    """Of each of SHOWN: errors in N or N mm, range, the regression and its intervals."""
+    """Of each of SHOWN: errors in N or N mm, range, the regression and its intervals.
+
+    What never varied was not calibrated, and has no errors: None.
+    """
     out = {}
     for name, of in SHOWN.items():
         unit, measured = ("n" if of.startswith("f") else "nmm"), component(data.wrench, name)
         fit, whole = judged.fits[of], judged.predicted["test"]
-        held = {group: rmse(p, data.wrench, name) for group, p in judged.predicted.items()}
         span = float(np.ptp(measured))
+        tried = judged.predicted if span else {}
+        held = {group: rmse(p, data.wrench, name) for group, p in tried.items()}
+        tested = rmse(whole[judged.test], data.wrench[judged.test], name) if span else None
         worst = max(
             (held[g] or np.inf for g in ("position", "indenter") if g in held), default=None
         )
-        known = worst is not None and np.isfinite(worst) and span > 0
+        known = worst is not None and np.isfinite(worst)
         out[name] = {
             "adjusted_r2": fit.adjusted_r2,
-            f"rmse_{unit}": rmse(whole[judged.test], data.wrench[judged.test], name),
-            f"rmse_train_{unit}": fit.rmse,
+            f"rmse_{unit}": tested,
+            f"rmse_train_{unit}": fit.rmse if span else None,
             **{f"rmse_left_out_{group}_{unit}": held.get(group) for group in LEFT_OUT},
             f"range_{unit}": span,
             "percent_of_range": 100 * worst / span if known and worst is not None else None,

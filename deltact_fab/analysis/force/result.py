@@ -196,15 +196,15 @@ def _errors(of: Mapping[str, Mapping[str, Any]]) -> str:
 
     def one(name: str) -> tuple[str, str]:
         held = [of[name].get(f"rmse_left_out_{g}_n") for g in ("position", "indenter")]
-        known = [v for v in held if v is not None] or [of[name]["rmse_n"]]
         span = of[name]["range_n"]
-        return f"{max(known):.2f}", f"{100 * max(known) / span:.1f} %" if span else "-"
+        if not span:
+            return "-", "not calibrated"
+        known = [v for v in held if v is not None] or [of[name]["rmse_n"]]
+        return f"{max(known):.2f}", f"{100 * max(known) / span:.1f} %"
 
     (normal, part), *shears = (one(name) for name in FORCES)
     text = f"normal force to {normal} N ({part} of {of['normal']['range_n']:.1f} N), "
     if not any(of[name]["range_n"] for name in FORCES[1:]):
         return f"{text}shear not calibrated (there was none)"
-    return (
-        f"{text}shear to {' and '.join(v for v, _ in shears)} N "
-        f"({' and '.join(p for _, p in shears)})"
-    )
+    values, parts = (" and ".join(column) for column in zip(*shears, strict=True))
+    return f"{text}shear to {values} N ({parts})"

@@ -94,6 +94,8 @@ def goto(
 
     Raises InputError, with nothing sent, for one below clearance_mm without into_gel.
     """
+    if not all(map(math.isfinite, target_mm)):
+        raise InputError(f"X Y Z: {target_mm} mm is not a place")
     x, y, z = target_mm
     if z < clearance_mm and not into_gel:
         raise InputError(_too_low(z, clearance_mm))
