@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 80977,
+    ("deltact_fab", "lines"): 80975,
     ("deltact_fab", "files"): 603,
-    ("tests", "lines"): 47203,
+    ("tests", "lines"): 47210,
 }
 
 

@@ -93,12 +93,17 @@ class RunRequest:
             unattended=self.unattended, tip_is_clear=self.tip_is_clear,
         )  # fmt: skip
 
+    @property
+    def _touches(self) -> bool:
+        """Whether a stage brings the tip to the face."""
+        return not self.air and self.protocol.weights is None
+
     def estimate(self) -> limits.RunEstimate:
         """Frames, time and disk of the whole run."""
         pace = LOCKSTEP if self.rig.simulated else WALL_CLOCK
         image_px = preflight.image_px(self.view, self.rig)
         rig, change = self.rig, 0.0
-        if rig.kind == "grbl" and not self.air and not self.protocol.weights:
+        if rig.kind == "grbl" and self._touches:
             from ..rig.tool.touch import change_s
 
             change = change_s(rig.stage, rig.touch, self.protocol.motion.park_mm)
@@ -127,7 +132,7 @@ class RunRequest:
         a simulated one those that are known already are taken.
         """
         rows = self._rows()
-        if self.rig.kind == "grbl" and not self.air and not self.protocol.weights:
+        if self.rig.kind == "grbl" and self._touches:
             unknown = requirements.undeclared_lengths(self.rig, self.protocol)
             what, where = "unknown", "; ".join(unknown)
             rows.append(
@@ -160,14 +165,14 @@ class RunRequest:
     def _rows(self) -> list[limits.LimitCheck]:
         """Every check but that of the forces; check and run ask it alone."""
         protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
-        wall_clock, by_hand = not rig.simulated, protocol.weights is not None
-        rows = [] if by_hand else limits.check(protocol, design, rig.stage.box, self.steps)
+        wall_clock, by_stage = not rig.simulated, protocol.weights is None
+        rows = limits.check(protocol, design, rig.stage.box, self.steps) if by_stage else []
         rows += preflight.needs(protocol, self.steps, rig, self.view, self.out, wall_clock)
         refused = kind.refusals(protocol, design, str(self.source))
         rows.append(limits.refusals(kind.part, refused))
         rows.append(limits.refusals("pattern", self._pattern()))
         rows.append(limits.refusals("image format", self._format()))
-        if rig.kind == "grbl" and not self.air and not by_hand:
+        if rig.kind == "grbl" and self._touches:
             unmet = requirements.unmet(rig, protocol, design, self.unattended)
             rows.append(limits.refusals("contact", [f"{self.rig_path}: {line}" for line in unmet]))
         return rows

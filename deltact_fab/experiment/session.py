@@ -21,7 +21,7 @@ from ..protocols.plan import Step
 from ..record import RunWriter
 from ..record import open as open_run
 from ..rig.config import RigConfig, VirtualConfig
-from ..rig.job import Rig, RigSetup
+from ..rig.job import Devices, Rig, RigSetup
 from ..rig.run.live import Live
 from ..rig.run.runner import Runner
 from ..rig.weights import WeightsBench
@@ -149,10 +149,9 @@ def _answers(found: Rig | WeightsBench) -> Iterator[str]:
     a reading.
     """
     seen = found if isinstance(found, WeightsBench) else found.devices()
-    if not isinstance(seen, WeightsBench):
-        stage = seen.stage
-        stage.connect()
-        yield f"stage: {_identity(stage.identity(), 'banner', 'port')}"
+    if isinstance(seen, Devices):
+        seen.stage.connect()
+        yield f"stage: {_identity(seen.stage.identity(), 'banner', 'port')}"
     if seen.camera is not None:
         seen.camera.begin("dry-run")
         frame = seen.camera.capture()

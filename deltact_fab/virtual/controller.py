@@ -26,15 +26,7 @@ from ..rig.stage.config import StageSettings
 from ..units import MM_PER_INCH, NS_PER_S, to_ns
 from .carriage import PLANNER_BLOCKS, Carriage
 from .clock import NsClock
-from .grbl_lines import (
-    SETTINGS,
-    GrblError,
-    change,
-    coordinates,
-    jog_of,
-    listed,
-    settings_for,
-)
+from .grbl_lines import SETTINGS, GrblError, change, coordinates, jog_of, listed, settings_for
 from .motion import Segment
 
 BANNER = "Grbl 1.1h ['$' for help]"

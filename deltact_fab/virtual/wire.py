@@ -39,8 +39,6 @@ class SerialLink:
     gets every exchange as (virtual ns, who, bytes). timeout: of a read, virtual seconds.
     """
 
-    timeout: float | None = 0.05
-
     def __init__(
         self,
         controller: GrblController,
@@ -53,6 +51,7 @@ class SerialLink:
         self.controller = controller
         self._clock = clock
         self._baud = baud
+        self.timeout: float | None = None
         self._resets_on_open = resets_on_open
         self._trace = trace
         self._arriving: deque[_Chunk] = deque()
@@ -75,7 +74,7 @@ class SerialLink:
         self._out_ns = (0, 0)
         self.discard()
 
-    def opened(self, timeout: float | None = 0.05) -> SerialLink:
+    def opened(self, timeout: float | None) -> SerialLink:
         """The host opens the port: an Arduino restarts, other boards do not notice."""
         self.timeout = timeout
         self._require_cable()
