@@ -71,6 +71,9 @@ class RunRequest:
         if self.protocol.weights is not None and self.rig.kind == "grbl":
             from ..rig.weights import WeightsKind
 
+            for option in ("unattended", "air"):
+                if getattr(self, option):
+                    raise InputError(f"--{option}: does not go with weights, which a hand lays on")
             self.kind = WeightsKind(self.rig, self.rig_path)
 
     @cached_property

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..aliases import Array, Progress
-from ..errors import InputError, Stopped
+from ..errors import Stopped
 from ..protocols.plan import Step
 from ..record import Chunk, RunWriter
 from ..record.streams import FORCE_COLUMNS
@@ -53,9 +53,6 @@ class WeightsKind:
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> WeightsBench:
         """Camera and force sensor, as far as there are any."""
-        if job.unattended or job.air:
-            option = "unattended" if job.unattended else "air"
-            raise InputError(f"--{option}: does not go with weights that are laid on by hand")
         return WeightsBench(self._config, self._source.parent, job)
 
 

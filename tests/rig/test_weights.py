@@ -155,9 +155,9 @@ def test_it_is_taken_up_where_it_was_left(weigh: Weigh, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("option", ["air", "unattended"])
 def test_a_hand_is_needed(option: str, tmp_path: Path) -> None:
-    request = RunRequest("dead-weights", "grbl-bench", tmp_path / "r", **{option: True})  # type: ignore[arg-type]
     with pytest.raises(InputError, match=f"--{option}: does not go with weights"):
-        request.kind.build(request.setup(tmp_path / "r"))
+        experiment.run(RunRequest("dead-weights", "grbl-bench", tmp_path / "r", **{option: True}))  # type: ignore[arg-type]
+    assert not any(tmp_path.iterdir())
     with pytest.raises(InputError, match="no hand lays them on a virtual gel"):
         RunRequest("dead-weights", "virtual").require()
 
