@@ -56,10 +56,6 @@ class RegressionFit:
     condition_raw: float
     condition_scaled: float
 
-    def predict(self, columns: Array) -> Array:
-        """y of rows (n, k): (n,)."""
-        return np.asarray(columns, float) @ np.asarray(self.coefficients)
-
     def as_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
         return asdict(self)
@@ -83,10 +79,8 @@ def least_squares(
     columns, y = np.asarray(columns, float), np.asarray(y, float)
     n, k = columns.shape
     if y.shape != (n,) or len(names) != k or len(presses) not in (0, n):
-        raise ValueError(
-            f"(n, k), (n,), k names, n presses: {columns.shape}, {y.shape}, {len(names)}, "
-            f"{len(presses)}"
-        )
+        shapes = f"{columns.shape}, {y.shape}, {len(names)}, {len(presses)}"
+        raise ValueError(f"(n, k), (n,), k names, n presses: {shapes}")
     _check_finite(columns, y, names)
     held = [np.where(np.array(names) == name, firm, 0.0) for name, firm in prior.items()]
     rows = np.vstack((columns, *held))

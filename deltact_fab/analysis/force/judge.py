@@ -59,12 +59,8 @@ def fit(data: ForceData, name: str, rows: Array | slice = slice(None)) -> ForceM
 def judge(data: ForceData, name: str, seed: int) -> EvaluatedModel:
     """Fit and cross-validate one feature set. Raises InputError for too few points."""
     train, test = split(len(data), seed)
-    model, fits = ForceModel.fit(
-        data.sets[name],
-        data.features[name][train],
-        data.wrench[train],
-        data.points["press"].to_numpy(str)[train],
-    )
+    X, presses = data.features[name][train], data.points["press"].iloc[train].tolist()
+    model, fits = ForceModel.fit(data.sets[name], X, data.wrench[train], presses)
     predicted = {"test": model.predict(data.features[name])}
     for group in LEFT_OUT:
         if data.points[group].nunique() > 1:
