@@ -47,7 +47,8 @@ def gel() -> None:
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
               help="Size of the grid or the cells.")  # fmt: skip
 @click.option("--limit-s", "limit_s", default=120.0, show_default=True, metavar="S",
-              help="Time limit; the finest mesh solved by then gives the answer.")  # fmt: skip
+              help="CPU seconds it may take; the finest mesh solved by then gives the answer."
+              )  # fmt: skip
 @gel_options.PLOT
 @JSON
 def press(
@@ -76,22 +77,29 @@ def press(
     """
     from ..catalog import validate
     from ..elasticity.material import GelMaterial
+    from ..errors import InputError
     from ..gel.press import press as run
+    from ..gel.press import refused
     from ..shapes.indenter import parse
     from .output import echo_json, progress
 
-    skin = gel_options.block(width_mm, length_mm, thickness_mm)
-    material = validate(
-        GelMaterial,
-        {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction},
-        "options",
-    )
-    shape = parse(indenter)
-    with progress("gel press") as report:
-        pressed = run(
-            skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
-            model, tolerance, spacing_mm, report, limit_s,  # click.Choice
-        )  # fmt: skip
+    try:
+        skin = gel_options.block(width_mm, length_mm, thickness_mm)
+        material = validate(
+            GelMaterial,
+            {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction},
+            "options",
+        )
+        shape = parse(indenter)
+        with progress("gel press") as report:
+            pressed = run(
+                skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
+                model, tolerance, spacing_mm, report, limit_s,  # click.Choice
+            )  # fmt: skip
+    except InputError as why:
+        if as_json:
+            echo_json(refused(depth_mm, model, str(why)).result)
+        raise
     result = pressed.result
     if as_json:
         echo_json(result)

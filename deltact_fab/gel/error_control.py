@@ -8,11 +8,15 @@ cells of that size under such a contact are known to cost. With friction, steps 
 on the coarser mesh show the steps' part. A linear level has besides what its model leaves out by
 the measured rule of `level_selection`. How many presses keep within the estimate, on cases that did
 not set the factors, is in docs/evidence/gel.md.
+
+A limit of time (`time_limit`) shortens the ladder at both ends: where the first mesh is too dear
+coarser ones come before it, and none is begun that would not end in time by those before it.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -20,7 +24,9 @@ import numpy as np
 
 from ..aliases import Field, Progress
 from ..errors import SolverError, TimeLimit
+from ..levels import FINITE
 from ..levels.linear import Errors
+from . import time_limit
 from .finite.tip_rounding import BLUNT
 from .level import Choice
 from .level_selection import HIDDEN, IN_PLANE_MM, MAX_DOFS, TOLERANCE
@@ -44,6 +50,8 @@ FINEST_STEP = 0.25  # least factor of the steps
 # busy machine must not change a result.
 MAX_WORK = 1.2e7
 WORK_POWER = 1.3
+FIXED = 3e3  # unknowns^WORK_POWER that an increment costs besides: small meshes are not free
+WORK_S = 60 / MAX_WORK  # CPU time of work, until some was measured
 DOFS_POWER = 2.5  # of the cells' number on their size
 AIM = 0.85  # of the tolerance
 STEP_SHARE = 0.4  # of the tolerance that steps may take
@@ -96,12 +104,14 @@ class MeshConvergence:
     """One way to go, on any mesh.
 
     opener: solves it on a choice, given the solver on a coarser mesh to start from, if any.
-    radius_mm: of the contact at its deepest. edge_mm: the smallest of the indenter's edges.
+    unknowns: of a choice's mesh, before it is made. radius_mm: of the contact at its deepest.
+    edge_mm: the smallest of the indenter's edges.
     """
 
     def __init__(
         self,
         opener: Opener,
+        unknowns: Callable[[Choice], int],
         radius_mm: float,
         edge_mm: float,
         tolerance: float,
@@ -109,6 +119,8 @@ class MeshConvergence:
     ) -> None:
         self._tell = progress or (lambda done, total, what: None)
         self._open, self._radius_mm, self._edge_mm = opener, float(radius_mm), float(edge_mm)
+        self._unknowns = unknowns
+        self._work_s: list[float] = []  # CPU time of work, as far as measured
         self.tolerance = tolerance
         self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
         self._runs: list[SolvedPath] = []
@@ -133,6 +145,10 @@ class MeshConvergence:
             if not self._runs:
                 raise
             limited = True
+            choice = self._runs[-1].choice
+            if choice.level == FINITE and choice.friction > 0 and not any(self._by_step):
+                # By the rule that steps were chosen by, which is not measured here.
+                self._by_step = (ALONE * STEP_SHARE * self.tolerance, 0.0)
         return RefinedPress(self._runs[-1], self.estimate(), limited)
 
     def _climb(self, choice: Choice, free: bool) -> None:
@@ -142,8 +158,15 @@ class MeshConvergence:
             return
         if free:
             choice = replace(choice, asked_mm=0.0)  # the estimate says what a mesh is worth
-        below = [COARSER**k for k in range(BELOW, 0, -1)]
-        for factor in [f for f in below if f * choice.spacing_mm <= HIDDEN * self._radius_mm]:
+        largest = HIDDEN * self._radius_mm / choice.spacing_mm
+        below = [f for k in range(BELOW, 0, -1) if (f := COARSER**k) <= largest]
+        increments = len(self._open(choice, None).poses)
+        while free and below and below[0] * COARSER <= largest:
+            # It is solved about three times, for its steps.
+            if 3 * WORK_S * self._work(choice.times(below[0]), increments) < time_limit.left_s():
+                break
+            below.insert(0, below[0] * COARSER)
+        for factor in below:
             choice = self._low(choice, factor, free)
             if free and self._done():
                 return
@@ -160,13 +183,15 @@ class MeshConvergence:
 
     def _low(self, choice: Choice, factor: float, free: bool) -> Choice:
         """Solve a coarser mesh, and find on it the steps that the tolerance needs."""
-        least = choice.step_mm * FINEST_STEP
+        least, coarser = choice.step_mm * FINEST_STEP, len(self._runs)
         while True:
             try:
                 self._add(choice.times(factor))
             except SolverError:
                 # Too coarse for the tip; the mesh that was asked for may not be.
+                del self._runs[coarser:]
                 return choice
+            del self._runs[coarser:-1]  # the same mesh with longer steps
             if choice.friction == 0 or self._steps_seen:
                 return choice
             self._by_step = self._steps_part(self._runs[-1])
@@ -176,7 +201,6 @@ class MeshConvergence:
                 self._steps_seen = True
                 return choice
             choice = choice.times(1.0, min(max(1 / over, 0.5), 0.75))
-            self._runs.pop()
 
     def _done(self) -> bool:
         return len(self._runs) > 1 and self.holds(self.estimate())
@@ -244,8 +268,20 @@ class MeshConvergence:
         solver = self._open(choice, like.solver if like else None)
         what = f"{choice.level}, {choice.spacing_mm:.3g} mm"
         self._tell(0, len(solver.poses), what)
+        new = choice.level == FINITE and solver.found is None
+        if new:
+            work = self._work(choice, len(solver.poses))
+            # The least that was measured: libraries are loaded in the first.
+            time_limit.check(min(self._work_s, default=0.0) * work)
+        start_s = time.thread_time()
         solver.solve_all(lambda done, of, _: self._tell(done, of, what))
+        if new:
+            self._work_s.append((time.thread_time() - start_s) / work)
         return SolvedPath(choice, solver)
+
+    def _work(self, choice: Choice, increments: int) -> float:
+        """Of a mesh of finite strain, before it is made."""
+        return increments * (self._unknowns(choice) ** WORK_POWER + FIXED)
 
 
 def afforded(run: SolvedPath, factor: float) -> float:

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from ..aliases import Field, Point, Point2, Progress
-from ..elasticity.material import GelMaterial
+from ..elasticity.material import GelMaterial, unusual
 from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
 from ..shapes.posed import edge_radius_mm
 from . import time_limit
 from .error_control import MeshConvergence, RefinedPress
+from .finite.mesh import unknowns
 from .footprint import contact_radius_mm
 from .level import Choice, Level
 from .level_selection import MAX_TOLERANCE, MIN_TOLERANCE, TOLERANCE
@@ -88,7 +89,8 @@ def press(
     tolerance: of the force; IN_PLANE_MM in proportion goes with it. Meshes are refined until the
     estimate is within it, as far as `error_control` allows, unless spacing_mm names one.
     progress: told the increments done and to do of the mesh under way, and which that is.
-    limit_s: of wall time; then the best mesh so far is the answer, flagged `limit`.
+    limit_s: of CPU time (`time_limit`), loading libraries included; the best mesh by then is the
+    answer, flagged `limit`.
     Raises InputError for numbers that make no press; a refusal or a failure of the solver is in
     the result, `converged` False and `force_n` None.
     """
@@ -111,9 +113,12 @@ def press(
         poses = way(choice.step_mm)
         return open_path(skin, material, indenter, poses, OBSERVED, choice, like, True)
 
+    def unknowns_of(choice: Choice) -> int:
+        return unknowns(skin, choice.spacing_mm, choice.focus, choice.mirrors, choice.growth)
+
     radius_mm = contact_radius_mm(indenter, depth_mm) if depth_mm > 0 else math.inf
     edge_mm = min(edge_radius_mm(tip) for tip in indenter.tips)
-    ladder = MeshConvergence(solver, radius_mm, edge_mm, tolerance, progress)
+    ladder = MeshConvergence(solver, unknowns_of, radius_mm, edge_mm, tolerance, progress)
     picked: Choice | None = None
     found: RefinedPress | None = None
     try:
@@ -126,15 +131,20 @@ def press(
                 found = ladder.refine(picked, free=spacing_mm is None)
     except TimeLimit:
         if found is None:
-            why = f"--limit-s {limit_s:g}: no mesh was solved in that time; more is needed"
-            return _refused(depth_mm, picked, model, why, time.perf_counter() - started)
+            why = f"--limit-s {limit_s:g}: no mesh was solved in that CPU time; more is needed"
+            level = picked.level if picked else model
+            return refused(depth_mm, level, why, time.perf_counter() - started)
         found = replace(found, limited=True)
     except DeltactFabError as why:
-        return _refused(depth_mm, picked, model, str(why), time.perf_counter() - started)
+        level = picked.level if picked else model
+        return refused(depth_mm, level, str(why), time.perf_counter() - started)
     fine, choice, last = found.run, found.run.choice, found.run.last
     u = last.displacement_mm
     assert u is not None, "the last field is observed"
     tips = [(x, y, 0.0), *((px, py, -pz) for px, py, pz in (p.tip_mm for p in fine.solver.poses))]
+    flags = _flags(found, ladder, depth_mm, limit_s)
+    if odd := unusual(material.modulus_mpa):
+        flags.append(f"modulus: {odd}")
     forces = material.modulus_mpa * np.array(
         [(0.0, 0.0, 0.0), *(k.force_n for k in fine.solver.knots)]
     )
@@ -156,7 +166,7 @@ def press(
             "why": choice.why,
         },
         "peak_in_plane_mm": float(np.hypot(u[..., 0], u[..., 1]).max()),
-        "flags": _flags(found, ladder, depth_mm, limit_s),
+        "flags": flags,
     }
     return Pressed(result, np.array(tips), forces, *fine.solver.axes_mm, u.astype(np.float64))
 
@@ -186,7 +196,7 @@ def _flags(
         flags.append(f"contact lost: at depth {depth_mm:g} mm nothing is touched")
     if found.limited:
         flags.append(
-            f"limit: {limit_s:g} s were over before the tolerance was kept to; "
+            f"limit: {limit_s:g} CPU seconds do not reach to the tolerance; "
             f"cells of {found.run.choice.spacing_mm:.3g} mm are the finest that were solved"
         )
     if not ladder.holds(estimate):
@@ -198,11 +208,16 @@ def _flags(
     return flags
 
 
-def _refused(
-    depth_mm: float, picked: Choice | None, model: str, reason: str, seconds: float
-) -> Pressed:
-    level = picked.level if picked else (model if model != "auto" else None)
-    told = {"depth_mm": depth_mm, "model": level, "converged": False, "within_tolerance": False}
-    result = dict.fromkeys(KEYS) | told | {"seconds": seconds, "flags": [], "reason": reason}
+def refused(depth_mm: float, level: Level, reason: str, seconds: float = 0.0) -> Pressed:
+    """What stands for a press that was not solved, with the level that was taken or asked for."""
+    result = dict.fromkeys(KEYS) | {
+        "depth_mm": depth_mm if math.isfinite(depth_mm) else None,
+        "model": None if level == "auto" else level,
+        "converged": False,
+        "within_tolerance": False,
+        "seconds": seconds,
+        "flags": [],
+        "reason": reason,
+    }
     none = np.empty((0, 3))
     return Pressed(result, none, none, np.empty(0), np.empty(0), np.empty((0, 0, 3)))

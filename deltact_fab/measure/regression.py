@@ -6,8 +6,9 @@ that the ones before it already give is left out by name, never silently.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,26 +18,32 @@ from ..aliases import Array
 from ..errors import InputError
 
 DEPENDENT = 1e-8  # share of a column's length that the columns before it must leave unexplained
+MIN_PRESSES = 10  # for intervals: the spread of fewer is itself not known
 
 
 @dataclass(frozen=True)
 class RegressionFit:
     """One regression. Figures that do not exist are None: R2 of what never varies.
 
-    names, coefficients (k,), intervals (k, 2): of all columns, in order; a column that was left
-    out has coefficient 0 and no width. level: of the intervals: Student's t, as if rows erred
-    independently; those of one press do not, so a press left out says more. dropped: the columns
-    left out. notes: why, and what else a reader must know. samples, free: number of rows, and rows
-    less columns kept. rmse: of the rows fitted, in the unit of y. r2, adjusted_r2: against a model
-    that says 0, as there is no constant in this one (`statsmodels` says the same); against a model
-    that says the mean, centred_r2 and adjusted_centred_r2, the sterner ones. condition_raw,
-    condition_scaled: of the columns kept, as they came and with length 1.
+    names, coefficients (k,): of all columns, in order; a column that was left out has 0. prior: the
+    columns that were held at 0, and how firmly: this times the coefficient was one more error,
+    in the unit of y. It is no sample: nothing below counts it but the conditions.
+    intervals (k, 2): of a share `level`, clustered by press, as the rows of one press err together
+    (CR1, Student's t of presses - 1); a column that was left out has no width, and what a prior
+    pulls to 0 is not in it. None of fewer than MIN_PRESSES presses. dropped: the columns left
+    out. notes: why, and what else a reader must know. samples, free: number of rows, and rows less
+    columns kept. rmse: of the rows fitted, in the unit of y. r2, adjusted_r2: against a model that
+    says the mean; r2_about_zero, adjusted_r2_about_zero: against one that says 0, the milder ones,
+    which `statsmodels` prints where there is no constant. Which of the two the paper prints is not
+    known. condition_raw, condition_scaled: of the columns kept, as they came and with length 1.
     """
 
     names: tuple[str, ...]
     coefficients: tuple[float, ...]
-    intervals: tuple[tuple[float, float], ...]
+    prior: Mapping[str, float]
+    intervals: tuple[tuple[float, float], ...] | None
     level: float
+    presses: int
     dropped: tuple[str, ...]
     notes: tuple[str, ...]
     samples: int
@@ -44,14 +51,10 @@ class RegressionFit:
     rmse: float
     r2: float | None
     adjusted_r2: float | None
-    centred_r2: float | None
-    adjusted_centred_r2: float | None
+    r2_about_zero: float | None
+    adjusted_r2_about_zero: float | None
     condition_raw: float
     condition_scaled: float
-
-    def predict(self, columns: Array) -> Array:
-        """y of rows (n, k): (n,)."""
-        return np.asarray(columns, float) @ np.asarray(self.coefficients)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
@@ -59,21 +62,30 @@ class RegressionFit:
 
 
 def least_squares(
-    columns: Array, y: Array, names: Sequence[str], level: float = 0.95
+    columns: Array,
+    y: Array,
+    names: Sequence[str],
+    presses: Sequence[str] = (),
+    prior: Mapping[str, float] = MappingProxyType({}),
+    level: float = 0.95,
 ) -> RegressionFit:
     """Fit y (n,) by columns (n, k), named; no constant is added.
 
-    A column that is 0 throughout, or that the columns before it give, is left out and noted.
-    Raises InputError for values that are not finite, with the column, and for no more rows than
-    columns that count.
+    presses (n,): whose rows err together; without, there are no intervals. prior: as of
+    `RegressionFit`. A column that is 0 throughout, or that the columns before it give, is left out
+    and noted. Raises InputError for values that are not finite, with the column, and for no more
+    rows than columns that count.
     """
     columns, y = np.asarray(columns, float), np.asarray(y, float)
     n, k = columns.shape
-    if y.shape != (n,) or len(names) != k:
-        raise ValueError(f"(n, k), (n,), k names: {columns.shape}, {y.shape}, {len(names)}")
+    if y.shape != (n,) or len(names) != k or len(presses) not in (0, n):
+        shapes = f"{columns.shape}, {y.shape}, {len(names)}, {len(presses)}"
+        raise ValueError(f"(n, k), (n,), k names, n presses: {shapes}")
     _check_finite(columns, y, names)
-    length = np.linalg.norm(columns, axis=0)
-    scaled = columns / np.where(length > 0, length, 1)
+    held = [np.where(np.array(names) == name, firm, 0.0) for name, firm in prior.items()]
+    rows = np.vstack((columns, *held))
+    length = np.linalg.norm(rows, axis=0)
+    scaled = rows / np.where(length > 0, length, 1)
     kept, why = _independent(scaled, names)
     free = n - len(kept)
     if free < 1:
@@ -82,13 +94,21 @@ def least_squares(
         )
     q, r = np.linalg.qr(scaled[:, kept])
     b = np.zeros(k)
-    b[kept] = linalg.solve_triangular(r, q.T @ y) / length[kept]
+    b[kept] = linalg.solve_triangular(r, q[:n].T @ y) / length[kept]
     left = y - columns @ b
     rss = float(left @ left)
-    spread = np.zeros(k)
-    inverse = linalg.solve_triangular(r, np.eye(len(kept)))
-    spread[kept] = np.sqrt((inverse**2).sum(axis=1) * rss / free) / length[kept]
-    half = spread * float(special.stdtrit(free, (1 + level) / 2))
+    of, press = np.unique(np.asarray(presses), return_inverse=True)
+    half = None
+    if len(of) < MIN_PRESSES:
+        why.append(f"no intervals: {MIN_PRESSES} presses are needed, and there are {len(of)}")
+    else:
+        # What each press moves the coefficients by; their squares add up to the sandwich.
+        moved = np.zeros((len(of), len(kept)))
+        np.add.at(moved, press, left[:, None] * linalg.solve_triangular(r, q[:n].T).T)
+        few = len(of) / (len(of) - 1) * (n - 1) / free
+        half = np.zeros(k)
+        half[kept] = np.sqrt(few * (moved**2).sum(axis=0)) / length[kept]
+        half *= float(special.stdtrit(len(of) - 1, (1 + level) / 2))
     why += [
         f"{names[i]} is the same throughout: its coefficient is an offset"
         for i in kept
@@ -96,17 +116,16 @@ def least_squares(
     ]
     if not y.any():
         why.append("y is 0 throughout: the coefficients say nothing")
-    r2, adjusted = _r2(rss, float(y @ y), free, n)
     about_mean = y - y.mean()
     tss = float(about_mean @ about_mean)
     varies = tss > 1e-24 * float(y @ y)  # or the sum about the mean is but rounding
-    centred, adjusted_centred = _r2(rss, tss if varies else 0.0, free, n - 1)
     return RegressionFit(
-        tuple(names), tuple(map(float, b)),
-        tuple((float(low), float(high)) for low, high in zip(b - half, b + half, strict=True)),
-        level, tuple(name for i, name in enumerate(names) if i not in kept), tuple(why),
-        n, free, float(np.sqrt(np.mean(np.square(left)))), r2, adjusted, centred, adjusted_centred,
-        _condition(columns[:, kept]), _condition(scaled[:, kept]),
+        tuple(names), tuple(map(float, b)), dict(prior),
+        None if half is None else tuple(zip((b - half).tolist(), (b + half).tolist(), strict=True)),
+        level, len(of), tuple(name for i, name in enumerate(names) if i not in kept), tuple(why),
+        n, free, float(np.sqrt(np.mean(np.square(left)))),
+        *_r2(rss, tss if varies else 0.0, free, n - 1), *_r2(rss, float(y @ y), free, n),
+        _condition(rows[:, kept]), _condition(scaled[:, kept]),
     )  # fmt: skip
 
 

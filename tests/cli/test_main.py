@@ -215,6 +215,58 @@ def test_gel_press_refused_has_the_same_keys_and_exit_1(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--depth", "-1"], "--depth -1"),
+        (["--depth", "nan"], "--depth nan"),
+        (["--depth", "1", "--indenter", "nosuch"], "'nosuch': unknown"),
+        (["--depth", "1", "--limit-s", "nan"], "--limit-s nan"),
+        (["--depth", "1", "--thickness", "-3"], "thickness_mm"),
+        (["--depth", "1", "--modulus", "0"], "modulus_mpa"),
+    ],
+)
+def test_what_gel_press_cannot_use_is_refused_in_json_too(
+    words: list[str],
+    says: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["deltact-fab", "gel", "press", *words, "--json"])
+    with pytest.raises(SystemExit) as end:
+        entry()
+    assert end.value.code == 2
+    told = capsys.readouterr()
+    data = json.loads(told.out)
+    assert set(data) == PRESS_KEYS | {"reason"}
+    assert data["converged"] is False
+    assert data["force_n"] is None
+    assert says in data["reason"]
+    assert len(told.err.splitlines()) == 1
+    assert says in told.err
+
+
+@pytest.mark.parametrize(("modulus", "warns"), [("0.009", True), ("10", False), ("56", True)])
+def test_gel_press_warns_of_a_modulus_that_no_gel_has(
+    modulus: str,
+    warns: bool,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
+    words = ["--depth", "0.6", "--model", "layer", "--spacing", "0.5", "--modulus", modulus]
+    monkeypatch.setattr(sys, "argv", ["deltact-fab", "gel", "press", *words, "--json"])
+    with pytest.raises(SystemExit) as end:
+        entry()
+    assert end.value.code == 0
+    told = capsys.readouterr()
+    flags = json.loads(told.out)["flags"]
+    said = [f for f in flags if f.startswith("modulus: ") and "0.01 to 10 MPa" in f]
+    assert bool(said) == warns
+    assert ("warning: modulus: " in told.err) == warns
+
+
 @pytest.mark.slow
 def test_gel_press_ends_at_its_limit_of_time(tmp_path: Path) -> None:
     words = ["gel", "press", "--indenter", "star", "--at", "1,0", "--depth", "3"]
@@ -223,7 +275,9 @@ def test_gel_press_ends_at_its_limit_of_time(tmp_path: Path) -> None:
     assert done.stdout == ""
     # A machine that is busy for 5 s has told its progress too.
     said = [line for line in done.stderr.splitlines() if not line.startswith("gel press: ")]
-    assert said == ["deltact-fab: --limit-s 0.01: no mesh was solved in that time; more is needed"]
+    assert said == [
+        "deltact-fab: --limit-s 0.01: no mesh was solved in that CPU time; more is needed"
+    ]
 
 
 @pytest.mark.parametrize(

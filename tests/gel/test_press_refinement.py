@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.errors import SolverError
+from deltact_fab.errors import SolverError, TimeLimit
 from deltact_fab.gel import error_control, time_limit
 from deltact_fab.gel.error_control import (
     EDGE,
@@ -67,7 +68,9 @@ def chosen(friction: float, spacing_mm: float = 1.6) -> Choice:
     )  # fmt: skip
 
 
-def ladder(force: Any, dofs: int = 1000, edge_mm: float = 5.0) -> MeshConvergence:
+def ladder(
+    force: Any, dofs: int = 1000, edge_mm: float = 5.0, unknowns: Any = lambda choice: 1000
+) -> MeshConvergence:
     """Of a gel that is solved by formula, at the level of finite strain."""
     down = KnotPose((0.0, 0.0, -DEPTH_MM), 0.0, 1.0)
 
@@ -75,7 +78,7 @@ def ladder(force: Any, dofs: int = 1000, edge_mm: float = 5.0) -> MeshConvergenc
         gel: Any = Gel(choice, force, dofs)
         return PathSolver(lambda: gel, [down], observed=OBSERVED, like=like, keeps_states=True)
 
-    return MeshConvergence(opener, RADIUS_MM, edge_mm, TOLERANCE)
+    return MeshConvergence(opener, unknowns, RADIUS_MM, edge_mm, TOLERANCE)
 
 
 def test_the_first_mesh_that_keeps_to_the_tolerance_answers() -> None:
@@ -154,22 +157,31 @@ def test_a_refinement_stays_within_the_work_and_coarsens_nothing(dofs: int, stat
     assert after <= max(MAX_WORK, done) * (1 + 1e-9)
 
 
-def test_a_limit_of_time_ends_with_the_best_mesh_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The clock stands still until the second mesh is solved."""
+@pytest.fixture
+def clock_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time that stands on the solvers' clock, which stands still."""
     now = [0.0]
-    monkeypatch.setattr(time_limit.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(time_limit.time, "thread_time", lambda: now[0])
+    return now
+
+
+def test_a_limit_of_time_ends_with_the_best_mesh_so_far(clock_s: list[float]) -> None:
+    """Each mesh takes a second."""
 
     def force(h: float, step: float) -> float:
         time_limit.check()
-        now[0] += 1.0
+        clock_s[0] += 1.0
         return 10 * (1 + 0.1 * h**2)
 
     def within(seconds: float) -> error_control.RefinedPress:
-        now[0] = 0.0
+        clock_s[0] = 0.0
         with time_limit.within(seconds):
             return ladder(force).refine(chosen(0.0), free=True)
 
-    two, one = within(1.5), within(0.5)
+    two = within(2.5)
+    assert clock_s[0] == 2, "a third would not have ended in time, and is not begun"
+    one = within(1.5)
+    assert clock_s[0] == 1
     assert two.limited
     assert two.run.cell_mm == pytest.approx(1.6 * error_control.COARSER)
     true = 0.1 * two.run.cell_mm**2 / (1 + 0.1 * two.run.cell_mm**2)
@@ -179,6 +191,82 @@ def test_a_limit_of_time_ends_with_the_best_mesh_so_far(monkeypatch: pytest.Monk
     assert one.run.cell_mm > two.run.cell_mm
     assert one.estimate["force_rel"] > 0.1
     assert not within(100).limited
+
+
+def test_a_limit_too_short_for_the_first_mesh_begins_with_a_coarser_one(
+    clock_s: list[float],
+) -> None:
+    def unknowns(choice: Choice) -> int:
+        return int(3e5 / choice.spacing_mm**2.5)
+
+    def force(h: float, step: float) -> float:
+        clock_s[0] += 5e-7 * (3e5 / h**2.5) ** WORK_POWER
+        return 10.0
+
+    first = 1.6 * error_control.COARSER**error_control.BELOW
+    found = []
+    for seconds in (100.0, 0.02):
+        clock_s[0] = 0.0
+        with time_limit.within(seconds):
+            found.append(ladder(force, unknowns=unknowns).refine(chosen(0.0), free=True))
+    assert [one.limited for one in found] == [False, True]
+    assert found[0].run.cell_mm < first
+    assert first < found[1].run.cell_mm <= error_control.HIDDEN * RADIUS_MM
+    assert found[1].estimate["force_rel"] > TOLERANCE
+
+
+def test_steps_that_no_time_was_left_to_judge_are_in_the_estimate(clock_s: list[float]) -> None:
+    def force(h: float, step: float) -> float:
+        clock_s[0] += 1.0
+        return 10.0
+
+    rubbed, smooth = [], []
+    for friction, found in ((0.5, rubbed), (0.0, smooth)):
+        clock_s[0] = 0.0
+        with time_limit.within(1.5):
+            found.append(ladder(force).refine(chosen(friction), free=True).estimate["force_rel"])
+    assert rubbed[0] > smooth[0] + TOLERANCE
+
+
+def test_a_longer_step_answers_where_the_shorter_one_takes_too_long(clock_s: list[float]) -> None:
+    steps = []
+
+    def force(h: float, step: float) -> float:
+        steps.append(step)
+        clock_s[0] += 1.0
+        return 10 * (1 - 0.2 * step)
+
+    with time_limit.within(2.5):
+        found = ladder(force).refine(chosen(0.5), free=True)
+    assert found.limited
+    assert len(steps) == 2
+    assert found.run.choice.step_mm == steps[0]
+    assert found.estimate["force_rel"] > 0.2 * steps[0]
+
+
+def test_waiting_takes_nothing_of_the_limit_and_computing_does() -> None:
+    with time_limit.within(0.05):
+        time.sleep(0.1)
+        time_limit.check()
+        while time_limit.left_s() > 0:
+            pass
+        with pytest.raises(TimeLimit):
+            time_limit.check()
+    time_limit.check(1e9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", ["sphere:15", "star"])
+def test_a_press_returns_within_its_limit(shape: str) -> None:
+    asked = (SkinDimensions(), GelMaterial(), parse(shape), (0.3, 0.0), 3.0)
+    press(*asked, limit_s=2.0)  # loads what it needs
+    for limit_s in (0.5, 2.5):
+        started_s = time.thread_time()
+        result = press(*asked, limit_s=limit_s).result
+        assert time.thread_time() - started_s < 1.1 * limit_s + 0.1
+        assert not result["within_tolerance"]
+    assert result["force_n"] is not None
+    assert any(flag.startswith("limit: 2.5 CPU seconds") for flag in result["flags"])
 
 
 def test_a_press_that_no_mesh_ends_in_time_is_refused_and_one_is_flagged() -> None:

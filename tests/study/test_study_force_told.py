@@ -29,7 +29,8 @@ VIEW = SensorView(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions())
 LAW = (2.0, 1.5, -6.0, 3.0, -3.0, 1.0)
 BALLS, PLACES, POINTS = ("sphere:10", "sphere:15", "sphere:22"), 3, 16
 FIGURES = {
-    "adjusted_r2", "rmse_n", "rmse_left_out_position_n", "rmse_left_out_indenter_n", "range_n",
+    "adjusted_r2", "adjusted_r2_about_zero", "rmse_n", "rmse_left_out_position_n",
+    "rmse_left_out_indenter_n", "range_n",
 }  # fmt: skip
 
 

@@ -59,7 +59,8 @@ def fit(data: ForceData, name: str, rows: Array | slice = slice(None)) -> ForceM
 def judge(data: ForceData, name: str, seed: int) -> EvaluatedModel:
     """Fit and cross-validate one feature set. Raises InputError for too few points."""
     train, test = split(len(data), seed)
-    model, fits = ForceModel.fit(data.sets[name], data.features[name][train], data.wrench[train])
+    X, presses = data.features[name][train], data.points["press"].iloc[train].tolist()
+    model, fits = ForceModel.fit(data.sets[name], X, data.wrench[train], presses)
     predicted = {"test": model.predict(data.features[name])}
     for group in LEFT_OUT:
         if data.points[group].nunique() > 1:
@@ -114,6 +115,7 @@ def figures(judged: EvaluatedModel, data: ForceData) -> dict[str, dict[str, Any]
         known = worst is not None and np.isfinite(worst)
         out[name] = {
             "adjusted_r2": fit.adjusted_r2,
+            "adjusted_r2_about_zero": fit.adjusted_r2_about_zero,
             f"rmse_{unit}": tested,
             f"rmse_train_{unit}": fit.rmse if span else None,
             **{f"rmse_left_out_{group}_{unit}": held.get(group) for group in LEFT_OUT},

@@ -30,7 +30,10 @@ from .judge import (
 
 PAPER = "paper"
 PAPER_TABLE = {"normal": (0.99, 0.30), "shear_x": (0.98, 0.14), "shear_y": (0.98, 0.17)}
-"""Adjusted R2 and RMSE in N (Contact Force Distribution, Linear Regression Analysis)."""
+"""Adjusted R2 and RMSE in N (Contact Force Distribution, Linear Regression Analysis).
+
+Whether its R2 is about the mean or about 0 (see `RegressionFit`) the paper does not say.
+"""
 
 
 @dataclass
@@ -77,7 +80,7 @@ class ForceResult:
                     {
                         "model": model, "component": name, "unit": "N" if unit == "n" else "N mm",
                         "adjusted_r2": of["adjusted_r2"],
-                        "adjusted_r2_about_mean": of["regression"]["adjusted_centred_r2"],
+                        "adjusted_r2_about_zero": of["adjusted_r2_about_zero"],
                         **{key: of[f"{key}_{unit}"] for key in errors},
                         "percent_of_range": of["percent_of_range"],
                         "condition_raw": of["condition_raw"],

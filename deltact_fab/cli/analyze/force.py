@@ -85,10 +85,11 @@ def _tell(result: ForceResult) -> None:
     from ..output import echo_table
 
     click.echo(result.line + "\n")
-    head = ("model", "component", "adj. R2", "train", "test", *LEFT_OUT, "range", "% of range",
-            "cond. raw", "scaled")  # fmt: skip
-    keys = ("adjusted_r2", "rmse_train", "rmse", *(f"rmse_left_out_{group}" for group in LEFT_OUT),
-            "range", "percent_of_range", "condition_raw", "condition_scaled")  # fmt: skip
+    head = ("model", "component", "adj. R2", "about 0", "train", "test", *LEFT_OUT, "range",
+            "% of range", "cond. raw", "scaled")  # fmt: skip
+    keys = ("adjusted_r2", "adjusted_r2_about_zero", "rmse_train", "rmse",
+            *(f"rmse_left_out_{group}" for group in LEFT_OUT), "range", "percent_of_range",
+            "condition_raw", "condition_scaled")  # fmt: skip
     rows = [
         (row["model"], f"{row['component']}, {row['unit']}", *(row.get(key) for key in keys))
         for row in result.rows()
@@ -98,7 +99,7 @@ def _tell(result: ForceResult) -> None:
     click.echo(
         f"\nRMSE on {len(result.best.train)} points of training, {len(result.best.test)} of test, "
         f"and {len(data)} with their position, indenter or run left out; {origin}; "
-        "as printed: the paper's table, on a real sensor"
+        "as printed: the paper's table, on a real sensor, whose R2 is about the mean or about 0"
     )
     if result.field is not None:
         click.echo(result.field.line)

@@ -6,7 +6,10 @@ gradients need the least memory and are the fallback where the factors would not
 
 from __future__ import annotations
 
+import os
+import sys
 import weakref
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -34,6 +37,10 @@ class Pardiso:
 
     def __init__(self) -> None:
         require("fast", "the solver pardiso", "pypardiso")
+        # Else each solver searches the whole environment for it, which takes half a second.
+        for name in ("lib/libmkl_rt*", "Library/bin/mkl_rt*"):
+            for library in Path(sys.prefix).glob(name):
+                os.environ.setdefault("PYPARDISO_MKL_RT", str(library))
         import pypardiso
 
         self._failed = pypardiso.pardiso_wrapper.PyPardisoError

@@ -81,6 +81,7 @@ class _Direction:
         """Of a positive matrix at x: against negative eigenvalues the terms that may be negative
         are left out. Raises SolverError where that is not enough."""
         while True:
+            time_limit.check()
             found = self._problem.evaluate(x, self._done.pressure_mpa, True, self.curved)
             assert found is not None
             assert found.data is not None
@@ -106,10 +107,12 @@ class _Direction:
         if not self._problem.couples:
             return -self._solver.solve(residual_n)
         n = len(residual_n)
-        whole = spla.LinearOperator(
-            (n, n), dtype=np.float64,
-            matvec=lambda y: y + self._problem.coupled(self._solver.solve(y)),
-        )  # fmt: skip
+
+        def coupled(y: Field) -> Field:
+            time_limit.check()
+            return y + self._problem.coupled(self._solver.solve(y))
+
+        whole = spla.LinearOperator((n, n), matvec=coupled, dtype=np.float64)
         y, _ = spla.gmres(whole, -residual_n, rtol=COUPLED, restart=MAX_COUPLED, maxiter=1)
         return self._solver.solve(y)
 
@@ -137,7 +140,6 @@ def solve(
     done = NewtonSolution(x, pressure_mpa, size_of(now))
     direction = _Direction(problem, solver, pattern, done)
     while not done.residual <= tolerance:
-        time_limit.check()
         if done.iterations >= MAX_ITERATIONS:
             raise SolverError(
                 f"newton: residual {done.residual:.1e} after {done.iterations} iterations, "

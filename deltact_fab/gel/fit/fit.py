@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Field, Mask, Point2, Progress
+from ...elasticity.material import unusual
 from ...errors import InputError, RunFailed
 from ...shapes import Indenter, SkinDimensions
 from ..level_selection import SHARE, TOLERANCE
@@ -41,7 +42,6 @@ WIDEST = 0.5  # of friction: half an interval from which it counts as not determ
 TOUCHED = 0.02  # of the largest force, for a first guess of the first touch
 BEFORE, AFTER = 0.4, 0.15  # of the press, round that guess
 MIN_SPREAD = 0.1  # of the deepest press: range of the depths
-USUAL_MPA = 0.01, 10.0  # silicone gels and rubbers, with room on both sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,12 +268,8 @@ def _remarks(
     data: MeasuredIndentation, solution: FitSolution, modulus: Estimate, bounds: Bounds | None
 ) -> list[str]:
     notes = []
-    if not USUAL_MPA[0] <= modulus.value <= USUAL_MPA[1]:
-        notes.append(
-            f"warning: {modulus.value:.3g} MPa is outside {USUAL_MPA[0]:g} to {USUAL_MPA[1]:g} "
-            "MPa, where soft gels and rubbers lie; normal_n in N (not mN or g) and depth_mm in mm "
-            "are needed"
-        )
+    if odd := unusual(modulus.value):
+        notes.append(f"warning: {odd}; normal_n in N (not mN or g) and depth_mm in mm are needed")
     out = int((~solution.used).sum())
     if out:
         notes.append(f"{out} of {len(solution.used)} values left out as outliers")

@@ -29,8 +29,8 @@ class Features(ABC):
     name: as registered. every: pixels between the points of the FaceFlow that it wants. names: a
     label for each of the k numbers, unit included. explains: the labels that each of COMPONENTS is
     fitted by: what a mirror allows, say. held: labels whose coefficients few presses could not
-    tell, and how firmly they are held at 0. Each adds a row to the fit that says so: this times the
-    size of the component's first feature stands in its column, and 0 for the force.
+    tell, and how firmly they are held at 0: this times the size of the component's first feature is
+    the prior of `least_squares`.
     """
 
     name: str
@@ -72,11 +72,12 @@ class ForceModel:
 
     @classmethod
     def fit(
-        cls, features: Features, X: Array, wrench: Array
+        cls, features: Features, X: Array, wrench: Array, presses: Sequence[str] = ()
     ) -> tuple[ForceModel, dict[str, RegressionFit]]:
         """From features X (n, k) and wrenches (n, 6) in N and N mm; with the six regressions.
 
-        Raises InputError where `least_squares` does, naming the component.
+        presses (n,): for the regressions' intervals. Raises InputError where `least_squares` does,
+        naming the component.
         """
         X, wrench = np.asarray(X, float), np.asarray(wrench, float)
         if wrench.shape != (len(X), len(COMPONENTS)) or X.shape[1] != len(features.names):
@@ -87,13 +88,15 @@ class ForceModel:
         fits = {}
         for i, component in enumerate(COMPONENTS):
             use = [features.names.index(name) for name in features.explains[component]]
-            columns, y = _held(X[:, use], wrench[:, i], features, features.explains[component])
+            labels, columns = features.explains[component], X[:, use]
+            size = float(np.sqrt(np.mean(columns[:, 0] ** 2)))
+            prior = {one: size * features.held[one] for one in labels if one in features.held}
             try:
-                fit = least_squares(columns, y, features.explains[component])
+                fit = least_squares(columns, wrench[:, i], labels, presses, prior)
             except InputError as why:
                 raise InputError(f"force model {features.name}: {component}: {why}") from why
             coefficients[i, use] = fit.coefficients
-            reach[i, use, : len(use)] = relative_leverage(X[:, use], fit)
+            reach[i, use, : len(use)] = relative_leverage(columns, fit)
             fits[component] = fit
         return cls(features.name, tuple(features.names), coefficients, reach), fits
 
@@ -148,14 +151,3 @@ class ForceModel:
             if part.ndim != dimensions or part.shape[:2] != shape or not np.isfinite(part).all():
                 raise InputError(f"force model: {key}: {len(names)} finite, one a name, are needed")
         return model
-
-
-def _held(X: Array, y: Array, features: Features, labels: Sequence[str]) -> tuple[Array, Array]:
-    """Rows to fit: those measured, and one for each label that is held."""
-    size = float(np.sqrt(np.mean(X[:, 0] ** 2)))
-    rows = [
-        [size * features.held[label] if other == label else 0.0 for other in labels]
-        for label in labels
-        if label in features.held
-    ]
-    return np.vstack((X, *rows)), np.concatenate((y, np.zeros(len(rows))))

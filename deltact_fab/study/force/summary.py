@@ -174,8 +174,8 @@ def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
 
 
 def _data(result: ForceResult, heads: list[Headline], verdict: tuple[str, ...]) -> dict[str, Any]:
-    keys = ("adjusted_r2", "rmse_n", "rmse_left_out_position_n", "rmse_left_out_indenter_n",
-            "range_n")  # fmt: skip
+    keys = ("adjusted_r2", "adjusted_r2_about_zero", "rmse_n", "rmse_left_out_position_n",
+            "rmse_left_out_indenter_n", "range_n")  # fmt: skip
     whole = result.as_dict()
     kept = ("paper_table", "best", "n_points", "n_train", "n_test", "n_presses", "learning",
             "enough_presses", "runs", "simulated", "left_out")  # fmt: skip
@@ -197,7 +197,8 @@ def _compared(result: ForceResult) -> ReportTable:
     return ReportTable(
         "force-models",
         "Every model. Ranked by what it makes of a left-out position and indenter; RMSE without "
-        "more is of the test points. The last rows are the paper's table, of a real sensor.",
+        "more is of the test points. The last rows are the paper's table, of a real sensor, which "
+        "does not say whether its R2 is about the mean or about 0.",
         pd.DataFrame(result.rows()).drop(columns=hidden),
     )
 
