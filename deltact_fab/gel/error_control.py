@@ -26,6 +26,7 @@ from .level import Choice
 from .level_selection import HIDDEN, IN_PLANE_MM, MAX_DOFS, TOLERANCE
 from .path.knots import SolvedKnot
 from .path.solver import PathSolver
+from .zones import Zones
 
 Opener = Callable[[Choice, PathSolver | None], PathSolver]
 
@@ -85,10 +86,11 @@ class SolvedPath:
 
 @dataclass(frozen=True, eq=False)
 class RefinedPress:
-    """The finest run and its estimate; limited: a limit of time ended it before it was done."""
+    """The finest run and its estimates; limited: a limit of time ended it before it was done."""
 
     run: SolvedPath
     estimate: dict[str, float]
+    zones: Zones
     limited: bool
 
 
@@ -133,7 +135,8 @@ class MeshConvergence:
             if not self._runs:
                 raise
             limited = True
-        return RefinedPress(self._runs[-1], self.estimate(), limited)
+        zones = self._runs[-1].last.zones.beside(self._runs[-2:][0].last.zones)
+        return RefinedPress(self._runs[-1], self.estimate(), zones, limited)
 
     def _climb(self, choice: Choice, free: bool) -> None:
         if choice.level != "hyperelastic":
