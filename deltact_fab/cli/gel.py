@@ -135,7 +135,12 @@ def _show(result: dict[str, Any]) -> None:
     )
     stretch = result["max_stretch"]
     click.echo(
-        f"contact {result['contact_area_mm2']:.2f} mm², in plane at most "
+        f"contact {result['contact_area_mm2']:.3g} mm² ± {result['contact_area_error_mm2']:.2g}, "
+        f"sticking {result['stick_area_mm2']:.3g} mm² ± {result['stick_area_error_mm2']:.2g}, its "
+        "middle at ({:.2f}, {:.2f}) mm".format(*result["centroid_mm"])
+    )
+    click.echo(
+        "in plane at most "
         f"{result['peak_in_plane_mm']:.3f} mm, error about {estimate['displacement_mm']:.2g} mm rms"
         + (f", stretch up to {stretch:.2f}" if stretch else "")
     )

@@ -122,17 +122,21 @@ def _show(rows: list[PressRow], level: str, seconds: float) -> None:
     from .output import echo_table
 
     echo_table(
-        ("press", "knots", "done", "from", "s", "s/knot", "between_mm", "between_n"),
+        ("press", "knots", "done", "from", "s", "s/knot", "between_mm", "between_n",
+         "contact_mm2", "stick_mm2"),
         [
             (r.press, r.knots, r.done, _from(r), r.seconds, r.seconds / max(r.done, 1),
-             r.between_mm, r.between_n)
+             r.between_mm, r.between_n,
+             f"{r.zones.contact_area_mm2:.3g} ± {r.zones.contact_area_error_mm2:.1g}",
+             f"{r.zones.stick_area_mm2:.3g} ± {r.zones.stick_area_error_mm2:.1g}")
             for r in rows
         ],
     )  # fmt: skip
     solved = sum(r.done for r in rows if not r.found)
     click.echo(
         f"{len(rows)} presses (simulated, {level}), {solved} knots solved in {seconds:.1f} s; "
-        "between_*: largest error of interpolating between knots, where it was tested"
+        "between_*: largest error of interpolating between knots, where it was tested; contact and "
+        "stick zone at the end"
     )
     for row in rows:
         for flag, count in ({} if row.like else row.flags).items():

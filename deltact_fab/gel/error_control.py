@@ -32,6 +32,7 @@ from .level import Choice
 from .level_selection import HIDDEN, IN_PLANE_MM, MAX_DOFS, TOLERANCE
 from .path.knots import SolvedKnot
 from .path.solver import PathSolver
+from .zones import Zones
 
 Opener = Callable[[Choice, PathSolver | None], PathSolver]
 
@@ -93,10 +94,11 @@ class SolvedPath:
 
 @dataclass(frozen=True, eq=False)
 class RefinedPress:
-    """The finest run and its estimate; limited: a limit of time ended it before it was done."""
+    """The finest run and its estimates; limited: a limit of time ended it before it was done."""
 
     run: SolvedPath
     estimate: dict[str, float]
+    zones: Zones
     limited: bool
 
 
@@ -149,7 +151,8 @@ class MeshConvergence:
             if choice.level == FINITE and choice.friction > 0 and not any(self._by_step):
                 # By the rule that steps were chosen by, which is not measured here.
                 self._by_step = (ALONE * STEP_SHARE * self.tolerance, 0.0)
-        return RefinedPress(self._runs[-1], self.estimate(), limited)
+        zones = self._runs[-1].last.zones.beside(self._runs[-2:][0].last.zones)
+        return RefinedPress(self._runs[-1], self.estimate(), zones, limited)
 
     def _climb(self, choice: Choice, free: bool) -> None:
         if choice.level != "hyperelastic":

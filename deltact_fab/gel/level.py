@@ -17,6 +17,7 @@ import numpy as np
 
 from ..aliases import Field, Point
 from ..errors import InputError
+from .zones import ZoneMap, Zones
 
 Level = str
 """A name of `levels.LEVELS`."""
@@ -138,7 +139,6 @@ class State:
     inner: Any
     force_n: Point
     torque_nmm: Point
-    contact_area_mm2: float
     diagnostics: IncrementDiagnostics
     contact: Any
     jumped: bool = False
@@ -148,6 +148,13 @@ class State:
         """(x, y, depth) of the indenter's lowest point."""
         at: Point = self.inner.tip_mm
         return at
+
+    @cached_property
+    def zones(self) -> tuple[Zones, ZoneMap]:
+        """Of the contact; and (ny, nx) of it: 0 apart, 1 slipping, 2 sticking."""
+        found: tuple[Zones, ZoneMap] | None = self.contact.zones(self.inner)
+        shape = len(self.contact.y_mm), len(self.contact.x_mm)
+        return found or (Zones(centroid_mm=self.tip_mm[:2]), np.zeros(shape, np.uint8))
 
     @cached_property
     def displacement_mm(self) -> Field:
@@ -195,6 +202,8 @@ class GelContact(Protocol):
     def displacement_mm(self, inner: Any) -> Field: ...
 
     def traction_mpa(self, inner: Any) -> Field: ...
+
+    def zones(self, inner: Any) -> tuple[Zones, ZoneMap] | None: ...
 
 
 def follow(contact: Any, previous: Any, tip_mm: Point, max_step_mm: float) -> Iterator[Any]:

@@ -27,7 +27,8 @@ from .path.solver import PathSolver
 LIMIT_S = 120.0
 OBSERVED = ObservedChannels(fields="last", lacking=True)
 KEYS = (
-    "force_n", "depth_mm", "contact_area_mm2", "max_stretch", "model", "converged",
+    "force_n", "depth_mm", "contact_area_mm2", "contact_area_error_mm2", "stick_area_mm2",
+    "stick_area_error_mm2", "centroid_mm", "max_stretch", "model", "converged",
     "error_estimate", "within_tolerance", "seconds", "picked", "peak_in_plane_mm", "flags",
 )  # fmt: skip
 """Of a result; a refusal has `reason` besides, and None where there is no figure."""
@@ -61,7 +62,7 @@ class Pressed:
             "depth": f"{told['depth_mm']:g} mm",
             "normal force": f"{-z:.3g} N ± {told['error_estimate']['force_rel']:.1%}",
             "shear force": f"{math.hypot(x, y):.3g} N" if not pressed.all() else None,
-            "contact": f"{told['contact_area_mm2']:.3g} mm²",
+            "contact": f"{told['contact_area_mm2']:.3g} ± {told['contact_area_error_mm2']:.1g} mm²",
             "level": told["picked"]["why"],
         }
         picture = plot(
@@ -151,7 +152,7 @@ def press(
     result = {
         "force_n": forces[-1].tolist(),
         "depth_mm": depth_mm,
-        "contact_area_mm2": last.contact_area_mm2,
+        **vars(found.zones),
         "max_stretch": last.most_stretch,
         "model": choice.level,
         "converged": True,
@@ -192,7 +193,7 @@ def _flags(
 ) -> list[str]:
     """What a reader of the result must know beside the solver's own flags, which come first."""
     estimate, flags = found.estimate, list(found.run.flags)
-    if depth_mm > 0 and found.run.last.contact_area_mm2 == 0:
+    if depth_mm > 0 and found.zones.contact_area_mm2 == 0:
         flags.append(f"contact lost: at depth {depth_mm:g} mm nothing is touched")
     if found.limited:
         flags.append(

@@ -34,7 +34,11 @@ def truth_file(folder: Path, press: str) -> Path:
     """Where a virtual rig keeps the truth of one press of the run in `folder`.
 
     An npz of displacement_mm (n, ny, nx, 3), one a solved knot, and for each frame of the press,
-    in order of capture: frame_id, knots (m, 2) it lies between, fraction (m,) of the way.
+    in order of capture: frame_id, knots (m, 2) it lies between, fraction (m,) of the way. Older
+    runs have no more. Of each knot: contact_area_mm2 and stick_area_mm2 (n,) seen along z in the
+    deformed state, errors of both, centroid_mm (n, 2) of the contact in the sensor frame, without
+    one the tip's (x, y); zone_map (n, ny, nx) uint8, 0 apart, 1 slipping, 2 sticking, at the nodes
+    x_mm, y_mm of the whole face at rest. Without friction all that touches slips.
     """
     return folder / "truth" / f"{press.replace('/', '_')}.npz"
 

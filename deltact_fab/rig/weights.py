@@ -197,12 +197,14 @@ class WeightsBench:
         normal_n, shear_n = self._weights.error_n()
         lines = [f"weights: the normal force is known to {normal_n:.3f} N, shear to {shear_n:.3f}"]
         if len(self._laid) > 1:
-            from ..measure.regression import least_squares
+            from scipy.special import stdtrit
 
             laid_n, read_n = np.array(self._laid).T
-            fit = least_squares(read_n[:, None], laid_n, ["read"])
-            (factor,), ((low, high),) = fit.coefficients, fit.intervals
-            off_n = np.abs(factor * read_n - laid_n).max()
+            size = read_n @ read_n
+            factor = read_n @ laid_n / size
+            left_n, free = laid_n - factor * read_n, len(laid_n) - 1
+            half = stdtrit(free, 0.975) * np.sqrt(left_n @ left_n / free / size)
+            low, high, off_n = factor - half, factor + half, np.abs(left_n).max()
             lines.append(
                 f"the weights are {factor:.4f} times what the force sensor reads (95 %: {low:.4f} "
                 f"to {high:.4f}, {len(read_n)} weights; the masses themselves "

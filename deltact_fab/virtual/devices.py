@@ -54,10 +54,11 @@ class TruthWriter:
         knots = self.scene.knots
         fields = [k.displacement_mm for k in knots if k.displacement_mm is not None]
         tractions = [k.traction_mpa for k in knots if k.traction_mpa is not None]
-        asked: dict[str, Any] = {}
-        if tractions:
-            x_mm, y_mm = self.scene.axes_mm
-            asked = {"traction_mpa": np.stack(tractions), "x_mm": x_mm, "y_mm": y_mm}
+        x_mm, y_mm = self.scene.axes_mm
+        more: dict[str, Any] = {"traction_mpa": np.stack(tractions)} if tractions else {}
+        more["zone_map"] = np.stack([k.zone_map for k in knots if k.zone_map is not None])
+        for name in vars(knots[0].zones):
+            more[name] = [vars(k.zones)[name] for k in knots]
         packed = io.BytesIO()
         np.savez(
             packed,
@@ -65,7 +66,9 @@ class TruthWriter:
             frame_id=np.asarray(frame_ids, dtype=np.str_),
             knots=np.asarray([(a, b) for a, b, _ in seen], dtype=np.int64).reshape(-1, 2),
             fraction=np.asarray([f for _, _, f in seen], dtype=float),
-            **asked,
+            x_mm=x_mm,
+            y_mm=y_mm,
+            **more,
         )
         write_whole(path, packed.getvalue())
 

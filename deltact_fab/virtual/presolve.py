@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from ..errors import DeltactFabError
+from ..gel.path.mirror import Mirror
+from ..gel.zones import Zones
 from ..jobs import JobOutcome, run, tell
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
@@ -23,8 +25,9 @@ class PressRow:
     """The outcome of one press. seconds: of the knots' solves; found: it was in the store.
 
     like: the press whose solution serves this one too. between_mm, between_n: largest error of
-    linear interpolation at the intervals tried, forces for the specimen's modulus. flags: of the
-    solver, with the number of knots. failure: why it did not get through, else empty.
+    linear interpolation at the intervals tried, forces for the specimen's modulus. zones: of the
+    contact at its end. flags: of the solver, with the number of knots. failure: why it did not get
+    through, else empty.
     """
 
     press: str
@@ -35,6 +38,7 @@ class PressRow:
     seconds: float = 0.0
     between_mm: float = 0.0
     between_n: float = 0.0
+    zones: Zones = field(default_factory=Zones)
     flags: dict[str, int] = field(default_factory=dict)
     failure: str = ""
 
@@ -58,6 +62,7 @@ def solve_ahead(
     rows: list[PressRow] = []
     todo: dict[str, PressRow] = {}
     waiting: list[tuple[PressRow, PressRow]] = []
+    mirrors: dict[str, Mirror] = {}
     for path in presses.paths:
         try:
             press = presses.of(path)
@@ -65,6 +70,7 @@ def solve_ahead(
             row = PressRow(path.press, 0, failure=" ".join(str(why).split()))
         else:
             row = _row(press, presses.modulus_mpa)
+            mirrors[row.press] = press.solver.mirror
             name = press.solver.stored_as or press.name
             if press.solver.found is None and name in todo:
                 row.like = todo[name].press
@@ -100,8 +106,9 @@ def solve_ahead(
         if solved.failure:
             row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
         else:
+            zones = mirrors[row.press].zones(mirrors[solved.press].zones(solved.zones))
             served = {"press": row.press, "like": solved.press, "found": True, "seconds": 0.0}
-            vars(row).update(vars(solved), **served)
+            vars(row).update(vars(solved), **served, zones=zones)
         told(row)
     return rows
 
@@ -133,6 +140,7 @@ def _row(press: PlannedPress, modulus_mpa: float) -> PressRow:
         seconds=press.solver.found.seconds if press.solver.found else 0.0,
         between_mm=press.solver.between.displacement_mm,
         between_n=modulus_mpa * press.solver.between.force_n,
+        zones=press.solver.knots[-1].zones if press.solver.knots else Zones(),
         flags=press.solver.flags,
         failure=press.solver.ended,
     )

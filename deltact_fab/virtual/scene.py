@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..aliases import Point
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, SolvedKnot, divide
+from ..gel.zones import ZoneMap, Zones
 from ..optics import StageFrame, SurfaceLattice
 from ..units import NS_PER_S
 from .clock import NsClock
@@ -38,6 +39,9 @@ class Knot:
     torque_nmm: Point
     traction_mpa: NDArray[np.float32] | None = None
     """(ny, nx, 3) on the whole lattice of the face, where it is asked for."""
+    zones: Zones = field(default_factory=Zones)
+    zone_map: ZoneMap | None = None
+    """(ny, nx) on that lattice; None unless drawn."""
 
     @property
     def wrench(self) -> tuple[float, ...]:
@@ -168,12 +172,14 @@ class GelScene:
         self.observe()
         x, y, _ = self._frame.to_sensor_mm(self._controller.position_mm())
         self._press = press = self._presses(self._indenter, (x, y))
-        rest = still = None
+        rest = still = apart = None
         if self._crop is not None:
             nothing = np.zeros((len(self.axes_mm[1]), len(self.axes_mm[0]), 3), np.float32)
             rest = np.zeros_like(self._crop(nothing))
             still = nothing if press.solver.observed.traction else None
-        self._rest = Knot(0, 0, rest, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), still)
+            apart = nothing[..., 0].astype(np.uint8)
+        off = (0.0, 0.0, 0.0)
+        self._rest = Knot(0, 0, rest, off, off, still, Zones(centroid_mm=(x, y)), apart)
         self._settle(self._rest, 0)
         self.knots = [self._rest]
 
@@ -352,6 +358,7 @@ class GelScene:
         knot = Knot(
             len(self.knots), key, field, (e * fx, e * fy, e * fz), (e * tx, e * ty, e * tz),
             None if traction is None else np.float32(e) * traction,
+            solved.zones, solved.zone_map,
         )  # fmt: skip
         self.knots.append(knot)
         return knot

@@ -192,7 +192,8 @@ def test_gel_press_prints_what_the_json_says(tmp_path: Path) -> None:
 
 
 PRESS_KEYS = {
-    "force_n", "depth_mm", "contact_area_mm2", "max_stretch", "model", "converged",
+    "force_n", "depth_mm", "contact_area_mm2", "contact_area_error_mm2", "stick_area_mm2",
+    "stick_area_error_mm2", "centroid_mm", "max_stretch", "model", "converged",
     "error_estimate", "within_tolerance", "seconds", "picked", "peak_in_plane_mm", "flags",
 }  # fmt: skip
 

@@ -61,7 +61,8 @@ class Rub:
 @dataclass(frozen=True)
 class Pressed:
     """depth_mm; force_n: on the sphere, upwards; r_mm, u_r_mm, u_z_mm: at the face's nodes;
-    penetration_mm: deepest at the contact points; iterations: Newton's, of this depth."""
+    penetration_mm: deepest at the contact points; iterations: Newton's, of this depth;
+    rim_mm: where the last point under pressure and the first without have come to."""
 
     depth_mm: float
     force_n: float
@@ -70,6 +71,7 @@ class Pressed:
     u_z_mm: Field
     penetration_mm: float
     iterations: int
+    rim_mm: tuple[float, float]
 
     def radial_mm(self, r_mm: Field) -> Field:
         """u_r at radii on the face at rest, by the cells' own quadratics."""
@@ -256,7 +258,10 @@ class Cylinder:
             face = u[self.top]
             overlap = max(0.0, -float(g.min()))
             r = self.nodes[self.top, 0]
-            out.append(Pressed(goal, force, r, face[:, 0], face[:, 1], overlap, count))
+            at = self.away(u, radius_mm, goal)[..., 0].ravel()
+            last = int(np.flatnonzero(multiplier.ravel() > 0)[-1])
+            rim = float(at[last]), float(at[last + 1])
+            out.append(Pressed(goal, force, r, face[:, 0], face[:, 1], overlap, count, rim))
         return out
 
     def linear_force_n(self, radius_mm: float, depth_mm: float) -> float:

@@ -25,6 +25,7 @@ from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.path.knots import KnotPose
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.gel.press import OBSERVED, press
+from deltact_fab.gel.zones import Zones
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -55,7 +56,7 @@ class Gel:
             tip_mm=tip_mm,
             force_n=(0.0, 0.0, -size_n),
             torque_nmm=(0.0, 0.0, 0.0),
-            contact_area_mm2=1.0,
+            zones=(Zones(1.0), np.zeros((3, 3), np.uint8)),
             displacement_mm=np.zeros((3, 3, 3)),
             diagnostics=IncrementDiagnostics(),
         )

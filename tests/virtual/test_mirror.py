@@ -135,6 +135,10 @@ def test_ahead_of_a_run_one_of_four_is_solved() -> None:
     assert all(row.done == row.knots and not row.failure for row in rows)
     assert set(heard) == {row.press for row in rows}
     again = solve_ahead(declared(), SKIN, GELS["layer"])
+    assert rows[0].zones.contact_area_mm2 > 1
+    for row, found in zip(rows, again, strict=True):
+        assert row.zones == found.zones  # each where its own indenter is
+    assert len({row.zones.centroid_mm for row in rows}) == 4
     assert [(row.found, row.like) for row in again] == [(True, "")] * 4
 
 

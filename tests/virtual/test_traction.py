@@ -75,6 +75,17 @@ def test_tractions_of_a_frame_add_up_to_its_force(level: str, tmp_path: Path) ->
         measured = np.array([row.fx_n, row.fy_n, row.fz_n])
         assert np.linalg.norm(force - measured) < 1e-3 * np.linalg.norm(measured)
         assert (traction[..., 2] <= 1e-6).all()  # it is pressed, nowhere pulled
+    with np.load(record.truth_file(found.folder, "sphere-12/p1")) as data:
+        zones, area, stick = data["zone_map"], data["contact_area_mm2"], data["stick_area_mm2"]
+        middle, x_mm, y_mm = data["centroid_mm"], data["x_mm"], data["y_mm"]
+    assert zones.dtype == np.uint8
+    assert zones.shape == (len(area), len(y_mm), len(x_mm))
+    assert (area[0], zones[0].max(), tuple(middle[0])) == (0, 0, pytest.approx((2, -1), abs=0.01))
+    counted_mm2 = (zones > 0).sum(axis=(1, 2)) * (x_mm[1] - x_mm[0]) * (y_mm[1] - y_mm[0])
+    assert counted_mm2 == pytest.approx(area, rel=0.25, abs=0.5)
+    assert (np.abs(middle[1:] - [2, -1]) < [0.3, 1.2]).all()
+    assert ((stick >= 0) & (stick <= area)).all()
+    assert (zones == 2).any()
     dragged = truth.traction_mpa(pressed["frame_id"].iloc[-1])
     assert np.abs(dragged[..., 1]).max() > 5 * np.abs(truth.traction_mpa(
         frames["frame_id"].iloc[0]

@@ -12,7 +12,10 @@ from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
+from ...shapes.posed import edge_radius_mm
 from ..level import Choice, IncrementDiagnostics, Level, State
+from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, inside, measured
+from .distance import gap
 from .field import FaceLattice, tractions_mpa, whole_wrench
 from .mesh import block_mesh
 from .press import FinitePress
@@ -46,6 +49,7 @@ def lacking_n(press: FinitePress, state: FiniteState) -> float:
 # Up to about here neo-Hooke follows rubber in tension within a third (Treloar, Trans. Faraday Soc.
 # 40, 1944); soft silicones tear at 3 to 5.
 STRETCH_LIMIT = 3.0
+NODES, MOST_NODES = 8, 400  # of the lattice for zones: along a cell's side, and along the whole
 LONGEST_RUB = 1 / 8  # of the thickness: longest increment with friction, a first-order law
 
 
@@ -119,6 +123,40 @@ class FiniteGel:
     def traction_mpa(self, inner: FiniteState) -> Field:
         """(ny, nx, 3) on the lattice, means of what is constant over the parts of faces."""
         return self._lattice.of_points(tractions_mpa(self.press, inner))
+
+    def zones(self, inner: FiniteState) -> tuple[Zones, ZoneMap] | None:
+        """Of the whole face, by nodes around what touches; None: nothing does."""
+        from scipy.ndimage import distance_transform_edt
+
+        touched, mesh, surface = inner.pressure_mpa > 0, self.press.mesh, self.press.surface
+        if not touched.any():
+            return None
+        cell_mm, axes = self.choice.spacing_mm, []
+        at = np.matmul(surface.shape, mesh.nodes_mm[mesh.faces])[touched]
+        for k, half in enumerate(self._skin.opening_half_mm):
+            high = min(half, at[:, k].max() + 3 * cell_mm)
+            low = -high if mesh.mirrors[k] else max(-half, at[:, k].min() - 3 * cell_mm)
+            count = min(NODES * math.ceil((high - low) / cell_mm), MOST_NODES)
+            axes.append(np.linspace(low, high, count + 1))
+        lattice = FaceLattice(mesh, *axes)
+        place = lattice.displacement_mm(inner.displacement_mm)
+        place[..., :2] += np.stack(np.meshgrid(*axes), axis=-1)
+        away = (place - np.array(inner.tip_mm) * [1, 1, -1]).reshape(-1, 3)
+        gap_mm = gap(surface.indenter, away).distance_mm.reshape(place.shape[:2])
+        bound = self.press.friction * inner.pressure_mpa * (1 - AT_BOUND)
+        held = np.linalg.norm(inner.shear_mpa, axis=2) < bound
+        # Not the first two of a vector: a mirror turns these round.
+        flags = np.stack([held, held, held, touched], axis=2).astype(np.float64)
+        sticks, near = np.moveaxis(lattice.of_points(flags)[..., 2:] > 0.5, -1, 0)
+        nearest = distance_transform_edt(~near, return_distances=False, return_indices=True)
+        edge_mm = min(edge_radius_mm(tip) for tip in surface.indenter.tips)
+        # Along a sharp edge, no cell tells where on its rounding the contact ends.
+        off_mm = edge_mm / 2 if edge_mm < cell_mm else 0.0
+        steps = [at[1] - at[0] for at in reversed(axes)]
+        return measured(
+            axes, place[..., :2], inside(gap_mm, near, cell_mm, steps), sticks[tuple(nearest)],
+            (off_mm + RIM * cell_mm, off_mm + STICK_RIM * cell_mm), (self.x_mm, self.y_mm),
+        )  # fmt: skip
 
     def _parts(
         self,
@@ -194,7 +232,6 @@ class FiniteGel:
             inner,
             (float(force[0]), float(force[1]), float(force[2])),
             (float(torque[0]), float(torque[1]), float(torque[2])),
-            inner.contact_area_mm2 * self.press.mesh.copies,
             replace(d, flags=tuple(flags)),
             self,
             jumped,

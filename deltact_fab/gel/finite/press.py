@@ -117,7 +117,7 @@ class FinitePress:
         nothing = (0.0, 0.0, 0.0)
         return FiniteState(
             tip_mm, np.zeros_like(self.mesh.nodes_mm), np.zeros((*at, 3)), np.zeros(at),
-            np.zeros((*at, 3)), nothing, nothing, nothing, 0.0, 0, np.zeros(len(self.mesh.cells)),
+            np.zeros((*at, 3)), nothing, nothing, nothing, 0, np.zeros(len(self.mesh.cells)),
         )  # fmt: skip
 
     def path(
@@ -283,8 +283,6 @@ class FinitePress:
         contact = self.surface.evaluate(u, tip, grip, tangent=False)
         pull = -contact.force_n
         where = self.mesh.nodes_mm + u
-        touched = contact.pressure_mpa > 0
-        present = self.surface.weights_mm2 * self.surface.area_ratio(u)
         diagnostics = IncrementDiagnostics(
             iterations=found.iterations,
             factorisations=found.factorisations,
@@ -308,8 +306,7 @@ class FinitePress:
             force_n=_point(pull.sum(axis=0)),
             torque_nmm=_point(np.cross(where, pull).sum(axis=0)),
             base_force_n=_point(bulk.force_n[self.mesh.base].sum(axis=0)),
-            contact_area_mm2=float(present[touched].sum()),
-            contact_points=int(touched.sum()),
+            contact_points=int((contact.pressure_mpa > 0).sum()),
             cell_pressure_mpa=pressure,
             diagnostics=diagnostics,
             overstress_mpa=overstress,

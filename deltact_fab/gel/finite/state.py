@@ -21,7 +21,7 @@ class FiniteState:
     of every face. pressure_mpa (f, q), shear_mpa (f, q, 3): on the gel, per resting area.
     force_n, torque_nmm: on the sensor, about the centre of the resting face.
     base_force_n: of the base on the gel; minus force_n in equilibrium.
-    contact_area_mm2: of the deformed face under pressure. contact_points: their number.
+    contact_points: how many are under pressure.
     cell_pressure_mpa (m,): mean pressure of the cells, tension positive.
     rate: what the last increment changed: displacement (n, 3), tip (3,) and cell pressure (m,).
     overstress_mpa (k, m, 8, 6): of a gel with a Prony series, see `viscous`; None: all has faded.
@@ -35,7 +35,6 @@ class FiniteState:
     force_n: Point
     torque_nmm: Point
     base_force_n: Point
-    contact_area_mm2: float
     contact_points: int
     cell_pressure_mpa: Field
     diagnostics: IncrementDiagnostics = UNSTRETCHED

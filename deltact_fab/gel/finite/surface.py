@@ -102,7 +102,6 @@ class Surface:
         self.stiffness: Field = STIFFNESS * modulus_mpa / size
         self.grip_stiffness: Field = GRIP * modulus_mpa / size
         self.width_mm: Field = WIDTH * size
-        self._slope, self._share = slope, share
 
     def points(self, displacement_mm: Field, tip_mm: Field) -> Field:
         """Points (f, q, 3) relative to the indenter with its lowest point at (x, y, -depth)."""
@@ -201,13 +200,6 @@ class Surface:
         distance[some], normal[some] = found.distance_mm, found.normal
         curvature[some] = found.curvature_per_mm
         return Gap(distance, normal, curvature)
-
-    def area_ratio(self, displacement_mm: Field) -> Field:
-        """Present over resting area at the points, (f, q)."""
-        x = (self.mesh.nodes_mm + displacement_mm)[self.faces]
-        edges = np.einsum("qaj,fai->fqji", self._slope, x)
-        present = self._share * np.linalg.norm(np.cross(edges[:, :, 0], edges[:, :, 1]), axis=2)
-        return present / self.weights_mm2
 
     def deepest_mm(self, displacement_mm: Field, tip_mm: Field) -> float:
         """Deepest penetration at 5 x 5 points a face: what the contact points cannot see."""

@@ -13,6 +13,7 @@ from ...levels import LINEAR
 from ...shapes import Indenter, SkinDimensions
 from ..lattice import hermite, means
 from ..level import Choice, IncrementDiagnostics, Level, State
+from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, measured
 from .contact import LayerContact
 from .state import ContactState
 
@@ -83,6 +84,20 @@ class LinearGel:
         pressure = _laid(self._means, inner.pressure_mpa[..., None])
         return np.concatenate([shear, -pressure], axis=-1)
 
+    def zones(self, inner: ContactState) -> tuple[Zones, ZoneMap] | None:
+        """The nodes under pressure, each with its cell: the contact is hard. None: none is."""
+        if not inner.contact_nodes:
+            return None
+        face, h = self.contact.layer, max(self.contact.layer.spacing_mm)
+        place = np.stack(np.meshgrid(face.x_mm, face.y_mm), axis=-1)
+        bound = self.choice.friction * inner.pressure_mpa * (1 - AT_BOUND)
+        return measured(
+            (face.x_mm, face.y_mm), place + inner.displacement_mm[..., :2],
+            (inner.pressure_mpa > 0).astype(np.float64),
+            np.linalg.norm(inner.shear_mpa, axis=2) < bound,
+            (RIM * h, STICK_RIM * h), (self.x_mm, self.y_mm),
+        )  # fmt: skip
+
     def _state(self, inner: ContactState) -> State:
         flags: tuple[str, ...] = ()
         if inner.beyond_small_strain:
@@ -97,9 +112,7 @@ class LinearGel:
             least_j=inner.least_det,
             flags=flags,
         )
-        return State(
-            inner, inner.force_n, inner.torque_nmm, inner.contact_area_mm2, diagnostics, self
-        )
+        return State(inner, inner.force_n, inner.torque_nmm, diagnostics, self)
 
 
 def _laid(to_lattice: tuple[Field, Field], field: Field) -> Field:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Field, Point
+from ..zones import ZoneMap, Zones
 
 CONTACT_EPS_MM = 1e-9  # rounding of a stage's transform; a motor step is 1e-3
 
@@ -60,14 +61,15 @@ class ObservedChannels:
 class SolvedKnot:
     """What is kept of a solved pose, for a modulus of 1 MPa.
 
-    displacement_mm, traction_mpa (ny, nx, 3): on the lattice, None unless observed. most_stretch:
-    None at a linear level. lacking_rel: of the normal force, what a hard contact would give more, 0
-    unless observed. flags: what a reader of the results must know of this state.
+    displacement_mm, traction_mpa (ny, nx, 3), zone_map (ny, nx), 0 apart, 1 slipping, 2 sticking:
+    on the lattice, None unless observed; the map comes with the displacement. most_stretch: None at
+    a linear level. lacking_rel: of the normal force, what a hard contact would give more, 0 unless
+    observed. flags: what a reader of the results must know of this state.
     """
 
     force_n: Point
     torque_nmm: Point
-    contact_area_mm2: float
+    zones: Zones
     displacement_mm: NDArray[np.float32] | None
     flags: tuple[str, ...]
     traction_mpa: NDArray[np.float32] | None = None
@@ -75,6 +77,7 @@ class SolvedKnot:
     most_stretch: float | None = None
     cuts: int = 0
     lacking_rel: float = 0.0
+    zone_map: ZoneMap | None = None
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ...aliases import Point
 from ...shapes import Indenter
 from ..footprint import is_mirrored
+from ..zones import Zones
 from .knots import KnotPose, SolvedKnot
 
 
@@ -37,24 +38,30 @@ class Mirror:
         return sign * x, sign * y, sign * z
 
     def field(self, u: NDArray[Any]) -> NDArray[Any]:
-        """The image of vectors (ny, nx, 3) on a lattice that is centred on 0."""
+        """The image of vectors (ny, nx, 3), or numbers, on a lattice that is centred on 0."""
         if not (self.x or self.y):
             return u
         u = u[:: -1 if self.y else 1, :: -1 if self.x else 1].copy()
         for axis, flipped in enumerate((self.x, self.y)):
-            if flipped:
+            if flipped and u.ndim == 3:
                 u[..., axis] *= -1
         return u
 
+    def zones(self, zones: Zones) -> Zones:
+        """Their image."""
+        return replace(zones, centroid_mm=self.point((*zones.centroid_mm, 0.0))[:2])
+
     def solved(self, knot: SolvedKnot) -> SolvedKnot:
         """The image of a solved knot."""
-        u, t = knot.displacement_mm, knot.traction_mpa
+        u, t, zone_map = knot.displacement_mm, knot.traction_mpa, knot.zone_map
         return replace(
             knot,
             force_n=self.point(knot.force_n),
             torque_nmm=self.torque(knot.torque_nmm),
             displacement_mm=None if u is None else self.field(u),
             traction_mpa=None if t is None else self.field(t),
+            zones=self.zones(knot.zones),
+            zone_map=None if zone_map is None else self.field(zone_map),
         )
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 Told = Callable[[int, int, float], None]  # knots done, of all, seconds of the last
 
+UNKEPT: dict[str, Any] = dict.fromkeys(("displacement_mm", "traction_mpa", "zone_map"))
 SAMPLE = 16  # beside the first of each line, every so many intervals are solved half-way too
 ENDS: dict[str, type[DeltactFabError]] = {"input": InputError, "solver": SolverError}
 
@@ -53,7 +54,7 @@ class PathSolver:
         self._keeps_states, self._like, self._guide = keeps_states, like, None
         self.poses, self.observed = tuple(planned), observed or ObservedChannels()
         self._floor_mm = floor_mm
-        self._mirror = mirror or Mirror()
+        self.mirror = mirror or Mirror()
         self._open = contact
         self._contact: GelContact | None = None
         self._key = key
@@ -133,7 +134,7 @@ class PathSolver:
 
     def close(self) -> None:
         """Free fields and solver, a quarter of a gigabyte and more; counts and flags stay."""
-        self._knots = [replace(k, displacement_mm=None, traction_mpa=None) for k in self._knots]
+        self._knots = [replace(k, **UNKEPT) for k in self._knots]
         self._states, self.states, self._contact, self._closed = {}, [], None, True
 
     # -- solving ---------------------------------------------------------------------------------
@@ -164,32 +165,33 @@ class PathSolver:
 
     def _solve(self, start: State, pose: KnotPose, last: bool) -> tuple[State, SolvedKnot]:
         start_s = time.perf_counter()
-        x, y, z = self._mirror.point(pose.tip_mm)
+        x, y, z = self.mirror.point(pose.tip_mm)
         if self._like is not None and self._guide is None and self._like.states:
             self._guide = self.contact.guide(self._like.states)
         state = self.contact.solve(start, (x, y, -z), pose.seconds, self._guide)
         flags = list(state.diagnostics.flags)
-        field = traction = None
+        field = traction = zone_map = None
         shown = self.observed.fields
         if shown == "all" or (shown == "last" and last):
             field, below = on_floor(state.displacement_mm.astype(np.float32), self._floor_mm)
             flags += below
+            zone_map = state.zones[1]
             if self.observed.traction:
                 traction = state.traction_mpa.astype(np.float32)
         self.solves += 1
         self.seconds += time.perf_counter() - start_s
         d = state.diagnostics
         solved = SolvedKnot(
-            state.force_n, state.torque_nmm, state.contact_area_mm2, field, tuple(flags), traction,
+            state.force_n, state.torque_nmm, state.zones[0], field, tuple(flags), traction,
             d.penetration_mm, d.most_stretch, d.cuts,
-            self.contact.lacking_rel(state) if last and self.observed.lacking else 0.0,
+            self.contact.lacking_rel(state) if last and self.observed.lacking else 0.0, zone_map,
         )  # fmt: skip
-        return state, self._mirror.solved(solved)
+        return state, self.mirror.solved(solved)
 
     def _compare(self, start: State, pose: KnotPose, before: int, after: SolvedKnot) -> None:
         """A solve half-way between two knots against the mean of both."""
         a = np.array(start.tip_mm) * (1, 1, -1)
-        x, y, z = ((a + self._mirror.point(pose.tip_mm)) / 2).tolist()
+        x, y, z = ((a + self.mirror.point(pose.tip_mm)) / 2).tolist()
         start_s = time.perf_counter()
         try:
             half = self.contact.solve(start, (x, y, -z), pose.seconds / 2)
@@ -200,13 +202,13 @@ class PathSolver:
             self.seconds += time.perf_counter() - start_s
         knot = self._knots[before - 1] if before else None
         force = (np.array(after.force_n) + (knot.force_n if knot else 0.0)) / 2
-        half_n = self._mirror.point(half.force_n)
+        half_n = self.mirror.point(half.force_n)
         off_mm = 0.0
         if after.displacement_mm is not None:
             mean = after.displacement_mm.astype(float)
             if knot is not None and knot.displacement_mm is not None:
                 mean = mean + knot.displacement_mm
-            off = self._mirror.field(half.displacement_mm) - mean / 2
+            off = self.mirror.field(half.displacement_mm) - mean / 2
             off_mm = float(np.hypot(off[..., 0], off[..., 1]).max())
         off_n = float(np.linalg.norm(force - half_n))
         self.between = self.between.joined(InterpolationError(1, 0, off_mm, off_n))
@@ -216,11 +218,11 @@ class PathSolver:
     def _state(self, key: int, tip_mm: Point) -> State:
         """The solver's state at a knot; planned ones that came from the store are solved again."""
         if key == 0:
-            return self.contact.rest(self._mirror.point((tip_mm[0], tip_mm[1], 0.0)))
+            return self.contact.rest(self.mirror.point((tip_mm[0], tip_mm[1], 0.0)))
         if key in self._states:
             return self._states[key]
         assert key <= len(self.poses), "a hold can throw back by one knot, never by two"
-        state = self.contact.rest(self._mirror.point((*self.poses[0].tip_mm[:2], 0.0)))
+        state = self.contact.rest(self.mirror.point((*self.poses[0].tip_mm[:2], 0.0)))
         for pose in self.poses[:key]:
             state, _ = self._solve(state, pose, False)
         self._states[key] = state
@@ -241,8 +243,8 @@ class PathSolver:
             return None
         more: dict[str, Any] = {} if self.observed.traction else {"traction_mpa": None}
         if self.observed.fields == "none":
-            more["displacement_mm"] = None
-        self._knots = [self._mirror.solved(replace(knot, **more)) for knot in found.knots]
+            more = UNKEPT
+        self._knots = [self.mirror.solved(replace(knot, **more)) for knot in found.knots]
         self.between = found.between
         return replace(found, knots=())
 
@@ -250,7 +252,7 @@ class PathSolver:
         if self._key is None:
             return
         x_mm, y_mm = self.axes_mm
-        knots = tuple(self._mirror.solved(knot) for knot in self._knots)
+        knots = tuple(self.mirror.solved(knot) for knot in self._knots)
         made = Trajectory(knots, x_mm, y_mm, self.between, self.seconds, self.contact.dofs, ended)
         store.keep(self._key, self.observed, made)
 

@@ -10,6 +10,7 @@ from ... import cache
 from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
 from ..level import Choice
+from ..zones import Zones
 from .knots import InterpolationError, KnotPose, ObservedChannels, SolvedKnot, Trajectory
 
 KIND = "gel-trajectory"
@@ -64,7 +65,8 @@ def load(key: dict[str, Any], observed: ObservedChannels, count: int) -> Traject
 
 def keep(key: dict[str, Any], observed: ObservedChannels, made: Trajectory) -> bool:
     """Store a trajectory; False when the folder refuses. The longest unused make room."""
-    value = {**vars(made), "knots": [vars(k) for k in made.knots], "between": vars(made.between)}
+    knots = [vars(k) | {"zones": vars(k.zones)} for k in made.knots]
+    value = {**vars(made), "knots": knots, "between": vars(made.between)}
     return cache.put(KIND, key | asdict(observed), value, KEEP_BYTES)
 
 
@@ -80,6 +82,8 @@ def _load(key: dict[str, Any], count: int) -> Trajectory | None:
     held = cache.get(KIND, key)
     if held is None or (len(held["knots"]) != count and held["ended"] is None):
         return None
+    for knot in held["knots"]:
+        knot["zones"] = Zones(**_tuples(knot["zones"]))
     held["knots"] = tuple(SolvedKnot(**_tuples(knot)) for knot in held["knots"])
     held["between"] = InterpolationError(**held["between"])
     return Trajectory(**_tuples(held))
