@@ -196,7 +196,7 @@ class WeightsBench:
         """How well the weights are known, and what the force sensor makes of them."""
         normal_n, shear_n = self._weights.error_n()
         lines = [f"weights: the normal force is known to {normal_n:.3f} N, shear to {shear_n:.3f}"]
-        if len(self._laid) > 1:
+        if len(self._laid) > 1 and any(read for _, read in self._laid):
             from scipy.special import stdtrit
 
             laid_n, read_n = np.array(self._laid).T
