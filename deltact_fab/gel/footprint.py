@@ -60,4 +60,4 @@ def _sections(indenter: Indenter, depth_mm: float) -> tuple[float, tuple[float, 
         boxes.append((float(seen[0]) + cell / 2, float(seen[1]) + cell / 2))
         if part < 1:
             radius = float(distance_transform_edt(inside).max()) * cell
-    return max(radius, cell), boxes[0]
+    return float(max(radius, cell)), boxes[0]

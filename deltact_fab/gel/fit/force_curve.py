@@ -22,6 +22,7 @@ from ...aliases import Field, Point, Point2, Progress
 from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter, SkinDimensions
+from ..footprint import contact_radius_mm
 from ..level import Choice
 from ..path.knots import Increments, KnotPose, ObservedChannels, divide
 from ..path.open import choose, open_path
@@ -195,29 +196,13 @@ def _forces(
     return np.array([knot.force_n for knot in knots])
 
 
-def _widest_mm(indenter: Indenter, depth_mm: float) -> float:
-    """Radius of the largest circle in the indenter's section at half the depth.
-
-    That is the contact's radius where the gel meets a sphere as in Hertz, a^2 = R d.
-    """
-    from scipy.ndimage import distance_transform_edt
-
-    half_x, half_y = indenter.footprint_half_mm
-    cell = max(half_x, half_y) / 100
-    x = np.arange(-half_x - 2 * cell, half_x + 3 * cell, cell)
-    y = np.arange(-half_y - 2 * cell, half_y + 3 * cell, cell)
-    height = indenter.height_mm(*np.meshgrid(x, y))
-    inside = np.isfinite(height) & (height <= depth_mm / 2)
-    return float(distance_transform_edt(inside).max()) * cell
-
-
 def _seen_from_mm(indenter: Indenter, h: float) -> float:
     """Depth from which the contact is CELLS cells wide, or 60 % of the tips' width."""
-    goal = min(CELLS * h, 0.6 * _widest_mm(indenter, math.inf))
+    goal = min(CELLS * h, 0.6 * contact_radius_mm(indenter, math.inf))
     low, high = 0.0, 2 * indenter.equator_mm
     for _ in range(12):
         middle = (low + high) / 2
-        low, high = (low, middle) if _widest_mm(indenter, middle) >= goal else (middle, high)
+        low, high = (low, middle) if contact_radius_mm(indenter, middle) >= goal else (middle, high)
     return high
 
 
