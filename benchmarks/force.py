@@ -11,14 +11,13 @@ import numpy as np
 
 from deltact_fab.aliases import Array
 from deltact_fab.cad.design import load_design
-from deltact_fab.measure.force import Features, ForceModel, make_features
+from deltact_fab.measure.force import FEATURES, Features, ForceModel, make_features
 from deltact_fab.measure.force.inverse import Inverse
 from deltact_fab.measure.view import SensorView
 from deltact_fab.optics import Pinhole
 
 from .force_truth import GEL, SETTINGS, SKIN, Press, flows, presses, solved
 
-INVERSES = ("inverse", "inverse-placed")
 DRAWS = 10  # of presses to learn from, for each number of them
 CONTACT = 0.05  # of the peak pressure: where there is a contact
 
@@ -33,7 +32,7 @@ class Believed:
     poisson: float = GEL.poisson
     thicker_mm: float = 0.0
     eye: float = 1.0
-    models: tuple[str, ...] = INVERSES
+    models: tuple[str, ...] = ("inverse-placed",)
 
     @property
     def view(self) -> SensorView:
@@ -45,7 +44,7 @@ class Believed:
 
 
 CONDITIONS = (
-    Believed("as it is", models=("sums", "paper", "paper-mirrored", *INVERSES)),
+    Believed("as it is", models=tuple(FEATURES)),
     Believed("no error of the flow", 0.0),
     Believed("flow: .1 px over 3 mm", wide_mm=3.0),
     Believed("flow: .3 px over 1 mm", 0.3),

@@ -50,7 +50,7 @@ CASES: dict[str, tuple[tuple[str, ...], float]] = {
 AGE_MS, IN_TIME = 35.0, 0.95
 """The goal of the latency: a share of the results of a camera of PACED_HZ is complete so soon."""
 PARTS = ("prepare", "follow", "finish")  # of `Measurement.steps`
-_FORCE = "inverse"
+_FORCE = "inverse-placed"
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 

@@ -25,7 +25,7 @@ Bar = Callable[[str], AbstractContextManager[Callable[[int, int, str], None]]]
 MARKER = "demo.json"
 RIG = "usb"
 PROTOCOL, CALIBRATION = "demo", "demo-calibration"
-FORCE_MODEL = "inverse"
+FORCE_MODEL = "inverse-placed"
 """The one that does not depend on the indenter, which is another in the calibration."""
 
 

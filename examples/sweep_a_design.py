@@ -41,7 +41,7 @@ def main() -> list[Row]:
         except InputError as why:
             refused = str(why).partition(" | ")[0]
         pressed = press(
-            design.skin, GelMaterial(), parse("sphere:10"), (0.0, 0.0), DEPTH_MM, model="layer"
+            design.skin, GelMaterial(), parse("sphere:10"), (0.0, 0.0), DEPTH_MM, model="linear"
         )
         rows.append(Row(thickness_mm, -pressed.result["force_n"][2], refused))
     return rows

@@ -295,7 +295,7 @@ write("run", Path("page.html"), result)
         pytest.param(["protocol", "show", "smoke"], marks=pytest.mark.slow),
         ["pattern", "make", "-d", "0.3", "-r", "0.1", "--size", "6", "-o", "x.png"],
         pytest.param(
-            ["gel", "press", "--depth", "0.6", "--spacing", "0.5", "--model", "layer"],
+            ["gel", "press", "--depth", "0.6", "--spacing", "0.5", "--model", "linear"],
             marks=pytest.mark.slow,
         ),
     ],

@@ -12,12 +12,12 @@ from click.testing import CliRunner
 from deltact_fab import experiment, preflight
 from deltact_fab.cad.design import load_design
 from deltact_fab.cli.protocol import protocol as command
-from deltact_fab.elasticity.layer import BondedLayer
+from deltact_fab.elasticity.block import FreeBlock
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.finite import FinitePress
 from deltact_fab.gel.level import follow
-from deltact_fab.gel.linear.contact import LayerContact
+from deltact_fab.gel.linear.contact import LinearContact
 from deltact_fab.preflight import ForceLimits, checks, limits_of, predict
 from deltact_fab.preflight.press import PressCurve, grown_n, press_curve
 from deltact_fab.protocols import plan
@@ -216,8 +216,8 @@ def test_a_gel_that_relaxes_is_taken_as_pressed_at_once(smoke: Protocol) -> None
 @pytest.mark.slow
 def test_shear_and_moments_are_never_less_than_the_linear_drag(smoke: Protocol) -> None:
     for peak in _peaks(smoke):
-        layer = BondedLayer.for_skin(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
-        contact = LayerContact(layer, parse(peak.indenter))
+        face = FreeBlock(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
+        contact = LinearContact(face, parse(peak.indenter))
         *_, pressed = follow(contact, contact.rest(), (0.0, 0.0, 1.2), 0.6)
         for state in follow(contact, pressed, (3.0, 0.0, 1.2), 0.75):
             assert abs(state.force_n[0]) <= peak.tangential_n

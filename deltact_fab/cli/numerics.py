@@ -20,7 +20,7 @@ COSTS = {"layer": "layer", "CPU seconds": "seconds", "MB": "megabytes", "modules
          "note": "note"}  # fmt: skip
 
 
-@click.command(epilog="Example: deltact-fab numerics layer --quick")
+@click.command(epilog="Example: deltact-fab numerics lens --quick")
 @click.argument("engines", nargs=-1, metavar="[ENGINE]...", type=ENGINE_NAME)
 @click.option("--quick", is_flag=True, help="Only a few settings and cases of each engine.")
 @out_folder("Folder for a page, JSON and CSV.")
@@ -28,7 +28,7 @@ COSTS = {"layer": "layer", "CPU seconds": "seconds", "MB": "megabytes", "modules
 def numerics(engines: tuple[str, ...], quick: bool, out: Path | None, as_json: bool) -> None:
     """Error against CPU time, and stability, of the numerical engines.
 
-    ENGINE is pattern, flow, layer, gel, lens, measure, or bench: what each fault does to a run on a
+    ENGINE is pattern, flow, gel, lens, measure, or bench: what each fault does to a run on a
     simulated bench, at each moment of it. The default is all of them. Each time is the
     best of several runs, with the slowest beside it. Nothing is measured on hardware. Exit code 1
     when a row is wrong.

@@ -1,7 +1,7 @@
 """Linear elasticity of the gel's face: tractions in, displacements out, whatever presses.
 
 `layer.BondedLayer` is the periodic bonded layer in closed form, `block.FreeBlock` the block with
-free sides. `gel` solves contacts with them; `measure` inverts them.
+free sides, on top of it. `gel` solves contacts with the block; `measure` inverts it (`cells`).
 """
 
 from .material import GelMaterial

@@ -1,4 +1,4 @@
-"""The second level: linear elasticity of the finite block, its sides free.
+"""Linear elasticity of the finite block, its sides free: tractions on its face to displacement.
 
 The face's compliance is that of the spectral layer, on as fine a grid as the contact needs, plus
 what the free sides add (`edge_compliance`), on the coarse grid of finite elements that it is smooth
@@ -26,7 +26,7 @@ from .material import GelMaterial
 class FreeBlock:
     """The face of a block on a grid of ny x nx nodes in the middles of equal cells.
 
-    A drop-in for `BondedLayer` wherever a contact is solved. spacing_mm: (x, y), the largest below
+    spacing_mm: (x, y), the largest below
     the one asked for that divides the face evenly into a number of nodes the transform likes.
     cell_mm: of the finite elements for its sides, None for a default. x_mm (nx,), y_mm (ny,): node
     coordinates in the sensor frame.
@@ -52,14 +52,12 @@ class FreeBlock:
             skin.thickness_mm,
             (PADDING * skin.width_mm, PADDING * skin.length_mm),
             (PADDING * ny, PADDING * nx),
-            skin.opening_half_mm,
         )
         self.material = material
         self.thickness_mm = self.layer.thickness_mm
         self.shape = (ny, nx)
         self.spacing_mm = self.layer.spacing_mm
         self.cell_mm2 = self.layer.cell_mm2
-        self.face_half_mm = skin.opening_half_mm
         self._row, self._column = (PADDING - 1) * ny // 2, (PADDING - 1) * nx // 2
         self.x_mm: Field = self.layer.x_mm[self._column : self._column + nx]
         self.y_mm: Field = self.layer.y_mm[self._row : self._row + ny]

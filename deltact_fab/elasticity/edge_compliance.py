@@ -134,7 +134,7 @@ def free_sides(
     if not 0 <= poisson <= MAX_POISSON:
         raise InputError(
             f"block: 0 <= poisson <= {MAX_POISSON} is needed: {poisson:g} fails; {MAX_POISSON} "
-            "is incompressible but for .1 % of force, and the level layer takes .5 itself"
+            "is incompressible but for .1 % of force"
         )
     box = _box(skin, cell_mm)
     key = cache.key(

@@ -1,9 +1,7 @@
 """A linear elastic layer bonded to a rigid base: surface tractions in, surface displacement out.
 
 The operator is a convolution, diagonal in wave number, with a closed form that holds up to
-Poisson's ratio .5. The surface is periodic: the skin sits in the middle and the padding around it
-keeps its images away. The free sides of the real block are ignored at this level: the layer
-continues past the edge of the skin, which makes it stiffer there than the block is.
+Poisson's ratio .5. The surface is periodic and knows no sides: `block` adds them.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ from numpy.typing import NDArray
 
 from ..aliases import Field
 from ..errors import InputError
-from ..shapes import SkinDimensions
 from .material import GelMaterial
 
 Spectrum = NDArray[np.complex128]
@@ -82,7 +79,6 @@ class BondedLayer:
 
     material: elastic constants. thickness_mm: from the rigid base to the resting face.
     period_mm: (x, y) period. shape: (ny, nx) nodes, both even.
-    face_half_mm: half sides (x, y) of the face that may be touched; None: the whole grid.
     x_mm (nx,), y_mm (ny,): node coordinates in the sensor frame.
 
     Raises InputError for sizes that are not positive or shapes that are not even.
@@ -94,7 +90,6 @@ class BondedLayer:
         thickness_mm: float,
         period_mm: tuple[float, float],
         shape: tuple[int, int],
-        face_half_mm: tuple[float, float] | None = None,
     ) -> None:
         ny, nx = shape
         if not (math.isfinite(thickness_mm) and thickness_mm > 0):
@@ -111,40 +106,9 @@ class BondedLayer:
         self.cell_mm2 = self.spacing_mm[0] * self.spacing_mm[1]
         self.x_mm: Field = (np.arange(nx, dtype=np.float64) - (nx - 1) / 2) * self.spacing_mm[0]
         self.y_mm: Field = (np.arange(ny, dtype=np.float64) - (ny - 1) / 2) * self.spacing_mm[1]
-        self.face_half_mm = face_half_mm or (float(self.x_mm[-1]), float(self.y_mm[-1]))
         self._symbols = self._build_symbols()
         self._kernels: Field | None = None
         self._windows: OrderedDict[tuple[int, int], WindowOperator] = OrderedDict()
-
-    @classmethod
-    def for_skin(
-        cls,
-        skin: SkinDimensions,
-        material: GelMaterial,
-        spacing_mm: float = 0.25,
-        padding: float = 3.0,
-    ) -> BondedLayer:
-        """The layer of a skin: nodes every `spacing_mm`, period at least `padding` skins each way.
-
-        Raises InputError when the padding is below 1.5 or the spacing is not a usable length.
-        """
-        if not (math.isfinite(padding) and 1.5 <= padding <= 16):
-            raise InputError(f"layer: padding must be 1.5 to 16 skins: {padding} fails")
-        if not (math.isfinite(spacing_mm) and 0.02 <= spacing_mm <= skin.length_mm / 16):
-            raise InputError(
-                f"layer: spacing_mm must be 0.02 to {skin.length_mm / 16:g} mm: {spacing_mm} fails"
-            )
-        nx, ny = (
-            even_fast_length(padding * side / spacing_mm)
-            for side in (skin.width_mm, skin.length_mm)
-        )
-        return cls(
-            material,
-            skin.thickness_mm,
-            (nx * spacing_mm, ny * spacing_mm),
-            (ny, nx),
-            skin.opening_half_mm,
-        )
 
     def apply(self, tractions_mpa: Field) -> Field:
         """Surface displacement (ny, nx, 3) in mm of tractions (ny, nx, 3) in MPa, all (x, y, z).

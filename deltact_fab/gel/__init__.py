@@ -1,5 +1,4 @@
 """Gel mechanics: how the skin deforms and pushes back when a rigid indenter moves in it.
 
-Level one is the linear bonded layer: `BondedLayer` (tractions to displacement) and `LayerContact`
-(one indenter, state to state). `reference` holds the solutions they are measured against.
+`linear` is the small-strain level, `finite` that of finite strain; `level_selection` picks one.
 """

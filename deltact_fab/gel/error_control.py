@@ -5,8 +5,8 @@ them show the mesh's part of the error, forces being as a hard contact would hav
 (`finite.penalty_correction`), which the meshes share otherwise; the contact's edge falls into cells
 by chance, so a change may be small by chance too, and the part is never taken as less than what
 cells of that size under such a contact are known to cost. With friction, steps FEWER times as large
-on the coarser mesh show the steps' part. A linear level has besides what its model leaves out by
-the measured rule of `level_selection`. How many presses keep within the estimate, on cases that did
+on the coarser mesh show the steps' part. The linear level has besides what its model leaves out by
+the measured rule of `linear.validity`. How many presses keep within the estimate, on cases that did
 not set the factors, is in docs/evidence/gel.md.
 
 A limit of time (`time_limit`) shortens the ladder at both ends: where the first mesh is too dear
@@ -25,7 +25,6 @@ import numpy as np
 from ..aliases import Field, Progress
 from ..errors import SolverError, TimeLimit
 from ..levels import FINITE
-from ..levels.linear import Errors
 from . import time_limit
 from .finite.tip_rounding import BLUNT
 from .level import Choice
@@ -34,6 +33,8 @@ from .path.knots import SolvedKnot
 from .path.solver import PathSolver
 from .zones import Zones
 
+Errors = tuple[float, float]
+"""Of the force, relative, and in plane, mm rms over the face."""
 Opener = Callable[[Choice, PathSolver | None], PathSolver]
 
 COARSER, FEWER = 1.5, 2.0
@@ -43,7 +44,7 @@ BLUNTED = 0.2  # x cell / contact radius, of the force: what a mesh costs that r
 ALONE = 3.0  # times that, and all of the in-plane field, where there is one mesh to go by
 STEP_FORCE = 1 / (FEWER - 1)  # steps are of first order
 MESH_IN_PLANE, STEP_IN_PLANE = 2.4, 1.75  # x change of displacement: errors of places add up
-LINEAR_FORCE, LINEAR_IN_PLANE = 0.9, 1.9  # x change with the grid of a linear level
+LINEAR_FORCE, LINEAR_IN_PLANE = 0.9, 1.9  # x change with the grid of the linear level
 BELOW = 2  # meshes coarser than the one asked for
 ABOVE = 3  # that follow, as fine as the estimate wants them
 FINEST_STEP = 0.25  # least factor of the steps

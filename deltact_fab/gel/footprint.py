@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 
 import numpy as np
@@ -34,21 +33,13 @@ def contact_radius_mm(indenter: Indenter, depth_mm: float) -> float:
     return _sections(indenter, depth_mm)[0]
 
 
-def whole_radius_mm(indenter: Indenter, depth_mm: float) -> float:
-    """Radius of the circle as large as the box around the section at half the depth."""
-    a, b = _sections(indenter, depth_mm)[2]
-    return math.sqrt(4 * a * b / math.pi)
-
-
 def section_half_mm(indenter: Indenter, depth_mm: float) -> tuple[float, float]:
     """Half sides (x, y) of the box around the section at the whole depth, about the axis."""
     return _sections(indenter, depth_mm)[1]
 
 
 @lru_cache(maxsize=64)
-def _sections(
-    indenter: Indenter, depth_mm: float
-) -> tuple[float, tuple[float, float], tuple[float, float]]:
+def _sections(indenter: Indenter, depth_mm: float) -> tuple[float, tuple[float, float]]:
     from scipy.ndimage import distance_transform_edt
 
     boxes = []
@@ -69,4 +60,4 @@ def _sections(
         boxes.append((float(seen[0]) + cell / 2, float(seen[1]) + cell / 2))
         if part < 1:
             radius = float(distance_transform_edt(inside).max()) * cell
-    return max(radius, cell), boxes[0], boxes[1]
+    return float(max(radius, cell)), boxes[0]

@@ -46,32 +46,12 @@ def _hats_up_to(x: Field, at: Field) -> Field:
 
 
 def hermite(knots: Field, at: Field) -> Field:
-    """Matrix (points, knots) of the local cubic; outside of the knots the last parabola goes on."""
-    n = len(knots)
-    slope = _slopes(knots)
-    i = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, n - 2)
-    h = knots[i + 1] - knots[i]
-    t = (at - knots[i]) / h
-    rows = np.arange(len(at))
-    found = np.zeros((len(at), n))
-    found[rows, i] += 1 - t**2 * (3 - 2 * t)
-    found[rows, i + 1] += t**2 * (3 - 2 * t)
-    found += (h * t * (1 - t) ** 2)[:, None] * slope[i]
-    found -= (h * t**2 * (1 - t))[:, None] * slope[i + 1]
-    return found
+    """Matrix (points, knots) of the local cubic; outside of the knots the last cubic goes on.
 
+    Slopes at the knots are those of parabolas through three neighbours.
+    """
+    from scipy.interpolate import CubicHermiteSpline
 
-def _slopes(knots: Field) -> Field:
-    """Matrix (knots, knots) from values to slopes, of parabolas through three neighbours."""
-    n = len(knots)
-    if n < 3:
-        return np.tile(np.array([-1.0, 1.0]) / (knots[1] - knots[0]), (2, 1))
-    found = np.zeros((n, n))
-    for k in range(n):
-        m = min(max(k, 1), n - 2)
-        a, b, c = knots[m - 1 : m + 2]
-        x = knots[k]
-        found[k, m - 1] = (2 * x - b - c) / ((a - b) * (a - c))
-        found[k, m] = (2 * x - a - c) / ((b - a) * (b - c))
-        found[k, m + 1] = (2 * x - a - b) / ((c - a) * (c - b))
-    return found
+    values = np.eye(len(knots))
+    slopes = np.gradient(values, knots, axis=0, edge_order=2 if len(knots) > 2 else 1)
+    return np.asarray(CubicHermiteSpline(knots, values, slopes)(at))

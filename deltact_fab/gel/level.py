@@ -1,8 +1,8 @@
-"""One gel, several levels of mechanics behind one interface; `open.contact_of` makes one.
+"""One gel, two levels of mechanics behind one interface; `open.contact_of` makes one.
 
-layer: linear, bonded, no sides. block: linear with free sides. hyperelastic: finite strain, free
-sides (`finite`). `levels` finds the linear ones. All press an `Indenter`, keep their history in the
-state and show the face on one and the same lattice, whatever they compute on.
+linear: small strain (`linear`). hyperelastic: finite strain (`finite`). Both know the free sides,
+press an `Indenter`, keep their history in the state and show the face on one and the same lattice,
+whatever they compute on.
 """
 
 from __future__ import annotations
@@ -93,10 +93,10 @@ class Choice:
 class IncrementDiagnostics:
     """Work and quality of the increment that led to a state; counts are sums over its parts.
 
-    iterations: Newton's, or operator applications of a linear level. cuts: halvings of the
+    iterations: Newton's, or operator applications of the linear level. cuts: halvings of the
     increment. residual: of forces over the contact's, or of the contact conditions over the depth.
     penetration_mm: deepest, also between contact points. least_j: smallest volume ratio, or
-    det(I + grad u_xy) of a linear level's face. most_stretch: None for a linear level. flags: what
+    det(I + grad u_xy) of a linear face. most_stretch: None for the linear level. flags: what
     a reader must not miss, `NAME: sentence`.
     Of finite strain alone: factorisations; damped: those with damping, as where the gel folds.
     lagged: parts whose friction is bounded by the pressures at their start. seconds: wall time.
@@ -171,7 +171,7 @@ class GelContact(Protocol):
     """One indenter against one gel; holds no history.
 
     x_mm (nx,), y_mm (ny,): the lattice, on the whole face. choice: what was picked and why.
-    dofs: unknowns of the deformable body (displacements, or tractions of a linear level's grid).
+    dofs: unknowns of the deformable body (displacements, or tractions of the linear grid).
     """
 
     level: Level

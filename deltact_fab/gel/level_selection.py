@@ -11,7 +11,6 @@ import math
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..levels import FINITE, LEVELS, LINEAR
-from ..levels.linear import PressScales
 from ..shapes import Indenter, SkinDimensions
 from ..shapes.posed import edge_radius_mm
 from .finite.mesh import GROWTH, unknowns
@@ -19,10 +18,9 @@ from .footprint import (
     contact_radius_mm,
     is_mirrored,
     section_half_mm,
-    whole_radius_mm,
 )
 from .level import Choice, Level, Reach
-from .linear.validity import DEPTH_LIMIT
+from .linear.validity import linear_refusal, model_error
 
 TOLERANCE = 0.03  # of the force
 MIN_TOLERANCE, MAX_TOLERANCE = 0.001, 0.5
@@ -31,8 +29,10 @@ SHARE = 0.5  # of a tolerance that the model may take
 
 FRICTION_FORCE = 0.5  # x min(friction, 1) x (depth/thickness)^1.6
 
+CELLS_ACROSS = 3.0  # contact radius over cell size, of a mesh at TOLERANCE
+MAX_GRID_MM = 0.5  # of the linear level
+
 # Cells of the finite-strain mesh.
-CELLS_ACROSS = 3.0  # contact radius over cell size at TOLERANCE
 DRAGGED = 0.85  # x cells of a path that moves in plane: its steps take more of the tolerance
 LAYERS = 8  # least cells over the thickness
 EDGE_CELL_MM = 0.5  # largest cell at TOLERANCE where an edge is sharper than it
@@ -45,7 +45,6 @@ SHEAR_STEP = 0.08  # of the contact radius, when dragged, at TOLERANCE
 MIN_STEPS, MAX_STEPS = 4, 40  # the least at TOLERANCE, in proportion beyond, and 2
 MAX_GROWTH = 1.5  # of cells away from the contact, at any tolerance
 MAX_DOFS = 120_000
-LINEAR_MM = 0.25  # grid of the linear levels
 MIN_MM = 0.15  # smallest cell that is chosen
 HIDDEN = 1.5  # x contact radius: cells beyond may miss the tip
 
@@ -94,22 +93,23 @@ def pick(
     effect = friction_force_rel(mu, max(depth, 0.0) / thickness)
     if not (observe_shear or moves) and effect <= SHARE * tolerance:
         mu = 0.0
-    errors = {name: model_error(name, skin, indenter, reach, material.poisson) for name in LINEAR}
-    refusals = {name: linear_refusal(name, skin, material, indenter, reach) for name in LINEAR}
+    force, in_plane = model_error(skin, indenter, depth, material.poisson)
+    refusal = linear_refusal(skin, material, indenter, depth)
+    reason = "asked for"
     if level == "auto":
-        level, reason = _level(errors, refusals, tolerance)
-    else:
-        reason = "asked for"
-        if level != FINITE and refusals[level]:
-            raise InputError(f"gel: level {level}: {refusals[level]}; level hyperelastic can")
-    if level != FINITE:
-        h = LINEAR_MM if spacing_mm is None else spacing_mm
-        h = min(h, skin.length_mm / 16) if spacing_mm is None else h
-        force, in_plane = errors[level]
+        goal = SHARE * tolerance
+        off = f"off by about {force:.1%} of force, {in_plane:.2g} mm in plane"
+        near = force <= goal and in_plane <= goal / TOLERANCE * IN_PLANE_MM
+        level = FINITE if refusal or not near else LINEAR
+        reason = off if level == LINEAR else f"linear: {refusal or off}"
+    elif level == LINEAR and refusal:
+        raise InputError(f"gel: level linear: {refusal}; level hyperelastic can")
+    if level == LINEAR:
+        h = spacing_mm or linear_grid_mm(skin, indenter, depth)
         return Choice(
             level, h, max(0.1, min(0.25, depth / 4)), (False, False),
             focus_mm(skin, indenter, reach, h), mu, force, in_plane,
-            f"{level} ({reason}): grid {h:.3g} mm",
+            f"linear ({reason}): grid {h:.3g} mm",
         )  # fmt: skip
     mirrors = mirrors_of(indenter, reach)
     growth = min(GROWTH ** math.sqrt(tolerance / TOLERANCE), MAX_GROWTH)
@@ -152,58 +152,17 @@ def _affordable_mm(
     return h if h == spacing_mm else float(f"{h:.3g}")
 
 
-def _level(
-    errors: dict[Level, tuple[float, float]], refusals: dict[Level, str | None], tolerance: float
-) -> tuple[Level, str]:
-    """The cheapest level that does, and what the next cheaper one would be off by."""
-    goal = SHARE * tolerance
-    reason = ""
-    for name in (name for name in errors if LINEAR[name].rank is not None):
-        force, in_plane = errors[name]
-        if refusals[name]:
-            reason = f"{name}: {refusals[name]}"
-        elif force > goal or in_plane > goal / TOLERANCE * IN_PLANE_MM:
-            reason = f"{name} is off by about {force:.1%} of force, {in_plane:.2g} mm in plane"
-        else:
-            return name, f"off by about {force:.1%} of force, {in_plane:.2g} mm in plane"
-    return FINITE, reason
-
-
-def linear_refusal(
-    level: Level, skin: SkinDimensions, material: GelMaterial, indenter: Indenter, reach: Reach
-) -> str | None:
-    """Why a linear level cannot follow the path at all, None where it can."""
-    depth, limit = reach.deepest_mm, DEPTH_LIMIT * skin.thickness_mm
-    if material.prony:
-        return "it knows no Prony series"
-    if depth > limit * (1 + 1e-12):
-        return f"depth {depth:g} mm is over {limit:g} mm, {DEPTH_LIMIT:.0%} of the thickness"
-    if depth >= indenter.equator_mm:
-        return f"depth {depth:g} mm presses {indenter.name} to {indenter.equator_mm:g} mm, its rim"
-    refusal = LINEAR[level].refusal
-    return refusal(material) if refusal else None
-
-
-def model_error(
-    level: Level, skin: SkinDimensions, indenter: Indenter, reach: Reach, poisson: float
-) -> tuple[float, float]:
-    """What a level leaves out: relative force error and in-plane rms (mm) over the face."""
-    depth, t = max(reach.deepest_mm, 0.0), skin.thickness_mm
-    if level == FINITE or depth == 0:
-        return 0.0, 0.0
-    away = []
-    for (low, high), half in zip((reach.x_mm, reach.y_mm), skin.opening_half_mm, strict=True):
-        away += [half - high, half + low]
-    touch = PressScales(
-        depth, t, contact_radius_mm(indenter, depth), whole_radius_mm(indenter, depth),
-        tuple(away), skin.width_mm * skin.length_mm, poisson,
-    )  # fmt: skip
-    return LINEAR[level].errors(touch)
-
-
 def friction_force_rel(friction: float, part: float) -> float:
     """What friction adds to the force of a press to a part of the thickness."""
     return FRICTION_FORCE * min(friction, 1.0) * part**1.6
+
+
+def linear_grid_mm(skin: SkinDimensions, indenter: Indenter, depth_mm: float) -> float:
+    """Largest grid whose part of the error is small beside the linear level's own."""
+    across = contact_radius_mm(indenter, depth_mm) / CELLS_ACROSS if depth_mm > 0 else MAX_GRID_MM
+    # A grid half as coarse again, which tells the error, must be one of that face too.
+    h = min(max(across, MIN_MM), MAX_GRID_MM, skin.length_mm / 24)
+    return float(f"{h:.3g}")
 
 
 def cell_mm(

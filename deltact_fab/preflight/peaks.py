@@ -30,7 +30,7 @@ PAPER_REMARK = (
 DRAG_SHEAR = 2.2
 DRAG_NORMAL = 1.2
 DRAG_FLANK = 0.1  # of the normal force: without friction at all, .07 at 8 mm
-LAYER_SHEAR = 1.05  # in the linear layer a full slide gives friction x normal
+LINEAR_SHEAR = 1.05  # at the linear level a full slide gives friction x normal
 PRESS_SIDE = 0.1  # of the normal force: a press without shear, a star or near a side
 OFF_CENTRE = 0.15  # of the footprint: centre of pressure of a star
 GRID = 0.25  # of the thickness: presses in one cell share the curve of its inmost corner
@@ -137,8 +137,8 @@ def _peak(
     normal = unit_n * _sudden_mpa(protocol.specimen)
     friction = protocol.specimen.friction
     side = PRESS_SIDE * normal
-    if protocol.shear and level == "layer":
-        side = max(side, LAYER_SHEAR * friction * normal)
+    if protocol.shear and level == "linear":
+        side = max(side, LINEAR_SHEAR * friction * normal)
     elif protocol.shear:
         side = max(DRAG_SHEAR * friction, DRAG_FLANK) * normal
         normal *= DRAG_NORMAL

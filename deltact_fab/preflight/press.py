@@ -2,18 +2,18 @@
 
 Each depth gets the first answer that holds:
 
-1. `layer`, `hyperelastic`: the one solver of presses (`gel.path`), times one and TOLERANCE, or
+1. `linear`, `hyperelastic`: the one solver of presses (`gel.path`), times one and TOLERANCE, or
    what the level itself leaves out by its own estimate where that is more, and more in proportion
-   on larger cells than the tolerance asks for. The layer as far as it goes, 25 % of the gel; then
-   finite strain on few cells, on more where the tip hides between them or is lost. Coarse cells
-   are stiff, so they err to the safe side as well.
+   on larger cells than the tolerance asks for. The linear level as far as it goes, 25 % of the
+   gel; then finite strain on few cells, on more where the tip hides between them or is lost.
+   Coarse cells are stiff, so they err to the safe side as well.
    Where the indenter cuts into the mesh by over a tenth of the depth, the state counts as one of
    that much less depth: the force is then reached earlier. Beyond INSIDE, or with the force
    falling, the mesh has lost the tip and the state is not used.
 2. `extrapolated`: from the last depth that could be solved, as F (d/d0)^1.7 (h - d0)/(h - d): a
    sphere's 1.5 and some more, for a layer stiffens, times the thinning of the gel under it; above
    every curve that was solved.
-3. `bound`: a flat punch over the whole footprint (`reference.flat_punch_factor`), times h/(h - d);
+3. `bound`: a flat punch over the whole footprint (`elasticity.closed_forms`), times h/(h - d);
    also the ceiling of 2.
 """
 
@@ -31,11 +31,11 @@ from ..elasticity.material import GelMaterial
 from ..errors import InputError, SolverError
 from ..shapes import Indenter, SkinDimensions
 
-Level = Literal["layer", "hyperelastic", "extrapolated", "bound"]
+Level = Literal["linear", "hyperelastic", "extrapolated", "bound"]
 
 TOLERANCE = 0.1  # of the force; the safe side takes it whole
-ATTEMPTS: tuple[tuple[Literal["layer", "hyperelastic"], int | None], ...] = (
-    ("layer", None),
+ATTEMPTS: tuple[tuple[Literal["linear", "hyperelastic"], int | None], ...] = (
+    ("linear", None),
     ("hyperelastic", 6_000),
     ("hyperelastic", 24_000),
 )
@@ -103,7 +103,7 @@ def press_curve(
 ) -> PressCurve | None:
     """The curve that answers for depths_mm.
 
-    solve False: None where finite strain is needed and not in the store; a linear level takes
+    solve False: None where finite strain is needed and not in the store; the linear level takes
     about a second. Raises InputError for a depth outside of the gel.
     """
     for depth in depths_mm:
@@ -134,7 +134,7 @@ def _attempt(
     indenter: Indenter,
     at_mm: tuple[float, float],
     depths_mm: Sequence[float],
-    level: Literal["layer", "hyperelastic"],
+    level: Literal["linear", "hyperelastic"],
     most_unknowns: int | None,
     progress: Progress | None,
     solve: bool,
@@ -193,9 +193,7 @@ def _add(points: list[tuple[float, float]], depth: float, force: float, inside_m
 
 def _punch_n_per_mm(skin: SkinDimensions, unit: GelMaterial, indenter: Indenter) -> float:
     """Stiffness of a flat punch around all of the indenter on the bonded layer."""
-    from ..gel.reference import flat_punch_factor
+    from ..elasticity.closed_forms import flat_punch_n_per_mm
 
     radius = max(math.hypot(t.x_mm, t.y_mm) + max(t.half_mm) for t in indenter.tips)
-    kappa = flat_punch_factor(radius / skin.thickness_mm, unit.poisson)
-    stiffness = 4 * unit.shear_modulus_mpa * radius * kappa / (1 - unit.poisson)
-    return BOUND_MARGIN * stiffness
+    return BOUND_MARGIN * flat_punch_n_per_mm(radius, skin.thickness_mm, unit)

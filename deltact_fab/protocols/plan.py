@@ -19,8 +19,8 @@ from .. import catalog
 from ..aliases import Point, Point2
 from ..configuration import Place, Table, same_as
 from ..elasticity.material import GelMaterial
-from ..errors import InputError, did_you_mean
-from ..levels import LEVELS
+from ..errors import InputError
+from ..levels import LEVELS, level_called
 from ..shapes import Indenter
 from ..shapes.indenter import parse as parse_indenter
 
@@ -131,10 +131,9 @@ class Specimen(Table):
     """Name or path of the design that the sensor was made from."""
     pattern: str = "dense-with-dots"
     """Name or path of the recipe of its pattern."""
-    gel_model: Annotated[str, Field(json_schema_extra={"enum": list(LEVELS)})] = "layer"
-    """How forces are predicted and a virtual gel is simulated: "layer" and "block" are linear, for
-    presses of up to some tenths of the thickness; "hyperelastic" is finite strain, for deep ones,
-    and takes minutes."""
+    gel_model: Annotated[str, Field(json_schema_extra={"enum": list(LEVELS)})] = "linear"
+    """How forces are predicted and a virtual gel is simulated: "linear" is for presses of up to a
+    tenth of the thickness; "hyperelastic" is finite strain, for deep ones, and takes minutes."""
     modulus_mpa: float = same_as(GelMaterial, "modulus_mpa")
     poisson: float = same_as(GelMaterial, "poisson")
     friction: float = same_as(GelMaterial, "friction")
@@ -147,9 +146,7 @@ class Specimen(Table):
     @field_validator("gel_model")
     @classmethod
     def _level(cls, value: str) -> str:
-        if value not in LEVELS:
-            raise ValueError(f"no such level; {did_you_mean(value, LEVELS)}")
-        return value
+        return level_called(value)
 
     @field_validator("serial")
     @classmethod

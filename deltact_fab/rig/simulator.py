@@ -84,17 +84,18 @@ class FiniteGelConfig(Table):
 
 
 class GelConfig(Table):
-    """Resolution of the simulated gel: at the linear levels, and apart from them at finite strain.
+    """Resolution of the simulated gel: at the linear level, and apart from it at finite strain.
 
     One solve per increment of motion; between them displacements and forces are interpolated.
     """
 
-    spacing_mm: float = Field(default=0.25, ge=0.05, le=2.0)
-    """Between the points at which the linear gel is solved."""
+    spacing_mm: float | None = Field(default=None, ge=0.05, le=2.0)
+    """Between the points at which the linear gel is solved and shown; None: chosen from the contact
+    and `hyperelastic.lattice_mm`."""
     press_increment_mm: float = Field(default=0.1, ge=0.001, le=1.0)
-    """Way of a press between two solutions at the linear levels."""
+    """Way of a press between two solutions at the linear level."""
     shear_increment_mm: float = Field(default=0.25, ge=0.001, le=2.0)
-    """Way of a drag between two solutions at the linear levels."""
+    """Way of a drag between two solutions at the linear level."""
     hyperelastic: FiniteGelConfig = FiniteGelConfig()
 
 

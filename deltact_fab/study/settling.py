@@ -263,7 +263,7 @@ def _recorded(asked: StudyRequest) -> StudyResult:
 def shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[GridJob]]:
     """Protocols whose stops rest, with their settle_s, and the jobs of their elastic ways.
 
-    Of each that presses a ball the largest one's first press, on the linear layer: ratios along
+    Of each that presses a ball the largest one's first press, by the linear gel: ratios along
     the way matter here.
     """
     settle, jobs = {}, []
@@ -276,16 +276,16 @@ def shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[GridJob]]:
             continue
         largest = max(balls, key=lambda one: float(one.removeprefix(BALL)))
         settle[name] = settle_s
-        layer = protocol.model_copy(
+        linear = protocol.model_copy(
             update={
                 "indenters": (largest,),
                 "channels": protocol.channels & {"force", "shear"},
                 "specimen": protocol.specimen.model_copy(
-                    update={"gel_model": "layer", "prony": ()}
+                    update={"gel_model": "linear", "prony": ()}
                 ),
             }
         )
-        jobs.append(_job(f"way of {name}", layer, given, 8.0))
+        jobs.append(_job(f"way of {name}", linear, given, 8.0))
     return settle, jobs
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..aliases import Vector
 from ..elasticity import GelMaterial
-from ..gel.reference import flat_punch_factor, hertz_force_n
+from ..elasticity.closed_forms import flat_punch_n_per_mm, hertz_force_n
 from ..optics import StageFrame
 from ..shapes import Indenter, PosedTip, SkinDimensions, Tip
 from ..shapes.indenter import parse as parse_indenter
@@ -118,10 +118,8 @@ class BenchFace:
         plain = tip.tip if isinstance(tip, PosedTip) else tip
         if isinstance(plain, SphereTip | EllipsoidTip):
             return _Touching(tip.lowest_mm, tip.radius_mm, 0.0)
-        material, h = self._material, self._skin.thickness_mm
         radius = math.sqrt(_flat_mm2(tip) / math.pi)
-        kappa = flat_punch_factor(radius / h, material.poisson)
-        stiffness = 4 * material.shear_modulus_mpa * radius * kappa / (1 - material.poisson)
+        stiffness = flat_punch_n_per_mm(radius, self._skin.thickness_mm, self._material)
         return _Touching((tip.x_mm, tip.y_mm), 0.0, stiffness)
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from ..elasticity import edge_compliance
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..gel.finite.material import MAX_POISSON
-from ..gel.level import Reach
-from ..gel.level_selection import linear_refusal
+from ..gel.linear.validity import linear_refusal
+from ..levels import LINEAR
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
 from ..shapes import SensorDimensions
@@ -46,19 +47,19 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
             f"{source}: depths_mm: {deepest:g} mm is not less than the gel's thickness of "
             f"{thickness_mm:g} mm: no level of the gel can be pressed that deep"
         )
-    if level == "hyperelastic":
-        if specimen.poisson > MAX_POISSON:
-            raise InputError(
-                f"{source}: specimen.poisson: {specimen.poisson} is over {MAX_POISSON}: the level "
-                "'hyperelastic' stops there; .499 serves, and only the level 'layer' takes .5"
-            )
+    most = edge_compliance.MAX_POISSON if level == LINEAR else MAX_POISSON
+    if specimen.poisson > most:
+        raise InputError(
+            f"{source}: specimen.poisson: {specimen.poisson} is over {most}: the level {level!r} "
+            "stops there; .499 serves"
+        )
+    if level != LINEAR:
         return
     material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
     key = "specimen.prony" if specimen.prony else "depths_mm"
     for indenter in map(parse_indenter, protocol.indenters):
-        reach = Reach(deepest_mm=deepest)
-        if why := linear_refusal(level, sensor.skin, material, indenter, reach):
+        if why := linear_refusal(sensor.skin, material, indenter, deepest):
             raise InputError(
-                f"{source}: {key}: {why}: the linear level {level!r} stops there; this protocol "
-                "needs the level 'hyperelastic'"
+                f"{source}: {key}: {why}: the level {level!r} stops there; this protocol needs the "
+                "level 'hyperelastic'"
             )

@@ -13,6 +13,11 @@ from .presses import Presses
 if TYPE_CHECKING:
     from ..gel.level import Choice
 
+LINEAR_ABOUT = (
+    "the linear gel ignores large strain: its in-plane motion is off by some tenths of a "
+    "millimetre from 2 mm of depth on"
+)
+
 
 def gel_left_out(presses: Presses, choices: Sequence[Choice]) -> list[str]:
     """What this scene's gel did not solve or keep, and why."""
@@ -42,14 +47,14 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
         "modulus matters to them); between them displacements and forces are interpolated "
         f"linearly{_bound(presses)}"
     ]
-    if presses.level in LINEAR:
-        lines.append(LINEAR[presses.level].about)
+    if presses.level == LINEAR:
+        lines.append(LINEAR_ABOUT)
     lines += dict.fromkeys(f"gel: {choice.why}" for choice in choices)
     if not presses.shears and any(c.friction for c in choices):
         lines.append("friction is solved, for it changes the force of these presses")
     # From the plan, for the presses that a resumed run kept are not solved again.
     limit_mm = SMALL_STRAIN * skin.thickness_mm * (1 + 1e-9)
-    if presses.level in LINEAR and max(p.deepest_mm for p in presses.paths) > limit_mm:
+    if presses.level == LINEAR and max(p.deepest_mm for p in presses.paths) > limit_mm:
         lines.append("WARNING: pressed beyond 10 % of the thickness, past small strain")
     if presses.relaxing_s:
         lines.append(

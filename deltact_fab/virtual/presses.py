@@ -72,8 +72,11 @@ class Presses:
         self._skin = skin
         finite = config.hyperelastic
         lattice_mm, self.increments = (
-            (config.spacing_mm, Increments(config.press_increment_mm, config.shear_increment_mm))
-            if self.level in LINEAR
+            (
+                config.spacing_mm or finite.lattice_mm,
+                Increments(config.press_increment_mm, config.shear_increment_mm),
+            )
+            if self.level == LINEAR
             else (
                 finite.lattice_mm,
                 Increments(finite.press_increment_mm, finite.shear_increment_mm),
@@ -89,7 +92,7 @@ class Presses:
             "tolerance": finite.tolerance,
             "level": self.level,
             "observe_shear": self.shears,
-            "spacing_mm": config.spacing_mm if self.level in LINEAR else finite.cell_mm,
+            "spacing_mm": config.spacing_mm if self.level == LINEAR else finite.cell_mm,
             "most_unknowns": finite.most_unknowns,
         }
         self._waiting: dict[str, PlannedPress] = {}

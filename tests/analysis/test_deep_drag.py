@@ -29,7 +29,7 @@ rate_hz = 1.0
 press_feed_mm_min = 30.0
 shear_feed_mm_min = 30.0
 [specimen]
-gel_model = "layer"
+gel_model = "linear"
 """
 COARSE = """
 kind = "virtual"

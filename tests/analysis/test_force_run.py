@@ -101,7 +101,7 @@ def test_a_calibration_is_made_kept_and_carried_over(
         assert of["normal"]["rmse_left_out_indenter_n"] is None
         assert of["shear_x"]["range_n"] > 1
     assert told["simulated"] is True
-    assert any("layer" in line for line in told["left_out"])
+    assert any("linear gel" in line for line in told["left_out"])
     assert json.loads((out / "force.json").read_text()) == told
     assert len((out / "force.csv").read_text().splitlines()) == 21
 

@@ -105,7 +105,7 @@ def completed(*words: str) -> set[str]:
         (["run", "smoke", "--dry"], {"--dry-run"}),
         (["study", "run", "set"], {"settling"}),
         (["schema", "virt"], {"virtual-rig"}),
-        (["numerics", "la"], {"layer"}),
+        (["numerics", "le"], {"lens"}),
         (["pattern", "sheet", "--transfer", "sl"], {"slide"}),
     ],
     ids=lambda w: "-".join(w) if isinstance(w, list) else "",

@@ -53,7 +53,7 @@ def _own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def files(
-    folder: Path, level: str = "layer", positions: str = "[[0, 0], [1, 0]]"
+    folder: Path, level: str = "linear", positions: str = "[[0, 0], [1, 0]]"
 ) -> tuple[str, str]:
     protocol, rig = folder / "ahead.toml", folder / "bench.toml"
     protocol.write_text(PROTOCOL.format(level=level, positions=positions))

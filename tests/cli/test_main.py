@@ -169,7 +169,7 @@ def test_a_check_that_fails_is_exit_1(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_layer_refuses_a_depth_and_names_the_level_that_would_do(tmp_path: Path) -> None:
+def test_the_linear_level_refuses_a_depth_and_names_the_level_that_would_do(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
     text = text.replace("[1.2]", "[3.5]").replace('"sphere:10", "4dots"', '"sphere:10"')
     (tmp_path / "p.toml").write_text(text)
@@ -181,14 +181,14 @@ def test_the_layer_refuses_a_depth_and_names_the_level_that_would_do(tmp_path: P
 
 @pytest.mark.slow
 def test_gel_press_prints_what_the_json_says(tmp_path: Path) -> None:
-    words = ["gel", "press", "--depth", "0.6", "--model", "layer", "--spacing", "0.4"]
+    words = ["gel", "press", "--depth", "0.6", "--model", "linear", "--spacing", "0.4"]
     data = json.loads(called(*words, "--json", cwd=tmp_path).stdout)
     assert data["converged"] is True
     assert data["force_n"][2] < 0
     assert data["max_stretch"] is None
     shown = called(*words, cwd=tmp_path).stdout
     assert f"{data['force_n'][2]:+.3f} N (simulated)" in shown
-    assert "chosen: layer (asked for): grid 0.4 mm" in shown
+    assert "chosen: linear (asked for): grid 0.4 mm" in shown
 
 
 PRESS_KEYS = {
@@ -200,7 +200,7 @@ PRESS_KEYS = {
 
 @pytest.mark.slow
 def test_gel_press_refused_has_the_same_keys_and_exit_1(tmp_path: Path) -> None:
-    done = called("gel", "press", "--depth", "4", "--model", "layer", "--json", cwd=tmp_path)
+    done = called("gel", "press", "--depth", "4", "--model", "linear", "--json", cwd=tmp_path)
     data = json.loads(done.stdout)
     assert done.returncode == 1
     assert data["converged"] is False
@@ -256,7 +256,7 @@ def test_gel_press_warns_of_a_modulus_that_no_gel_has(
     tmp_path: Path,
 ) -> None:
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
-    words = ["--depth", "0.6", "--model", "layer", "--spacing", "0.5", "--modulus", modulus]
+    words = ["--depth", "0.6", "--model", "linear", "--spacing", "0.5", "--modulus", modulus]
     monkeypatch.setattr(sys, "argv", ["deltact-fab", "gel", "press", *words, "--json"])
     with pytest.raises(SystemExit) as end:
         entry()

@@ -19,7 +19,7 @@ from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.pattern import Pattern
 from deltact_fab.gel.level import follow
-from deltact_fab.gel.linear.contact import LayerContact
+from deltact_fab.gel.linear.contact import LinearContact
 from deltact_fab.gel.linear.state import ContactState
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
@@ -42,7 +42,7 @@ def pressed(
     name: str = "sphere:10",
     **how: object,
 ) -> ContactState:
-    contact = LayerContact(gel, parse(name), **{"observe_shear": False, **how})  # type: ignore[arg-type]
+    contact = LinearContact(gel, parse(name), **{"friction": 0.0, **how})  # type: ignore[arg-type]
     return contact.solve(contact.rest(), (x, y, depth))
 
 
@@ -190,7 +190,7 @@ def test_smooth_load_against_plain_finite_elements(component: int, even: tuple[b
 def test_wide_gel_is_the_layer(nu: float, within: float) -> None:
     """Sides 40 mm away; nearly incompressible gel feels them from farther than a soft one."""
     wide, gel = SkinDimensions(width_mm=80, length_mm=80), GelMaterial(poisson=nu)
-    layer = BondedLayer.for_skin(wide, gel, 0.5)
+    layer = BondedLayer(gel, wide.thickness_mm, (240.0, 240.0), (480, 480))
     block = FreeBlock(wide, gel, 0.5, 4.0)
     assert normal_n(block, 0.1, 0.1) == pytest.approx(normal_n(layer, 0.1, 0.1), rel=within)
 
@@ -198,7 +198,7 @@ def test_wide_gel_is_the_layer(nu: float, within: float) -> None:
 def test_sides_take_force_off(block: FreeBlock) -> None:
     """sphere:15 at 2 mm. In the middle a disc of equal area, an axisymmetric solution of its own
     (tests/finite/test_linear_levels.py), has .9724."""
-    layer = BondedLayer.for_skin(SKIN, GEL, 0.5)
+    layer = BondedLayer(GEL, SKIN.thickness_mm, (108.0, 102.0), (204, 216))
     for x, like in ((0.0, 0.9724), (10.0, 0.898)):
         force = normal_n(block, x, 0, name="sphere:15")
         assert force / normal_n(layer, x, 0, name="sphere:15") == pytest.approx(like, abs=0.005)
@@ -232,7 +232,7 @@ def test_mirrored_presses(block: FreeBlock) -> None:
 
 def test_contact_beyond_the_edge_carries_nothing_there(block: FreeBlock) -> None:
     """A tip at the very corner: a quarter of the sphere is above gel, and that can be pressed."""
-    half = block.face_half_mm
+    half = SKIN.opening_half_mm
     state = pressed(block, *half, depth=1.0)
     assert state.pressure_mpa.shape == block.shape
     assert abs(block.x_mm).max() + block.spacing_mm[0] / 2 == pytest.approx(half[0])
@@ -243,7 +243,7 @@ def test_contact_beyond_the_edge_carries_nothing_there(block: FreeBlock) -> None
 
 
 def test_shear_and_friction_work_as_on_the_layer(block: FreeBlock) -> None:
-    contact = LayerContact(block, SPHERE)
+    contact = LinearContact(block, SPHERE)
     *_, down = follow(contact, contact.rest((8.0, 0.0, 0.0)), (8.0, 0.0, 1.0), 0.25)
     *_, dragged = follow(contact, down, (9.0, 0.0, 1.0), 0.25)
     load = -dragged.force_n[2]

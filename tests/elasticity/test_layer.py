@@ -12,7 +12,6 @@ from deltact_fab import catalog
 from deltact_fab.elasticity.layer import BondedLayer, surface_compliance
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
-from deltact_fab.shapes import SkinDimensions
 
 
 def compliance_from_ode(
@@ -142,25 +141,6 @@ def test_window_and_patch_are_the_same_operator(layer: BondedLayer) -> None:
     depth = op.normal_of_shear(small[:2]) + op.normal_of_pressure(-small[2])
     assert np.allclose(in_plane, np.moveaxis(expected[20:36, 10:34, :2], -1, 0), atol=1e-12)
     assert np.allclose(-depth, expected[20:36, 10:34, 2], atol=1e-12)
-
-
-def test_skin_grid_is_symmetric_about_the_sensor() -> None:
-    layer = BondedLayer.for_skin(SkinDimensions(), GelMaterial(), spacing_mm=0.5, padding=2)
-    assert np.array_equal(layer.x_mm, -layer.x_mm[::-1])
-    assert np.array_equal(layer.y_mm, -layer.y_mm[::-1])
-    assert layer.spacing_mm == pytest.approx((0.5, 0.5))
-    assert layer.period_mm[0] >= 72
-    assert layer.period_mm[1] >= 68
-    assert layer.face_half_mm == SkinDimensions().opening_half_mm
-
-
-@pytest.mark.parametrize(
-    ("bad", "word"),
-    [({"spacing_mm": 0.0}, "spacing_mm"), ({"padding": 1.0}, "padding")],
-)
-def test_skin_grid_refuses(bad: dict[str, float], word: str) -> None:
-    with pytest.raises(InputError, match=word):
-        BondedLayer.for_skin(SkinDimensions(), GelMaterial(), **bad)
 
 
 def test_layer_refuses_odd_grid_and_oversized_window(layer: BondedLayer) -> None:

@@ -6,7 +6,6 @@ docs/how-to/extend-*.md show the same text.
 from __future__ import annotations
 
 import json
-import math
 import os
 import shutil
 import subprocess
@@ -19,22 +18,10 @@ import pytest
 from PIL import Image
 
 from benchmarks import extend_pages
-from deltact_fab import record
 
 ROOT = Path(__file__).parents[2]
 EXTEND = ROOT / "examples" / "extend"
 RECIPE = 'law = "stratified"\nseed = 7\npatch_mm = 0.35\n'
-PROTOCOL = """
-name = "short"
-indenters = ["sphere:10"]
-positions_mm = [[0.0, 0.0]]
-depths_mm = [0.6]
-channels = ["force"]
-[capture]
-rate_hz = 0.5
-[specimen]
-gel_model = "foundation"
-"""
 COMMANDS = """
 import json, sys
 from click.testing import CliRunner
@@ -44,18 +31,12 @@ for line in sys.stdin:
     code = getattr(done.exception, "exit_code", done.exit_code)
     print(json.dumps([code, done.stdout, str(done.exception or "")]))
 """
-PRESS = ("gel", "press", "--model", "foundation", "--indenter", "cone", "--spacing", "0.1")
 CALLS = {
     "pattern": ("pattern", "make", "mine.toml", "-o", "mine.png"),
     "law": ("schema", "pattern", "--json"),
     "part": ("cad", "show", "shim"),
     "indenter": ("cad", "show", "cone:8"),
-    "level": (*PRESS, "--depth", "1.5", "--json"),
-    "refused": (*PRESS, "--depth", "1.5", "--poisson", "0.4995", "--json"),
-    "run": ("run", "short.toml", "--seed", "3", "--out", "run", "--json"),
 }
-MODULUS_MPA = 0.56 * (1 - 0.49) / ((1 + 0.49) * (1 - 2 * 0.49))  # of a gel held at its sides
-SPRING_MPA_MM = MODULUS_MPA / 12
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +47,6 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(ROOT / name, home / name)
     shutil.copytree(EXTEND, home, dirs_exist_ok=True)
     (home / "mine.toml").write_text(RECIPE)
-    (home / "short.toml").write_text(PROTOCOL)
     return home
 
 
@@ -106,28 +86,6 @@ def test_a_part_is_shown_with_its_inequality(answers: Any) -> None:
 
 def test_an_indenter_is_a_part_in_any_size(answers: Any) -> None:
     assert "8" in good(answers["indenter"])
-
-
-def test_a_level_has_the_force_of_its_springs(answers: Any) -> None:
-    """A cone of 45 degrees behind a nose of .6 mm displaces a volume in closed form."""
-    nose, depth = 0.6, 1.5
-    r1, z1 = nose * math.sin(math.pi / 4), nose * (1 - math.cos(math.pi / 4))
-    r2 = r1 + depth - z1
-    volume = math.pi * z1**2 * (nose - z1 / 3)
-    volume += math.pi * (depth - z1) * (r1**2 + r1 * r2 + r2**2) / 3
-    told = good(answers["level"])
-    assert told["model"] == "foundation"
-    assert -told["force_n"][2] == pytest.approx(SPRING_MPA_MM * volume, rel=0.01)
-    assert not told["within_tolerance"]  # it says itself how rough it is
-    assert "poisson <= .499 is needed" in answers["refused"][1] + answers["refused"][2]
-
-
-def test_a_protocol_is_carried_out_on_that_level(answers: Any, home: Path) -> None:
-    good(answers["run"])
-    frames = record.open(home / "run").frames()
-    assert -frames["z_mm"].min() == pytest.approx(0.6, abs=0.006)
-    displaced = math.pi * 0.6**2 * (5 - 0.6 / 3)
-    assert -frames["fz_n"].min() == pytest.approx(SPRING_MPA_MM * displaced, rel=0.02)
 
 
 def test_the_pages_show_these_files() -> None:

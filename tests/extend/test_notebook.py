@@ -59,10 +59,10 @@ def test_a_protocol_shows_what_it_does() -> None:
 
 def test_a_press_shows_its_force_and_a_refused_one_why() -> None:
     at = SkinDimensions(), GelMaterial(), parse("sphere:10"), (0.0, 0.0)
-    shown = press(*at, 0.6, model="layer")._repr_html_()
-    assert rows(shown)["normal force"].startswith("1.2 N ±")
+    shown = press(*at, 0.6, model="linear")._repr_html_()
+    assert rows(shown)["normal force"].startswith("1.19 N ±")
     assert "shear force" not in rows(shown)
-    refused = press(*at, 5.0, model="layer")._repr_html_()
+    refused = press(*at, 5.0, model="linear")._repr_html_()
     assert "level hyperelastic can" in refused
 
 

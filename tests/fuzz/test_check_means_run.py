@@ -23,7 +23,7 @@ def drawn(number: int) -> dict[str, Any]:
     if draw.random() < 0.8 and not {"dots", "traction"}.isdisjoint(channels):
         channels = sorted({*channels, "image"})
     depth_mm = draw.choice([0.3, 0.5, 0.8, 1.0, 2.0, 2.9, 3.1, 6.0, 12.5])
-    model = draw.choice(["layer", "layer", "block", "hyperelastic"])
+    model = draw.choice(["linear", "linear", "linear", "hyperelastic"])
     data: dict[str, Any] = {
         "name": f"drawn-{number}",
         "indenters": draw.sample(INDENTERS, draw.choice([1, 1, 2])),
@@ -48,7 +48,7 @@ def drawn(number: int) -> dict[str, Any]:
         }
     if draw.random() < 0.4:  # what goes together, for most
         data |= {"depths_mm": [0.2, 0.8], "indenters": [INDENTERS[0]]}
-        data["specimen"] = {"pattern": PATTERNS[1], "gel_model": "layer"}
+        data["specimen"] = {"pattern": PATTERNS[1], "gel_model": "linear"}
     if draw.random() < 0.1:
         data["motion"] = {"press_feed_mm_min": draw.choice([0.5, 60.0, 1300.0])}
     return data

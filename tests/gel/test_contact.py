@@ -1,4 +1,4 @@
-"""Contact with the layer: against references, by symmetry, by Coulomb's law, and in refusals."""
+"""Contact with the linear gel: against references, by symmetry, Coulomb's law, and refusals."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ import math
 import half_space
 import numpy as np
 import pytest
+from sphere_on_layer import sphere_on_layer
 
+from deltact_fab.elasticity.block import FreeBlock
+from deltact_fab.elasticity.closed_forms import flat_punch_n_per_mm, hertz_force_n
 from deltact_fab.elasticity.layer import BondedLayer
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
-from deltact_fab.gel import reference
 from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear.complementarity import normal_contact
-from deltact_fab.gel.linear.contact import LayerContact
+from deltact_fab.gel.linear.contact import LinearContact
 from deltact_fab.gel.linear.state import ContactState
 from deltact_fab.shapes import Indenter, SkinDimensions, SphereTip
 from deltact_fab.shapes.indenter import parse
@@ -24,12 +26,18 @@ DEPTH_MM = 1.2
 
 
 @pytest.fixture(scope="module")
-def layer() -> BondedLayer:
-    return BondedLayer.for_skin(SkinDimensions(), GelMaterial(), spacing_mm=0.4)
+def face() -> FreeBlock:
+    return FreeBlock(SkinDimensions(), GelMaterial(), spacing_mm=0.4)
+
+
+def periodic(nu: float, nodes: int, padding: float = 3.0) -> BondedLayer:
+    """The layer without sides, 12 mm thick, its images `padding` skins away."""
+    period = (36 * padding, 36 * padding)
+    return BondedLayer(GelMaterial(poisson=nu), 12.0, period, (nodes, nodes))
 
 
 def along(
-    contact: LayerContact,
+    contact: LinearContact,
     *tips: tuple[float, float, float],
     step_mm: float = 0.2,
     start: ContactState | None = None,
@@ -41,8 +49,8 @@ def along(
 
 
 @pytest.fixture(scope="module")
-def sheared(layer: BondedLayer) -> ContactState:
-    return along(LayerContact(layer, SPHERE), (0, 0, DEPTH_MM), (0.4, 0, DEPTH_MM))
+def sheared(face: FreeBlock) -> ContactState:
+    return along(LinearContact(face, SPHERE), (0, 0, DEPTH_MM), (0.4, 0, DEPTH_MM))
 
 
 # -- against references ------------------------------------------------------------------------
@@ -50,22 +58,20 @@ def sheared(layer: BondedLayer) -> ContactState:
 
 @pytest.mark.parametrize("nu", [0.3, 0.35, 0.42, 0.499, 0.5])
 def test_sphere_force_and_radius_against_the_integral_equation(nu: float) -> None:
-    material = GelMaterial(poisson=nu)
-    layer = BondedLayer.for_skin(SkinDimensions(), material, spacing_mm=0.125, padding=3)
-    contact = LayerContact(layer, SPHERE, observe_shear=False)
+    contact = LinearContact(periodic(nu, 864), SPHERE, friction=0)
     state = contact.solve(contact.rest(), (0.03, 0.05, DEPTH_MM))
-    force, a = reference.sphere_on_layer(5.0, DEPTH_MM, 12.0, material)
+    force, a = sphere_on_layer(5.0, DEPTH_MM, 12.0, GelMaterial(poisson=nu))
     assert -state.force_n[2] == pytest.approx(force, rel=5e-4)
-    assert math.sqrt(state.contact_area_mm2 / math.pi) == pytest.approx(a, abs=0.05)
+    assert math.sqrt(state.contact_nodes * contact.face.cell_mm2 / math.pi) == pytest.approx(
+        a, abs=0.05
+    )
 
 
 def test_padding_error_falls() -> None:
-    material = GelMaterial(poisson=0.5)
-    force, _ = reference.sphere_on_layer(5.0, DEPTH_MM, 12.0, material)
+    force, _ = sphere_on_layer(5.0, DEPTH_MM, 12.0, GelMaterial(poisson=0.5))
     errors = []
     for padding in (1.5, 2.0, 3.0):
-        layer = BondedLayer.for_skin(SkinDimensions(), material, 0.2, padding)
-        contact = LayerContact(layer, SPHERE, observe_shear=False)
+        contact = LinearContact(periodic(0.5, int(180 * padding), padding), SPHERE, friction=0)
         at = [(x, y, DEPTH_MM) for x in (0.0, 0.05, 0.1) for y in (0.02, 0.07)]
         found = np.mean([contact.solve(contact.rest(), tip).force_n[2] for tip in at])
         errors.append(abs(-found / force - 1))
@@ -79,7 +85,7 @@ def test_thick_layer_gives_hertz_pressure() -> None:
     material, radius, depth, n = GelMaterial(poisson=0.3), 8.0, 0.05, 512
     layer = BondedLayer(material, 40.0, (20.0, 20.0), (n, n))
     tip = Indenter("cap", (SphereTip(0.0, 0.0, radius),))
-    contact = LayerContact(layer, tip, friction=0)
+    contact = LinearContact(layer, tip, friction=0)
     state = contact.solve(contact.rest(), (0.0, 0.0, depth))
     r = np.hypot(*np.meshgrid(layer.x_mm, layer.y_mm))
     # What the layer and its images add to a half-space: a known pressure shows how much, as on a
@@ -90,9 +96,7 @@ def test_thick_layer_gives_hertz_pressure() -> None:
     sunk = -layer.apply(np.stack([0 * trial, 0 * trial, -trial], axis=-1))[centre, centre, 2].mean()
     extra = (sunk - math.pi * trial.max() * a / (2 * modulus)) / (trial.sum() * layer.cell_mm2)
     own_depth = depth + extra * state.force_n[2]
-    assert -state.force_n[2] == pytest.approx(
-        reference.hertz_force_n(radius, own_depth, material), rel=5e-3
-    )
+    assert -state.force_n[2] == pytest.approx(hertz_force_n(radius, own_depth, material), rel=5e-3)
     p = half_space.hertz_pressure_mpa(r, radius, own_depth, material)
     assert np.linalg.norm(state.pressure_mpa - p) < 0.02 * np.linalg.norm(p)
 
@@ -100,7 +104,7 @@ def test_thick_layer_gives_hertz_pressure() -> None:
 def test_flat_punch_converges_at_first_order() -> None:
     """A sharp contact edge is off by about a tenth of a cell in radius; two grids cancel that."""
     material, h, a, period = GelMaterial(poisson=0.3), 5.0, 3.0, 30.0
-    exact = 4 * material.shear_modulus_mpa * a * 0.1 / 0.7 * reference.flat_punch_factor(a / h, 0.3)
+    exact = 0.1 * flat_punch_n_per_mm(a, h, material)
     rng = np.random.default_rng(0)
     offsets = rng.uniform(-0.5, 0.5, (8, 2))
     errors = []
@@ -127,10 +131,10 @@ def test_partial_slip_against_cattaneo_and_mindlin() -> None:
     """nu = .5 uncouples press and shear; small friction keeps the shift far below the radius."""
     material, mu, depth, n = GelMaterial(poisson=0.5), 0.01, 0.2, 256
     layer = BondedLayer(material, 40.0, (20.0, 20.0), (n, n))
-    contact = LayerContact(layer, SPHERE, friction=mu, tolerance=1e-8)
+    contact = LinearContact(layer, SPHERE, friction=mu, tolerance=1e-8)
     state = contact.solve(contact.rest(), (0.0, 0.0, depth))
     normal = -state.force_n[2]
-    a = math.sqrt(state.contact_area_mm2 / math.pi)
+    a = math.sqrt(state.contact_nodes * layer.cell_mm2 / math.pi)
     r = np.hypot(*np.meshgrid(layer.x_mm, layer.y_mm))
     # The layer and its images move the contact as a whole; a known traction shows by how much:
     # on a half-space its centre moves by pi a (2 - nu)/(8 G) (Johnson, Contact Mechanics, 7.1).
@@ -158,17 +162,17 @@ def test_partial_slip_against_cattaneo_and_mindlin() -> None:
 
 
 @pytest.mark.parametrize("name", ["sphere:10", "4dots"])
-def test_every_condition_holds_at_every_node(layer: BondedLayer, name: str) -> None:
+def test_every_condition_holds_at_every_node(face: FreeBlock, name: str) -> None:
     indenter = parse(name)
-    contact = LayerContact(layer, indenter)
+    contact = LinearContact(face, indenter)
     before = along(contact, (0, 0, 1.0), (0.2, 0.1, 1.0))
     tip = (0.3, 0.15, 1.0)
     state = contact.solve(before, tip)
     tractions = np.concatenate([state.shear_mpa, -state.pressure_mpa[..., None]], axis=-1)
-    u = layer.apply(tractions)
+    u = face.apply(tractions)
     assert np.allclose(u, state.displacement_mm, atol=1e-12)
-    xx, yy = np.meshgrid(layer.x_mm, layer.y_mm)
-    drag = layer.apply(np.concatenate([state.drag_mpa, 0 * u[..., 2:]], axis=-1))[..., :2]
+    xx, yy = np.meshgrid(face.x_mm, face.y_mm)
+    drag = face.apply(np.concatenate([state.drag_mpa, 0 * u[..., 2:]], axis=-1))[..., :2]
     assert np.allclose(drag, state.drag_mm, atol=1e-12)
     gap = indenter.height_mm(xx + drag[..., 0] - tip[0], yy + drag[..., 1] - tip[1])
     gap = gap - tip[2] - u[..., 2]
@@ -198,22 +202,22 @@ def test_every_condition_holds_at_every_node(layer: BondedLayer, name: str) -> N
 @pytest.mark.parametrize("nu", [0.35, 0.49])
 def test_a_press_with_friction_is_held_above_where_its_nodes_rested(nu: float) -> None:
     """Friction lets the press spread less, and lifts nothing off the textbook's condition."""
-    layer = BondedLayer.for_skin(SkinDimensions(), GelMaterial(poisson=nu), spacing_mm=0.4)
-    state = along(LayerContact(layer, SPHERE, friction=1.0), (0, 0, DEPTH_MM))
+    layer = periodic(nu, 270)
+    state = along(LinearContact(layer, SPHERE, friction=1.0), (0, 0, DEPTH_MM))
     assert not state.drag_mm.any()
     xx, yy = np.meshgrid(layer.x_mm, layer.y_mm)
     gap = SPHERE.height_mm(xx, yy) - DEPTH_MM - state.displacement_mm[..., 2]
     assert np.abs(gap[state.pressure_mpa > 0]).max() < 2e-6
-    free, _ = reference.sphere_on_layer(5.0, DEPTH_MM, 12.0, layer.material)
+    free, _ = sphere_on_layer(5.0, DEPTH_MM, 12.0, layer.material)
     # On a half-space full adhesion adds ln(3 - 4 nu)/(1 - 2 nu) - 1 (Spence, Proc. Roy. Soc. A 305,
     # 1968, for any one press of growing contact), which slip can only lower.
     most = math.log(3 - 4 * nu) * (1 - nu) / (1 - 2 * nu)
     assert free * 0.998 < -state.force_n[2] < free * most
 
 
-def test_force_signs_and_mirror(layer: BondedLayer, sheared: ContactState) -> None:
+def test_force_signs_and_mirror(face: FreeBlock, sheared: ContactState) -> None:
     """A press pushes the sensor down; +x drags it to +x; -x is the mirror image."""
-    contact = LayerContact(layer, SPHERE)
+    contact = LinearContact(face, SPHERE)
     press = along(contact, (0, 0, DEPTH_MM))
     assert press.force_n[2] < -1
     assert np.abs(press.force_n[:2]).max() < 1e-6
@@ -227,21 +231,21 @@ def test_force_signs_and_mirror(layer: BondedLayer, sheared: ContactState) -> No
     assert np.abs(back.displacement_mm - flip).max() < 1e-5
 
 
-def test_torque_is_the_lever_of_the_press(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, SPHERE, observe_shear=False)
+def test_torque_is_the_lever_of_the_press(face: FreeBlock) -> None:
+    contact = LinearContact(face, SPHERE, friction=0)
     state = along(contact, (4.0, -3.0, DEPTH_MM))
     fz = state.force_n[2]
-    assert state.torque_nmm == pytest.approx((-3.0 * fz, -4.0 * fz, 0.0), abs=2e-3 * abs(fz))
+    assert state.torque_nmm == pytest.approx((-3.0 * fz, -4.0 * fz, 0.0), rel=4e-3, abs=1e-3)
 
 
-def test_gross_sliding_is_friction_times_normal(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, SPHERE, friction=0.3)
+def test_gross_sliding_is_friction_times_normal(face: FreeBlock) -> None:
+    contact = LinearContact(face, SPHERE, friction=0.3)
     state = along(contact, (0, 0, DEPTH_MM), (1.5, 0, DEPTH_MM))
     assert state.force_n[0] == pytest.approx(-0.3 * state.force_n[2], rel=1e-3)
 
 
-def test_unloading_leaves_nothing_and_forgets(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, SPHERE)
+def test_unloading_leaves_nothing_and_forgets(face: FreeBlock) -> None:
+    contact = LinearContact(face, SPHERE)
     state = along(contact, (0, 0, 1.0), (0.3, 0, 1.0), (0.3, 0, 0.0))
     assert state.force_n == (0.0, 0.0, 0.0)
     assert not state.displacement_mm.any()
@@ -250,8 +254,8 @@ def test_unloading_leaves_nothing_and_forgets(layer: BondedLayer) -> None:
     assert again.force_n == fresh.force_n
 
 
-def test_history_matters_and_the_way_in_the_air_does_not(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, SPHERE)
+def test_history_matters_and_the_way_in_the_air_does_not(face: FreeBlock) -> None:
+    contact = LinearContact(face, SPHERE)
     dragged = along(contact, (0, 0, 0.8), (0.3, 0, 0.8))
     pressed = along(contact, (0.3, 0, 0.0), (0.3, 0, 0.8))
     assert dragged.force_n[0] > 0.5
@@ -261,16 +265,16 @@ def test_history_matters_and_the_way_in_the_air_does_not(layer: BondedLayer) -> 
     assert down.force_n == pytest.approx(pressed.force_n, abs=1e-5)
 
 
-def test_increments_converge(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, SPHERE)
+def test_increments_converge(face: FreeBlock) -> None:
+    contact = LinearContact(face, SPHERE)
     tips = (0, 0, 0.8), (0.3, 0.0, 0.8)
     force = [along(contact, *tips, step_mm=s).force_n[0] for s in (0.3, 0.15, 0.05)]
     assert abs(force[1] - force[2]) < abs(force[0] - force[2])
     assert force[1] == pytest.approx(force[2], rel=2e-3)
 
 
-def test_states_are_values(layer: BondedLayer, sheared: ContactState) -> None:
-    contact = LayerContact(layer, SPHERE)
+def test_states_are_values(face: FreeBlock, sheared: ContactState) -> None:
+    contact = LinearContact(face, SPHERE)
     tip = (0.5, 0, DEPTH_MM)
     first, second = contact.solve(sheared, tip), contact.solve(sheared, tip)
     assert np.array_equal(first.displacement_mm, second.displacement_mm)
@@ -283,32 +287,32 @@ def test_states_are_values(layer: BondedLayer, sheared: ContactState) -> None:
 def test_stuck_nodes_stay_in_contact(nu: float) -> None:
     """What sticks moves with the indenter, so a small shear must not change which nodes touch, nor
     a large one the normal force (at the very edge points always slip)."""
-    layer = BondedLayer.for_skin(SkinDimensions(), GelMaterial(poisson=nu), spacing_mm=0.4)
-    contact = LayerContact(layer, SPHERE, friction=5.0)
+    face = FreeBlock(SkinDimensions(), GelMaterial(poisson=nu), spacing_mm=0.4)
+    contact = LinearContact(face, SPHERE, friction=5.0)
     press = along(contact, (0, 0, 0.8))
     shear = along(contact, (0.15, 0, 0.8), start=press)
     changed = (shear.pressure_mpa > 0) != (press.pressure_mpa > 0)
     assert changed.sum() <= 0.05 * press.contact_nodes
     drag = along(contact, (0.6, 0, 0.8), start=shear)
     assert drag.force_n[2] == pytest.approx(press.force_n[2], rel=0.005)
-    assert drag.contact_nodes == pytest.approx(press.contact_nodes, rel=0.05)
+    assert drag.contact_nodes == pytest.approx(press.contact_nodes, rel=0.07)
     sticks = np.hypot(*np.moveaxis(drag.shear_mpa, -1, 0)) < 4.9 * drag.pressure_mpa
     sticks &= press.pressure_mpa > 0
     assert sticks.sum() > 0.7 * press.contact_nodes
     assert drag.drag_mm[sticks] == pytest.approx(np.tile([0.6, 0.0], (sticks.sum(), 1)), abs=0.02)
 
 
-def test_a_drag_without_friction_has_no_history(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, SPHERE, friction=0.0)
+def test_a_drag_without_friction_has_no_history(face: FreeBlock) -> None:
+    contact = LinearContact(face, SPHERE, friction=0.0)
     dragged = along(contact, (0, 0, 0.8), (2.0, 0, 0.8))
     fresh = along(contact, (2.0, 0, 0.8))
     assert dragged.force_n == pytest.approx(fresh.force_n, rel=1e-5)
-    slippery = along(LayerContact(layer, SPHERE, friction=1e-3), (0, 0, 0.8), (2.0, 0, 0.8))
+    slippery = along(LinearContact(face, SPHERE, friction=1e-3), (0, 0, 0.8), (2.0, 0, 0.8))
     assert slippery.force_n[2] == pytest.approx(fresh.force_n[2], rel=1e-3)
 
 
-def test_lifting_lets_go_of_the_drag(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, SPHERE)
+def test_lifting_lets_go_of_the_drag(face: FreeBlock) -> None:
+    contact = LinearContact(face, SPHERE)
     state = along(contact, (0, 0, DEPTH_MM), (1.0, 0, DEPTH_MM))
     most = np.abs(state.drag_mm).max()
     for depth in (0.8, 0.4, 0.1):
@@ -322,19 +326,8 @@ def test_lifting_lets_go_of_the_drag(layer: BondedLayer) -> None:
 # -- what is not asked, and what is refused ----------------------------------------------------
 
 
-def test_unobserved_shear_is_never_solved(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, SPHERE, observe_shear=False)
-    state = along(contact, (0, 0, 1.0), (1.0, 0, 1.0))
-    assert contact.tangential_solves == 0
-    assert not state.shear_mpa.any()
-    assert state.force_n[:2] == (0.0, 0.0)
-    observed = LayerContact(layer, SPHERE)
-    along(observed, (0, 0, 0.4))
-    assert observed.tangential_solves > 0
-
-
-def test_small_strain_is_flagged_beyond_a_tenth(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, SPHERE, observe_shear=False)
+def test_small_strain_is_flagged_beyond_a_tenth(face: FreeBlock) -> None:
+    contact = LinearContact(face, SPHERE, friction=0)
     assert not contact.solve(contact.rest(), (0, 0, 1.2)).beyond_small_strain
     assert contact.solve(contact.rest(), (0, 0, 1.21)).beyond_small_strain
 
@@ -342,22 +335,21 @@ def test_small_strain_is_flagged_beyond_a_tenth(layer: BondedLayer) -> None:
 @pytest.mark.parametrize(
     ("name", "tip", "error", "words"),
     [
-        ("sphere:10", (0.0, 0.0, 3.01), InputError, "25 %.*finite-strain"),
+        ("sphere:10", (0.0, 0.0, 3.01), InputError, "25%.*level hyperelastic can"),
         ("sphere:10", (19.0, 0.0, 1.0), InputError, "off the face"),
-        ("sphere:10", (17.5, 0.0, 1.0), SolverError, "over the face"),
-        ("sphere:3", (0.0, 0.0, 1.6), InputError, "equator"),
+        ("sphere:3", (0.0, 0.0, 1.6), InputError, "its rim"),
         ("sphere:10", (0.0, 0.0, 0.001), SolverError, "no grid node"),
         ("sphere:10", (0.0, math.nan, 1.0), InputError, "finite"),
     ],
 )
 def test_refusals(
-    layer: BondedLayer,
+    face: FreeBlock,
     name: str,
     tip: tuple[float, float, float],
     error: type[Exception],
     words: str,
 ) -> None:
-    contact = LayerContact(layer, parse(name), observe_shear=False)
+    contact = LinearContact(face, parse(name), friction=0)
     with pytest.raises(error, match=words) as caught:
         contact.solve(contact.rest(), tip)
     assert "\n" not in str(caught.value)
@@ -366,51 +358,51 @@ def test_refusals(
 def test_a_contact_at_the_rim_of_the_tip_is_refused() -> None:
     """A grid that puts the contact within one node of the equator cannot tell where it ends."""
     skin = SkinDimensions(10, 10, 3, edge_fillet_mm=0.1, protrusion_mm=2)
-    layer = BondedLayer.for_skin(skin, GelMaterial(poisson=0.5), spacing_mm=0.2)
-    contact = LayerContact(layer, Indenter("bead", (SphereTip(0, 0, 0.7),)), observe_shear=False)
+    face = FreeBlock(skin, GelMaterial(poisson=0.499), spacing_mm=0.2)
+    contact = LinearContact(face, Indenter("bead", (SphereTip(0, 0, 0.7),)), friction=0)
     with pytest.raises(SolverError, match="reaches the edge of bead"):
         contact.solve(contact.rest(), (0.0, 0.0, 0.69))
 
 
-def test_from_the_least_depth_on_every_place_is_resolved(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, SPHERE, observe_shear=False)
+def test_from_the_least_depth_on_every_place_is_resolved(face: FreeBlock) -> None:
+    contact = LinearContact(face, SPHERE, friction=0)
     rng = np.random.default_rng(3)
     # A sphere of radius R covers a node wherever it stands once R^2 - (R - d)^2 reaches half a
     # cell's diagonal squared.
     radius = SPHERE.tips[0].radius_mm
-    depth = 1.001 * (radius - math.sqrt(radius**2 - (math.hypot(*layer.spacing_mm) / 2) ** 2))
+    depth = 1.001 * (radius - math.sqrt(radius**2 - (math.hypot(*face.spacing_mm) / 2) ** 2))
     for x, y in np.vstack([rng.uniform(-1, 1, (8, 2)), [[0.0, 0.0]]]):
         assert contact.solve(contact.rest(), (x, y, depth)).force_n[2] < 0
 
 
-def test_a_folding_face_is_refused(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, SPHERE, friction=30.0)
+def test_a_folding_face_is_refused(face: FreeBlock) -> None:
+    contact = LinearContact(face, SPHERE, friction=30.0)
     with pytest.raises(SolverError, match=r"det\(I \+ grad u\)|do not agree"):
         along(contact, (0, 0, 2.0), (4.0, 0, 2.0))
 
 
-def test_too_few_iterations_is_an_error_not_a_number(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, SPHERE, max_iterations=3)
+def test_too_few_iterations_is_an_error_not_a_number(face: FreeBlock) -> None:
+    contact = LinearContact(face, SPHERE, max_iterations=3)
     with pytest.raises(SolverError, match="not converged after 3"):
         contact.solve(contact.rest(), (0, 0, 1.0))
-    contact = LayerContact(layer, SPHERE, max_alternations=1)
+    contact = LinearContact(face, SPHERE, max_alternations=1)
     with pytest.raises(SolverError, match="do not agree after 1 "):
         contact.solve(contact.rest(), (0, 0, 1.0))
 
 
-def test_constructor_and_history_are_checked(layer: BondedLayer) -> None:
+def test_constructor_and_history_are_checked(face: FreeBlock) -> None:
     with pytest.raises(InputError, match="friction"):
-        LayerContact(layer, SPHERE, friction=-1.0)
-    other = BondedLayer.for_skin(SkinDimensions(), GelMaterial(), spacing_mm=1.0)
-    contact = LayerContact(layer, SPHERE)
+        LinearContact(face, SPHERE, friction=-1.0)
+    other = FreeBlock(SkinDimensions(), GelMaterial(), spacing_mm=1.0)
+    contact = LinearContact(face, SPHERE)
     with pytest.raises(InputError, match="previous state"):
-        contact.solve(LayerContact(other, SPHERE).rest(), (0, 0, 1.0))
+        contact.solve(LinearContact(other, SPHERE).rest(), (0, 0, 1.0))
 
 
-def test_a_ring_presses_along_its_circle_and_not_in_its_hole(layer: BondedLayer) -> None:
-    contact = LayerContact(layer, parse("ring:9"), observe_shear=False)
+def test_a_ring_presses_along_its_circle_and_not_in_its_hole(face: FreeBlock) -> None:
+    contact = LinearContact(face, parse("ring:9"), friction=0)
     state = contact.solve(contact.rest(), (0.0, 0.0, 1.0))
-    x, y = np.meshgrid(layer.x_mm, layer.y_mm)
+    x, y = np.meshgrid(face.x_mm, face.y_mm)
     r = np.hypot(x, y)
     pressed = state.pressure_mpa > 0
     assert pressed.any()

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from deltact_fab.elasticity.closed_forms import hertz_force_n
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
 from deltact_fab.gel import open as opening
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.fit.force_curve import ForceCurve, cells_mm, force_curve, force_path
-from deltact_fab.gel.reference import hertz_force_n
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 

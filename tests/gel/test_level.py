@@ -1,4 +1,4 @@
-"""One interface over three levels: the same lattice, wrenches of a mirrored mesh, flags."""
+"""One interface over two levels: the same lattice, wrenches of a mirrored mesh, flags."""
 
 from __future__ import annotations
 
@@ -41,9 +41,7 @@ def end(contact: GelContact, *tips: tuple[float, float, float]) -> State:
     return state
 
 
-@pytest.mark.parametrize(
-    "level", ["layer", "block", pytest.param("hyperelastic", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("level", ["linear", pytest.param("hyperelastic", marks=pytest.mark.slow)])
 def test_every_level_gives_a_light_touch_the_same_force_on_the_same_lattice(level: Level) -> None:
     tip = (0.0, 0.0, 0.5)
     spacing = 0.75 if level == "hyperelastic" else 0.5
@@ -63,9 +61,8 @@ def test_every_level_gives_a_light_touch_the_same_force_on_the_same_lattice(leve
 @pytest.mark.parametrize(
     ("level", "lattice_mm"),
     [
-        ("layer", 0.5),
-        ("block", 0.2),
-        ("block", 1.5),
+        ("linear", 0.2),
+        ("linear", 1.5),
         pytest.param("hyperelastic", 0.3, marks=pytest.mark.slow),
     ],
 )
@@ -186,13 +183,13 @@ def test_the_way_above_the_face_is_skipped() -> None:
 def test_what_cannot_be_is_refused_with_its_number() -> None:
     with pytest.raises(InputError, match="depth 12 mm is not below the gel's thickness of 12 mm"):
         opened("hyperelastic", [(0.0, 0.0, 12.0)])
-    with pytest.raises(InputError, match=r"level layer: depth 4 mm is over 3 mm.*hyperelastic"):
-        opened("layer", [(0.0, 0.0, 4.0)])
+    with pytest.raises(InputError, match=r"level linear: depth 4 mm is over 3 mm.*hyperelastic"):
+        opened("linear", [(0.0, 0.0, 4.0)])
     with pytest.raises(InputError, match=r"x = 0 to 20 mm leaves the face of \+-18 mm"):
         opened("hyperelastic", [(0.0, 0.0, 1.0), (20.0, 0.0, 1.0)])
     with pytest.raises(InputError, match="hides between cells of 3 mm"):
         opened("hyperelastic", [(0.0, 0.0, 1.0)], indenter="sphere:2", spacing_mm=3.0)
-    with pytest.raises(InputError, match="valid: auto, layer"):
+    with pytest.raises(InputError, match="valid: auto, linear"):
         opened("thick", [(0.0, 0.0, 1.0)])  # type: ignore[arg-type]
     contact = opened("hyperelastic", [(0.0, 0.0, 1.0)], spacing_mm=3.0)
     with pytest.raises(InputError, match="mirror x = 0"):
@@ -266,7 +263,7 @@ def test_a_long_increment_from_above_is_parted_from_first_touch_on() -> None:
 def test_an_increment_on_which_pressure_and_friction_do_not_agree_is_halved(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    contact = opened("layer", [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)], spacing_mm=0.5)
+    contact = opened("linear", [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)], spacing_mm=0.5)
     assert isinstance(contact, LinearGel)
     pressed = contact.solve(contact.rest(), (0.0, 0.0, 1.0))
     halves = contact.solve(contact.solve(pressed, (0.5, 0.0, 1.0)), (1.0, 0.0, 1.0))

@@ -40,6 +40,14 @@ def written(tmp_path: Path) -> tuple[ForceCalibration, Path]:
     return made, tmp_path / "c.toml"
 
 
+def test_features_of_older_files_are_those_that_have_their_numbers(
+    written: tuple[ForceCalibration, Path],
+) -> None:
+    _, path = written
+    path.write_text(path.read_text().replace('"sums"', '"inverse"'))
+    assert load_force(path).model.features == "inverse-placed"
+
+
 def test_what_was_written_is_read(written: tuple[ForceCalibration, Path]) -> None:
     made, path = written
     read = load_force(path)

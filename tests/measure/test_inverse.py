@@ -33,7 +33,7 @@ VIEW = SensorView(CAMERA, SKIN)
 
 @pytest.fixture(scope="module")
 def features() -> Inverse:
-    made = make_features("inverse", VIEW)
+    made = make_features("inverse-placed", VIEW)
     assert isinstance(made, Inverse)
     return made
 

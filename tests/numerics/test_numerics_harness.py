@@ -161,8 +161,8 @@ def test_a_wrong_row_fails_the_command_and_stays_in_every_file(toy: str, tmp_pat
 
 
 def test_an_unknown_engine_is_exit_2() -> None:
-    with pytest.raises(InputError, match="did you mean 'layer'"):
-        harness.run(["layr"])
+    with pytest.raises(InputError, match="did you mean 'lens'"):
+        harness.run(["lense"])
 
 
 @pytest.mark.slow

@@ -99,13 +99,13 @@ def test_its_gel_is_the_one_that_reaches_these_depths(declared: Protocol) -> Non
     require_gel_level(declared, SensorDimensions(), "p.toml")
 
 
-@pytest.mark.parametrize("level", ["layer", "block"])
+@pytest.mark.parametrize("level", ["linear", "layer", "block"])
 def test_a_linear_run_is_refused_before_anything_moves(level: str, tmp_path: Path) -> None:
     text = plan.load(NAME)[1].read_text()
     protocol, out = tmp_path / "linear.toml", tmp_path / "run"
     protocol.write_text(text.replace('gel_model = "hyperelastic"', f'gel_model = "{level}"'))
     with pytest.raises(
-        InputError, match=rf"10 mm is over 3 mm.*level '{level}'.*needs the level 'hyperelastic'"
+        InputError, match=r"10 mm is over 3 mm.*level 'linear'.*needs the level 'hyperelastic'"
     ) as e:
         experiment.run(experiment.RunRequest(str(protocol), "virtual", out))
     assert "\n" not in str(e.value)
@@ -117,9 +117,9 @@ def test_a_linear_run_is_refused_before_anything_moves(level: str, tmp_path: Pat
     ("specimen", "depth_mm", "says"),
     [
         ({"gel_model": "hyperelastic"}, 12.0, "not less than the gel's thickness of 12 mm"),
-        ({"gel_model": "hyperelastic", "poisson": 0.5}, 1.0, "only the level 'layer' takes .5"),
-        ({"gel_model": "layer", "poisson": 0.5}, 1.0, ""),
-        ({"gel_model": "layer", "prony": [[0.2, 1.0]]}, 1.0, "needs the level 'hyperelastic'"),
+        ({"gel_model": "hyperelastic", "poisson": 0.5}, 1.0, "poisson: 0.5 is over 0.49999"),
+        ({"gel_model": "linear", "poisson": 0.5}, 1.0, "poisson: 0.5 is over 0.4999: the level"),
+        ({"gel_model": "linear", "prony": [[0.2, 1.0]]}, 1.0, "needs the level 'hyperelastic'"),
         ({"gel_model": "hyperelastic", "prony": [[0.2, 1.0]]}, 11.0, ""),
     ],
 )
@@ -152,12 +152,12 @@ def test_only_what_a_level_cannot_do_is_refused(
         ("sphere:10", 3.001, "25% of the thickness"),
     ],
 )
-def test_the_layer_is_asked_only_what_a_height_field_can_answer(
+def test_the_linear_level_is_asked_only_what_a_height_field_can_answer(
     declared: Protocol, name: str, depth_mm: float, needs: str
 ) -> None:
     other = Protocol.model_validate(
         declared.model_dump()
-        | {"indenters": (name,), "depths_mm": (depth_mm,), "specimen": {"gel_model": "layer"}}
+        | {"indenters": (name,), "depths_mm": (depth_mm,), "specimen": {"gel_model": "linear"}}
     )
     if not needs:
         require_gel_level(other, SensorDimensions(), "p.toml")
@@ -167,6 +167,6 @@ def test_the_layer_is_asked_only_what_a_height_field_can_answer(
     assert needs in str(caught.value)
 
 
-def test_smoke_is_within_the_layer_s_reach() -> None:
+def test_smoke_is_within_the_linear_reach() -> None:
     smoke, source = plan.load("smoke")
     require_gel_level(smoke, load_design(smoke.specimen.design), str(source))

@@ -239,7 +239,7 @@ def test_a_calibration_of_weights_knows_the_normal_force_and_no_shear(
 ) -> None:
     own = {
         "channels": ["image", "force"], "positions_mm": [[0, 0], [5, 3], [-4, 4], [3, -6]],
-        "specimen": {"pattern": "dense", "gel_model": "layer"},
+        "specimen": {"pattern": "dense", "gel_model": "linear"},
     }  # fmt: skip
     by_hand = protocol(weights={"masses_g": [50, 100, 200]}, **own)
     by_stage = Protocol.model_validate(

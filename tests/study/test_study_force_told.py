@@ -194,10 +194,10 @@ def test_a_scene_that_will_not_do_is_refused_in_one_line(asked: StudyRequest, wo
 
 def test_a_gel_that_no_tolerance_picks_is_refused(mini: tuple[Path, Path], mini_run: Path) -> None:
     with pytest.raises(
-        InputError, match=r"specimen.gel_model: 'layer'; a calibration needs .*'hyperelastic'"
+        InputError, match=r"specimen.gel_model: 'linear'; a calibration needs .*'hyperelastic'"
     ):
         scene(StudyRequest(more={"protocol": str(mini[0])}))
-    with pytest.raises(InputError, match=r"gel_model = 'layer'.*judged on 'hyperelastic'"):
+    with pytest.raises(InputError, match=r"gel_model = 'linear'.*judged on 'hyperelastic'"):
         run(StudyRequest(runs=(mini_run,)))
 
 

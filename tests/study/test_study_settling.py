@@ -23,7 +23,7 @@ def way(depths: list[float], settle_s: float) -> dict:
     protocol, _ = plan.load("settling")
     data = protocol.model_dump(mode="json", exclude={"description"})
     data |= {"depths_mm": depths, "capture": {"settle_s": settle_s}}
-    data["specimen"] |= {"gel_model": "layer", "prony": []}
+    data["specimen"] |= {"gel_model": "linear", "prony": []}
     return follow({"protocol": data, "skin": SKIN, "gel": COARSE, "press": "sphere-15/p1"})
 
 

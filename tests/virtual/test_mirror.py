@@ -22,7 +22,7 @@ from deltact_fab.virtual.presolve import solve_ahead
 from deltact_fab.virtual.presses import Presses
 
 GELS = {
-    "layer": GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5),
+    "linear": GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5),
     "hyperelastic": GelConfig(
         hyperelastic=FiniteGelConfig(
             cell_mm=1.8, lattice_mm=1.0, press_increment_mm=0.5, shear_increment_mm=2.0
@@ -71,9 +71,9 @@ def off(a: SolvedKnot, b: SolvedKnot) -> tuple[float, float, float]:
 @pytest.mark.parametrize(
     ("level", "number"),
     [
-        ("layer", 1),
-        ("layer", 2),
-        ("layer", 3),
+        ("linear", 1),
+        ("linear", 2),
+        ("linear", 3),
         pytest.param("hyperelastic", 2, marks=pytest.mark.slow),
     ],
 )
@@ -99,8 +99,8 @@ def test_the_image_of_a_solved_press_is_what_a_solve_of_its_own_finds(
 
 def test_off_the_plan_an_image_is_solved_in_its_own_frame() -> None:
     protocol = declared()
-    whole(protocol, 0, "layer")
-    presses = Presses(protocol, SKIN, GELS["layer"])
+    whole(protocol, 0, "linear")
+    presses = Presses(protocol, SKIN, GELS["linear"])
     (_, a), (_, b) = (
         presses.of(presses.paths[n]).solver.next(2, (x, 2.0, -0.5), 1.0)
         for n, x in ((0, 3.3), (1, -3.3))
@@ -122,19 +122,19 @@ def test_only_planes_that_indenter_and_path_share_are_used() -> None:
     assert to_solved(way(paths(outward)[1]), parse("star")) == Mirror(False, False)
     assert to_solved(way(paths(outward)[2]), parse("star")) == Mirror(False, True)
     # All go to + first: images in place, but not in path.
-    seen = {Presses(positive, SKIN, GELS["layer"]).of(p).solver.stored_as for p in paths(positive)}
+    seen = {Presses(positive, SKIN, GELS["linear"]).of(p).solver.stored_as for p in paths(positive)}
     assert len(seen) == 4
 
 
 def test_ahead_of_a_run_one_of_four_is_solved() -> None:
     heard: list[str] = []
     rows = solve_ahead(
-        declared(), SKIN, GELS["layer"], jobs=1, told=lambda row: heard.append(row.press)
+        declared(), SKIN, GELS["linear"], jobs=1, told=lambda row: heard.append(row.press)
     )
     assert [row.like for row in rows] == ["", *["ellipsoid/p1"] * 3]
     assert all(row.done == row.knots and not row.failure for row in rows)
     assert set(heard) == {row.press for row in rows}
-    again = solve_ahead(declared(), SKIN, GELS["layer"])
+    again = solve_ahead(declared(), SKIN, GELS["linear"])
     assert rows[0].zones.contact_area_mm2 > 1
     for row, found in zip(rows, again, strict=True):
         assert row.zones == found.zones  # each where its own indenter is
@@ -143,9 +143,8 @@ def test_ahead_of_a_run_one_of_four_is_solved() -> None:
 
 
 def test_an_image_fails_as_what_it_is_the_image_of() -> None:
-    rows = solve_ahead(
-        declared(positions_mm=[[17.9, 0.0], [-17.9, 0.0]], shear=None), SKIN, GELS["layer"]
-    )
+    light = declared(positions_mm=[[1.0, 0.0], [-1.0, 0.0]], depths_mm=[0.03], shear=None)
+    rows = solve_ahead(light, SKIN, GELS["linear"])
     assert rows[0].failure
     assert rows[1].failure == f"as {rows[0].press}, its mirror image: {rows[0].failure}"
 

@@ -26,12 +26,12 @@ E_MPA = 0.56
 REACH = Reach((-3.0, 3.0), (-3.0, 3.0), 1.2)
 
 
-def layer(modulus_mpa: float) -> GelContact:
+def linear(modulus_mpa: float) -> GelContact:
     scene = SkinDimensions(), GelMaterial(modulus_mpa), parse("sphere:10")
-    return contact_of(*scene, pick(*scene, REACH, level="layer", spacing_mm=0.5), 0.5)
+    return contact_of(*scene, pick(*scene, REACH, level="linear", spacing_mm=0.5), 0.5)
 
 
-UNIT = layer(1.0)  # what a press is solved with
+UNIT = linear(1.0)  # what a press is solved with
 ALL = ObservedChannels("all")
 
 
@@ -50,7 +50,7 @@ class Bench:
             self.controller, self.clock, FRAME, Increments(press_mm, shear_mm), self.press, crop,
             E_MPA,
         )  # fmt: skip
-        self.contact = layer(E_MPA)
+        self.contact = linear(E_MPA)
         self.scene.mount("sphere:10")
         self.scene.begin()
 

@@ -60,7 +60,7 @@ def run(folder: Path, level: str, channels: str = ALL) -> record.Run:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("level", ["layer", "hyperelastic"])
+@pytest.mark.parametrize("level", ["linear", "hyperelastic"])
 def test_tractions_of_a_frame_add_up_to_its_force(level: str, tmp_path: Path) -> None:
     found = run(tmp_path, level)
     truth, frames = found.truth(), found.frames()
@@ -94,7 +94,7 @@ def test_tractions_of_a_frame_add_up_to_its_force(level: str, tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_what_was_not_asked_for_is_neither_kept_nor_found(tmp_path: Path) -> None:
-    found = run(tmp_path, "layer", '["image", "force", "shear"]')
+    found = run(tmp_path, "linear", '["image", "force", "shear"]')
     truth = found.truth()
     assert truth is not None
     frame_id = found.frames()["frame_id"].iloc[-1]
@@ -105,6 +105,6 @@ def test_what_was_not_asked_for_is_neither_kept_nor_found(tmp_path: Path) -> Non
 
 def test_it_needs_frames(tmp_path: Path) -> None:
     path = tmp_path / "p.toml"
-    path.write_text(PROTOCOL.format(level="layer", channels='["force", "shear", "traction"]'))
+    path.write_text(PROTOCOL.format(level="linear", channels='["force", "shear", "traction"]'))
     with pytest.raises(InputError, match="'traction' needs 'image'"):
         plan.load(str(path))

@@ -23,7 +23,7 @@ def _models() -> list[str]:
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH)
 @click.option("--model", "models", multiple=True, type=Named(_models, files=False),
               metavar="MODEL", show_default="all",
-              help="sums, paper, paper-mirrored, inverse or inverse-placed; repeatable."
+              help="sums, paper, paper-mirrored or inverse-placed; repeatable."
               )  # fmt: skip
 @click.option("--transfer", type=PATH, metavar="OTHER.toml",
               help="Carry another sensor's calibration over, using the few presses of RUN."

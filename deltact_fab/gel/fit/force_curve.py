@@ -2,9 +2,9 @@
 
 With Poisson's ratio and friction fixed, all stresses of a neo-Hookean gel scale with its modulus.
 All is solved by `gel.path` at finite strain, on cells for the deepest point. Between solved depths
-`power_law` interpolates. Below the depth at which the contact is some cells wide, the bonded
-layer's force is taken, times a factor that goes from 1 at touch to the first solved ratio as
-sqrt(d): what free sides and finite strain change grows with the contact's radius.
+`power_law` interpolates. Below the depth at which the contact is some cells wide, the
+linear level's force is taken, times a factor that goes from 1 at touch to the first solved ratio as
+sqrt(d): what finite strain changes grows with the contact's radius.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from ...aliases import Field, Point, Point2, Progress
 from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter, SkinDimensions
+from ..footprint import contact_radius_mm
 from ..level import Choice
 from ..path.knots import Increments, KnotPose, ObservedChannels, divide
 from ..path.open import choose, open_path
@@ -55,10 +56,10 @@ def evaluated(law: PowerLaw, at_mm: Field) -> Field:
 
 STEP_MM = 0.5
 DEEPEST = 0.95  # of the thickness
-LAYER_DEPTH = 0.25  # of the thickness: deepest use of the layer
+LINEAR_DEPTH = 0.25  # of the thickness: deepest use of the linear level
 CELLS = 3.0  # contact radius over cell size, from which a mesh is trusted
 PARTS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4)  # of the first solved depth
-SPACING_MM = 0.2  # of the layer's grid
+SPACING_MM = 0.2  # of the linear grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,12 +119,12 @@ def force_curve(
     h = spacing_mm
     if h is None:
         h = cells_mm(skin, indenter, unit.poisson, np.array([(*at_mm, deepest_mm)]))
-    # Number of steps to the first solved depth, and the layer's numbers above it.
-    reach = math.floor(LAYER_DEPTH * thickness / step + 1e-9)
+    # Number of steps to the first solved depth, and the linear level's numbers above it.
+    reach = math.floor(LINEAR_DEPTH * thickness / step + 1e-9)
     first = max(1, min(reach, round(_seen_from_mm(indenter, h) / step)))
-    light = _layer_forces(skin, unit, indenter, at_mm, first * step)
+    light = _linear_forces(skin, unit, indenter, at_mm, first * step)
     if light is None:
-        first = 1  # where the layer does not reach, finite strain is asked from there on
+        first = 1  # where the linear level does not reach, finite strain is asked from there on
     # A second solved depth gives the slope at the first, which shallow data lean on.
     last = max(first + 1, math.ceil(deepest_mm / step - 1e-9))
     limit = math.floor(DEEPEST * thickness / step + 1e-9)
@@ -137,8 +138,8 @@ def force_curve(
     forces = _forces(skin, unit, indenter, poses, choice, step, progress)
     shallow, small = np.empty(0), np.empty((0, 3))
     if light is not None:
-        shallow, normal, layer_n = light
-        grows = 1 + (-forces[0, 2] / layer_n - 1) * np.sqrt(shallow / depths[0])
+        shallow, normal, linear_n = light
+        grows = 1 + (-forces[0, 2] / linear_n - 1) * np.sqrt(shallow / depths[0])
         small = (normal * grows)[:, None] * (forces[0] / -forces[0, 2])
     depth = np.concatenate([[0.0], shallow, depths])
     force = np.concatenate([np.zeros((1, 3)), small, forces])
@@ -195,42 +196,26 @@ def _forces(
     return np.array([knot.force_n for knot in knots])
 
 
-def _widest_mm(indenter: Indenter, depth_mm: float) -> float:
-    """Radius of the largest circle in the indenter's section at half the depth.
-
-    That is the contact's radius where the gel meets a sphere as in Hertz, a^2 = R d.
-    """
-    from scipy.ndimage import distance_transform_edt
-
-    half_x, half_y = indenter.footprint_half_mm
-    cell = max(half_x, half_y) / 100
-    x = np.arange(-half_x - 2 * cell, half_x + 3 * cell, cell)
-    y = np.arange(-half_y - 2 * cell, half_y + 3 * cell, cell)
-    height = indenter.height_mm(*np.meshgrid(x, y))
-    inside = np.isfinite(height) & (height <= depth_mm / 2)
-    return float(distance_transform_edt(inside).max()) * cell
-
-
 def _seen_from_mm(indenter: Indenter, h: float) -> float:
     """Depth from which the contact is CELLS cells wide, or 60 % of the tips' width."""
-    goal = min(CELLS * h, 0.6 * _widest_mm(indenter, math.inf))
+    goal = min(CELLS * h, 0.6 * contact_radius_mm(indenter, math.inf))
     low, high = 0.0, 2 * indenter.equator_mm
     for _ in range(12):
         middle = (low + high) / 2
-        low, high = (low, middle) if _widest_mm(indenter, middle) >= goal else (middle, high)
+        low, high = (low, middle) if contact_radius_mm(indenter, middle) >= goal else (middle, high)
     return high
 
 
-def _layer_forces(
+def _linear_forces(
     skin: SkinDimensions,
     unit: GelMaterial,
     indenter: Indenter,
     at_mm: Point2,
     first_mm: float,
 ) -> tuple[Field, Field, float] | None:
-    """Depths above the first solved one, the bonded layer's normal forces there, and that at it.
+    """Depths above the first solved one, the linear normal forces there, and that at it.
 
-    None where the layer refuses that depth.
+    None where the linear level refuses that depth.
     """
     depths = [part * first_mm for part in (*PARTS, 1.0)]
     poses = [KnotPose((*at_mm, -d), 0.0, 1.0) for d in depths]
@@ -239,7 +224,7 @@ def _layer_forces(
         try:
             choice = choose(
                 skin, unit, indenter, poses[skipped:],
-                level="layer", friction=0.0, spacing_mm=SPACING_MM,
+                level="linear", friction=0.0, spacing_mm=SPACING_MM,
             )  # fmt: skip
             solver = open_path(skin, unit, indenter, poses[skipped:], ObservedChannels(), choice)
             normal = np.array([-knot.force_n[2] for knot in solver.solve_all()])

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 
 from ...aliases import Field, Mask
-from ...elasticity.face import PatchOperator
+from ...elasticity.block import BlockWindow
 from ...errors import SolverError
 from .. import time_limit
 
@@ -21,7 +21,7 @@ MUCH = 0.7  # of a set of nodes: a smaller part of it has an eigenvalue of its o
 
 
 def normal_contact(
-    operator: PatchOperator,
+    operator: BlockWindow,
     pressure_mpa: Field,
     rest_gap_mm: Field,
     goal_mm: float,
@@ -72,7 +72,7 @@ def normal_contact(
 class ShearComplianceBound:
     """Largest eigenvalues of an operator's shear compliance, for sets of nodes that come and go."""
 
-    def __init__(self, operator: PatchOperator) -> None:
+    def __init__(self, operator: BlockWindow) -> None:
         self._operator = operator
         self._known: tuple[Mask, float] | None = None
 
@@ -98,7 +98,7 @@ class ShearComplianceBound:
 
 
 def friction_contact(
-    operator: PatchOperator,
+    operator: BlockWindow,
     shear_mpa: Field,
     free_slip_mm: Field,
     bound_mpa: Field,

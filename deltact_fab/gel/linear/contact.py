@@ -1,4 +1,4 @@
-"""A rigid indenter pressed into and dragged over the bonded layer: pressure, friction, history.
+"""A rigid indenter pressed into and dragged over the linear gel: pressure, friction, history.
 
 Normal contact is the complementarity problem of Polonsky and Keer (Wear 231, 1999) at a given
 depth. Coulomb friction is one incremental potential per step: with the slip increment
@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...aliases import Field, Point
-from ...elasticity.face import FaceOperator
+from ...elasticity.block import FreeBlock
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
 from .complementarity import (
@@ -77,47 +77,42 @@ class _Solved(NamedTuple):
     residual: float
 
 
-class LayerContact:
-    """Contact of one indenter with one layer. Holds no history: `solve` maps state to state.
+class LinearContact:
+    """Contact of one indenter with one face. Holds no history: `solve` maps state to state.
 
-    layer: a `BondedLayer`, or a `FreeBlock`.
-    friction: Coulomb coefficient; None takes the material's.
-    observe_shear: False drops the tangential problem, that is, it solves without friction.
-    tolerance: allowed `ContactState.residual`. tangential_solves: calls made so far.
+    friction: Coulomb coefficient; None takes the material's; 0 drops the tangential problem.
+    tolerance: allowed `ContactState.residual`.
     """
 
     def __init__(
         self,
-        layer: FaceOperator,
+        face: FreeBlock,
         indenter: Indenter,
         friction: float | None = None,
-        observe_shear: bool = True,
         tolerance: float = 1e-6,
         max_alternations: int = 80,
         max_iterations: int = 4000,
     ) -> None:
-        friction = layer.material.friction if friction is None else friction
+        friction = face.material.friction if friction is None else friction
         if not (math.isfinite(friction) and friction >= 0):
             raise InputError(f"contact: friction >= 0 and finite: {friction} fails")
         if not 1e-12 <= tolerance <= 1e-2:
             raise InputError(f"contact: tolerance must be 1e-12 to 1e-2: {tolerance} fails")
-        self.layer = layer
+        self.face = face
         self.indenter = indenter
         self.friction = friction
-        self.observe_shear = observe_shear
         self.tolerance = tolerance
         self.max_alternations = max_alternations
         self.max_iterations = max_iterations
-        self.tangential_solves = 0
         self._applications = 0
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> ContactState:
         """The state without contact: nothing displaced, nothing remembered."""
-        scalar, plane = np.zeros(self.layer.shape), np.zeros((*self.layer.shape, 2))
-        nothing, still = (0.0, 0.0, 0.0), np.zeros((*self.layer.shape, 3))
+        scalar, plane = np.zeros(self.face.shape), np.zeros((*self.face.shape, 2))
+        nothing, still = (0.0, 0.0, 0.0), np.zeros((*self.face.shape, 3))
         return ContactState(
             tip_mm, scalar, plane, still, plane.copy(), plane.copy(), nothing, nothing,
-            contact_area_mm2=0.0, contact_nodes=0, residual=0.0, iterations=0,
+            contact_nodes=0, residual=0.0, iterations=0,
             beyond_small_strain=False, least_det=1.0,
         )  # fmt: skip
 
@@ -130,17 +125,17 @@ class LayerContact:
         indenter, folds the face, or does not converge.
         """
         tip = _point(tip_mm)
-        if previous.pressure_mpa.shape != self.layer.shape:
+        if previous.pressure_mpa.shape != self.face.shape:
             raise InputError(
                 f"contact: the previous state has {previous.pressure_mpa.shape} nodes, "
-                f"the layer {self.layer.shape}"
+                f"the face {self.face.shape}"
             )
         if tip[2] <= 0:
             return self.rest(tip)
-        refuse_out_of_range(self.layer, self.indenter, tip)
+        refuse_out_of_range(self.face, self.indenter, tip)
         self._applications = 0
         for grow_mm in tip[2] * np.array([0.0, 2.0, 8.0, 32.0, np.inf]):
-            patch = patch_below(self.layer, self.indenter, tip, grow_mm, previous.drag_mm)
+            patch = patch_below(self.face, self.indenter, tip, grow_mm, previous.drag_mm)
             state, outside = self._state(patch, self._solve_patch(patch, previous, tip), tip)
             # The patch is a guess at where contact can be; the whole grid decides.
             if outside <= self.tolerance * tip[2]:
@@ -158,7 +153,7 @@ class LayerContact:
         goal = self.tolerance * depth
         p = previous.pressure_mpa[at]
         none = np.zeros((2, *op.shape))
-        if not (self.observe_shear and self.friction > 0):
+        if self.friction == 0:
             gap = patch.height_mm(none) - depth
             p, worst, used = normal_contact(
                 op, np.where(np.isfinite(gap), p, 0.0), gap, goal / 4, self.max_iterations
@@ -186,7 +181,6 @@ class LayerContact:
             q, slip, worst, used = friction_contact(
                 op, shear, free_slip, bound, goal_mm, compliance, self.max_iterations
             )
-            self.tangential_solves += 1
             self._applications += used
             return q, slip, worst
 
@@ -226,30 +220,30 @@ class LayerContact:
 
     def _state(self, patch: Patch, found: _Solved, tip: Point) -> tuple[ContactState, float]:
         """The state on the whole grid, and the worst penetration (mm) outside the patch."""
-        layer, p = self.layer, found.pressure
+        face, p = self.face, found.pressure
         traction = np.concatenate([found.shear, -p[None]])
-        u = layer.apply_patch(traction, patch.rows.start, patch.columns.start)
-        drag = np.zeros((*layer.shape, 2))
+        u = face.apply_patch(traction, patch.rows.start, patch.columns.start)
+        drag = np.zeros((*face.shape, 2))
         if found.drag.any():
             added = np.concatenate([found.drag, np.zeros_like(p)[None]])
-            drag = layer.apply_patch(added, patch.rows.start, patch.columns.start)[..., :2]
-        rows, columns, xx, yy = footprint(layer, self.indenter, tip, drag)
+            drag = face.apply_patch(added, patch.rows.start, patch.columns.start)[..., :2]
+        rows, columns, xx, yy = footprint(face, self.indenter, tip, drag)
         gap = self.indenter.height_mm(xx, yy) - tip[2] - u[rows, columns, 2]
-        inside = np.zeros(layer.shape, dtype=bool)
+        inside = np.zeros(face.shape, dtype=bool)
         inside[patch.rows, patch.columns] = True
         outside = -float(np.min(gap, where=~inside[rows, columns], initial=0.0))
 
         contact = p > 0
-        x, y = layer.x_mm[patch.columns], layer.y_mm[patch.rows]
+        x, y = face.x_mm[patch.columns], face.y_mm[patch.rows]
         at = (patch.rows, patch.columns)
         height = patch.height_mm(np.moveaxis(drag[at], -1, 0))
-        refuse_bad_contact(layer, self.indenter, tip, height, contact, x, y)
+        refuse_bad_contact(self.indenter, tip, height, contact)
         arm = np.stack([*np.meshgrid(x, y), np.zeros(p.shape)]) + np.moveaxis(u[at], -1, 0)
-        det = least_det(layer, u, tip)
-        force = traction.sum(axis=(1, 2)) * layer.cell_mm2
-        torque = np.cross(arm, traction, axis=0).sum(axis=(1, 2)) * layer.cell_mm2
-        pressure = np.zeros(layer.shape)
-        shear, more = np.zeros((2, *layer.shape, 2))
+        det = least_det(face, u, tip)
+        force = traction.sum(axis=(1, 2)) * face.cell_mm2
+        torque = np.cross(arm, traction, axis=0).sum(axis=(1, 2)) * face.cell_mm2
+        pressure = np.zeros(face.shape)
+        shear, more = np.zeros((2, *face.shape, 2))
         pressure[at] = p
         shear[at], more[at] = np.moveaxis(found.shear, 0, -1), np.moveaxis(found.drag, 0, -1)
         nodes = int(contact.sum())
@@ -262,11 +256,10 @@ class LayerContact:
             drag_mm=drag,
             force_n=(float(force[0]), float(force[1]), float(force[2])),
             torque_nmm=(float(torque[0]), float(torque[1]), float(torque[2])),
-            contact_area_mm2=nodes * layer.cell_mm2,
             contact_nodes=nodes,
             residual=found.residual,
             iterations=self._applications,
-            beyond_small_strain=tip[2] > SMALL_STRAIN * layer.thickness_mm * (1 + 1e-9),
+            beyond_small_strain=tip[2] > SMALL_STRAIN * face.thickness_mm * (1 + 1e-9),
             least_det=det,
         )
         return state, outside

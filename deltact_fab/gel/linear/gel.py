@@ -1,4 +1,4 @@
-"""A linear level behind the interface of `level`: grid fields on the common lattice."""
+"""The linear level behind the interface of `level`: grid fields on the common lattice."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...aliases import Field, Point
+from ...elasticity.block import FreeBlock
 from ...elasticity.material import GelMaterial
 from ...errors import SolverError
-from ...levels import LINEAR
 from ...shapes import Indenter, SkinDimensions
 from ..lattice import hermite, means
 from ..level import Choice, IncrementDiagnostics, Level, State
 from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, measured
-from .contact import LayerContact
+from .contact import LinearContact
 from .state import ContactState
 
 MAX_CUTS = 2  # halvings of an increment
 
 
 class LinearGel:
-    """`level.GelContact` of a linear level."""
+    """`level.GelContact` of the linear level."""
 
     def __init__(
         self,
@@ -34,9 +34,9 @@ class LinearGel:
     ) -> None:
         self.level: Level = choice.level
         self.choice, self.x_mm, self.y_mm = choice, x_mm, y_mm
-        face = LINEAR[choice.level].face(skin, material, choice.spacing_mm)
+        face = FreeBlock(skin, material, choice.spacing_mm)
         self.dofs = 3 * face.shape[0] * face.shape[1]
-        self.contact = LayerContact(face, indenter, choice.friction)
+        self.contact = LinearContact(face, indenter, choice.friction)
         self._sampled = hermite(face.x_mm, x_mm), hermite(face.y_mm, y_mm)
         # A traction at a node of the grid is that of the cell around it.
         edges = (
@@ -54,7 +54,7 @@ class LinearGel:
     ) -> State:
         """One increment, halved where pressure and friction do not agree.
 
-        `seconds` makes no difference at a linear level.
+        `seconds` makes no difference at the linear level.
         """
         return self._state(self._cut(previous.inner, tip_mm, MAX_CUTS))
 
@@ -88,7 +88,7 @@ class LinearGel:
         """The nodes under pressure, each with its cell: the contact is hard. None: none is."""
         if not inner.contact_nodes:
             return None
-        face, h = self.contact.layer, max(self.contact.layer.spacing_mm)
+        face, h = self.contact.face, max(self.contact.face.spacing_mm)
         place = np.stack(np.meshgrid(face.x_mm, face.y_mm), axis=-1)
         bound = self.choice.friction * inner.pressure_mpa * (1 - AT_BOUND)
         return measured(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...aliases import Field, Mask, Point
-from ...elasticity.face import FaceOperator, PatchOperator
+from ...elasticity.block import BlockWindow, FreeBlock
 from ...errors import SolverError
 from ...shapes import Indenter
 
@@ -24,7 +24,7 @@ class Patch:
     x_mm: Field  # (my, mx), node positions relative to the tip
     y_mm: Field
     indenter: Indenter
-    operator: PatchOperator
+    operator: BlockWindow
 
     def height_mm(self, shift_mm: Field) -> Field:
         """Height above the nodes where they are after an in-plane shift (2, my, mx)."""
@@ -32,7 +32,7 @@ class Patch:
 
 
 def patch_below(
-    layer: FaceOperator, indenter: Indenter, tip: Point, grow_mm: float, shift_mm: Field
+    face: FreeBlock, indenter: Indenter, tip: Point, grow_mm: float, shift_mm: Field
 ) -> Patch:
     """Nodes that can come into contact: those below the indenter's underside, and a margin.
 
@@ -40,27 +40,27 @@ def patch_below(
     Raises SolverError where a tip of the indenter meets no node.
     """
     x, y, depth = tip
-    rows, columns, xx, yy = footprint(layer, indenter, tip, shift_mm)
+    rows, columns, xx, yy = footprint(face, indenter, tip, shift_mm)
     height = indenter.height_mm(xx, yy)
     for t in indenter.tips:
         at_x, at_y = t.lowest_mm
         if not np.any((np.hypot(xx - at_x, yy - at_y) <= t.radius_mm) & (height < depth)):
             raise SolverError(
                 f"contact: {indenter.name} at depth {depth:g} mm touches no grid node; "
-                f"a spacing below {layer.spacing_mm[0]:g} mm or more depth is needed"
+                f"a spacing below {face.spacing_mm[0]:g} mm or more depth is needed"
             )
     near: Mask = height < depth + grow_mm
-    rows = _widened(rows, np.logical_or.reduce(near, axis=1), layer.shape[0])
-    columns = _widened(columns, np.logical_or.reduce(near, axis=0), layer.shape[1])
-    xx, yy = np.meshgrid(layer.x_mm[columns] - x, layer.y_mm[rows] - y)
-    operator = layer.window(
+    rows = _widened(rows, np.logical_or.reduce(near, axis=1), face.shape[0])
+    columns = _widened(columns, np.logical_or.reduce(near, axis=0), face.shape[1])
+    xx, yy = np.meshgrid(face.x_mm[columns] - x, face.y_mm[rows] - y)
+    operator = face.window(
         rows.stop - rows.start, columns.stop - columns.start, rows.start, columns.start
     )
     return Patch(rows, columns, xx, yy, indenter, operator)
 
 
 def footprint(
-    layer: FaceOperator, indenter: Indenter, tip: Point, shift_mm: Field
+    face: FreeBlock, indenter: Indenter, tip: Point, shift_mm: Field
 ) -> tuple[slice, slice, Field, Field]:
     """Rows and columns below the whole indenter, and their positions (my, mx) from the tip.
 
@@ -68,9 +68,9 @@ def footprint(
     """
     slack = float(np.abs(shift_mm).max())
     half_x, half_y = indenter.footprint_half_mm
-    columns = span(np.abs(layer.x_mm - tip[0]) <= half_x + slack)
-    rows = span(np.abs(layer.y_mm - tip[1]) <= half_y + slack)
-    xx, yy = np.meshgrid(layer.x_mm[columns] - tip[0], layer.y_mm[rows] - tip[1])
+    columns = span(np.abs(face.x_mm - tip[0]) <= half_x + slack)
+    rows = span(np.abs(face.y_mm - tip[1]) <= half_y + slack)
+    xx, yy = np.meshgrid(face.x_mm[columns] - tip[0], face.y_mm[rows] - tip[1])
     xx, yy = xx + shift_mm[rows, columns, 0], yy + shift_mm[rows, columns, 1]
     return rows, columns, xx, yy
 

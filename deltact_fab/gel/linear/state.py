@@ -18,7 +18,7 @@ class ContactState:
     (ny, nx, 2): displacement by it, see `contact`. Both 0 in a straight press.
     force_n, torque_nmm: on the sensor, about the centre of the resting face; the torque takes each
     traction where it acts, on the displaced face.
-    contact_area_mm2: area of the nodes under pressure. contact_nodes: their number.
+    contact_nodes: how many are under pressure.
     residual: worst violation of the contact conditions, as a length over the depth.
     iterations: operator applications over both problems.
     beyond_small_strain: depth over 10 % of the thickness.
@@ -33,7 +33,6 @@ class ContactState:
     drag_mm: Field
     force_n: Point
     torque_nmm: Point
-    contact_area_mm2: float
     contact_nodes: int
     residual: float
     iterations: int

@@ -1,48 +1,94 @@
-"""Where a linear level stops: too deep, off the face or the indenter, folded."""
+"""Where the linear level stops (too deep, off the face or the indenter, folded), and its error.
+
+The numbers are measured; docs/evidence/gel.md holds the tables they are read from.
+"""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from scipy import ndimage
 
 from ...aliases import Field, Mask, Point
-from ...elasticity.face import FaceOperator
+from ...elasticity.block import FreeBlock
+from ...elasticity.edge_compliance import MAX_POISSON
+from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
-from ...shapes import Indenter
-from .patch import span
+from ...shapes import Indenter, SkinDimensions
+from ..footprint import contact_radius_mm
 
 DEPTH_LIMIT = 0.25  # of the thickness: force is still within some per cent of finite strain there
 FOLD_LIMIT = 0.2  # least det(I + grad u) of the face; at 0 the printed pattern folds over
 
+TIP_FORCE = 1.05  # x (poisson - EVEN_POISSON) x depth/contact radius: too stiff above it
+EVEN_POISSON = 0.42
+BEND_FORCE = 1.0  # x (depth/thickness)^2, of the force: too soft
+SPREAD_FORCE = 0.02  # x depth/contact radius: what the two do not tell
+# x depth^2 sqrt(pi/face): first + second x (contact radius/thickness)^2.
+BEND_IN_PLANE = (0.13, 0.4)
+MIN_IN_PLANE = 0.002  # x depth: what the reference, a disc for the block, tells apart
 
-def refuse_out_of_range(layer: FaceOperator, indenter: Indenter, tip_mm: Point) -> None:
+
+def linear_refusal(
+    skin: SkinDimensions, material: GelMaterial, indenter: Indenter, depth_mm: float
+) -> str | None:
+    """Why the level cannot follow a press to that depth at all, None where it can."""
+    if material.prony:
+        return "it knows no Prony series"
+    if material.poisson > MAX_POISSON:
+        return f"poisson <= {MAX_POISSON} is needed: {material.poisson:g} fails"
+    return _too_deep(skin.thickness_mm, indenter, depth_mm)
+
+
+def _too_deep(thickness_mm: float, indenter: Indenter, depth_mm: float) -> str | None:
+    limit = DEPTH_LIMIT * thickness_mm
+    if depth_mm > limit * (1 + 1e-12):
+        return f"depth {depth_mm:g} mm is over {limit:g} mm, {DEPTH_LIMIT:.0%} of the thickness"
+    if depth_mm >= indenter.equator_mm:
+        rim = indenter.equator_mm
+        return f"depth {depth_mm:g} mm presses {indenter.name} to {rim:g} mm, its rim"
+    return None
+
+
+def model_error(
+    skin: SkinDimensions, indenter: Indenter, depth_mm: float, poisson: float
+) -> tuple[float, float]:
+    """What the level leaves out, large strain: of the force, relative, and in plane, mm rms.
+
+    Under the tip it is of the order depth/contact radius, with a sign that Poisson's ratio sets;
+    over the thickness of second order.
+    """
+    if depth_mm <= 0:
+        return 0.0, 0.0
+    radius, thickness = contact_radius_mm(indenter, depth_mm), skin.thickness_mm
+    steep = depth_mm / radius
+    tip = TIP_FORCE * (poisson - EVEN_POISSON) * steep
+    bend = BEND_FORCE * (depth_mm / thickness) ** 2
+    # Of opposite signs, they are not relied on to cancel.
+    force = max(tip, bend + max(-tip, 0.0)) + SPREAD_FORCE * steep
+    in_plane = BEND_IN_PLANE[0] + BEND_IN_PLANE[1] * (radius / thickness) ** 2
+    in_plane *= depth_mm**2 * math.sqrt(math.pi / (skin.width_mm * skin.length_mm))
+    return force, in_plane + MIN_IN_PLANE * depth_mm
+
+
+def refuse_out_of_range(face: FreeBlock, indenter: Indenter, tip_mm: Point) -> None:
     """Raises InputError for a tip that is deeper than the level reaches, or off the face."""
     x, y, depth = tip_mm
-    limit = DEPTH_LIMIT * layer.thickness_mm
-    if depth > limit * (1 + 1e-12):
-        raise InputError(
-            f"contact: depth {depth:g} mm is over {limit:g} mm, {100 * DEPTH_LIMIT:g} % of the "
-            "gel's thickness: the linear layer stops there and a finite-strain level is needed"
-        )
-    if depth >= indenter.equator_mm:
-        raise InputError(
-            f"contact: depth {depth:g} mm presses {indenter.name} to its equator; "
-            f"it reaches below {indenter.equator_mm:g} mm"
-        )
-    half_x, half_y = layer.face_half_mm
+    if why := _too_deep(face.thickness_mm, indenter, depth):
+        raise InputError(f"contact: {why}; level hyperelastic can")
+    dx, dy = face.spacing_mm
+    half_x, half_y = face.x_mm[-1] + dx / 2, face.y_mm[-1] + dy / 2
     if abs(x) > half_x or abs(y) > half_y:
         raise InputError(
             f"contact: tip at ({x:g}, {y:g}) mm is off the face of +-{half_x:g} x +-{half_y:g} mm"
         )
 
 
-def refuse_bad_contact(
-    layer: FaceOperator, indenter: Indenter, tip_mm: Point, height_mm: Field, contact: Mask,
-    x_mm: Field, y_mm: Field,
-) -> None:  # fmt: skip
-    """Raises SolverError where nothing is under pressure, or contact runs off indenter or face.
+def refuse_bad_contact(indenter: Indenter, tip_mm: Point, height_mm: Field, contact: Mask) -> None:
+    """Raises SolverError where nothing is under pressure, or contact runs off the indenter.
 
-    height_mm, contact (my, mx): over the nodes of a patch at x_mm (mx,), y_mm (my,).
+    height_mm, contact (my, mx): over the nodes of a patch.
     """
     depth = tip_mm[2]
     if not contact.any():
@@ -55,24 +101,12 @@ def refuse_bad_contact(
             f"contact: at depth {depth:g} mm the contact reaches the edge of "
             f"{indenter.name}, where its height field ends; less depth is needed"
         )
-    reach = (
-        float(np.abs(x_mm[contact.any(axis=0)]).max()),
-        float(np.abs(y_mm[contact.any(axis=1)]).max()),
-    )
-    half = layer.face_half_mm
-    if reach[0] > half[0] or reach[1] > half[1]:
-        raise SolverError(
-            f"contact: it runs to ({reach[0]:.2f}, {reach[1]:.2f}) mm from the centre, over "
-            f"the face of +-{half[0]:g} x +-{half[1]:g} mm"
-        )
 
 
-def least_det(layer: FaceOperator, displacement_mm: Field, tip_mm: Point) -> float:
+def least_det(face: FreeBlock, displacement_mm: Field, tip_mm: Point) -> float:
     """Smallest in-plane det(I + grad u) on the face; raises SolverError below FOLD_LIMIT."""
-    half = layer.face_half_mm
-    rows, columns = span(np.abs(layer.y_mm) <= half[1]), span(np.abs(layer.x_mm) <= half[0])
-    dx, dy = layer.spacing_mm
-    ux, uy = displacement_mm[rows, columns, 0], displacement_mm[rows, columns, 1]
+    dx, dy = face.spacing_mm
+    ux, uy = displacement_mm[..., 0], displacement_mm[..., 1]
     xy, xx = np.gradient(ux, dy, dx)
     yy, yx = np.gradient(uy, dy, dx)
     det = float(((1 + xx) * (1 + yy) - xy * yx).min())

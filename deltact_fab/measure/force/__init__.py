@@ -18,8 +18,7 @@ FEATURES = {
     "sums": ("sums", "Sums"),
     "paper": ("paper", "Paper"),
     "paper-mirrored": ("paper", "PaperMirrored"),
-    "inverse": ("inverse", "Inverse"),
-    "inverse-placed": ("inverse", "InversePlaced"),
+    "inverse-placed": ("inverse", "Inverse"),
 }
 
 

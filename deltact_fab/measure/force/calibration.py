@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,9 @@ from ...shapes import SkinDimensions
 from ..sensor_id import Head, read_calibration, read_rest, rest_table
 from ..view import SensorView
 from .model import ForceModel
+
+FORMER = {"inverse": "inverse-placed"}
+"""Features of older files by those that have their numbers; they are not fitted any more."""
 
 
 @dataclass(frozen=True)
@@ -81,5 +84,6 @@ def load_force(path: Path) -> ForceCalibration:
         model = ForceModel.from_dict(held["model"])
     except InputError as why:
         raise InputError(f"{path}: {why}") from why
+    model = replace(model, features=FORMER.get(model.features, model.features))
     rest = read_rest(path, held["rest"])
     return ForceCalibration(head, model, skin, poisson, held["error"], held["transfer"], rest)

@@ -23,18 +23,22 @@ _PLACED = ("Fx r2/E mm4", "Fy r2/E mm4", "Fz r2/E mm4")
 
 
 class Inverse(LocalFeatures):
-    """Sums and moments of the inverse's traction: a factor a force, two a tilting torque.
+    """Sums and moments of the inverse's traction: two factors a force, two a tilting torque.
 
-    Where the resting face is not where the traction is, shear has an arm; so a torque about x takes
-    the force along y too, and one about y that along x.
+    A force's second factor goes with the square of its distance from the centre: the centre gives
+    some 3 % more than a place 8 mm off it. It is held at 0 as by a press of twenty states whose
+    factor is known to 2 %, so that it takes several places. Where the resting face is not where the
+    traction is, shear has an arm; so a torque about x takes the force along y too, and one about y
+    that along x.
     """
 
-    name = "inverse"
+    name = "inverse-placed"
     names = _SUMS + _PLACED
+    held = dict.fromkeys(_PLACED, 130.0)  # in mm2
     explains = {  # noqa: RUF012
-        "fx": ("Fx/E mm2",),
-        "fy": ("Fy/E mm2",),
-        "fz": ("Fz/E mm2",),
+        "fx": ("Fx/E mm2", "Fx r2/E mm4"),
+        "fy": ("Fy/E mm2", "Fy r2/E mm4"),
+        "fz": ("Fz/E mm2", "Fz r2/E mm4"),
         "tx": ("Tx/E mm3", "Fy/E mm2"),
         "ty": ("Ty/E mm3", "Fx/E mm2"),
         "tz": ("Tz/E mm3",),
@@ -75,19 +79,3 @@ class Inverse(LocalFeatures):
         field[..., :2] = raw.traction_mpa[..., :2] * own
         field[..., :2] += share[..., None] * (total[:2] - own * raw.force_n[:2])
         return replace(raw, traction_mpa=field)
-
-
-class InversePlaced(Inverse):
-    """The same with a force's factor that goes with the square of its distance from the centre.
-
-    The centre gives some 3 % more than a place 8 mm off it. What changes with the place is held at
-    0 as by a press of twenty states whose factor is known to 2 %, so that it takes several places.
-    """
-
-    name = "inverse-placed"
-    held = dict.fromkeys(_PLACED, 130.0)  # in mm2
-    explains = Inverse.explains | {
-        "fx": ("Fx/E mm2", "Fx r2/E mm4"),
-        "fy": ("Fy/E mm2", "Fy r2/E mm4"),
-        "fz": ("Fz/E mm2", "Fz r2/E mm4"),
-    }

@@ -139,23 +139,23 @@ near: Motion = partial(bump, 12.0, 90.0, 90.0)
 
 @cache
 def _press() -> tuple[SurfaceLattice, Field]:
-    """The face under a press with shear on the layer, and its displacement (ny, nx, 3)."""
-    from ...elasticity.layer import BondedLayer
+    """The face under a press with shear on the linear gel, and its displacement (ny, nx, 3)."""
+    from ...elasticity.block import FreeBlock
     from ...gel.level import follow
-    from ...gel.linear.contact import LayerContact
+    from ...gel.linear.contact import LinearContact
     from ...shapes.indenter import parse
 
-    layer = BondedLayer.for_skin(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
-    contact = LayerContact(layer, parse("sphere:10"))
+    face = FreeBlock(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
+    contact = LinearContact(face, parse("sphere:10"))
     *_, down = follow(contact, contact.rest(), (0.0, 0.0, 1.2), 0.3)
     *_, sheared = follow(contact, down, (1.5, 0.0, 1.2), 0.3)
     view, margin_mm = SENSOR.optics.view_mm, MARGIN_PX * MM_PER_PX
-    crop = LatticeCrop(layer.x_mm, layer.y_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
+    crop = LatticeCrop(face.x_mm, face.y_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
     return crop.lattice, crop(sheared.displacement_mm).astype(np.float64)
 
 
 def pressed(recipe: PatternRecipe = DOTS, sensor: ImageSensor | None = None) -> FlowSequence:
-    """A press with shear on the layer, as a camera sees it."""
+    """A press with shear on the linear gel, as a camera sees it."""
     return drawn(recipe, *_press(), sensor=sensor)
 
 

@@ -1,9 +1,9 @@
-"""The gel at its three levels: error of force and tracked displacement against run time.
+"""The gel at its two levels: error of force and tracked displacement against run time.
 
 One press, a sphere of 15 mm to 2 and 5 mm in the middle of the standard skin. The reference is the
 finite-strain level on two fine meshes, extrapolated at second order; what that moves the finer one
-is stated as its own error. A linear level's error is its model's, whatever its grid. The cases are
-stiff and extreme presses; a state that the solver itself does not trust counts as refused.
+is stated as its own error. The linear level's error is its model's, whatever its grid. The cases
+are stiff and extreme presses; a state that the solver itself does not trust counts as refused.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ...gel.level import Level
 from ..engine import Case, CurveSetting, Engine, Work
 from . import gel_scene as checks
 from .gel_press import FINE, OWN_ERROR, QUICK_FINE, PressSetup, errors, reference
-from .gel_run import solve
+from .gel_run import linear_breach, solve
 from .gel_scene import GelCase, down, solved
 
 FORCE, IN_PLANE = "% of the force", "mm rms over the face"
@@ -30,8 +30,7 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
     if quick:
         return [_setting(PressSetup("hyperelastic", 2.0, 0.0, h), FORCE, True) for h in (3.0, 2.0)]
     levels: dict[Level, tuple[float, ...]] = {
-        "hyperelastic": (3.0, 2.0, 1.5, 1.0), "layer": (0.5, 0.25, 0.125),
-        "block": (0.5, 0.35, 0.25),
+        "hyperelastic": (3.0, 2.0, 1.5, 1.0), "linear": (0.5, 0.35, 0.25, 0.125),
     }  # fmt: skip
     runs = [PressSetup(level, 2.0, 0.0, h) for level, spacings in levels.items() for h in spacings]
     runs += [PressSetup("auto", 2.0, 0.0, tolerance=t) for t in (0.1, 0.03, 0.01)]
@@ -64,6 +63,7 @@ def cases(quick: bool) -> Sequence[Case]:
     out = [
         *(of_nu((0.4999,))[1:] if quick else of_nu((0.3, 0.4999))),
         *of_friction((0.5,) if quick else (0.5, 100.0)),
+        *_linear(quick),
         _refused("depth NaN", "finite", coarse, down(math.nan)),
         _refused("nu 0.5", "poisson", replace(coarse, nu=0.5), down(1.0)),
         *(
@@ -112,14 +112,34 @@ def of_friction(frictions: Sequence[float]) -> list[Case]:
     ]  # fmt: skip
 
 
+def _linear(quick: bool) -> list[Case]:
+    """Drags at the linear level to its limits of material, friction and depth; what it refuses."""
+    fine = GelCase("sphere:10", 0.5, friction=0.5)
+    drags = [(fine, 1.2)]
+    if not quick:
+        drags += [(replace(fine, nu=nu), 1.2) for nu in (0.0, 0.4999)]
+        drags += [(replace(fine, friction=mu), 1.2) for mu in (5.0, 100.0)]
+        drags.append((fine, 3.0))
+    refused = (("1e-3 mm deep, the tip between nodes", "touches no grid node", fine, 1e-3),
+               ("over a quarter of the gel", "hyperelastic can", fine, 3.1),
+               ("nu 0.5", "poisson <=", replace(fine, nu=0.5), 1.2))  # fmt: skip
+    return [
+        *(Case(f"linear: nu {scene.nu:g}, friction {scene.friction:g}, {depth:g} mm deep, dragged",
+               "right or refused", partial(linear_breach, scene, depth), 1e-5, "of the depth",
+               "contact:") for scene, depth in drags),
+        *(Case(f"linear: {name}", "refused", partial(linear_breach, scene, depth), says=says)
+          for name, says, scene, depth in refused),
+    ]  # fmt: skip
+
+
 def _refused(name: str, says: str, scene: GelCase, tip: Point) -> Case:
     call = partial(checks.run, partial(solved, scene, 1.0, tip))
     return Case(name, "refused", call, says=says)
 
 
 ENGINE = Engine(
-    "Gel, three levels",
-    "Linear layer, linear block and finite strain against the finest finite-strain press.",
+    "Gel, two levels",
+    "The linear level and finite strain against the finest finite-strain press.",
     cases,
     curves,
 )

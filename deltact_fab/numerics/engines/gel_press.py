@@ -1,7 +1,7 @@
 """One press of the gel at finite strain, answered on a lattice of the face, and the reference.
 
 The reference is the same on two meshes, extrapolated, and is kept in the user's cache. What a row
-of evidence depends on is read off the imports: the other levels stand in `gel_run`.
+of evidence depends on is read off the imports: the linear level stands in `gel_run`.
 """
 
 from __future__ import annotations
