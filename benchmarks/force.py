@@ -13,6 +13,7 @@ from deltact_fab.aliases import Array
 from deltact_fab.cad.design import load_design
 from deltact_fab.measure.force import FEATURES, Features, ForceModel, make_features
 from deltact_fab.measure.force.inverse import Inverse
+from deltact_fab.measure.shape import DepthFinder, DepthModel, contacts
 from deltact_fab.measure.view import SensorView
 from deltact_fab.optics import Pinhole
 
@@ -152,7 +153,7 @@ def _fields(
 
     not_found: share of the states in which nothing is found to press, or only out of the view.
     """
-    inverse = features.inverse
+    inverse, finder = features.inverse, DepthFinder(features.view, DepthModel(1.0, 20.0))
     rows = []
     for press in use:
         truth = solved(press)
@@ -164,7 +165,8 @@ def _fields(
             pressed = inverse.of(flow)
             touched = -true[..., 2] > CONTACT * peak
             total = field.force_n - wrench(press)[i, :3]
-            place = np.hypot(*(inverse.place_mm(pressed) - truth["tips_mm"][i, :2]))
+            found = contacts(finder.of(flow), flow, features.view.camera)
+            place = np.hypot(*(found[0].place_mm - truth["tips_mm"][i, :2])) if found else np.nan
             depth = -inverse.displacement_mm(pressed)[..., 2]
             at = np.ix_(*(_nearest(truth[k], s) for k, s in
                           (("y_mm", inverse.seen_y_mm), ("x_mm", inverse.seen_x_mm))))  # fmt: skip

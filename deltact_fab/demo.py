@@ -134,7 +134,7 @@ def _calibrate(stage: _DemoStage) -> tuple[str, str]:
     )
     force = calibrate([folder], (FORCE_MODEL,), stage.seed)
     write_calibration(force.calibration, force_file)
-    depth = calibrate_depth(folder)
+    depth = calibrate_depth(folder, force_file)
     write_whole(depth_file, depth.toml().encode())
     return (
         f"force by {force.best.name!r} from {len(force.data)} settled points of sphere:15 at two "

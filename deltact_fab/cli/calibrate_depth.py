@@ -13,9 +13,12 @@ from .options import JSON, PATH, out_file
     "calibrate-depth", epilog="Example: deltact-fab calibrate-depth ball-run -o depth.toml"
 )
 @click.argument("run", type=PATH)
+@click.option("--force", type=PATH, metavar="FILE", show_default="the design's gel",
+              help="Calibration of force whose gel is taken, so that a measurement with both is "
+              "as fast as with one.")  # fmt: skip
 @out_file("Calibration to write.", default=Path("depth.toml"), show_default=True)
 @JSON
-def calibrate_depth(run: Path, out: Path, as_json: bool) -> None:
+def calibrate_depth(run: Path, force: Path | None, out: Path, as_json: bool) -> None:
     """Calibrate depth on RUN, in which a ball of known diameter presses the face.
 
     It uses the images, the positions of the stage and the diameter of the ball. The protocol
@@ -25,7 +28,7 @@ def calibrate_depth(run: Path, out: Path, as_json: bool) -> None:
     from ..files import write_whole
     from .output import echo_json
 
-    made = calibrated(run)
+    made = calibrated(run, force)
     write_whole(out, made.toml().encode())
     if as_json:
         echo_json({**made.as_dict(), "file": str(out)})

@@ -23,12 +23,15 @@ from ...measure.force import (
     make_features,
 )
 from ...measure.force.calibration import ForceCalibration, load_force
+from ...measure.force.inverse import Inverse
+from ...measure.view import SensorView
 from ...protocols.plan import DeadWeights
 from ...record import Run, encode_png
 from ..frames import settled, settles
 from ..view import head_of, view_of
 from .dataset import ForceData, gather, opened, presses
 from .field import field_error
+from .gel import told_gel
 from .judge import (
     TEST_SHARE,
     EvaluatedModel,
@@ -64,11 +67,18 @@ def calibrate(
     for name in must:
         _require_enough(make_features(name, view), most, source)
     data = gather(runs, asked, executor, progress)
+    gel = None
+    if Inverse.name in asked:
+        gel = told_gel(runs, data, view, progress)
+    if gel is not None:
+        view = gel.view(view)
+        data = gather(runs, asked, executor, progress, view)
     found = fit_best(
-        data, seed, lambda model, error: _calibration(runs, model, error=error), must, source
+        data, seed, lambda model, error: _calibration(runs, model, view, error=error), must, source
     )
     return replace(
         found,
+        gel=gel,
         left_out=[*found.left_out, *_doubts(runs, tables)],
         field=field_error(runs, data, found.best.name),
     )
@@ -128,7 +138,7 @@ def carry_over(
     data = gather(runs, (name,), None, progress)
     moved = transfer(calibration.model, data)
     told = {"of": list(calibration.head.made.runs), **moved.as_dict()}
-    kept = _calibration(runs, moved.model, transfer=told)
+    kept = _calibration(runs, moved.model, view_of(runs[0]), transfer=told)
     return moved, kept, [*data.left_out, *_doubts(runs, tables)]
 
 
@@ -143,10 +153,11 @@ def _require_enough(features: Features, points: int, source: str) -> None:
         )
 
 
-def _calibration(runs: Sequence[Run], model: ForceModel, **more: Any) -> ForceCalibration:
-    """A model with the sensor of runs, and its face at rest."""
+def _calibration(
+    runs: Sequence[Run], model: ForceModel, view: SensorView, **more: Any
+) -> ForceCalibration:
+    """A model with the sensor that it was fitted to, and the face of runs at rest."""
     run, head = runs[0], head_of(runs, "force")
-    view = view_of(run)
     rest = encode_png(run.image(str(run.frames(presses(run)[0])["file"].iloc[0])))
     return ForceCalibration(head, model, view.skin, view.poisson, rest=rest, **more)
 

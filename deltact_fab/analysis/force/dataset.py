@@ -138,16 +138,22 @@ def gather(
     names: Sequence[str],
     executor: Executor | None = None,
     progress: Progress | None = None,
+    view: SensorView | None = None,
 ) -> ForceData:
-    """The points of `opened` runs under feature sets. Raises InputError where none can be used."""
+    """The points of `opened` runs under feature sets. Raises InputError where none can be used.
+
+    view: of the sensor, where it is not as the runs describe it.
+    """
+    view = view or view_of(runs[0])
     jobs = [
         (str(run.folder), label, press)
         for run, label in zip(runs, labels(runs), strict=True)
         for press in presses(run)
     ]
     shown = [press for _, _, press in jobs]
-    parts = each(partial(_press, names=tuple(names)), jobs, shown, executor, progress)
-    return joined(parts, names, view_of(runs[0]), str(runs[0].folder))
+    work = partial(_press, names=tuple(names), view=view)
+    parts = each(work, jobs, shown, executor, progress)
+    return joined(parts, names, view, str(runs[0].folder))
 
 
 def joined(
@@ -170,20 +176,21 @@ def joined(
     return ForceData(points, wrench, features, sets, left_out)
 
 
-def _press(of: tuple[str, str, str], names: Sequence[str]) -> PressPoints:
+def _press(of: tuple[str, str, str], names: Sequence[str], view: SensorView) -> PressPoints:
     """The points of a press; of: the run's folder, its label, and the press."""
     folder, label, press = of
-    return points_of(record.open(folder), label, press, names)
+    return points_of(record.open(folder), label, press, names, view)
 
 
-def points_of(run: Run, label: str, press: str, names: Sequence[str]) -> PressPoints:
+def points_of(
+    run: Run, label: str, press: str, names: Sequence[str], view: SensorView
+) -> PressPoints:
     """One press of a run that has images and force; label: the run's name in the points.
 
     Raises as `flows_of` does.
     """
     rows = settled(run.frames(press))
     wrench, saturated = wrenches(run, press, rows)
-    view = view_of(run)
     sets = [make_features(name, view) for name in names]
     followed = {every: flows_of(run, press, every) for every in {one.every for one in sets}}
     flows = next(iter(followed.values())).flows

@@ -16,6 +16,7 @@ from ...measure.force.calibration import ForceCalibration
 from ..frames import make_folder
 from .dataset import ForceData
 from .field import FieldError
+from .gel import ToldGel
 from .judge import (
     FORCES,
     LEFT_OUT,
@@ -41,7 +42,8 @@ class ForceResult:
     """Feature sets fitted and cross-validated on the points of one sensor.
 
     judged: best first; best is the one whose calibration is kept. curves: by feature set. field:
-    the best one's force field against truth, where there is one.
+    the best one's force field against truth, where there is one. gel: that the presses tell, None
+    where the design's is kept.
     """
 
     data: ForceData
@@ -51,6 +53,7 @@ class ForceResult:
     left_out: list[str]
     curves: dict[str, list[LearningPoint]] = made_by(default_factory=dict)
     field: FieldError | None = None
+    gel: ToldGel | None = None
 
     @property
     def best(self) -> EvaluatedModel:
@@ -140,6 +143,7 @@ class ForceResult:
                 for name, (r2, rmse_n) in PAPER_TABLE.items()
             },
             "field": None if self.field is None else asdict(self.field),
+            "gel": None if self.gel is None else asdict(self.gel),
             "left_out": self.left_out,
         }
 

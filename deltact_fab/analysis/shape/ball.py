@@ -10,12 +10,13 @@ import numpy as np
 
 from ... import record
 from ...errors import InputError
-from ...measure.sensor_id import Head
+from ...measure.force.calibration import load_force
+from ...measure.sensor_id import Head, require_same
 from ...measure.shape import DepthFinder, DepthModel
 from ...measure.shape.depth import ball_mm
 from ..flows import flows_of
 from ..frames import recorded, settled
-from ..view import head_of, view_of
+from ..view import head_of, sensor_of, view_of
 
 EVERY_PX = 4
 """Between the points at which the shape is given."""
@@ -79,8 +80,11 @@ class DepthCalibration:
         }
 
 
-def calibrate_depth(folder: str | Path) -> DepthCalibration:
+def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalibration:
     """From a run in which a ball presses the face; its first press of one is taken.
+
+    force: a calibration of it, whose gel is taken instead of the design's: a measurement that uses
+    both then inverts the face once.
 
     Takes the settled frames and nothing but images, poses and the ball's diameter. Raises
     InputError for a run that is not finished, has no images or presses no ball, or not 0.3 mm deep.
@@ -97,6 +101,10 @@ def calibrate_depth(folder: str | Path) -> DepthCalibration:
     press = str(balls["press"].iloc[0])
     diameter_mm = float(str(balls["indenter"].iloc[0]).removeprefix("sphere:"))
     view = view_of(run)
+    if force is not None:
+        held = load_force(force)
+        require_same(held.head.sensor, sensor_of(run), str(force))
+        view = held.view(view.camera)
     finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=MIN_MM))
     parts, depths = [], []
     rows = settled(run.frames(press))
@@ -122,6 +130,7 @@ def calibrate_depth(folder: str | Path) -> DepthCalibration:
             "its diameter, or where the stage has the face, wrong?"
         )
     return DepthCalibration(
-        head_of([run], "depth"), DepthModel(gain, max(depths)), diameter_mm, depths,
+        head_of([run], "depth"),
+        DepthModel(gain, max(depths), view.poisson, view.skin.thickness_mm), diameter_mm, depths,
         float(np.abs(gain * found - wanted).mean()),
     )  # fmt: skip

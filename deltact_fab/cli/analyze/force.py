@@ -85,6 +85,8 @@ def _tell(result: ForceResult) -> None:
     from ..output import echo_table
 
     click.echo(result.line + "\n")
+    if result.gel is not None:
+        click.echo(result.gel.line + "\n")
     head = ("model", "component", "adj. R2", "about 0", "train", "test", *LEFT_OUT, "range",
             "% of range", "cond. raw", "scaled")  # fmt: skip
     keys = ("adjusted_r2", "adjusted_r2_about_zero", "rmse_train", "rmse",

@@ -45,12 +45,12 @@ class Inverse(LocalFeatures):
     }
 
     def __init__(self, view: SensorView) -> None:
-        self._view = view
+        self.view = view
 
     @cached_property
     def inverse(self) -> FaceInverse:
         """The solver for the traction; made on first use."""
-        return inverse_for(self._view)
+        return inverse_for(self.view)
 
     def of(self, flow: FaceFlow) -> Array:
         """(9,): force and torque for a modulus of 1 MPa, and force times the place's r^2."""

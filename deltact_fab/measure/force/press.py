@@ -145,18 +145,6 @@ class FaceInverse:
         moved = np.stack([t @ self._moves[part, columns] for part in parts], axis=-1)
         return moved.reshape(len(self.seen_y_mm), len(self.seen_x_mm), len(parts))
 
-    def place_mm(self, press: TractionField) -> Array:
-        """Where what presses is, (2,): the centre of the pressure, moved with the gel it holds.
-
-        nan where nothing presses, or only out of the view.
-        """
-        pressure = press.traction_mpa[..., 2][self._inner]
-        total = pressure.sum()
-        if not total:
-            return np.full(2, np.nan)
-        moved = self.displacement_mm(press, (0, 1)) * pressure[..., None]
-        return press.centre_mm() + moved.sum(axis=(0, 1)) / total
-
     def _restricted(self, shift: Array, known: Array, look: Array, at: Array) -> tuple[Array, bool]:
         """Traction (n, 3) of the cells at those places, and whether it leaves too much over."""
         columns = (3 * at[:, None] + np.arange(3)).ravel()

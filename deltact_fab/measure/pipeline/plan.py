@@ -89,7 +89,8 @@ class Plan:
 
     def _contacts(self) -> str:
         camera = self._setup.view.camera
-        needs = (self._depth("contacts"), self._whole(SHAPE_EVERY), self._press())
+        depth = self._depth("contacts")
+        needs = (depth, self._whole(SHAPE_EVERY), self.stages[depth][0][1])
         return self._add(
             "contacts", needs, lambda depth, flow, press: contacts(depth, flow, camera, press)
         )
@@ -101,12 +102,9 @@ class Plan:
                 "calibrate-depth RUN` makes one"
             )
         finder = DepthFinder(self._setup.view, self._setup.depth)
-        return self._add("depth", (self._whole(SHAPE_EVERY), self._press()), finder.of)
-
-    def _press(self) -> str:
-        """What presses on the face, once for force and shape."""
-        run = inverse_for(self._setup.view).of
-        return self._add("press", (self._whole(Inverse.every),), run)
+        # Once for force and shape, where they were calibrated with the same gel: it is kept.
+        press = self._add("press", (self._whole(Inverse.every),), finder.inverse.of)
+        return self._add("depth", (self._whole(SHAPE_EVERY), press), finder.of)
 
     def _features(self, output: Output) -> tuple[ForceModel, Features]:
         model = self._setup.force

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from ...analysis.force.dataset import PressPoints, points_of
+from ...analysis.view import view_of
 from .. import press_jobs
 
 _ROW = ("frame_id", "indenter", "run", "press", "position", "x_mm", "y_mm", "cover")
@@ -26,7 +27,7 @@ def points(told: dict[str, Any]) -> dict[str, Any]:
     """
     with press_jobs.carried_out(told) as (run, bench):
         name = str(told["protocol"]["name"])
-        parts = [points_of(run, name, p, told["features"]) for p in told["presses"]]
+        parts = [points_of(run, name, p, told["features"], view_of(run)) for p in told["presses"]]
     return {**_packed(parts), **press_jobs.gel_of(bench)}
 
 

@@ -1,0 +1,168 @@
+"""The gel that presses tell: Poisson's ratio and thickness, beside what the design believes.
+
+Both change how the face answers pressure and shear at once, so a belief that is off puts the
+force off by some per cent wherever it was not calibrated. Presses at known places tell them: the
+pair is taken under which left-out positions are predicted best, all three forces alike.
+On gels of another solver, two of them, it found the true pair (docs/evidence/strangers.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...aliases import Array, Progress
+from ...errors import InputError
+from ...measure.face import FaceFlow
+from ...measure.force import ForceModel
+from ...measure.force.inverse import Inverse
+from ...measure.regression import MIN_PRESSES
+from ...measure.view import SensorView
+from ...record import Run
+from ..flows import flows_of
+from ..frames import settled
+from .dataset import ForceData, labels
+
+AWAY, THICKER = 1.25, 0.01  # a step: factor of 1/2 - Poisson's ratio, share of the thickness
+STEPS = (4, 2, 1)  # of a search round the best pair, one after the other
+WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))  # a thinner, softer gel looks alike
+FARTHEST = 8  # steps of either from what was believed
+AWAY_RANGE = (0.002, 0.1)  # of 1/2 - Poisson's ratio
+FRAMES = 120  # that are looked at, spread over all
+DRAWS, SURE = 400, 0.95
+FORCES = slice(0, 3)
+
+Errors = Callable[[SensorView], Array]
+
+
+@dataclass(frozen=True)
+class ToldGel:
+    """Poisson's ratio and thickness, each with the interval of a share SURE of redrawn presses.
+
+    error_share: the force's error of left-out positions over that with what was believed, mean
+    (geometric) of the three components.
+    """
+
+    poisson: float
+    poisson_between: tuple[float, float]
+    thickness_mm: float
+    thickness_between_mm: tuple[float, float]
+    error_share: float
+
+    @property
+    def line(self) -> str:
+        """In a sentence."""
+        (a, b), (c, d) = self.poisson_between, self.thickness_between_mm
+        return (
+            f"The presses tell a gel of Poisson's ratio {self.poisson:.3f} ({a:.3f} to {b:.3f}), "
+            f"{self.thickness_mm:.2f} mm thick ({c:.2f} to {d:.2f}); with it the force's error is "
+            f"{self.error_share:.2f} of that with the design's"
+        )
+
+    def view(self, believed: SensorView) -> SensorView:
+        """The sensor with this gel."""
+        skin = replace(believed.skin, thickness_mm=self.thickness_mm)
+        return replace(believed, skin=skin, poisson=self.poisson)
+
+
+def told_gel(
+    runs: Sequence[Run], data: ForceData, view: SensorView, progress: Progress | None = None
+) -> ToldGel | None:
+    """By the features that rest on the gel; None where the presses do not tell it.
+
+    They do not where they are fewer than MIN_PRESSES, at fewer than three positions or without
+    shear, or where redrawn presses would as soon keep what is believed.
+    """
+    positions = data.points["position"]
+    alike = np.ptp(data.wrench[:, FORCES], axis=0) == 0
+    if data.points["press"].nunique() < MIN_PRESSES or positions.nunique() < 3 or alike.any():
+        return None
+    rows = np.unique(np.linspace(0, len(data) - 1, min(FRAMES, len(data))).astype(int))
+    flows = _flows(runs, data, rows)
+    presses = data.points["press"].to_numpy()[rows]
+    groups = positions.to_numpy()[rows]
+    return search(view, squared_errors(flows, data.wrench[rows], presses, groups), progress)
+
+
+def squared_errors(
+    flows: Sequence[FaceFlow], wrench: Array, presses: Array, groups: Array
+) -> Errors:
+    """Of a view, what each press adds to the squared errors of left-out groups (presses, 3)."""
+    _, of = np.unique(presses, return_inverse=True)
+
+    def errors(view: SensorView) -> Array:
+        features = Inverse(view)
+        X = np.array([features.of(flow) for flow in flows])
+        off = np.zeros((len(X), 3))
+        for group in np.unique(groups):
+            mine = groups == group
+            model, _ = ForceModel.fit(features, X[~mine], wrench[~mine])
+            off[mine] = (model.predict(X[mine]) - wrench[mine])[:, FORCES]
+        added = np.zeros((of.max() + 1, 3))
+        np.add.at(added, of, off**2)
+        return added
+
+    return errors
+
+
+def search(view: SensorView, errors: Errors, progress: Progress | None = None) -> ToldGel | None:
+    """The pair under which the errors are least, from the believed one on; None: not told."""
+    seen: dict[tuple[int, int], Array] = {}
+
+    def at(pair: tuple[int, int]) -> tuple[float, float]:
+        return 0.5 - (0.5 - view.poisson) * AWAY ** pair[0], view.skin.thickness_mm * (
+            1 + THICKER * pair[1]
+        )
+
+    def score(pair: tuple[int, int]) -> float:
+        poisson, thickness_mm = at(pair)
+        low, high = AWAY_RANGE
+        beyond = max(map(abs, pair)) > FARTHEST or not low <= 0.5 - poisson <= high
+        if beyond and pair != (0, 0):
+            return np.inf
+        if pair not in seen:
+            skin = replace(view.skin, thickness_mm=thickness_mm)
+            try:
+                seen[pair] = errors(replace(view, skin=skin, poisson=poisson))
+            except InputError:
+                return np.inf  # a gel that the face's operator does not take
+            if progress:
+                progress(len(seen), 0, "the gel that the presses tell")
+        return float(np.log(seen[pair].sum(axis=0)).sum())
+
+    best = (0, 0)
+    for step in STEPS:
+        while True:
+            near = [(best[0] + step * i, best[1] + step * j) for i, j in WAYS]
+            found = min(near, key=score)
+            if score(found) >= score(best):
+                break
+            best = found
+    # Presses drawn again: which pair would have been taken.
+    pairs = list(seen)
+    each = np.stack([seen[pair] for pair in pairs])
+    n = each.shape[1]
+    drawn = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), DRAWS)
+    scores = np.log(np.einsum("dp,gpc->dgc", drawn, each)).sum(axis=2)
+    better = scores[:, pairs.index(best)] < scores[:, pairs.index((0, 0))]
+    if best == (0, 0) or better.mean() < SURE:
+        return None
+    taken = np.array([at(pairs[k]) for k in scores.argmin(axis=1)])
+    (a, c), (b, d) = np.quantile(taken, [(1 - SURE) / 2, (1 + SURE) / 2], axis=0).tolist()
+    poisson, thickness_mm = at(best)
+    gain = (score(best) - score((0, 0))) / 6  # of squares, of three components
+    return ToldGel(poisson, (a, b), thickness_mm, (c, d), float(np.exp(gain)))
+
+
+def _flows(runs: Sequence[Run], data: ForceData, rows: Array) -> list[FaceFlow]:
+    """Of some of the points, in their order."""
+    of_run = dict(zip(labels(runs), runs, strict=True))
+    found: list[FaceFlow] = []
+    for (label, press), part in data.points.iloc[rows].groupby(["run", "press"], sort=False):
+        run, name = of_run[str(label)], str(press).removeprefix(f"{label}/")
+        frames = settled(run.frames(name))["frame_id"].tolist()
+        flows = flows_of(run, name, Inverse.every).flows
+        found += [flows[frames.index(frame)] for frame in part["frame_id"]]
+    return found
