@@ -105,12 +105,25 @@ def flows(press: Press, camera: CameraModel, noise_px: float, wide_mm: float) ->
     noise_px: rms of an error alike over wide_mm (sigma), on top of WHITE_PX at each pixel; with 0
     there is neither.
     """
-    truth, mm = solved(press), camera.mm_per_px
+    return flows_of(
+        solved(press),
+        camera,
+        noise_px,
+        np.random.default_rng([SEED, *press.name.encode()]),
+        wide_mm,
+    )
+
+
+def flows_of(
+    truth: dict[str, Array], camera: CameraModel, noise_px: float, rng: np.random.Generator,
+    wide_mm: float = 1.0,
+) -> list[FaceFlow]:  # fmt: skip
+    """The same of any face's displacement_mm on x_mm, y_mm."""
+    mm = camera.mm_per_px
     whole = (axis[: len(axis) // EVERY * EVERY] for axis in axes_mm(camera))
     xs, ys = (axis.reshape(-1, EVERY).mean(1) for axis in whole)
     rest = np.stack((*np.meshgrid(xs, ys), np.zeros((len(ys), len(xs)))), axis=-1)
     rest_px = camera.project_px(rest)
-    rng = np.random.default_rng([SEED, *press.name.encode()])
     found = []
     for moved in truth["displacement_mm"]:
         u = np.empty_like(rest)
