@@ -91,7 +91,7 @@ def _of_cases(table: str, cases: list[Case]) -> Iterator[EvidenceRow]:
 
 def every_run() -> Iterator[tuple[Callable[[Any], Any], PressSetup]]:
     """The points of the curves, each with what solves it; the longest take minutes."""
-    solvers: tuple[Name, ...] = ("pardiso", "superlu", "cg")
+    solvers: tuple[Name, ...] = ("pardiso", "superlu")
     finite, linear, auto = gel_press.solve_finite, gel_run.solve_linear, gel_run.solve_auto
     for depth in (2.0, 5.0):
         for mu in (0.0, 0.5):

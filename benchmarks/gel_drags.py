@@ -134,8 +134,7 @@ def compare(drag: Drag, twin: dict[str, Array], tolerance: float = 0.03) -> Apar
     state = contact.rest((0.0, 0.0, 0.0))
     rows, ratios = [], []
     for i, tip in enumerate(tips):
-        for state in follow(contact, state, tip, choice.step_mm):
-            pass
+        *_, state = follow(contact, state, tip, choice.step_mm)
         fx, _, fz = twin["force"][i]
         ratio = fx / (drag.friction * -fz)
         if tip[0] == 0 or ratio < LEAST_RATIO:
@@ -205,8 +204,9 @@ def main(argv: Sequence[str] | None = None) -> None:
                 found[index] = one
                 _keep(found)
         return
-    print("| drag | ratio | side force, % | normal, % | in plane, mm rms; most | stick share | CPU s |"
-          "\n" + "|---" * 7 + "|")  # fmt: skip
+    head = ("drag", "ratio", "side force, %", "normal, %", "in plane, mm rms; most",
+            "stick zone, of the contact", "CPU s")  # fmt: skip
+    print(f"| {' | '.join(head)} |", "|---" * len(head) + "|", sep="\n")
     for drag, twin in stored().items():
         a = compare(drag, twin, options.tolerance)
         print(f"| {drag.name} | {a.ratios[0]:.2f}-{a.ratios[1]:.2f} | {100 * a.side:.1f} | "

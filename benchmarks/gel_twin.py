@@ -15,11 +15,12 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
 
 from deltact_fab.aliases import Field, Index, Point
 
@@ -67,7 +68,7 @@ class Solved:
     traction_mpa: Field
     rest_mm2: Field
     area_mm2: Field
-    slips: Field
+    slips: NDArray[np.bool_]
     nodes_mm: Field
     axes_mm: tuple[Field, Field]
     iterations: int
@@ -81,7 +82,8 @@ def graded(low: float, high: float, fine: tuple[float, float], size: float, grow
     def away(length: float) -> list[float]:
         if length < 1e-9:
             return []
-        step, steps = size, []
+        step = size
+        steps: list[float] = []
         while sum(steps) < length - 1e-9:
             step *= growth
             steps.append(step)
@@ -212,17 +214,10 @@ class Block:
         left = np.swapaxes(g, 2, 3).reshape(m, 81, 27).swapaxes(1, 2)  # (m, a, (q, j))
         for i in range(3):
             for n in range(i, 3):
-                d = (
-                    -(self.w * pressure)[..., None, None]
-                    * c[:, :, n, :, None]
-                    * c[:, :, i, None, :]
-                )
-                d = (
-                    d
-                    + (4 * s * self.mu * self.w)[..., None, None]
-                    * f[:, :, i, :, None]
-                    * f[:, :, n, None, :]
-                )
+                turned = c[:, :, n, :, None] * c[:, :, i, None, :]
+                d = -(self.w * pressure)[..., None, None] * turned
+                both = f[:, :, i, :, None] * f[:, :, n, None, :]
+                d = d + (4 * s * self.mu * self.w)[..., None, None] * both
                 if i == n:
                     d = d + (self.w * stiff)[..., None, None] * np.eye(3)
                 right = np.matmul(d, np.swapaxes(g, 2, 3)).reshape(m, 81, 27)
@@ -244,6 +239,22 @@ class Touch:
     at: Field  # from the ball's centre
 
 
+class _Contact(NamedTuple):
+    """At the points (f, q): pressure, traction against rubbing (.., 3) on the ball, normal of the
+    ball, what slips, and the stiffness (.., 3, 3) or None."""
+
+    pressure: Field
+    traction: Field
+    normal: Field
+    slips: NDArray[np.bool_]
+    stiffness: Field | None
+
+    @property
+    def pull(self) -> Field:
+        """On the ball, per resting area."""
+        return self.traction - self.pressure[..., None] * self.normal
+
+
 @dataclass
 class _State:
     """A solved pose: displacements, contact, how far the base has sunk, and how it came there."""
@@ -255,14 +266,15 @@ class _State:
     way: Field | None = None
 
 
+_Moved = tuple[_State, tuple[Field, _Contact, int]]
+
+
 class BallPress:
     """A ball of a radius on a block; friction math.inf sticks for ever."""
 
-    def __init__(
-        self, block: Block, radius_mm: float, friction: float, symmetric: bool = False
-    ) -> None:
+    def __init__(self, block: Block, radius_mm: float, friction: float) -> None:
         self.block, self.radius, self.friction = block, radius_mm, friction
-        cell = math.sqrt(4 * block.face_w.sum(axis=1).min() / 4)
+        cell = math.sqrt(block.face_w.sum(axis=1).min())
         self.k = 300 * block.mu / cell
         self.kt = 500 * block.mu / cell
         self.solver = Solver()
@@ -283,34 +295,36 @@ class BallPress:
             if pose.keep:
                 yield self._solved(pose.tip_mm, *done)
 
-    def _move(self, state: _State, start: Point, tip: Point, halved: int):
+    def _move(self, state: _State, start: Point, tip: Point, halved: int) -> _Moved:
         try:
             return self._pose(state, start, tip)
         except RuntimeError:
             if halved == HALVINGS:
                 raise
-        middle = tuple((p + q) / 2 for p, q in zip(start, tip, strict=True))
+        x, y, z = ((p + q) / 2 for p, q in zip(start, tip, strict=True))
+        middle = x, y, z
         state, _ = self._move(state, start, middle, halved + 1)
         return self._move(state, middle, tip, halved + 1)
 
-    def _pose(self, state: _State, start: Point, tip: Point):
+    def _pose(self, state: _State, start: Point, tip: Point) -> _Moved:
         b = self.block
         way = np.array(tip) - np.array(start)
         u, sunk, count = state.u.copy(), state.sunk, 0
-        if state.rate is not None and np.allclose(way, state.way, atol=1e-9):
+        if state.way is not None and np.allclose(way, state.way, atol=1e-9):
+            assert state.rate is not None
             ahead = u + state.rate
             u = u if b.bulk(ahead, False) is None else ahead
         for _ in range(4 if b.gel.base_mm_n else 1):
             u[b.base, 2] = -sunk * b.bend
-            u, lam, tau, seen, more = self._step(u, tip, state.touch)
+            u, met, more = self._step(u, tip, state.touch)
             count += more
-            force = self._force(seen, lam, tau).sum(axis=(0, 1))
-            now = b.gel.base_mm_n * -force[2] * (2 if b.mirror else 1)
+            force_n = -(b.face_w[..., None] * met.pull)[..., 2].sum()
+            now = b.gel.base_mm_n * -force_n * (2 if b.mirror else 1)
             if abs(now - sunk) < BASE_MM:
                 break
             sunk = now
-        touch = Touch(lam, tau, self._from(u, tip))
-        return _State(u, touch, sunk, u - state.u, way), (u, lam, tau, seen, count)
+        touch = Touch(met.pressure, met.traction, self._from(u, tip))
+        return _State(u, touch, sunk, u - state.u, way), (u, met, count)
 
     def _from(self, u: Field, tip: Point) -> Field:
         b = self.block
@@ -318,16 +332,9 @@ class BallPress:
         return np.einsum("qa,fai->fqi", b.face_value, (b.nodes + u)[b.faces]) - centre
 
     def _contact(
-        self,
-        u: Field,
-        tip: Point,
-        lam: Field,
-        touch: Touch,
-        base_tau: Field,
-        tangent: bool,
+        self, u: Field, tip: Point, lam: Field, touch: Touch, base_tau: Field, tangent: bool,
         sticks: bool = False,
-    ):
-        """Pressure, traction against rubbing, normals, force on points and stiffness (f, q, 3, 3)."""
+    ) -> _Contact:  # fmt: skip
         at = self._from(u, tip)
         far = np.linalg.norm(at, axis=2)
         n = at / far[..., None]
@@ -347,10 +354,9 @@ class BallPress:
         scale = np.where(rubs, np.where(slips, bound / safe, 1.0), 0.0)
         tau = scale[..., None] * trial
         if not tangent:
-            return p, tau, n, slips, None
-        eye = np.eye(3)
+            return _Contact(p, tau, n, slips, None)
         nn = n[..., :, None] * n[..., None, :]
-        flat = eye - nn
+        flat = np.eye(3) - nn
         block = (self.k * on)[..., None, None] * nn - (p / far)[..., None, None] * flat
         dy = (
             flat
@@ -364,13 +370,12 @@ class BallPress:
             np.matmul(ms, dtau)
             + (mu * self.k if math.isfinite(mu) else 0.0) * m[..., :, None] * n[..., None, :]
         )
-        return p, tau, n, slips, block + dtau - slide
+        return _Contact(p, tau, n, slips, block + dtau - slide)
 
-    def _step(self, u: Field, tip: Point, touch: Touch):
+    def _step(self, u: Field, tip: Point, touch: Touch) -> tuple[Field, _Contact, int]:
         b = self.block
         lam, base_tau, count = touch.pressure.copy(), touch.traction.copy(), 0
         size = b.nodes.size
-        slips = None
         for first in (True, *[False] * (ROUNDS - 1)):
             for i in range(MOST):
                 # What was touched goes with the ball at first: from where it was, all would rub.
@@ -378,91 +383,85 @@ class BallPress:
                 bulk = b.bulk(u, True)
                 if bulk is None:
                     raise RuntimeError(f"twin: a brick is inside out at {tip}")
-                p, tau, n, slips, stiff = self._contact(u, tip, lam, touch, base_tau, True, sticks)
-                pull = b.face_w[..., None] * (tau - p[..., None] * n)
-                nodal = np.einsum("qa,fqi->fai", b.face_value, pull)
-                r = np.bincount(b.cell_dofs.ravel(), bulk[0].ravel(), size)
-                outer = np.bincount(b.face_dofs.ravel(), nodal.ravel(), size)
-                residual = (r + outer)[b.free]
+                met = self._contact(u, tip, lam, touch, base_tau, True, sticks)
+                outer = self._on_nodes(met)
+                residual = (np.bincount(b.cell_dofs.ravel(), bulk[0].ravel(), size) + outer)[b.free]
                 scale = max(float(np.linalg.norm(outer)), 1e-3 * b.mu)
                 if np.linalg.norm(residual) <= SETTLED * scale:
                     break
+                assert bulk[1] is not None
+                assert met.stiffness is not None
                 block = np.einsum(
                     "fq,qa,qb,fqij->faibj",
-                    b.face_w,
-                    b.face_value,
-                    b.face_value,
-                    stiff,
-                    optimize=True,
-                )
+                    b.face_w, b.face_value, b.face_value, met.stiffness, optimize=True,
+                )  # fmt: skip
                 matrix = b.matrix(bulk[1], block.reshape(-1, 27, 27))
-                step = np.zeros(size)
-                step[b.free] = -self.solver.solve(matrix, residual)
-                step = step.reshape(-1, 3)
+                flat = np.zeros(size)
+                flat[b.free] = -self.solver.solve(matrix, residual)
+                step = flat.reshape(-1, 3)
                 count += 1
                 length = min(1.0, 0.5 / max(np.abs(step).max(), 1e-12))
-                before = np.linalg.norm(residual)
-                best = (math.inf, length)
-                while sticks and length > 1e-2 and b.bulk(u + length * step, False) is None:
-                    length /= 2
-                while length > 1e-2 and not sticks:
-                    left = self._unbalance(u + length * step, tip, lam, touch, base_tau)
-                    best = min(best, (left, length))
-                    if left < 0.7 * before:
-                        break
-                    length /= 2
-                if not (sticks or math.isfinite(best[0])):
-                    raise RuntimeError(f"twin: no step at {tip}")
-                length = best[1]
+                if sticks:
+                    while length > 1e-2 and b.bulk(u + length * step, False) is None:
+                        length /= 2
+                else:
+                    length = self._length(u, step, length, residual, (tip, lam, touch, base_tau))
                 u = u + length * step
             else:
                 raise RuntimeError(f"twin: Newton did not converge at {tip}")
-            change = float(np.abs(p - lam).max()) / self.k
-            trial = tau - base_tau
-            held = (p > 0) & (touch.pressure > 0) & ~slips
-            creep = float(np.linalg.norm(tau - base_tau, axis=2)[held].max(initial=0.0)) / self.kt
-            lam = p
+            change = float(np.abs(met.pressure - lam).max()) / self.k
+            held = (met.pressure > 0) & (touch.pressure > 0) & ~met.slips
+            crept = np.linalg.norm(met.traction - base_tau, axis=2)[held]
+            creep = float(crept.max(initial=0.0)) / self.kt
+            lam = met.pressure
             # What sticks must not creep: its traction is the multiplier of the next round.
-            base_tau = np.where((touch.pressure > 0)[..., None], tau, 0.0)
+            base_tau = np.where((touch.pressure > 0)[..., None], met.traction, 0.0)
             if change < CLOSED_MM and creep < CLOSED_MM:
-                return u, p, tau, (n, slips), count
+                return u, met, count
         raise RuntimeError(f"twin: contact open by {change:.1e} mm, creep {creep:.1e} mm at {tip}")
 
-    def _unbalance(self, u: Field, tip: Point, lam: Field, touch: Touch, base_tau: Field) -> float:
-        b, size = self.block, self.block.nodes.size
-        bulk = b.bulk(u, False)
-        if bulk is None:
-            return math.inf
-        p, tau, n, _, _ = self._contact(u, tip, lam, touch, base_tau, False)
-        pull = b.face_w[..., None] * (tau - p[..., None] * n)
-        nodal = np.einsum("qa,fqi->fai", b.face_value, pull)
-        whole = np.bincount(b.cell_dofs.ravel(), bulk[0].ravel(), size)
-        whole += np.bincount(b.face_dofs.ravel(), nodal.ravel(), size)
-        return float(np.linalg.norm(whole[b.free]))
-
-    def _force(self, seen, p: Field, tau: Field) -> Field:
-        """On the gel at each point, (f, q, 3)."""
-        n, _ = seen
-        return self.block.face_w[..., None] * (p[..., None] * n - tau)
-
-    def _solved(self, tip: Point, u: Field, p: Field, tau: Field, seen, count: int) -> Solved:
+    def _on_nodes(self, met: _Contact) -> Field:
         b = self.block
-        n, slips = seen
-        on = p > 0
+        nodal = np.einsum("qa,fqi->fai", b.face_value, b.face_w[..., None] * met.pull)
+        return np.asarray(np.bincount(b.face_dofs.ravel(), nodal.ravel(), b.nodes.size), np.float64)
+
+    def _length(
+        self, u: Field, step: Field, length: float, residual: Field,
+        at: tuple[Point, Field, Touch, Field],
+    ) -> float:  # fmt: skip
+        """Of a step, halved until it lowers the residual by much, else the best that was tried."""
+        b, before = self.block, float(np.linalg.norm(residual))
+        best = (math.inf, length)
+        while length > 1e-2:
+            tried = u + length * step
+            bulk = b.bulk(tried, False)
+            if bulk is not None:
+                whole = self._on_nodes(self._contact(tried, *at, False))
+                whole += np.bincount(b.cell_dofs.ravel(), bulk[0].ravel(), b.nodes.size)
+                best = min(best, (float(np.linalg.norm(whole[b.free])), length))
+                if best[0] < 0.7 * before:
+                    break
+            length /= 2
+        if not math.isfinite(best[0]):
+            raise RuntimeError(f"twin: no step at {at[0]}")
+        return best[1]
+
+    def _solved(self, tip: Point, u: Field, met: _Contact, count: int) -> Solved:
+        b = self.block
+        on = met.pressure > 0
         x = np.einsum("qa,fai->fqi", b.face_value, (b.nodes + u)[b.faces])
         rest = np.einsum("qa,fai->fqi", b.face_value, b.nodes[b.faces])
         sides = np.einsum("qas,fai->fqsi", b.face_slope, (b.nodes + u)[b.faces])
         area = np.linalg.norm(np.cross(sides[:, :, 0], sides[:, :, 1]), axis=2)
-        force = self._force(seen, p, tau)
-        torque = np.cross(x, force).sum(axis=(0, 1))
-        total = force.sum(axis=(0, 1))
+        force = -b.face_w[..., None] * met.pull
+        torque, total = np.cross(x, force).sum(axis=(0, 1)), force.sum(axis=(0, 1))
         if b.mirror:
             total, torque = 2 * total * [1, 0, 1], 2 * torque * [0, 1, 0]
         ny, nx = b.face_shape
         return Solved(
-            tip, total, torque, rest[on][:, :2], p[on], (force / b.face_w[..., None])[on],
-            b.face_w[on], area[on], slips[on], u[-ny * nx:].reshape(ny, nx, 3),
-            (b.axes[0], b.axes[1]), count,
+            tip, total, torque, rest[on][:, :2], met.pressure[on], -met.pull[on], b.face_w[on],
+            area[on], met.slips[on], u[-ny * nx :].reshape(ny, nx, 3), (b.axes[0], b.axes[1]),
+            count,
         )  # fmt: skip
 
 

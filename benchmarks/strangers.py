@@ -27,7 +27,7 @@ from deltact_fab.analysis.force.gel import (
 )
 from deltact_fab.cad.design import load_design
 from deltact_fab.measure.face import FaceFlow
-from deltact_fab.measure.force import ForceModel
+from deltact_fab.measure.force import Features, ForceModel
 from deltact_fab.measure.force.inverse import Inverse
 from deltact_fab.measure.shape import DepthFinder, DepthModel, contacts
 from deltact_fab.measure.shape.depth import ball_mm
@@ -97,13 +97,13 @@ def figures(seen: Seen, view: SensorView, labels: str = "late") -> dict[str, Any
         of = np.repeat(np.arange(LEARN), [len(X[p]) for p in learn])
         wait_s = np.where(of % 2, WAITS_S[1], WAITS_S[0])
         points = pd.DataFrame({"press": of, "position": of, "wait_s": wait_s})
-        known = np.concatenate([label[p] for p in learn])
-        numbers = np.concatenate([X[p] for p in learn])
-        sets = {features.name: features}
-        found = early_labels(ForceData(points, known, {features.name: numbers}, sets, []))
+        known, numbers = (np.concatenate([of_press[p] for p in learn]) for of_press in (label, X))
+        sets: dict[str, Features] = {features.name: features}
+        data = ForceData(points, known, {features.name: numbers}, sets, [])
+        found = early_labels(data)
         if found is not None:
-            known = found.relaxed(known, wait_s)
-            label |= {p: known[of == i] for i, p in enumerate(learn)}
+            mended = found.mended(data).wrench
+            label |= {p: mended[of == i] for i, p in enumerate(learn)}
 
     def model(use: list[Press]) -> ForceModel:
         numbers, labels = (np.concatenate([of[p] for p in use]) for of in (X, label))
@@ -156,8 +156,8 @@ def _fields(
     pressure = np.abs(field.traction_mpa - true)[touched][:, 2].mean() / peak
     inverse = features.inverse
     cells = binned(truth["points"][i], inverse.seen_x_mm, inverse.seen_y_mm)[..., 2]
-    at = np.ix_(*(np.abs(truth[k][:, None] - c).argmin(axis=0)
-                  for k, c in (("y_mm", inverse.seen_y_mm), ("x_mm", inverse.seen_x_mm))))  # fmt: skip
+    seen = (("y_mm", inverse.seen_y_mm), ("x_mm", inverse.seen_x_mm))
+    at = np.ix_(*(np.abs(truth[k][:, None] - c).argmin(axis=0) for k, c in seen))
     z = finder.inverse.displacement_mm(inverse.of(flow), (2,))[..., 0] * finder.model.gain
     below = -cells > CONTACT * peak
     depth = np.abs(z - truth["displacement_mm"][i][..., 2][at])[below].mean()
@@ -181,8 +181,9 @@ def binned(points: Array, x_mm: Array, y_mm: Array) -> Array:
 
 def main() -> None:
     """The table, as markdown; simulated."""
-    print("| gel | believed | normal, N (told; worst) | range | shear, % | in the interval "
-          "| place, mm | pressure, of its peak | depth, mm (gain) |\n" + "|---" * 9 + "|")  # fmt: skip
+    head = ("gel", "believed", "normal, N (told; worst)", "range", "shear, %", "in the interval",
+            "place, mm", "pressure, of its peak", "depth, mm (gain)")  # fmt: skip
+    print(f"| {' | '.join(head)} |", "|---" * len(head) + "|", sep="\n")
     for name, (gel, _) in STRANGERS.items():
         seen = Seen.of(name)
         told = seen.told(seen.presses[:LEARN])
@@ -197,8 +198,9 @@ def main() -> None:
                 f = figures(seen, view, kind)
                 print(
                     f"| {name} | {what}{more} | {f['true_n'][2]:.3f} ({f['told_n'][2]:.3f}; "
-                    f"{f['worst_normal_n']:.2f}) | {f['range_n'][2]:.1f} | {f['shear_percent']:.2f} | "
-                    f"{f['held']:.0%} | {f['place_mm']:.2f} | {f['pressure_of_peak']:.2f} | "
+                    f"{f['worst_normal_n']:.2f}) | {f['range_n'][2]:.1f} | "
+                    f"{f['shear_percent']:.2f} | {f['held']:.0%} | "
+                    f"{f['place_mm']:.2f} | {f['pressure_of_peak']:.2f} | "
                     f"{f['depth_mm']:.3f} ({f['gain']:.2f}) |",
                     flush=True,
                 )  # fmt: skip

@@ -136,7 +136,7 @@ def calibrations(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> li
 
     run, folder = record.open(mini_run), tmp_path_factory.mktemp("calibrations")
     view = view_of(run)
-    features = make_features("paper-mirrored", view)
+    features = make_features("paper", view)
     frames = run.frames()
     numbers = []
     for _, part in frames.groupby("press", sort=False):

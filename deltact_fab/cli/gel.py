@@ -111,12 +111,9 @@ def press(
         if plot_path is not None:
             from ..gel.figures import save_press
 
-            sheared = "".join(
-                f", sheared {v:g} mm in {n}" for n, v in (("x", shear_x_mm), ("y", shear_y_mm)) if v
-            )
             title = (
-                f"{shape.name} {depth_mm:g} mm deep{sheared}; {thickness_mm:g} mm gel, "
-                f"{modulus_mpa:g} MPa, friction {friction:g}; {result['model']}"
+                f"{shape.name} {depth_mm:g} mm deep, sheared by {shear_x_mm:g}, {shear_y_mm:g} mm; "
+                f"{thickness_mm:g} mm gel, {modulus_mpa:g} MPa, friction {friction:g}"
             )
             save_press(pressed, plot_path, title)
         return

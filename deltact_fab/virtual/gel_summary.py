@@ -13,11 +13,6 @@ from .presses import Presses
 if TYPE_CHECKING:
     from ..gel.level import Choice
 
-LINEAR_ABOUT = (
-    "the linear gel ignores large strain: its in-plane motion is off by some tenths of a "
-    "millimetre from 2 mm of depth on"
-)
-
 
 def gel_left_out(presses: Presses, choices: Sequence[Choice]) -> list[str]:
     """What this scene's gel did not solve or keep, and why."""
@@ -48,7 +43,7 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
         f"linearly{_bound(presses)}"
     ]
     if presses.level == LINEAR:
-        lines.append(LINEAR_ABOUT)
+        lines.append("the linear gel ignores large strain: tenths of a mm in plane from 2 mm deep")
     lines += dict.fromkeys(f"gel: {choice.why}" for choice in choices)
     if not presses.shears and any(c.friction for c in choices):
         lines.append("friction is solved, for it changes the force of these presses")

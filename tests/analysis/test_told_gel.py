@@ -65,13 +65,11 @@ def test_labels_taken_early_are_told_by_their_waits() -> None:
     label = truth * (1 + 0.1 * np.exp(-wait_s / 3.0))[:, None]
     label += 0.003 * rng.normal(size=label.shape)
 
-    def told(waits):
+    def waited(waits):
         points = pd.DataFrame({"press": press, "position": press, "wait_s": waits})
-        return early_labels(
-            ForceData(points, label, {features.name: X}, {features.name: features}, [])
-        )
+        return ForceData(points, label, {features.name: X}, {features.name: features}, [])
 
-    found = told(wait_s)
+    found = early_labels(waited(wait_s))
     assert found is not None
-    assert found.relaxed(label, wait_s) == pytest.approx(truth, abs=0.03)
-    assert told(np.full(rows, 2.0)) is None
+    assert found.mended(waited(wait_s)).wrench == pytest.approx(truth, abs=0.03)
+    assert early_labels(waited(np.full(rows, 2.0))) is None

@@ -1,13 +1,11 @@
-"""felupe in its own environment: the same press, or a clear "not run"."""
-
-import sys
+"""What felupe is given of a press: the same mesh, contact and law."""
 
 import numpy as np
 import pytest
 
 from benchmarks import felupe, peer
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.errors import InputError
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.shapes import SkinDimensions, indenter
 
@@ -17,28 +15,6 @@ TIPS = [(1.0, -0.5, 1.0), (1.0, -0.5, 2.0)]
 def pressing(name="sphere:15", friction=0.0, points=2, **mesh):
     block = block_mesh(SkinDimensions(), 4.0, **mesh)
     return FinitePress(block, GelMaterial(), indenter.parse(name), friction=friction, points=points)
-
-
-@pytest.mark.slow
-def test_without_the_environment_it_is_not_run(monkeypatch, tmp_path):
-    monkeypatch.delenv(peer.VARIABLE, raising=False)
-    monkeypatch.setattr(peer, "PYTHON", tmp_path / "python")
-    assert peer.python() is None
-    assert felupe.felupe_press(felupe.felupe_case(pressing(), TIPS)) is None
-
-
-def test_a_variable_that_points_nowhere_is_an_error(monkeypatch, tmp_path):
-    monkeypatch.setenv(peer.VARIABLE, str(tmp_path / "python"))
-    with pytest.raises(RunFailed, match="is no file"):
-        peer.python()
-
-
-@pytest.mark.slow
-def test_a_script_that_breaks_is_an_error(monkeypatch):
-    """Our own interpreter has no felupe."""
-    monkeypatch.setenv(peer.VARIABLE, sys.executable)
-    with pytest.raises(RunFailed, match=r"exit 1: .*felupe"):
-        felupe.felupe_press(felupe.felupe_case(pressing(), TIPS))
 
 
 @pytest.mark.parametrize(

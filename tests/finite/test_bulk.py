@@ -153,7 +153,7 @@ def test_patch(poisson):
     problem = Held(bulk, exact, free)
     rng = np.random.default_rng(5)
     start = exact[free] + 0.1 * rng.uniform(-1, 1, pattern.size)
-    solver = make_solver(pattern.size, "superlu")
+    solver = make_solver("superlu")
     relaxed = np.zeros(len(mesh.cells))
     rest = bulk.evaluate(np.zeros_like(exact)).data
     low = descend(problem, start, solver, pattern, rest, 1.0)
@@ -204,7 +204,7 @@ def test_a_cell_turned_inside_out_has_no_energy():
     assert b.least_j < 0
 
 
-@pytest.mark.parametrize("name", ["pardiso", "superlu", "cg"])
+@pytest.mark.parametrize("name", ["pardiso", "superlu"])
 def test_linear_solvers_agree_and_take_new_entries(name):
     if name == "pardiso":
         pytest.importorskip("pypardiso")
@@ -214,7 +214,7 @@ def test_linear_solvers_agree_and_take_new_entries(name):
     pattern = Pattern(mesh, free)
     data = BulkAssembly(mesh, law(), pattern).evaluate(np.zeros(free.shape)).data
     right = np.random.default_rng(4).standard_normal(pattern.size)
-    solver = make_solver(pattern.size, name)
+    solver = make_solver(name)
     for scale in (1.0, 3.0):
         solver.factorise(pattern.matrix(scale * data))
         x = solver.solve(right)
@@ -229,7 +229,7 @@ def test_direct_solvers_count_negative_eigenvalues(name):
         pytest.importorskip("pypardiso")
     a = np.diag([2.0, -1.0, 3.0, -4.0]) + 0.1
     upper = sp.csr_matrix(np.triu(a))
-    solver = make_solver(4, name)
+    solver = make_solver(name)
     solver.factorise(upper)
     assert solver.negative == 2
     assert a @ solver.solve(np.ones(4)) == pytest.approx(np.ones(4))
@@ -237,4 +237,4 @@ def test_direct_solvers_count_negative_eigenvalues(name):
 
 def test_an_unknown_solver_is_refused():
     with pytest.raises(InputError, match="valid: auto"):
-        make_solver(10, "gauss")
+        make_solver("gauss")

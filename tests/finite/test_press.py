@@ -249,7 +249,7 @@ def test_useless_options_are_refused(bad):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["pardiso", "superlu", "cg"])
+@pytest.mark.parametrize("name", ["pardiso", "superlu"])
 def test_every_solver_gives_the_same_press(name):
     if name == "pardiso":
         pytest.importorskip("pypardiso")

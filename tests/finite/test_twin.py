@@ -9,10 +9,8 @@ to 0.9 % above.
 import numpy as np
 import pytest
 from axisymmetric import Cylinder, cylinder, graded
-from disc import disc_mesh
 
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.finite import FinitePress, HexMesh
 from deltact_fab.gel.press import press
 from deltact_fab.shapes import SkinDimensions, indenter
 
@@ -141,102 +139,3 @@ def estimated(nu, thickness, radius, depth, friction):
 def test_the_estimate_of_a_press_covers_its_error(nu, thickness, radius, depth, friction):
     true, estimate = estimated(nu, thickness, radius, depth, friction)
     assert true <= estimate <= 0.03
-
-
-# -- the finite-strain level --------------------------------------------------------------------
-
-
-def differences(mesh, twin, share=1.0):
-    """(k, 3): force error, largest and rms error of the in-plane displacement in mm.
-
-    share: of the body that the mesh is. The force is what the base carries of that.
-    """
-    press = FinitePress(mesh, GelMaterial(), indenter.parse("sphere:15"), friction=0.0)
-    top = np.unique(mesh.faces)
-    xy = mesh.nodes_mm[top, :2]
-    r = np.hypot(xy[:, 0], xy[:, 1])
-    out = xy / np.maximum(r, 1e-12)[:, None]
-    rows = []
-    for state, ref in zip(press.path(press.rest(), (0.0, 0.0, 5.0), 1.0), twin, strict=True):
-        bulk = press.bulk.evaluate(state.displacement_mm, False)
-        force = float(bulk.force_n[mesh.base, 2].sum()) / share
-        off = state.displacement_mm[top, :2] - ref.radial_mm(np.minimum(r, RADIUS))[:, None] * out
-        size = np.linalg.norm(off, axis=1)
-        rows.append((abs(force / ref.force_n - 1), size.max(), np.sqrt((size**2).mean())))
-    return np.array(rows)
-
-
-@pytest.mark.slow
-def test_a_disc_of_quarter_symmetry_comes_close(twin):
-    """Cells of 1 mm at the contact: 3 % of force, and 0.05 mm rms in plane, the default goals."""
-    got = differences(quarter_disc(1.0), twin, share=0.25)
-    assert got[:, 0].max() < 0.03
-    assert got[:, 2].max() < 0.05
-
-
-@pytest.mark.evidence
-def test_the_twin_within_one_per_cent_and_two_hundredths_of_a_millimetre(fine_twin):
-    """The goal of the finite-strain level, with cells of 0.4 mm at the contact, to 5 mm."""
-    got = differences(quarter_disc(0.4), fine_twin, share=0.25)
-    assert got[:, 0].max() < 0.01
-    assert got[:, 1].max() < 0.02
-
-
-@pytest.mark.slow
-def test_the_error_in_plane_shrinks_with_the_cell(fine_twin):
-    """Halving the cells more than halves it. (The force's error does not fall so evenly: what the
-    mesh adds and what the penalty takes away cancel in part.)"""
-    two, one = (differences(quarter_disc(h), fine_twin, share=0.25) for h in (1.4, 0.7))
-    assert (one[1:, 2] < two[1:, 2] / 2).all()
-
-
-@pytest.mark.slow
-def test_the_whole_disc_without_mirrors(fine_twin):
-    """Uniform cells of 1.5 mm: too coarse for 1 mm of depth, within 2 % from 2 mm on."""
-    got = differences(disc_mesh(RADIUS, THICKNESS, 1.5), fine_twin)
-    assert got[1:, 0].max() < 0.02
-    assert got[:, 2].max() < 0.05
-
-
-# -- meshes -------------------------------------------------------------------------------------
-
-
-def quarter_disc(spacing, core=7.0):
-    """x, y >= 0 of the cylinder between mirrors: a fine bulged core, cells growing from it."""
-    n = round(core / spacing)
-    cy, cx = np.meshgrid(*2 * (np.linspace(0, 1, n + 1),), indexing="ij")
-    bulge = core * (1 + 0.12 * (1 - cx**2) * cy**2 + 0.12 * (1 - cy**2) * cx**2)
-    square = np.stack([cx * bulge, cy * bulge], axis=2)
-    number = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
-    rim = np.concatenate([number[:, -1], number[-1, -2::-1]])
-    angle = np.arctan2(cy, cx).ravel()[rim]
-    circle = RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    circle[0, 1] = circle[-1, 0] = 0.0
-    plane, quads, inner = [square.reshape(-1, 2)], [_quads(number)], rim
-    for share in _growing(1.0, spacing / (RADIUS - 1.06 * core)):
-        edge = plane[0][rim]
-        outer = sum(map(len, plane)) + np.arange(len(rim))
-        plane.append(edge + (circle - edge) * share)
-        quads.append(np.stack([inner[:-1], outer[:-1], outer[1:], inner[1:]], axis=1))
-        inner = outer
-    points, faces = np.concatenate(plane), np.concatenate(quads)
-    down = [0.0, spacing, 2 * spacing, *2 * spacing + _growing(THICKNESS - 2 * spacing, spacing)]
-    z, p = -np.array(down)[::-1], len(points)
-    nodes = np.column_stack([np.tile(points, (len(z), 1)), np.repeat(z, p)])
-    low = np.arange(len(z) - 1)[:, None, None] * p + faces[None]
-    cells = np.concatenate([low, low + p], axis=2).reshape(-1, 8)
-    touched = np.arange(len(cells) - len(faces), len(cells))
-    return HexMesh(nodes, cells, touched, np.arange(p), (True, True))
-
-
-def _quads(number):
-    corners = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
-    return np.stack(corners, axis=2).reshape(-1, 4)
-
-
-def _growing(length, size, growth=1.25, most=4.0):
-    """Distances up to `length` of steps that grow from `size` to `most` times that."""
-    steps = [size * min(growth**k, most) for k in range(1, 200)]
-    sums = np.cumsum(steps)
-    points = sums[: np.searchsorted(sums, length) + 1]
-    return points * (length / points[-1])

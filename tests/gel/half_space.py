@@ -10,19 +10,6 @@ from deltact_fab.aliases import Field
 from deltact_fab.elasticity.material import GelMaterial
 
 
-def hertz_pressure_mpa(
-    r_mm: Field, radius_mm: float, depth_mm: float, material: GelMaterial
-) -> Field:
-    """p = 2 E/(pi (1 - nu^2)) sqrt(d/R) sqrt(1 - r^2/a^2), 0 outside; shape of r_mm."""
-    peak = (
-        2
-        * material.modulus_mpa
-        / (math.pi * (1 - material.poisson**2))
-        * math.sqrt(depth_mm / radius_mm)
-    )
-    return peak * np.sqrt(np.maximum(0.0, 1 - r_mm**2 / (radius_mm * depth_mm)))
-
-
 def cattaneo_shift_mm(
     shear_n: float,
     normal_n: float,

@@ -7,10 +7,9 @@ import math
 import half_space
 import numpy as np
 import pytest
-from sphere_on_layer import sphere_on_layer
 
 from deltact_fab.elasticity.block import FreeBlock
-from deltact_fab.elasticity.closed_forms import flat_punch_n_per_mm, hertz_force_n
+from deltact_fab.elasticity.closed_forms import flat_punch_n_per_mm
 from deltact_fab.elasticity.layer import BondedLayer
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
@@ -54,51 +53,6 @@ def sheared(face: FreeBlock) -> ContactState:
 
 
 # -- against references ------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("nu", [0.3, 0.35, 0.42, 0.499, 0.5])
-def test_sphere_force_and_radius_against_the_integral_equation(nu: float) -> None:
-    contact = LinearContact(periodic(nu, 864), SPHERE, friction=0)
-    state = contact.solve(contact.rest(), (0.03, 0.05, DEPTH_MM))
-    force, a = sphere_on_layer(5.0, DEPTH_MM, 12.0, GelMaterial(poisson=nu))
-    assert -state.force_n[2] == pytest.approx(force, rel=5e-4)
-    assert math.sqrt(state.contact_nodes * contact.face.cell_mm2 / math.pi) == pytest.approx(
-        a, abs=0.05
-    )
-
-
-def test_padding_error_falls() -> None:
-    force, _ = sphere_on_layer(5.0, DEPTH_MM, 12.0, GelMaterial(poisson=0.5))
-    errors = []
-    for padding in (1.5, 2.0, 3.0):
-        contact = LinearContact(periodic(0.5, int(180 * padding), padding), SPHERE, friction=0)
-        at = [(x, y, DEPTH_MM) for x in (0.0, 0.05, 0.1) for y in (0.02, 0.07)]
-        found = np.mean([contact.solve(contact.rest(), tip).force_n[2] for tip in at])
-        errors.append(abs(-found / force - 1))
-    assert errors[0] > 3 * errors[1]
-    assert errors[1] > 3 * errors[2]
-    assert errors[2] < 5e-4
-
-
-def test_thick_layer_gives_hertz_pressure() -> None:
-    """A contact far smaller than layer and period is Hertz's, up to a shift of the whole face."""
-    material, radius, depth, n = GelMaterial(poisson=0.3), 8.0, 0.05, 512
-    layer = BondedLayer(material, 40.0, (20.0, 20.0), (n, n))
-    tip = Indenter("cap", (SphereTip(0.0, 0.0, radius),))
-    contact = LinearContact(layer, tip, friction=0)
-    state = contact.solve(contact.rest(), (0.0, 0.0, depth))
-    r = np.hypot(*np.meshgrid(layer.x_mm, layer.y_mm))
-    # What the layer and its images add to a half-space: a known pressure shows how much, as on a
-    # half-space its centre sinks by pi p0 a/(2 E*).
-    trial = half_space.hertz_pressure_mpa(r, radius, depth, material)
-    a, modulus = math.sqrt(radius * depth), material.modulus_mpa / 0.91
-    centre = slice(n // 2 - 1, n // 2 + 1)
-    sunk = -layer.apply(np.stack([0 * trial, 0 * trial, -trial], axis=-1))[centre, centre, 2].mean()
-    extra = (sunk - math.pi * trial.max() * a / (2 * modulus)) / (trial.sum() * layer.cell_mm2)
-    own_depth = depth + extra * state.force_n[2]
-    assert -state.force_n[2] == pytest.approx(hertz_force_n(radius, own_depth, material), rel=5e-3)
-    p = half_space.hertz_pressure_mpa(r, radius, own_depth, material)
-    assert np.linalg.norm(state.pressure_mpa - p) < 0.02 * np.linalg.norm(p)
 
 
 def test_flat_punch_converges_at_first_order() -> None:
@@ -197,22 +151,6 @@ def test_every_condition_holds_at_every_node(face: FreeBlock, name: str) -> None
         assert q is alone or slides.sum() > 10
         fast = slides & (slid > 1e-4)
         assert ((q * slip).sum(-1)[fast] < -0.999 * (size * slid)[fast]).all()
-
-
-@pytest.mark.parametrize("nu", [0.35, 0.49])
-def test_a_press_with_friction_is_held_above_where_its_nodes_rested(nu: float) -> None:
-    """Friction lets the press spread less, and lifts nothing off the textbook's condition."""
-    layer = periodic(nu, 270)
-    state = along(LinearContact(layer, SPHERE, friction=1.0), (0, 0, DEPTH_MM))
-    assert not state.drag_mm.any()
-    xx, yy = np.meshgrid(layer.x_mm, layer.y_mm)
-    gap = SPHERE.height_mm(xx, yy) - DEPTH_MM - state.displacement_mm[..., 2]
-    assert np.abs(gap[state.pressure_mpa > 0]).max() < 2e-6
-    free, _ = sphere_on_layer(5.0, DEPTH_MM, 12.0, layer.material)
-    # On a half-space full adhesion adds ln(3 - 4 nu)/(1 - 2 nu) - 1 (Spence, Proc. Roy. Soc. A 305,
-    # 1968, for any one press of growing contact), which slip can only lower.
-    most = math.log(3 - 4 * nu) * (1 - nu) / (1 - 2 * nu)
-    assert free * 0.998 < -state.force_n[2] < free * most
 
 
 def test_force_signs_and_mirror(face: FreeBlock, sheared: ContactState) -> None:

@@ -16,7 +16,7 @@ from deltact_fab.optics import Pinhole
 from deltact_fab.shapes.sensor import SkinDimensions
 
 VIEW = SensorView(Pinhole(0.04, 640, 480, 13.0), SkinDimensions())
-SETS = ("sums", "paper", "paper-mirrored")
+SETS = ("sums", "paper")
 MIRROR_X = np.array([-1.0, 1, 1, 1, -1, -1])  # of a wrench whose x is turned round
 
 
@@ -67,9 +67,8 @@ def _fitted(name: str, flows=FLOWS, wrenches=WRENCHES):
     return features, ForceModel.fit(features, columns, wrenches)[0], columns
 
 
-@pytest.mark.parametrize("name", ["sums", "paper-mirrored"])
-def test_the_mirrored_face_has_the_mirrored_wrench(name):
-    features, model, columns = _fitted(name)
+def test_the_mirrored_face_has_the_mirrored_wrench():
+    features, model, columns = _fitted("sums")
     mirrored = np.stack([features.of(_mirrored(flow)) for flow in FLOWS])
     assert np.allclose(model.predict(mirrored), model.predict(columns) * MIRROR_X, atol=1e-4)
 

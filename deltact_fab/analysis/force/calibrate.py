@@ -31,7 +31,7 @@ from ..frames import settled, settles
 from ..view import head_of, view_of
 from .dataset import ForceData, gather, opened, presses
 from .field import field_error
-from .gel import told_gel
+from .gel import early_labels, told_gel
 from .judge import (
     TEST_SHARE,
     EvaluatedModel,
@@ -67,18 +67,21 @@ def calibrate(
     for name in must:
         _require_enough(make_features(name, view), most, source)
     data = gather(runs, asked, executor, progress)
-    gel = None
+    gel = early = None
     if Inverse.name in asked:
-        gel = told_gel(runs, data, view, progress)
+        early = early_labels(data)
+        gel = told_gel(runs, early.mended(data) if early else data, view, progress)
     if gel is not None:
         view = gel.view(view)
         data = gather(runs, asked, executor, progress, view)
+    data = early.mended(data) if early else data
     found = fit_best(
         data, seed, lambda model, error: _calibration(runs, model, view, error=error), must, source
     )
     return replace(
         found,
         gel=gel,
+        early=early,
         left_out=[*found.left_out, *_doubts(runs, tables)],
         field=field_error(runs, data, found.best.name),
     )

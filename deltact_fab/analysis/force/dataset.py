@@ -75,7 +75,7 @@ class ForceData:
     """Points of one sensor.
 
     points: a row a point: run, indenter, position (words, the same for all mirror images), x_mm,
-    y_mm of the press, press, frame_id, cover. wrench: (n, 6)
+    y_mm of the press, press, frame_id, cover, wait_s since the motion ended. wrench: (n, 6)
     on the sensor about the centre of the resting face, N and N mm. features: (n, k) of each
     feature set, sets: what they are. left_out: what was not taken, and why.
     """
@@ -219,6 +219,8 @@ def points_of(
         x_mm=x_mm,
         y_mm=y_mm,
         cover=[flow.cover for flow in flows],
+        # Since the motion ended: what a gel relaxes meanwhile is in the label.
+        wait_s=rows["t_step_s"] - rows["step_id"].map(steps.set_index("step_id")["planned_s"]),
     )
     return PressPoints(
         table[taken].reset_index(drop=True),

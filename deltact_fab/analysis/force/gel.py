@@ -1,4 +1,5 @@
-"""The gel that presses tell: Poisson's ratio and thickness, beside what the design believes.
+"""The gel that presses tell: Poisson's ratio and thickness, beside what the design believes, and
+how much of its force had not relaxed when a label was taken.
 
 Both change how the face answers pressure and shear at once, so a belief that is off puts the
 force off by some per cent wherever it was not calibrated. Presses at known places tell them: the
@@ -16,7 +17,7 @@ import numpy as np
 from ...aliases import Array, Progress
 from ...errors import InputError
 from ...measure.face import FaceFlow
-from ...measure.force import ForceModel
+from ...measure.force import Features, ForceModel
 from ...measure.force.inverse import Inverse
 from ...measure.regression import MIN_PRESSES
 from ...measure.view import SensorView
@@ -32,6 +33,8 @@ FARTHEST = 8  # steps of either from what was believed
 AWAY_RANGE = (0.002, 0.1)  # of 1/2 - Poisson's ratio
 FRAMES = 120  # that are looked at, spread over all
 DRAWS, SURE = 400, 0.95
+WORTH = 0.9  # of the error: the best of many pairs is a little better by chance
+SHARES, TIMES_S = np.arange(0.02, 0.31, 0.02).tolist(), (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 FORCES = slice(0, 3)
 
 Errors = Callable[[SensorView], Array]
@@ -73,7 +76,8 @@ def told_gel(
     """By the features that rest on the gel; None where the presses do not tell it.
 
     They do not where they are fewer than MIN_PRESSES, at fewer than three positions or without
-    shear, or where redrawn presses would as soon keep what is believed.
+    shear, where it gains less than a tenth, or where redrawn presses would as soon keep what is
+    believed.
     """
     positions = data.points["position"]
     alike = np.ptp(data.wrench[:, FORCES], axis=0) == 0
@@ -95,26 +99,76 @@ def squared_errors(
     def errors(view: SensorView) -> Array:
         features = Inverse(view)
         X = np.array([features.of(flow) for flow in flows])
-        off = np.zeros((len(X), 3))
-        for group in np.unique(groups):
-            mine = groups == group
-            model, _ = ForceModel.fit(features, X[~mine], wrench[~mine])
-            off[mine] = (model.predict(X[mine]) - wrench[mine])[:, FORCES]
-        added = np.zeros((of.max() + 1, 3))
-        np.add.at(added, of, off**2)
-        return added
+        return _left_out(features, X, wrench, of, groups)
 
     return errors
+
+
+def _left_out(features: Features, X: Array, wrench: Array, of: Array, groups: Array) -> Array:
+    """What each press, by number (n,), adds to the squared errors of left-out groups."""
+    off = np.zeros((len(X), 3))
+    for group in np.unique(groups):
+        mine = groups == group
+        model, _ = ForceModel.fit(features, X[~mine], wrench[~mine])
+        off[mine] = (model.predict(X[mine]) - wrench[mine])[:, FORCES]
+    added = np.zeros((of.max() + 1, 3))
+    np.add.at(added, of, off**2)
+    return added
+
+
+@dataclass(frozen=True)
+class EarlyLabels:
+    """How much more force a label had that was taken at once: share x exp(-wait / time_s)."""
+
+    share: float
+    time_s: float
+
+    @property
+    def line(self) -> str:
+        """In a sentence."""
+        return (
+            f"Labels taken at once were {self.share:.1%} too high, fading in {self.time_s:g} s; "
+            "all were brought to the longest wait"
+        )
+
+    def mended(self, data: ForceData) -> ForceData:
+        """With wrenches as they would be after the longest wait."""
+        more = 1 + self.share * np.exp(-data.points["wait_s"].to_numpy(float) / self.time_s)
+        return replace(data, wrench=data.wrench * (more.min() / more)[:, None])
+
+
+def early_labels(data: ForceData) -> EarlyLabels | None:
+    """What the presses tell of it; None where all waited alike, or nothing is sure."""
+    wait_s = data.points["wait_s"].to_numpy(float)
+    groups = data.points["position"].to_numpy()
+    few = data.points["press"].nunique() < MIN_PRESSES or len(set(groups)) < 3
+    if few or not wait_s.min() >= 0 or wait_s.max() < 2 * wait_s.min():
+        return None
+    _, of = np.unique(data.points["press"].to_numpy(), return_inverse=True)
+    tried = [EarlyLabels(0.0, 1.0)]
+    tried += [EarlyLabels(share, time_s) for time_s in TIMES_S for share in SHARES]
+    features, X = data.sets[Inverse.name], data.features[Inverse.name]
+    wrenches = [one.mended(data).wrench for one in tried]
+    each = np.stack([_left_out(features, X, wrench, of, groups) for wrench in wrenches])
+    best = int(np.log(each.sum(axis=1)).sum(axis=1).argmin())
+    scores = _redrawn(each)
+    return tried[best] if best and (scores[:, best] < scores[:, 0]).mean() >= SURE else None
+
+
+def _redrawn(each: Array) -> Array:
+    """Scores (DRAWS, n) of errors (n, presses, 3) with presses drawn again."""
+    n = each.shape[1]
+    drawn = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), DRAWS)
+    return np.asarray(np.log(np.einsum("dp,gpc->dgc", drawn, each)).sum(axis=2))
 
 
 def search(view: SensorView, errors: Errors, progress: Progress | None = None) -> ToldGel | None:
     """The pair under which the errors are least, from the believed one on; None: not told."""
     seen: dict[tuple[int, int], Array] = {}
 
-    def at(pair: tuple[int, int]) -> tuple[float, float]:
-        return 0.5 - (0.5 - view.poisson) * AWAY ** pair[0], view.skin.thickness_mm * (
-            1 + THICKER * pair[1]
-        )
+    def at(pair: Array | tuple[int, int]) -> tuple[float, float]:
+        away = (0.5 - view.poisson) * AWAY ** float(pair[0])
+        return 0.5 - away, view.skin.thickness_mm * (1 + THICKER * float(pair[1]))
 
     def score(pair: tuple[int, int]) -> float:
         poisson, thickness_mm = at(pair)
@@ -142,18 +196,16 @@ def search(view: SensorView, errors: Errors, progress: Progress | None = None) -
             best = found
     # Presses drawn again: which pair would have been taken.
     pairs = list(seen)
-    each = np.stack([seen[pair] for pair in pairs])
-    n = each.shape[1]
-    drawn = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), DRAWS)
-    scores = np.log(np.einsum("dp,gpc->dgc", drawn, each)).sum(axis=2)
+    scores = _redrawn(np.stack([seen[pair] for pair in pairs]))
     better = scores[:, pairs.index(best)] < scores[:, pairs.index((0, 0))]
-    if best == (0, 0) or better.mean() < SURE:
+    gain = float(np.exp((score(best) - score((0, 0))) / 6))  # of squares, of three components
+    if gain > WORTH or better.mean() < SURE:
         return None
-    taken = np.array([at(pairs[k]) for k in scores.argmin(axis=1)])
-    (a, c), (b, d) = np.quantile(taken, [(1 - SURE) / 2, (1 + SURE) / 2], axis=0).tolist()
-    poisson, thickness_mm = at(best)
-    gain = (score(best) - score((0, 0))) / 6  # of squares, of three components
-    return ToldGel(poisson, (a, b), thickness_mm, (c, d), float(np.exp(gain)))
+    taken = np.array(pairs)[scores.argmin(axis=1)]
+    # Half a step more on either side, for between steps nothing was tried.
+    low, high = np.quantile(taken, [(1 - SURE) / 2, (1 + SURE) / 2], axis=0) + [[-0.5], [0.5]]
+    (b, c), (a, d), (poisson, thickness_mm) = at(low), at(high), at(best)
+    return ToldGel(poisson, (a, b), thickness_mm, (c, d), gain)
 
 
 def _flows(runs: Sequence[Run], data: ForceData, rows: Array) -> list[FaceFlow]:

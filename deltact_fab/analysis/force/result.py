@@ -16,7 +16,7 @@ from ...measure.force.calibration import ForceCalibration
 from ..frames import make_folder
 from .dataset import ForceData
 from .field import FieldError
-from .gel import ToldGel
+from .gel import EarlyLabels, ToldGel
 from .judge import (
     FORCES,
     LEFT_OUT,
@@ -43,7 +43,8 @@ class ForceResult:
 
     judged: best first; best is the one whose calibration is kept. curves: by feature set. field:
     the best one's force field against truth, where there is one. gel: that the presses tell, None
-    where the design's is kept.
+    where the design's is kept. early: what labels had too much that were taken
+    early, None: nothing.
     """
 
     data: ForceData
@@ -54,6 +55,7 @@ class ForceResult:
     curves: dict[str, list[LearningPoint]] = made_by(default_factory=dict)
     field: FieldError | None = None
     gel: ToldGel | None = None
+    early: EarlyLabels | None = None
 
     @property
     def best(self) -> EvaluatedModel:
@@ -144,6 +146,7 @@ class ForceResult:
             },
             "field": None if self.field is None else asdict(self.field),
             "gel": None if self.gel is None else asdict(self.gel),
+            "early_labels": None if self.early is None else asdict(self.early),
             "left_out": self.left_out,
         }
 

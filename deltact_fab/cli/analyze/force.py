@@ -23,7 +23,7 @@ def _models() -> list[str]:
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH)
 @click.option("--model", "models", multiple=True, type=Named(_models, files=False),
               metavar="MODEL", show_default="all",
-              help="sums, paper, paper-mirrored or inverse-placed; repeatable."
+              help="sums, paper or inverse-placed; repeatable."
               )  # fmt: skip
 @click.option("--transfer", type=PATH, metavar="OTHER.toml",
               help="Carry another sensor's calibration over, using the few presses of RUN."
@@ -85,8 +85,9 @@ def _tell(result: ForceResult) -> None:
     from ..output import echo_table
 
     click.echo(result.line + "\n")
-    if result.gel is not None:
-        click.echo(result.gel.line + "\n")
+    for found in (result.early, result.gel):
+        if found is not None:
+            click.echo(found.line + "\n")
     head = ("model", "component", "adj. R2", "about 0", "train", "test", *LEFT_OUT, "range",
             "% of range", "cond. raw", "scaled")  # fmt: skip
     keys = ("adjusted_r2", "adjusted_r2_about_zero", "rmse_train", "rmse",

@@ -1,7 +1,7 @@
 """Symmetric sparse solvers behind one small interface: factorise a triangle, then solve.
 
-Pardiso (extra `fast`) also tells the inertia; SuperLU in symmetric mode needs no extra; conjugate
-gradients need the least memory and are the fallback where the factors would not fit.
+Pardiso (extra `fast`) also tells the inertia; SuperLU in symmetric mode needs no extra, and beyond
+30 000 rows gigabytes.
 """
 
 from __future__ import annotations
@@ -20,10 +20,8 @@ from ...aliases import Field
 from ...errors import InputError, MissingLibrary, SolverError
 from ...extras import require
 
-Name = Literal["auto", "pardiso", "superlu", "cg"]
+Name = Literal["auto", "pardiso", "superlu"]
 
-LARGEST_FOR_SUPERLU = 30_000  # rows; beyond, its fill takes gigabytes
-CG_TOLERANCE = 1e-9
 # Input parameters of the manual, counted from one: own values, METIS, two refinements, pivots
 # raised to 1e-8 of the norm, 1 x 1 and 2 x 2 pivots, the two-level factorisation (1.5 times as
 # fast on one core).
@@ -111,57 +109,20 @@ class SuperLU:
         return self._factor.solve(right)
 
 
-class Gradients:
-    """Conjugate gradients scaled by the diagonal: an incomplete factor cost more than it saved.
-
-    The inertia is not known: of an indefinite matrix it may return a direction that does not
-    descend, which the caller has to test.
-    """
-
-    name = "cg"
-
-    def __init__(self, iterations: int = 6000) -> None:
-        self._iterations = iterations
-        self._full: sp.csr_matrix | None = None
-        self._root: Field = np.empty(0)
-        self.negative: int | None = None
-        self.factorisations = 0
-
-    def factorise(self, upper: sp.csr_matrix) -> None:
-        """The scaled matrix; there is no factor."""
-        diagonal = upper.diagonal()
-        self.negative = int((diagonal <= 0).sum()) or None
-        self._root = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        scale = sp.diags(self._root)
-        self._full = _full((scale @ upper @ scale).tocsr())
-        self.factorisations += 1
-
-    def solve(self, right: Field) -> Field:
-        """Iterates to CG_TOLERANCE of the scaled residual; SolverError if it does not get there."""
-        if self.negative:
-            raise SolverError("linear solver: the matrix has a diagonal entry of 0 or less")
-        x, info = spla.cg(
-            self._full, self._root * right, rtol=CG_TOLERANCE, maxiter=self._iterations
-        )
-        if info:
-            raise SolverError(f"linear solver: CG stopped after {self._iterations} iterations")
-        return self._root * x
-
-
-Solver = Pardiso | SuperLU | Gradients
+Solver = Pardiso | SuperLU
 """Solves K x = b for one sparsity pattern and changing entries; `factorise` takes the upper
 triangle with its diagonal. negative: number of negative eigenvalues of the last factor; None where
 that is not known. factorisations: made so far."""
-SOLVERS: dict[str, type[Solver]] = {"pardiso": Pardiso, "superlu": SuperLU, "cg": Gradients}
+SOLVERS: dict[str, type[Solver]] = {"pardiso": Pardiso, "superlu": SuperLU}
 
 
-def make_solver(rows: int, name: Name = "auto") -> Solver:
-    """The best solver that is there: pardiso, else SuperLU up to LARGEST_FOR_SUPERLU, else CG."""
+def make_solver(name: Name = "auto") -> Solver:
+    """Pardiso where it is there, else SuperLU. Raises InputError for an unknown name."""
     if name == "auto":
         try:
             return Pardiso()
         except MissingLibrary:
-            return SuperLU() if rows <= LARGEST_FOR_SUPERLU else Gradients()
+            return SuperLU()
     if name not in SOLVERS:
         raise InputError(f"linear solver {name!r}: valid: auto, {', '.join(SOLVERS)}")
     return SOLVERS[name]()

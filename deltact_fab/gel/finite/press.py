@@ -104,7 +104,7 @@ class FinitePress:
         points = points or (MANY if sharp else 2)
         felt = blunted(indenter, face_mm)
         self.surface = Surface(mesh, self.pattern, felt, material.modulus_mpa, points)
-        self.solver = make_solver(self.pattern.size, solver)
+        self.solver = make_solver(solver)
         at_rest = self.bulk.evaluate(np.zeros_like(mesh.nodes_mm)).data
         assert at_rest is not None
         self._rest_data = at_rest

@@ -17,7 +17,6 @@ from .wrench import COMPONENTS, TractionField, Wrench
 FEATURES = {
     "sums": ("sums", "Sums"),
     "paper": ("paper", "Paper"),
-    "paper-mirrored": ("paper", "PaperMirrored"),
     "inverse-placed": ("inverse", "Inverse"),
 }
 

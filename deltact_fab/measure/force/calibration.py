@@ -18,7 +18,7 @@ from ..sensor_id import Head, read_calibration, read_rest, rest_table
 from ..view import SensorView
 from .model import ForceModel
 
-FORMER = {"inverse": "inverse-placed"}
+FORMER = {"inverse": "inverse-placed", "paper-mirrored": "paper"}
 """Features of older files by those that have their numbers; they are not fitted any more."""
 
 

@@ -31,7 +31,7 @@ class Paper(LocalFeatures):
     """The model as it is printed.
 
     Its even powers take no part in a mirror: the face and its mirror image, pressed and sheared
-    alike, are not told to have mirrored forces. `PaperMirrored` leaves them out.
+    alike, are not told to have mirrored forces.
     """
 
     name = "paper"
@@ -69,10 +69,3 @@ class Paper(LocalFeatures):
         density = by_jacobian(flow, self._mm_per_px)
         one = (np.maximum(density.relative_depth, 0), hr[..., 0], hr[..., 1])
         return np.stack([power for a in one for power in (a, a * a, a * a * a)])
-
-
-class PaperMirrored(Paper):
-    """The paper's model with only those terms that mirrors in x and in y allow each force."""
-
-    name = "paper-mirrored"
-    explains = Paper.explains | {"fx": (_A[0], _A[2]), "fy": (_B[0], _B[2])}

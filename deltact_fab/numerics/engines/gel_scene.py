@@ -162,17 +162,6 @@ def work_error_percent(found: FiniteSolution) -> float:
 # -- what a case computes: the figure that is held to a bound, and a note -------------------------
 
 
-def side_force(against: str, scratch: Path) -> tuple[float, str]:
-    """Side force of a drag over that on a finer mesh, or in half the steps, less 1, in %."""
-    scene = GelCase(
-        spacing_mm=1.5, friction=0.5, focus=(-6.0, 9.0, -6.0, 6.0), mirrors=(False, True)
-    )
-    tips = (down(3.0), (3.0, 0.0, 3.0))
-    found = trusted(solved(scene, 0.5, *tips))
-    other = solved(scene.finer(), 0.5, *tips) if against == "mesh" else solved(scene, 0.25, *tips)
-    return 100 * (found.last.force_n[0] / other.last.force_n[0] - 1), found.note()
-
-
 def finer(
     scene: GelCase, step_mm: float, tips: tuple[Point, ...], scratch: Path
 ) -> tuple[float, str]:

@@ -16,7 +16,7 @@ from ...analysis.force.dataset import PressPoints, points_of
 from ...analysis.view import view_of
 from .. import press_jobs
 
-_ROW = ("frame_id", "indenter", "run", "press", "position", "x_mm", "y_mm", "cover")
+_ROW = ("frame_id", "indenter", "run", "press", "position", "x_mm", "y_mm", "cover", "wait_s")
 
 
 def points(told: dict[str, Any]) -> dict[str, Any]:
