@@ -170,6 +170,10 @@ def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
     )
     if paper[0].remark:
         lines.append(f"Its normal force: {paper[0].remark}.")
+    lines.append(
+        "On two gels of another solver (docs/evidence/strangers.md) ten presses calibrate normal "
+        "force to 0.05 N of 7 N, shear to 0.4 %; with the design's gel kept, to 0.14 N and 1.1 %."
+    )
     return tuple(lines)
 
 
