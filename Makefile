@@ -71,6 +71,8 @@ evidence: .venv/.ready
 	$(PYTEST) -m evidence
 	$(V)/python -m benchmarks.evidence --threads 2
 	$(V)/python -m benchmarks.cad_random
+	$(V)/python -m benchmarks.gel_drags
+	$(V)/python -m benchmarks.strangers
 
 clean:
 	rm -rf .venv demo-out site .doctrees .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

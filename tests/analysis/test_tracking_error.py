@@ -91,7 +91,11 @@ def test_one_frame_recounted_by_hand(mini_run: Path, result: te.TrackingResult) 
     off = np.ones(true.shape[:2], bool)
     for dot in run.camera.rest_px(run.dots_mm()):
         off &= np.hypot(x - dot[0], y - dot[1]) > 0.3 / 0.0378 + DOT_MARGIN_PX + 1
-    moving = off & (length_mm >= te.MOVING_MM)
+    # What leaves the view cannot be found in it.
+    stays = (np.abs(x + true[..., 0] - 398.5) <= 398.5) & (
+        np.abs(y + true[..., 1] - 292.5) <= 292.5
+    )
+    moving = off & stays & (length_mm >= te.MOVING_MM)
     error_mm = np.linalg.norm(seen.flow_px - true, axis=-1) * 0.0378
     by_hand = float(error_mm[moving].mean())
     table = result.frames

@@ -183,7 +183,7 @@ def search(view: SensorView, errors: Errors, progress: Progress | None = None) -
             except InputError:
                 return np.inf  # a gel that the face's operator does not take
             if progress:
-                progress(len(seen), 0, "the gel that the presses tell")
+                progress(len(seen), max(30, len(seen)), "the gel that the presses tell")
         return float(np.log(seen[pair].sum(axis=0)).sum())
 
     best = (0, 0)
