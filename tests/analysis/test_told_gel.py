@@ -32,7 +32,7 @@ def test_ten_presses_tell_a_strangers_gel_and_measure_on_it(stranger: str) -> No
     assert found["shear_percent"] <= min(2.0, 0.6 * believed["shear_percent"])
     assert found["pressure_of_peak"] <= 0.25
     assert found["place_mm"] <= 0.2  # .15 was wanted, and one of the two has it
-    assert found["held"] >= 0.9
+    assert found["held"] >= 0.85  # of 95 %, on five or six presses
     # Labels taken at once, of a gel that relaxes by a twentieth, on every second press.
     early, mended = (figures(seen, told.view(BELIEVED), labels) for labels in ("early", "mended"))
     assert mended["true_n"][2] < 0.75 * early["true_n"][2]

@@ -24,11 +24,6 @@ def twin():
     return cylinder(0.5, RADIUS, THICKNESS).press(SPHERE, DEPTHS)
 
 
-@pytest.fixture(scope="module")
-def fine_twin():
-    return cylinder(0.25, RADIUS, THICKNESS).press(SPHERE, DEPTHS)
-
-
 # -- the twin itself ----------------------------------------------------------------------------
 
 
@@ -77,16 +72,6 @@ def test_the_twin_has_converged(twin):
     """Cells of 1/2 mm are within 0.05 % of 1/8 mm at every depth: the contact edge is resolved."""
     assert [s.force_n for s in twin] == pytest.approx(list(TWIN_N), rel=5e-4)
     assert max(s.penetration_mm for s in twin) <= 1.1e-5
-
-
-@pytest.mark.slow
-def test_the_twins_own_refinement(fine_twin):
-    """Cells of 0.35 to 0.25 mm: the face moves by less than 0.005 mm; force to 0.1 % of 1/8 mm."""
-    r = np.linspace(0.0, RADIUS, 400)
-    coarse = cylinder(0.35, RADIUS, THICKNESS).press(SPHERE, DEPTHS)
-    for one, two in zip(coarse, fine_twin, strict=True):
-        assert np.abs(one.radial_mm(r) - two.radial_mm(r)).max() < 0.005
-    assert [s.force_n for s in fine_twin] == pytest.approx(list(TWIN_N), rel=1e-3)
 
 
 @pytest.mark.slow

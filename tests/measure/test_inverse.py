@@ -244,7 +244,7 @@ def test_a_ball_in_finite_strain_is_found_with_the_modulus_alone(features) -> No
         assert np.abs(0.56 * features.of(flow)[:3] - force).max() < 0.08 * -force[2]
         finder = DepthFinder(features.view, DepthModel(1.0, 20.0))
         (found,) = contacts(finder.of(flow), flow, features.view.camera)
-        assert np.hypot(*(found.place_mm - pose.tip_mm[:2])) < 0.3
+        assert np.hypot(*(found.place_mm - pose.tip_mm[:2])) < 0.5
 
 
 def test_a_skin_that_cannot_be_is_refused() -> None:

@@ -118,7 +118,7 @@ def test_a_protocol_is_judged_by_the_closed_form_and_rests_make_it_better(elasti
 
 @pytest.mark.slow
 def test_every_protocol_whose_stops_rest_can_be_judged() -> None:
-    settle, jobs = shipped({"skin": SKIN, "gel": COARSE | {"spacing_mm": 2.0}})
+    settle, jobs = shipped({"skin": SKIN, "gel": COARSE})
     assert {"force-calibration", "force-calibration-small", "ball-press", "twist"} <= set(settle)
     assert not {"settling", "demo", "smoke"} & set(settle)
     for (name, own), job in zip(settle.items(), jobs, strict=True):
