@@ -264,7 +264,8 @@ def test_a_real_port_is_seen_by_the_count(monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.slow
 def test_a_force_only_run_imports_nothing_that_draws(tmp_path: Path) -> None:
     protocol, rig = scene("force and shear", tmp_path, LENS)
-    assert loaded_by(RUN.format(protocol=protocol, rig=rig), cwd=tmp_path) == [set()]
+    (run,) = loaded_by(RUN.format(protocol=protocol, rig=rig), cwd=tmp_path)
+    assert run == {"scipy.interpolate"}  # the gel's free sides
 
 
 @pytest.mark.slow
@@ -304,7 +305,8 @@ write("run", Path("page.html"), result)
 def test_a_command_of_numbers_loads_no_kernel_no_pages_and_no_opencv(
     words: list[str], tmp_path: Path
 ) -> None:
-    assert loaded_by(COMMAND.format(words=words, code=0), cwd=tmp_path) == [set()]
+    (loaded,) = loaded_by(COMMAND.format(words=words, code=0), cwd=tmp_path)
+    assert loaded <= ({"scipy.interpolate"} if words[0] in ("gel", "protocol") else set())
 
 
 @pytest.mark.slow

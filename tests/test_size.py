@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
     ("deltact_fab", "lines"): 80972,
     ("deltact_fab", "files"): 600,
-    ("tests", "lines"): 47183,
+    ("tests", "lines"): 47185,
 }
 
 
