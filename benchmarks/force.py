@@ -39,9 +39,9 @@ class Believed:
     def view(self) -> SensorView:
         """The sensor as believed."""
         camera = Pinhole.of(load_design("deltact"))
-        skin = replace(SKIN, thickness_mm=SKIN.thickness_mm + self.thicker_mm)
         eye_mm = self.eye * camera.eye_distance_mm
-        return SensorView(replace(camera, eye_distance_mm=eye_mm), skin, self.poisson)
+        view = SensorView(replace(camera, eye_distance_mm=eye_mm), SKIN)
+        return view.with_gel(self.poisson, SKIN.thickness_mm + self.thicker_mm)
 
 
 CONDITIONS = (

@@ -1,14 +1,13 @@
 """Drags to gross slip: the finite-strain gel against `gel_twin`, which shares no line with it.
 
 `python -m benchmarks.gel_drags` compares with what stands in gel_drags.npz; `--solve` makes that
-again (a quarter of an hour of one core). Simulated, both.
+again (half an hour of one core). Simulated, both.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ from deltact_fab.gel.open import contact_of
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
-from .gel_strangers import UNIT_MM, at_nodes
+from .gel_strangers import UNIT_MM
 from .gel_twin import BallPress, Block, Gel, Pose, Solved, graded
 
 FILE = Path(__file__).with_suffix(".npz")
@@ -94,13 +93,11 @@ def solve(drag: Drag, fineness: float = 3.2) -> dict[str, Array]:
     xs, ys = axes_mm()
     found: dict[str, list[Any]] = {k: [] for k in ("tip", "force", "area", "stick", "moved")}
     for state in _as_far_as_it_goes(press.follow([Pose(tip) for tip in drag.tips_mm])):
-        wx, wy = (at_nodes(axis, at) for axis, at in zip(state.axes_mm, (xs, ys), strict=True))
         found["tip"].append(state.tip_mm)
         found["force"].append(state.force_n)
         for key, stuck in (("area", np.ones_like(state.slips)), ("stick", ~state.slips)):
             found[key].append(2 * state.area_mm2[stuck].sum())
-        moved = np.einsum("yj,jik,xi->yxk", wy, state.nodes_mm, wx)
-        found["moved"].append(np.round(moved / UNIT_MM).astype(np.int16))
+        found["moved"].append(np.round(state.face_mm(xs, ys) / UNIT_MM).astype(np.int16))
     return {key: np.array(rows) for key, rows in found.items()}
 
 
@@ -108,7 +105,7 @@ def solve(drag: Drag, fineness: float = 3.2) -> dict[str, Array]:
 class Apart:
     """The product beside the twin along a drag, from a slip ratio of LEAST_RATIO on: largest
     errors. ratios: side force over friction x normal force, of the first and the last state
-    compared. force: of the side force, relative; normal: of the normal one. in_plane_mm: rms over
+    compared. side: of the side force, relative; normal: of the normal one. in_plane_mm: rms over
     the face and largest; stick: of the stick zone's share of the contact."""
 
     ratios: tuple[float, float]
@@ -146,8 +143,6 @@ def compare(drag: Drag, twin: dict[str, Array], tolerance: float = 0.03) -> Apar
         stick = zones.stick_area_mm2 / zones.contact_area_mm2 - twin["stick"][i] / twin["area"][i]
         rows.append((abs(state.force_n[0] / fx - 1), abs(state.force_n[2] / fz - 1),
                      math.sqrt((size**2).mean()), size.max(), abs(stick)))  # fmt: skip
-        if "-v" in sys.argv:
-            print(tip, round(float(ratio), 3), np.round(rows[-1], 4), flush=True)
     side, normal, rms, most, stick = np.max(rows, axis=0).tolist()
     return Apart((ratios[0], ratios[-1]), side, normal, (rms, most), stick,
                  time.process_time() - start)  # fmt: skip
@@ -192,15 +187,15 @@ def _told(index: int) -> tuple[int, dict[str, Array]]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--solve", type=int, nargs="*", help="which again, of DRAGS")
+    parser.add_argument("--solve", type=int, nargs="*", choices=range(len(DRAGS)), metavar="N",
+                        help="solve the twin's again: those of DRAGS, or all")  # fmt: skip
     parser.add_argument("--tolerance", type=float, default=0.03)
-    parser.add_argument("-v", action="store_true", help="every state")
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args(argv)
-    if options.solve:
+    if options.solve is not None:
         found = {}
         with get_context("spawn").Pool(options.jobs) as pool:
-            for index, one in pool.imap_unordered(_told, options.solve):
+            for index, one in pool.imap_unordered(_told, options.solve or range(len(DRAGS))):
                 found[index] = one
                 _keep(found)
         return

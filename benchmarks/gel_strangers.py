@@ -1,5 +1,5 @@
 """Presses on gels that the product does not believe in, solved by `gel_twin`: truth for what it
-measures. `python -m benchmarks.gel_strangers` solves them again (some hours of one core) into
+measures. `python -m benchmarks.gel_strangers` solves them again (an hour of one core) into
 gel_strangers.npz; simulated, by a solver that shares no line with the product's.
 """
 
@@ -86,7 +86,8 @@ def solved(press: Press) -> list[Solved]:
     return list(BallPress(Block(gel, lines), press.ball_mm / 2, friction).follow(press.poses()))
 
 
-X_MM, Y_MM = (np.arange(-n, n + 1) * LATTICE_MM for n in (23, 21))  # of stored displacements
+# Of stored displacements.
+X_MM, Y_MM = (np.arange(-n, n + 1, dtype=np.float64) * LATTICE_MM for n in (23, 21))
 
 
 def stored(stranger: str) -> dict[Press, dict[str, Array]]:
@@ -109,26 +110,11 @@ def stored(stranger: str) -> dict[Press, dict[str, Array]]:
     return found
 
 
-def at_nodes(axis: Array, x: Array) -> Array:
-    """Matrix (x, nodes) of values along a line of three-node cells."""
-    e = np.clip(np.searchsorted(axis[2::2], x), 0, len(axis) // 2 - 1)
-    low, high = axis[2 * e], axis[2 * e + 2]
-    t = 2 * (x - low) / (high - low) - 1
-    found = np.zeros((len(x), len(axis)))
-    rows = np.arange(len(x))
-    for k, value in enumerate((t * (t - 1) / 2, 1 - t**2, t * (t + 1) / 2)):
-        found[rows, 2 * e + k] += value
-    return found
-
-
 def _job(index: int) -> dict[str, Any]:
     press = presses()[index]
     rows = []
     for state in solved(press):
-        # The mesh's own quadratics.
-        u = state.nodes_mm
-        wx, wy = at_nodes(state.axes_mm[0], X_MM), at_nodes(state.axes_mm[1], Y_MM)
-        moved = np.einsum("yj,jik,xi->yxk", wy, u, wx)
+        moved = state.face_mm(X_MM, Y_MM)
         points = np.column_stack((state.at_mm, state.traction_mpa, state.rest_mm2))
         rows.append((state.tip_mm, state.force_n, state.torque_nmm,
                      np.round(moved / UNIT_MM).astype(np.int16), points))  # fmt: skip
@@ -136,7 +122,7 @@ def _job(index: int) -> dict[str, Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Solve what the file has not, and write it whole."""
+    """Solve all, and write what there is after each."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--jobs", type=int, default=1)
     jobs = parser.parse_args(argv).jobs

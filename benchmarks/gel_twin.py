@@ -56,22 +56,25 @@ class Pose:
 @dataclass(frozen=True, eq=False)
 class Solved:
     """One pose. force_n, torque_nmm: on the gel, about the centre of its resting face. At the
-    contact's points (n,): at_mm (n, 2) on the resting face, pressure_mpa, shear_mpa (n, 2 in the
-    face's directions, of a traction (n, 3)), area_mm2 as it lies, slips. nodes_mm (ny, nx, 3): how
-    the face moved, at the mesh's own nodes."""
+    contact's points (n,): at_mm (n, 2) and rest_mm2 on the resting face, traction_mpa (n, 3) per
+    that area, area_mm2 as it lies, slips. nodes_mm (ny, nx, 3): how the face moved, at the mesh's
+    own nodes axes_mm."""
 
     tip_mm: Point
     force_n: Field
     torque_nmm: Field
     at_mm: Field
-    pressure_mpa: Field
     traction_mpa: Field
     rest_mm2: Field
     area_mm2: Field
     slips: NDArray[np.bool_]
     nodes_mm: Field
     axes_mm: tuple[Field, Field]
-    iterations: int
+
+    def face_mm(self, x_mm: Field, y_mm: Field) -> Field:
+        """How the face moved (ny, nx, 3), by the mesh's own quadratics."""
+        wx, wy = (_at(axis, at) for axis, at in zip(self.axes_mm, (x_mm, y_mm), strict=True))
+        return np.asarray(np.einsum("yj,jik,xi->yxk", wy, self.nodes_mm, wx))
 
 
 def graded(low: float, high: float, fine: tuple[float, float], size: float, growth: float) -> Field:
@@ -99,6 +102,18 @@ def graded(low: float, high: float, fine: tuple[float, float], size: float, grow
 def _shape(x: Field) -> tuple[Field, Field]:
     value = np.stack([x * (x - 1) / 2, 1 - x**2, x * (x + 1) / 2], axis=1)
     return value, np.stack([x - 0.5, -2 * x, x + 0.5], axis=1)
+
+
+def _at(axis: Field, x: Field) -> Field:
+    """Matrix (x, nodes) of values along a line of three-node cells."""
+    e = np.clip(np.searchsorted(axis[2::2], x), 0, len(axis) // 2 - 1)
+    low, high = axis[2 * e], axis[2 * e + 2]
+    t = 2 * (x - low) / (high - low) - 1
+    found = np.zeros((len(x), len(axis)))
+    rows = np.arange(len(x))
+    for k, value in enumerate(_shape(t)[0].T):
+        found[rows, 2 * e + k] += value
+    return found
 
 
 class Block:
@@ -266,7 +281,7 @@ class _State:
     way: Field | None = None
 
 
-_Moved = tuple[_State, tuple[Field, _Contact, int]]
+_Moved = tuple[_State, tuple[Field, _Contact]]
 
 
 class BallPress:
@@ -309,22 +324,21 @@ class BallPress:
     def _pose(self, state: _State, start: Point, tip: Point) -> _Moved:
         b = self.block
         way = np.array(tip) - np.array(start)
-        u, sunk, count = state.u.copy(), state.sunk, 0
+        u, sunk = state.u.copy(), state.sunk
         if state.way is not None and np.allclose(way, state.way, atol=1e-9):
             assert state.rate is not None
             ahead = u + state.rate
             u = u if b.bulk(ahead, False) is None else ahead
         for _ in range(4 if b.gel.base_mm_n else 1):
             u[b.base, 2] = -sunk * b.bend
-            u, met, more = self._step(u, tip, state.touch)
-            count += more
+            u, met = self._step(u, tip, state.touch)
             force_n = -(b.face_w[..., None] * met.pull)[..., 2].sum()
             now = b.gel.base_mm_n * -force_n * (2 if b.mirror else 1)
             if abs(now - sunk) < BASE_MM:
                 break
             sunk = now
         touch = Touch(met.pressure, met.traction, self._from(u, tip))
-        return _State(u, touch, sunk, u - state.u, way), (u, met, count)
+        return _State(u, touch, sunk, u - state.u, way), (u, met)
 
     def _from(self, u: Field, tip: Point) -> Field:
         b = self.block
@@ -372,9 +386,9 @@ class BallPress:
         )
         return _Contact(p, tau, n, slips, block + dtau - slide)
 
-    def _step(self, u: Field, tip: Point, touch: Touch) -> tuple[Field, _Contact, int]:
+    def _step(self, u: Field, tip: Point, touch: Touch) -> tuple[Field, _Contact]:
         b = self.block
-        lam, base_tau, count = touch.pressure.copy(), touch.traction.copy(), 0
+        lam, base_tau = touch.pressure.copy(), touch.traction.copy()
         size = b.nodes.size
         for first in (True, *[False] * (ROUNDS - 1)):
             for i in range(MOST):
@@ -399,7 +413,6 @@ class BallPress:
                 flat = np.zeros(size)
                 flat[b.free] = -self.solver.solve(matrix, residual)
                 step = flat.reshape(-1, 3)
-                count += 1
                 length = min(1.0, 0.5 / max(np.abs(step).max(), 1e-12))
                 if sticks:
                     while length > 1e-2 and b.bulk(u + length * step, False) is None:
@@ -417,7 +430,7 @@ class BallPress:
             # What sticks must not creep: its traction is the multiplier of the next round.
             base_tau = np.where((touch.pressure > 0)[..., None], met.traction, 0.0)
             if change < CLOSED_MM and creep < CLOSED_MM:
-                return u, met, count
+                return u, met
         raise RuntimeError(f"twin: contact open by {change:.1e} mm, creep {creep:.1e} mm at {tip}")
 
     def _on_nodes(self, met: _Contact) -> Field:
@@ -446,7 +459,7 @@ class BallPress:
             raise RuntimeError(f"twin: no step at {at[0]}")
         return best[1]
 
-    def _solved(self, tip: Point, u: Field, met: _Contact, count: int) -> Solved:
+    def _solved(self, tip: Point, u: Field, met: _Contact) -> Solved:
         b = self.block
         on = met.pressure > 0
         x = np.einsum("qa,fai->fqi", b.face_value, (b.nodes + u)[b.faces])
@@ -459,9 +472,8 @@ class BallPress:
             total, torque = 2 * total * [1, 0, 1], 2 * torque * [0, 1, 0]
         ny, nx = b.face_shape
         return Solved(
-            tip, total, torque, rest[on][:, :2], met.pressure[on], -met.pull[on], b.face_w[on],
+            tip, total, torque, rest[on][:, :2], -met.pull[on], b.face_w[on],
             area[on], met.slips[on], u[-ny * nx :].reshape(ny, nx, 3), (b.axes[0], b.axes[1]),
-            count,
         )  # fmt: skip
 
 

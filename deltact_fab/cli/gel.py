@@ -113,7 +113,8 @@ def press(
 
             title = (
                 f"{shape.name} {depth_mm:g} mm deep, sheared by {shear_x_mm:g}, {shear_y_mm:g} mm; "
-                f"{thickness_mm:g} mm gel, {modulus_mpa:g} MPa, friction {friction:g}"
+                f"{thickness_mm:g} mm gel, {modulus_mpa:g} MPa, friction {friction:g}; "
+                f"{result['model']}"
             )
             save_press(pressed, plot_path, title)
         return

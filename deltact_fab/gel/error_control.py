@@ -156,7 +156,7 @@ class MeshConvergence:
         return RefinedPress(self._runs[-1], self.estimate(), zones, limited)
 
     def _climb(self, choice: Choice, free: bool) -> None:
-        if choice.level != "hyperelastic":
+        if choice.level != FINITE:
             self._runs.append(self._run(choice.times(COARSER)))
             self._runs.append(self._run(choice))
             return
@@ -231,7 +231,7 @@ class MeshConvergence:
             return (ALONE * edge, _rms_mm(_field_mm(fine)))
         coarse = before[-1]
         force, in_plane = _change(fine, coarse)
-        if fine.choice.level != "hyperelastic":
+        if fine.choice.level != FINITE:
             return (LINEAR_FORCE * _size(force, fine), LINEAR_IN_PLANE * in_plane)
         left = 1 / ((coarse.cell_mm / fine.cell_mm) ** 2 - 1)  # cells are of second order
         off = left * force - fine.last.lacking_rel * np.array(fine.last.force_n)
@@ -241,7 +241,7 @@ class MeshConvergence:
         """Of the force, what cells of this size cost under such a contact at least."""
         cells = run.cell_mm / self._radius_mm
         known = EDGE * cells**2
-        if run.choice.level == "hyperelastic" and BLUNT * run.cell_mm > self._edge_mm:
+        if run.choice.level == FINITE and BLUNT * run.cell_mm > self._edge_mm:
             known = max(known, BLUNTED * cells)
         # The ramp of the contact pushes before it is touched: a light press is too stiff by it.
         return known + max(0.0, -run.last.lacking_rel)

@@ -12,6 +12,7 @@ import numpy as np
 from ..aliases import Field, Point, Point2, Progress
 from ..elasticity.material import GelMaterial, unusual
 from ..errors import DeltactFabError, InputError, TimeLimit
+from ..levels import FINITE
 from ..shapes import Indenter, SkinDimensions
 from ..shapes.posed import edge_radius_mm
 from . import time_limit
@@ -126,9 +127,9 @@ def press(
         with time_limit.within(limit_s):
             picked = picks(model)
             found = ladder.refine(picked, free=spacing_mm is None)
-            linear = model == "auto" and picked.level != "hyperelastic"
+            linear = model == "auto" and picked.level != FINITE
             if linear and not (found.limited or ladder.holds(found.estimate)):
-                picked = picks("hyperelastic")
+                picked = picks(FINITE)
                 found = ladder.refine(picked, free=spacing_mm is None)
     except TimeLimit:
         if found is None:

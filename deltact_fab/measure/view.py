@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..optics import CameraModel
 from ..shapes.sensor import SkinDimensions
@@ -23,3 +23,7 @@ class SensorView:
     def __post_init__(self) -> None:
         if not 0 < self.poisson < 0.5:
             raise ValueError(f"poisson: between 0 and .5: {self.poisson} fails")
+
+    def with_gel(self, poisson: float, thickness_mm: float) -> SensorView:
+        """The sensor with another gel behind the same face."""
+        return replace(self, poisson=poisson, skin=replace(self.skin, thickness_mm=thickness_mm))

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from benchmarks.gel_strangers import STRANGERS
-from benchmarks.strangers import BELIEVED, LEARN, Seen, figures
+from benchmarks.strangers import BELIEVED, Seen, figures, judged
 from deltact_fab.analysis.force import ForceData
 from deltact_fab.analysis.force.gel import early_labels, search
 from deltact_fab.measure.force.inverse import Inverse
@@ -20,22 +20,24 @@ from deltact_fab.measure.force.inverse import Inverse
 def test_ten_presses_tell_a_strangers_gel_and_measure_on_it(stranger: str) -> None:
     gel, _ = STRANGERS[stranger]
     seen = Seen.of(stranger)
-    told = seen.told(seen.presses[:LEARN])
+    learn, judge = next(seen.rounds())
+    told = seen.told(learn)
     assert told is not None
     low, high = told.poisson_between
     assert low <= gel.poisson <= high < low + 0.03
     low, high = told.thickness_between_mm
     assert low <= gel.size_mm[2] <= high < low + 0.6
-    found = figures(seen, told.view(BELIEVED))
-    believed = figures(seen, BELIEVED)
-    assert found["true_n"][2] <= 0.12
+    believed, found = (figures(seen, [judged(seen, learn, judge, one)]) for one in (None, told))
+    assert found["normal_n"] <= 0.12
     assert found["shear_percent"] <= min(2.0, 0.6 * believed["shear_percent"])
     assert found["pressure_of_peak"] <= 0.25
-    assert found["place_mm"] <= 0.2  # .15 was wanted, and one of the two has it
-    assert found["held"] >= 0.85  # of 95 %, on five or six presses
+    assert found["place_mm"] <= 0.4  # .15 was wanted; docs/evidence/strangers.md says why not
+    assert found["held"] >= 0.85  # of 95 %, on six presses
     # Labels taken at once, of a gel that relaxes by a twentieth, on every second press.
-    early, mended = (figures(seen, told.view(BELIEVED), labels) for labels in ("early", "mended"))
-    assert mended["true_n"][2] < 0.75 * early["true_n"][2]
+    early, mended = (
+        figures(seen, [judged(seen, learn, judge, told, labels)]) for labels in ("early", "mended")
+    )
+    assert mended["normal_n"] < 0.75 * early["normal_n"]
 
 
 def test_a_gel_is_told_only_where_presses_agree() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -16,6 +16,7 @@ from ... import cache, record
 from ...aliases import Array, Progress
 from ...errors import InputError, SolverError
 from ...jobs import each
+from ...measure.face import FaceFlow
 from ...measure.force import Features, make_features
 from ...measure.view import SensorView
 from ...record import Run
@@ -156,6 +157,20 @@ def gather(
     return joined(parts, names, view, str(runs[0].folder))
 
 
+def point_flows(
+    runs: Sequence[Run], data: ForceData, every: int
+) -> Iterator[tuple[int, Run, str, FaceFlow]]:
+    """Of each point of `gather` from these runs: its row, run, frame and flow, press by press."""
+    of_run = dict(zip(labels(runs), runs, strict=True))
+    points = data.points.reset_index(drop=True)
+    for (label, press), part in points.groupby(["run", "press"], sort=False):
+        run, name = of_run[str(label)], str(press).removeprefix(f"{label}/")
+        frames = settled(run.frames(name))["frame_id"].tolist()
+        flows = flows_of(run, name, every).flows
+        for row, frame_id in zip(part.index.tolist(), part["frame_id"], strict=True):
+            yield row, run, frame_id, flows[frames.index(frame_id)]
+
+
 def joined(
     parts: Sequence[PressPoints], names: Sequence[str], view: SensorView, source: str
 ) -> ForceData:
@@ -238,7 +253,7 @@ def _features(one: Features, view: SensorView, of: PressFlows) -> tuple[Array, l
         of=of.key,
         every_px=one.every,
         by=by.__qualname__,
-        view=repr((view.camera.as_dict(), view.skin, view.poisson)),
+        view=repr((view.camera.as_dict(), (view.skin, view.poisson) if one.rests_on_gel else ())),
     )
     held = cache.get("force-features", key)
     if held is None:

@@ -10,9 +10,7 @@ import numpy as np
 from ...aliases import Array
 from ...measure.force import LocalFeatures, TractionField
 from ...record import Run, RunTruth
-from ..flows import flows_of
-from ..frames import settled
-from .dataset import ForceData, labels, presses
+from .dataset import ForceData, point_flows
 from .judge import fit
 
 CONTACT = 0.05
@@ -51,23 +49,16 @@ def field_error(runs: Sequence[Run], data: ForceData, name: str) -> FieldError |
     if not isinstance(features, LocalFeatures) or len(set(positions)) < 2:
         return None
     models = {p: fit(data, name, positions != p) for p in dict.fromkeys(positions)}
-    keys = zip(data.points["press"], data.points["frame_id"], strict=True)
-    point = {key: i for i, key in enumerate(keys)}
+    truths = {run.folder: run.truth() for run in runs}
+    if any(truth is None or not truth.tractions for truth in truths.values()):
+        return None
     rows = []
-    for run, label in zip(runs, labels(runs), strict=True):
-        truth = run.truth()
-        if truth is None or not truth.tractions:
-            return None
-        for press in presses(run):
-            frames = settled(run.frames(press))
-            flows = flows_of(run, press, features.every).flows
-            for frame_id, flow in zip(frames["frame_id"], flows, strict=True):
-                i = point.get((f"{label}/{press}", frame_id))
-                if i is None:
-                    continue
-                field = features.traction(flow, models[positions[i]])
-                row = frame_errors(field, truth, frame_id, data.wrench[i, :3])
-                rows += [] if row is None else [row]
+    for i, run, frame_id, flow in point_flows(runs, data, features.every):
+        truth = truths[run.folder]
+        assert truth is not None, "looked at above"
+        field = features.traction(flow, models[positions[i]])
+        row = frame_errors(field, truth, frame_id, data.wrench[i, :3])
+        rows += [] if row is None else [row]
     if not rows:
         return None
     pressure, traction, off_n, force_n = np.array(rows).T

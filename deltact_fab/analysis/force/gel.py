@@ -15,16 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...aliases import Array, Progress
-from ...errors import InputError
 from ...measure.face import FaceFlow
-from ...measure.force import Features, ForceModel
 from ...measure.force.inverse import Inverse
 from ...measure.regression import MIN_PRESSES
 from ...measure.view import SensorView
 from ...record import Run
-from ..flows import flows_of
-from ..frames import settled
-from .dataset import ForceData, labels
+from .dataset import ForceData, point_flows
+from .judge import left_out
 
 AWAY, THICKER = 1.25, 0.01  # a step: factor of 1/2 - Poisson's ratio, share of the thickness
 STEPS = (4, 2, 1)  # of a search round the best pair, one after the other
@@ -66,8 +63,7 @@ class ToldGel:
 
     def view(self, believed: SensorView) -> SensorView:
         """The sensor with this gel."""
-        skin = replace(believed.skin, thickness_mm=self.thickness_mm)
-        return replace(believed, skin=skin, poisson=self.poisson)
+        return believed.with_gel(self.poisson, self.thickness_mm)
 
 
 def told_gel(
@@ -75,42 +71,39 @@ def told_gel(
 ) -> ToldGel | None:
     """By the features that rest on the gel; None where the presses do not tell it.
 
-    They do not where they are fewer than MIN_PRESSES, at fewer than three positions or without
-    shear, where it gains less than a tenth, or where redrawn presses would as soon keep what is
-    believed.
+    They do not where `can_tell` says so, where it gains less than a tenth, or where redrawn presses
+    would as soon keep what is believed.
     """
-    positions = data.points["position"]
-    alike = np.ptp(data.wrench[:, FORCES], axis=0) == 0
-    if data.points["press"].nunique() < MIN_PRESSES or positions.nunique() < 3 or alike.any():
+    if not can_tell(data):
         return None
     rows = np.unique(np.linspace(0, len(data) - 1, min(FRAMES, len(data))).astype(int))
-    flows = _flows(runs, data, rows)
-    presses = data.points["press"].to_numpy()[rows]
-    groups = positions.to_numpy()[rows]
-    return search(view, squared_errors(flows, data.wrench[rows], presses, groups), progress)
+    some = replace(data, points=data.points.iloc[rows], wrench=data.wrench[rows])
+    flows = [flow for *_, flow in point_flows(runs, some, Inverse.every)]
+    return search(view, errors_of(flows, some), progress)
 
 
-def squared_errors(
-    flows: Sequence[FaceFlow], wrench: Array, presses: Array, groups: Array
-) -> Errors:
-    """Of a view, what each press adds to the squared errors of left-out groups (presses, 3)."""
-    _, of = np.unique(presses, return_inverse=True)
+def can_tell(data: ForceData) -> bool:
+    """Whether points can tell a gel: MIN_PRESSES, three positions, and no force the same always."""
+    few = data.points["press"].nunique() < MIN_PRESSES or data.points["position"].nunique() < 3
+    return not few and bool((np.ptp(data.wrench[:, FORCES], axis=0) > 0).all())
+
+
+def errors_of(flows: Sequence[FaceFlow], data: ForceData) -> Errors:
+    """Of a view: `squared_errors` of points with these flows."""
 
     def errors(view: SensorView) -> Array:
         features = Inverse(view)
         X = np.array([features.of(flow) for flow in flows])
-        return _left_out(features, X, wrench, of, groups)
+        known = {features.name: X}
+        return squared_errors(replace(data, features=known, sets={features.name: features}))
 
     return errors
 
 
-def _left_out(features: Features, X: Array, wrench: Array, of: Array, groups: Array) -> Array:
-    """What each press, by number (n,), adds to the squared errors of left-out groups."""
-    off = np.zeros((len(X), 3))
-    for group in np.unique(groups):
-        mine = groups == group
-        model, _ = ForceModel.fit(features, X[~mine], wrench[~mine])
-        off[mine] = (model.predict(X[mine]) - wrench[mine])[:, FORCES]
+def squared_errors(data: ForceData) -> Array:
+    """What each press adds to the squared errors of left-out positions (presses, 3)."""
+    off = (left_out(data, Inverse.name, "position") - data.wrench)[:, FORCES]
+    _, of = np.unique(data.points["press"].to_numpy(), return_inverse=True)
     added = np.zeros((of.max() + 1, 3))
     np.add.at(added, of, off**2)
     return added
@@ -140,16 +133,11 @@ class EarlyLabels:
 def early_labels(data: ForceData) -> EarlyLabels | None:
     """What the presses tell of it; None where all waited alike, or nothing is sure."""
     wait_s = data.points["wait_s"].to_numpy(float)
-    groups = data.points["position"].to_numpy()
-    few = data.points["press"].nunique() < MIN_PRESSES or len(set(groups)) < 3
-    if few or not wait_s.min() >= 0 or wait_s.max() < 2 * wait_s.min():
+    if not can_tell(data) or not wait_s.min() >= 0 or wait_s.max() <= 2 * wait_s.min():
         return None
-    _, of = np.unique(data.points["press"].to_numpy(), return_inverse=True)
     tried = [EarlyLabels(0.0, 1.0)]
     tried += [EarlyLabels(share, time_s) for time_s in TIMES_S for share in SHARES]
-    features, X = data.sets[Inverse.name], data.features[Inverse.name]
-    wrenches = [one.mended(data).wrench for one in tried]
-    each = np.stack([_left_out(features, X, wrench, of, groups) for wrench in wrenches])
+    each = np.stack([squared_errors(one.mended(data)) for one in tried])
     best = int(np.log(each.sum(axis=1)).sum(axis=1).argmin())
     scores = _redrawn(each)
     return tried[best] if best and (scores[:, best] < scores[:, 0]).mean() >= SURE else None
@@ -177,16 +165,18 @@ def search(view: SensorView, errors: Errors, progress: Progress | None = None) -
         if beyond and pair != (0, 0):
             return np.inf
         if pair not in seen:
-            skin = replace(view.skin, thickness_mm=thickness_mm)
             try:
-                seen[pair] = errors(replace(view, skin=skin, poisson=poisson))
-            except InputError:
-                return np.inf  # a gel that the face's operator does not take
+                tried = view.with_gel(poisson, thickness_mm)
+            except ValueError:
+                return np.inf  # thinner than what stands proud of it
+            seen[pair] = errors(tried)
             if progress:
                 progress(len(seen), max(30, len(seen)), "the gel that the presses tell")
         return float(np.log(seen[pair].sum(axis=0)).sum())
 
     best = (0, 0)
+    if not np.isfinite(score(best)):
+        return None  # some position cannot be left out: the others are too few
     for step in STEPS:
         while True:
             near = [(best[0] + step * i, best[1] + step * j) for i, j in WAYS]
@@ -206,15 +196,3 @@ def search(view: SensorView, errors: Errors, progress: Progress | None = None) -
     low, high = np.quantile(taken, [(1 - SURE) / 2, (1 + SURE) / 2], axis=0) + [[-0.5], [0.5]]
     (b, c), (a, d), (poisson, thickness_mm) = at(low), at(high), at(best)
     return ToldGel(poisson, (a, b), thickness_mm, (c, d), gain)
-
-
-def _flows(runs: Sequence[Run], data: ForceData, rows: Array) -> list[FaceFlow]:
-    """Of some of the points, in their order."""
-    of_run = dict(zip(labels(runs), runs, strict=True))
-    found: list[FaceFlow] = []
-    for (label, press), part in data.points.iloc[rows].groupby(["run", "press"], sort=False):
-        run, name = of_run[str(label)], str(press).removeprefix(f"{label}/")
-        frames = settled(run.frames(name))["frame_id"].tolist()
-        flows = flows_of(run, name, Inverse.every).flows
-        found += [flows[frames.index(frame)] for frame in part["frame_id"]]
-    return found

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from ... import cache
 from ...elasticity.material import GelMaterial
+from ...levels import FINITE
 from ...shapes import Indenter, SkinDimensions
 from ..level import Choice
 from ..zones import Zones
@@ -31,7 +32,7 @@ def key_of(
     A linear grid knows no focus, and no level but that of finite strain parts an increment. Seconds
     matter to a gel that creeps only.
     """
-    linear = choice.level != "hyperelastic"
+    linear = choice.level != FINITE
     return cache.key(
         f"gel.{'linear' if linear else 'finite'}.gel",
         "gel.path.solver",

@@ -33,6 +33,7 @@ class Inverse(LocalFeatures):
     """
 
     name = "inverse-placed"
+    rests_on_gel = True
     names = _SUMS + _PLACED
     held = dict.fromkeys(_PLACED, 130.0)  # in mm2
     explains = {  # noqa: RUF012

@@ -30,7 +30,7 @@ class Features(ABC):
     label for each of the k numbers, unit included. explains: the labels that each of COMPONENTS is
     fitted by: what a mirror allows, say. held: labels whose coefficients few presses could not
     tell, and how firmly they are held at 0: this times the size of the component's first feature is
-    the prior of `least_squares`.
+    the prior of `least_squares`. rests_on_gel: whether more of the view than its camera matters.
     """
 
     name: str
@@ -38,6 +38,7 @@ class Features(ABC):
     names: tuple[str, ...]
     explains: Mapping[str, tuple[str, ...]]
     held: Mapping[str, float] = MappingProxyType({})
+    rests_on_gel = False
 
     @abstractmethod
     def of(self, flow: FaceFlow) -> Array:

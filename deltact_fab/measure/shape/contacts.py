@@ -101,13 +101,11 @@ def _places(masks: list[Array], depth: Depth, flow: FaceFlow, camera: CameraMode
     """Where the middle of each region is now, (n, 2)."""
     landed, sunk = np.empty((len(masks), 2)), np.empty((len(masks), 1))
     for k, mask in enumerate(masks):
-        # Of the upper half: lower down, the inverse finds more on the side of the axis.
-        high = np.where(mask, depth.depth_mm, 0)
-        weight = np.maximum(high - high.max() / 2, 0)
+        weight = np.where(mask, depth.depth_mm, 0)
         total = float(weight.sum())
         mean = (weight.sum(0) @ depth.x_mm) / total, (weight.sum(1) @ depth.y_mm) / total
         shift = [float((weight * flow.shift_mm[..., i]).sum()) / total for i in (0, 1)]
-        landed[k], sunk[k] = np.add(mean, shift), float((weight * high).sum()) / total
+        landed[k], sunk[k] = np.add(mean, shift), float((weight**2).sum()) / total
     origin, way = camera.ray(camera.rest_px(landed))  # one call: it is slow for few
     return np.asarray(origin[:, :2] - way[:, :2] * sunk)
 

@@ -8,7 +8,7 @@ and thickness are from those believed (docs/evidence/strangers.md); one factor m
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -51,8 +51,9 @@ class DepthModel:
 
     def view(self, view: SensorView) -> SensorView:
         """With the gel that the gain belongs to."""
-        skin = replace(view.skin, thickness_mm=self.thickness_mm or view.skin.thickness_mm)
-        return replace(view, skin=skin, poisson=self.poisson or view.poisson)
+        return view.with_gel(
+            self.poisson or view.poisson, self.thickness_mm or view.skin.thickness_mm
+        )
 
     @classmethod
     def load(cls, path: Path) -> tuple[Head, DepthModel]:

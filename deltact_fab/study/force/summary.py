@@ -171,8 +171,9 @@ def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
     if paper[0].remark:
         lines.append(f"Its normal force: {paper[0].remark}.")
     lines.append(
-        "On two gels of another solver (docs/evidence/strangers.md) ten presses calibrate normal "
-        "force to 0.05 N of 7 N, shear to 0.4 %; with the design's gel kept, to 0.14 N and 1.1 %."
+        "Simulated by another solver, on two gels that it does not believe in, ten presses "
+        "calibrate normal force to 0.05 N of 7 N and shear to 0.3 %; with the design's gel kept, "
+        "to 0.05 and 0.11 N, and 1 % (docs/evidence/strangers.md)."
     )
     return tuple(lines)
 
