@@ -1,4 +1,4 @@
-"""Putting flows together: sampling, composition, inverse warping and the block NCC.
+"""Putting flows together: sampling, composition and inverse warping.
 
 A flow F is (h, w, 2) float32 in px: the material at pixel x of its first image lies at x + F(x) in
 its second. All flows of one sequence share the image size.
@@ -69,45 +69,3 @@ def compose(first: Array, second: Array) -> Array:
     second is continued from the border: mask those pixels.
     """
     return np.add(first, sample(second, landing_px(first)))
-
-
-BLOCK_PX, STRIDE_PX = 32, 2
-MIN_STD = 4.0
-
-
-def block_ncc(reference: Array, current: Array, flow: Array) -> Array:
-    """Normalised cross-correlation of the reference and the inverse-warped current image by block.
-
-    reference, current: (h, w) uint8; flow: (h, w, 2) from the reference to the current image.
-    Every STRIDE_PX-th pixel each way is compared (both images at the same points, so the stride
-    costs samples, not truth). Returns (h // BLOCK_PX, w // BLOCK_PX) float32 in -1..1; NaN where
-    the reference has less texture than MIN_STD grey levels, or where less than half of the block
-    still lies in the current image. The criterion is the paper's photometric one (Dense Optical
-    Flow and Adaptive Reference), made free of gain and offset.
-    """
-    h, w = reference.shape
-    rows, cols = h // BLOCK_PX, w // BLOCK_PX
-    top, left = (h - rows * BLOCK_PX) // 2, (w - cols * BLOCK_PX) // 2
-    cut = (
-        slice(top, top + rows * BLOCK_PX, STRIDE_PX),
-        slice(left, left + cols * BLOCK_PX, STRIDE_PX),
-    )
-    points = pixel_grid(h, w)[cut] + flow[cut]
-    mask = inside(points, h, w).astype(np.float32)
-    # Offsets of 128 keep the float32 sums of squares small against their difference.
-    ref = (reference[cut].astype(np.float32) - 128.0) * mask
-    cur = (sample(current, points).astype(np.float32) - 128.0) * mask
-
-    def mean(values: Array) -> Array:
-        return cv2.resize(values, (cols, rows), interpolation=cv2.INTER_AREA)
-
-    share = mean(mask)
-    n = np.maximum(share, 1e-6)
-    m_ref, m_cur = mean(ref) / n, mean(cur) / n
-    var_ref = mean(ref * ref) / n - m_ref**2
-    var_cur = mean(cur * cur) / n - m_cur**2
-    cov = mean(ref * cur) / n - m_ref * m_cur
-    # A covered (flat) current block has no variance: it counts as no match, not as no evidence.
-    ncc = cov / np.sqrt(np.maximum(var_ref, 1e-3) * np.maximum(var_cur, 1e-3))
-    known = (share >= 0.5) & (var_ref >= MIN_STD**2)
-    return np.where(known, np.clip(ncc, -1.0, 1.0), np.nan).astype(np.float32)

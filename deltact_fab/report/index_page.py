@@ -94,6 +94,8 @@ def _study(place: Path, entry: Entry) -> Entry:
     trouble = ""
     if kept.missing:
         trouble = f"{len(kept.missing)} {'job' if len(kept.missing) == 1 else 'jobs'} missing:"
+    elif kept.old:
+        trouble = "made by other code than this:"
     elif not (place / PAGE).is_file():
         trouble = "its page is gone:"
     return replace(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,13 +43,17 @@ class ReportTable:
     words: dict[str, str] = field(default_factory=dict)
 
 
+State = Literal["met", "missed", "undecided"]
+
+
 @dataclass(frozen=True)
 class Headline:
     """One figure that counts, with its 95 % interval and the paper's own beside it.
 
     over: what the interval is drawn over ("5 seeds", "9 positions"); low, high None: not known, and
     over says why. goal: the value may be no larger, or with better = "high" no smaller. remark: why
-    it disagrees with the paper or misses its goal, or what it depends on.
+    it disagrees with the paper or misses its goal, or what it depends on. told: it stands in the
+    verdict. whole: of all jobs that were asked for.
     """
 
     what: str
@@ -61,25 +66,79 @@ class Headline:
     goal: float | None = None
     better: Literal["low", "high"] = "low"
     remark: str = ""
+    told: bool = False
+    whole: bool = True
 
     @property
-    def met(self) -> bool | None:
-        """Whether the goal is met by the value; None without a goal. Not a number meets none."""
+    def state(self) -> State | None:
+        """What is known of the goal: undecided where its interval reaches over it or is not known,
+        and of a part of the jobs. None without a goal.
+        """
         if self.goal is None:
             return None
-        return self.value <= self.goal if self.better == "low" else self.value >= self.goal
+        if not self.whole or self.low is None or self.high is None:
+            return "undecided"
+        if self.better == "low":
+            return (
+                "met"
+                if self.high <= self.goal
+                else "missed"
+                if self.low > self.goal
+                else ("undecided")
+            )
+        return (
+            "met" if self.low >= self.goal else "missed" if self.high < self.goal else ("undecided")
+        )
 
     @property
-    def sure(self) -> bool | None:
-        """Whether the whole interval says the same of the goal as the value; None: not known."""
-        if self.goal is None or self.low is None or self.high is None:
-            return None
-        return not self.low < self.goal < self.high
+    def sentence(self) -> str:
+        """It in words, with goal and the paper's value."""
+        text = f"{self.what[:1].upper()}{self.what[1:]}: {told(self)}"
+        if self.goal is not None:
+            text += f", the goal of {self.goal:.3g} is {self.state}"
+        return text + (f"; the paper {self.paper:g}." if self.paper is not None else ".")
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data; a value that is no number becomes None."""
         value = self.value if math.isfinite(self.value) else None
-        return {**asdict(self), "value": value, "met": self.met}
+        return {**asdict(self), "value": value, "state": self.state}
+
+
+class Reading(NamedTuple):
+    """A difference that a claim rests on, above 0 where it holds; ends None: not known."""
+
+    name: str
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What is said only where it is shown: by all jobs, and by every reading with an interval that
+    excludes 0.
+
+    text, otherwise: the sentences where every interval lies above 0, and below it. undecided: that
+    where it is neither, with what would decide it.
+    """
+
+    text: str
+    otherwise: str
+    undecided: str
+    readings: tuple[Reading, ...]
+
+    def state(self, whole: bool = True) -> State:
+        """met: it is shown; missed: so is its contrary."""
+        ends = [(one.low, one.high) for one in self.readings]
+        if whole and ends and all(low is not None and low > 0 for low, _ in ends):
+            return "met"
+        if whole and ends and all(high is not None and high < 0 for _, high in ends):
+            return "missed"
+        return "undecided"
+
+    def sentence(self, whole: bool = True) -> str:
+        """What may be said."""
+        words = {"met": self.text, "missed": self.otherwise, "undecided": self.undecided}
+        return words[self.state(whole)]
 
 
 @dataclass(frozen=True)
@@ -98,20 +157,21 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class StudyResult:
-    """A study's findings. verdict: sentences, the answer first. data: plain data for `--json`.
+    """A study's findings: page, terminal, files and docs are made of it by templates.
 
-    settings: what it was made with, as shown (friction, noise, range, step between frames...).
-    missing: names of jobs that failed or were not done; statistics over the rest say so.
-    files: text of further files beside the page, by name (a recipe).
+    answer: sentences that no figure says, the answer first. more: plain data that only programs
+    take. settings: what it was made with, as shown (friction, noise, range, step between frames).
+    missing: names of jobs that failed or were not done: with any, nothing is decided.
+    files: text of further files beside the page, by name (a recipe). module: what made it.
     """
 
     study: str
     title: str
-    verdict: tuple[str, ...]
-    data: dict[str, Any]
     simulated: bool
     seed: int
     scale: float | None
+    answer: tuple[str, ...] = ()
+    claims: tuple[Claim, ...] = ()
     headlines: tuple[Headline, ...] = ()
     tables: tuple[ReportTable, ...] = ()
     figures: tuple[ReportFigure, ...] = ()
@@ -120,6 +180,61 @@ class StudyResult:
     left_out: tuple[LeftOut, ...] = ()
     missing: tuple[str, ...] = ()
     files: dict[str, str] = field(default_factory=dict)
+    more: dict[str, Any] = field(default_factory=dict)
+    module: str = ""
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """Sentences: claims, the answer, the figures that are told, and what is missing."""
+        whole = not self.missing
+        lines = [one.sentence(whole) for one in self.claims]
+        lines += [*self.answer, *(one.sentence for one in self.headlines if one.told)]
+        goals = Counter(one.state for one in self.headlines if one.goal is not None)
+        if goals:
+            counted = ", ".join(f"{goals[name]} {name}" for name in STATES if goals[name])
+            lines.append(f"Goals: {counted}.")
+        if self.missing:
+            lines.append(f"{len(self.missing)} jobs are missing, so nothing is decided.")
+        return tuple(lines)
+
+    @property
+    def state(self) -> State | None:
+        """The worst of the goals, undecided at best where a claim is; None without any."""
+        found = [one.state for one in self.headlines if one.state]
+        undecided = [one.state(not self.missing) == "undecided" for one in self.claims]
+        found += ["undecided" if one else "met" for one in undecided]
+        return max(found, key=STATES.index, default=None)
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """All of it as plain data, for `--json`."""
+        return {
+            "study": self.study,
+            "simulated": self.simulated,
+            "seed": self.seed,
+            "scale": self.scale,
+            "verdict": list(self.verdict),
+            "headlines": [one.as_dict() for one in self.headlines],
+            "tables": {one.name: records(one.frame) for one in self.tables},
+            "settings": self.settings,
+            "missing": list(self.missing),
+            **self.more,
+        }
+
+
+STATES: tuple[State, ...] = ("met", "undecided", "missed")
+
+
+def told(found: Any, unit: str | None = None, digits: str = ".3g", factor: float = 1) -> str:
+    """A figure with `value`, `low` and `high` as `1.27 µm [1.18 to 1.36]`.
+
+    Without an interval the value alone. unit: None for its own.
+    """
+    unit = getattr(found, "unit", "") if unit is None else unit
+    text = f"{factor * found.value:{digits}} {unit}".rstrip()
+    if found.low is None or found.high is None:
+        return text
+    return f"{text} [{factor * found.low:{digits}} to {factor * found.high:{digits}}]"
 
 
 def records(frame: pd.DataFrame) -> list[dict[str, Any]]:

@@ -10,15 +10,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from .. import reading
+from .. import digest, reading
 from ..errors import InputError, RunFailed
 from ..files import making, write_together
 from .result import Headline, StudyResult
 
 PAGE, RESULT = "report.html", "result.json"
-FORMAT = "deltact-fab study 1"
-_SAME = ("study", "title", "verdict", "simulated", "seed", "scale", "settings", "missing", "data")
-"""What a result holds just as it is kept."""
+FORMAT = "deltact-fab study 2"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
@@ -26,8 +24,9 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 class KeptResult:
     """What `result.json` holds of a study.
 
-    made: day and time (UTC, ISO 8601) at which it was written. versions: of what can change a
-    number. tables, figures, files: names; data: what `--json` prints.
+    made: day and time (UTC, ISO 8601) at which it was written. module, code: what made it, and its
+    digest. versions: of what can change a number. figures, files: names. Beside them stands what
+    `--json` prints.
     """
 
     study: str
@@ -40,11 +39,19 @@ class KeptResult:
     headlines: tuple[Headline, ...]
     settings: dict[str, str]
     missing: tuple[str, ...]
+    module: str
+    code: str
     versions: dict[str, str]
-    tables: tuple[str, ...]
     figures: tuple[str, ...]
     files: tuple[str, ...]
-    data: dict[str, Any]
+
+    @property
+    def old(self) -> bool:
+        """Whether other code than the present one made it."""
+        try:
+            return bool(self.module) and digest.of(self.module) != self.code
+        except ValueError:  # the module is gone
+            return True
 
 
 def read_result(folder: str | Path) -> KeptResult:
@@ -82,13 +89,12 @@ def _kept(found: dict[str, Any], path: Path) -> KeptResult:
 _KINDS: dict[str, Any] = {
     "study": str, "title": str, "verdict": list, "simulated": bool, "seed": int,
     "scale": int | float | None, "made": str, "headlines": list, "settings": dict,
-    "missing": list, "versions": dict, "tables": list, "figures": list, "files": list,
-    "data": dict,
+    "missing": list, "module": str, "code": str, "versions": dict, "figures": list, "files": list,
 }  # fmt: skip
 
 
 def _headline(one: dict[str, Any]) -> Headline:
-    kept = {key: value for key, value in one.items() if key != "met"}
+    kept = {key: value for key, value in one.items() if key != "state"}
     return Headline(**{**kept, "value": float("nan") if one["value"] is None else one["value"]})
 
 
@@ -112,11 +118,12 @@ def contents(result: StudyResult) -> dict[str, bytes]:
         raise ValueError(f"{result.study}: no file's name: {odd[0]!r}")
     kept = {
         "format": FORMAT,
-        **{key: getattr(result, key) for key in _SAME},
+        "title": result.title,
         "made": f"{datetime.now(UTC):%Y-%m-%dT%H:%MZ}",
-        "headlines": [one.as_dict() for one in result.headlines],
+        "module": result.module,
+        "code": digest.of(result.module) if result.module else "",
         "versions": versions(),
-        "tables": [table.name for table in result.tables],
+        **result.data,
         "figures": [figure.name for figure in result.figures],
         "files": [PAGE, *made],
     }

@@ -148,7 +148,7 @@ def html(
         "study.html",
         r=result,
         made=f"{kept.made.replace('T', ' ').removesuffix('Z')} UTC",
-        doubt=bool(result.missing) or any(one.met is False for one in headlines),
+        doubt=bool(result.missing) or result.state not in (None, "met"),
         headlines=headlines,
         headline_table=tables.pop(HEADLINES, None),
         figures=[

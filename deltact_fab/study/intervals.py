@@ -51,14 +51,6 @@ def headline(what: str, unit: str, found: Interval, factor: float = 1.0, **more:
     return Headline(what, factor * found.value, unit, low, high, found.over, **more)
 
 
-def told(found: Interval | Headline, unit: str = "", digits: str = ".3g", factor: float = 1) -> str:
-    """As `1.27 µm [1.18 to 1.36]`; without an interval the value alone."""
-    text = f"{factor * found.value:{digits}} {unit}".rstrip()
-    if found.low is None or found.high is None:
-        return text
-    return f"{text} [{factor * found.low:{digits}} to {factor * found.high:{digits}}]"
-
-
 def over_groups(
     values: ArrayLike,
     groups: Sequence[Hashable] | NDArray[Any],

@@ -149,7 +149,9 @@ def run(name: str, asked: StudyRequest) -> StudyResult:
     Jobs that were asked for and have no result stand in the result's `missing`, whatever the study
     says of them.
     """
-    module = importlib.import_module(f"deltact_fab.study.{find(name).module}")
-    result: StudyResult = module.run(asked)
-    forgotten = [job for grid in asked.grids for job in grid.missing if job not in result.missing]
-    return replace(result, missing=(*result.missing, *forgotten)) if forgotten else result
+    module = f"study.{find(name).module}"
+    result: StudyResult = importlib.import_module(f"deltact_fab.{module}").run(asked)
+    missing = [job for grid in asked.grids for job in grid.missing]
+    missing += [job for job in result.missing if job not in missing]
+    heads = tuple(replace(one, whole=not missing) for one in result.headlines)
+    return replace(result, missing=tuple(missing), headlines=heads, module=module)

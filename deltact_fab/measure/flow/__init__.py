@@ -12,18 +12,18 @@ from .confidence import FlowState
 from .image import Sampled, to_gray
 from .method import FLOW_METHODS, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage
-from .tracker import PAPER, REFERENCES, FlowTracker, named_tracker
+from .tracker import PAPER, FlowTracker, Reference, named_tracker
 
 __all__ = [
     "FLOW_METHODS",
     "PAPER",
-    "REFERENCES",
     "FlowDiagnostics",
     "FlowMethod",
     "FlowObservation",
     "FlowState",
     "FlowTracker",
     "PreparedImage",
+    "Reference",
     "Sampled",
     "named_tracker",
     "to_gray",

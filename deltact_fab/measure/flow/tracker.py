@@ -22,7 +22,7 @@ from .fused import COARSE, Plane, RefinementReference, predict, to_full
 from .image import Sampled
 from .method import FLOW_METHODS, FUSED, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage, Sequence, TrackedFrame
-from .renewed import Renewal, RenewedTracker
+from .renewed import RENEW_SHARE, RenewedTracker
 
 DARK, BRIGHT = 25, 235  # grey levels: beyond them a pattern has no room
 LOST_SHARE = 0.1
@@ -81,7 +81,7 @@ class FlowTracker:
 
     reference: "anchored" (`AnchoredTracker`, by `fused` only), or "composed", "summed" and "static"
     (`RenewedTracker`) by any method; by default anchored for `fused` and composed for the others.
-    renew: for those, "adaptive", "every-frame" or "photometric" (see there).
+    renew_share: of those, when they take another reference.
     full: False gives all arrays on the half grid (see `FlowObservation`).
     Raises InputError for unknown names.
     """
@@ -90,26 +90,23 @@ class FlowTracker:
         self,
         method: FlowMethod | str = FUSED,
         reference: Reference | None = None,
-        renew: Renewal = "adaptive",
         *,
         full: bool = True,
+        renew_share: float = RENEW_SHARE,
     ) -> None:
         self.method = FlowMethod(method) if isinstance(method, str) else method
         fused = self.method.name == FUSED
         self.reference = reference or ("anchored" if fused else "composed")
-        for what, word, known in (
-            ("reference", self.reference, get_args(Reference)),
-            ("renew", renew, get_args(Renewal)),
-        ):
-            if word not in known:
-                raise InputError(f"flow {what} {word!r}: unknown; {did_you_mean(str(word), known)}")
+        if self.reference not in (known := get_args(Reference)):
+            raise InputError(
+                f"flow reference {reference!r}: unknown; {did_you_mean(str(reference), known)}"
+            )
         if self.reference == "anchored" and not fused:
             raise InputError(
                 f"flow reference 'anchored': only with the method {FUSED!r}, "
                 f"not {self.method.name!r}"
             )
-        self.renew = renew
-        self.full = full
+        self.full, self.renew_share = full, renew_share
         self.reset()
 
     def reset(self) -> None:
@@ -187,7 +184,7 @@ class FlowTracker:
             way = AnchoredTracker(first, judge)
         else:
             assert not isinstance(image, Sampled), "for the anchored reference only"
-            way = RenewedTracker(self.method, self.reference, self.renew, image, first, judge)
+            way = RenewedTracker(self.method, self.reference, image, first, judge, self.renew_share)
         return Sequence(judge, way, image.shape)
 
     def _observation(
@@ -230,37 +227,26 @@ class FlowTracker:
 
 
 PAPER = "paper"
-# How the flow is kept from the first image on: its reference and when that is renewed.
-REFERENCES: dict[str, tuple[Reference, Renewal]] = {
-    "anchored": ("anchored", "adaptive"),
-    "composed": ("composed", "adaptive"),
-    "summed": ("summed", "adaptive"),
-    "static": ("static", "adaptive"),
-    "composed-every": ("composed", "every-frame"),
-    "summed-every": ("summed", "every-frame"),
-}
+"""The paper's tracker: Farneback's flow, summed, as `farneback-paper/summed`."""
 
 
 def named_tracker(name: str, *, full: bool = True) -> FlowTracker:
     """The tracker of a name: `method`, `method/reference` or `paper`.
 
-    `fused` alone is anchored, any other method alone is composed. `paper` is what the paper says:
-    Farneback's flow, summed, the reference renewed by a photometric threshold. Raises InputError
-    with the valid names.
+    `fused` alone is anchored, any other method alone is composed. Raises InputError with the valid
+    names.
     """
-    if name == PAPER:
-        return FlowTracker("farneback-paper", "summed", "photometric", full=full)
-    method, _, kept = name.partition("/")
+    method, _, kept = ("farneback-paper/summed" if name == PAPER else name).partition("/")
     if method not in FLOW_METHODS:
         known = (PAPER, *FLOW_METHODS)
         raise InputError(f"flow method {method!r}: unknown; {did_you_mean(method, known)}")
-    kept = kept or ("anchored" if method == FUSED else "composed")
-    known = tuple(k for k in REFERENCES if k != "anchored" or method == FUSED)
-    if kept not in known:
+    known = tuple(k for k in get_args(Reference) if k != "anchored" or method == FUSED)
+    reference = next((k for k in known if k == kept), None)
+    if kept and reference is None:
         raise InputError(
             f"flow reference {kept!r} of {method!r}: not available; {did_you_mean(kept, known)}"
         )
-    return FlowTracker(method, *REFERENCES[kept], full=full)
+    return FlowTracker(method, reference, full=full)
 
 
 def _why_plain(gray: Array) -> str:

@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from ...aliases import Image
-from ...measure.flow import FLOW_METHODS, PAPER, REFERENCES, FlowMethod, named_tracker
+from ...measure.flow import FLOW_METHODS, PAPER, FlowMethod, Reference, named_tracker
 from ...measure.flow.fused import Plane
 from ...virtual.picture import TOLERANCE_PX
 from ..engine import Case, CurveSetting, Engine, Work
@@ -63,8 +64,8 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
         millimetres(case=PRESS, series="a pair", name=method, build=partial(_pair, method))
         for method in methods
     ]
-    trackers = [(kept, "fused") for kept in REFERENCES]
-    trackers += [(kept, "dis-medium") for kept in REFERENCES if kept != "anchored"]
+    trackers = [(kept, "fused") for kept in get_args(Reference)]
+    trackers += [(kept, "dis-medium") for kept in get_args(Reference) if kept != "anchored"]
     named = {f"{method}/{kept}": (kept, method) for kept, method in trackers}
     named[PAPER] = ("the paper's", PAPER)
     return pairs + [
