@@ -14,7 +14,6 @@ from deltact_fab.measure.flow import (
     FlowTracker,
     fill,
     named_tracker,
-    renewed,
     to_gray,
 )
 from deltact_fab.measure.flow.fill import filled
@@ -82,7 +81,7 @@ def test_what_was_hidden_is_found_again_and_what_hides_it_is_not_followed(passin
     assert error.mean() <= 0.01
     assert (last.state[inner & last.visible] == FlowState.MATCHED).mean() > 0.98
     # A reference that is renewed takes the hidden part along with what hides it.
-    composed = follow(images, FlowTracker("dis-medium", renew="every-frame"))[-1]
+    composed = follow(images, FlowTracker("dis-medium", renew_share=0.0))[-1]
     lost = off_px(composed.flow_px, truths[-1])[inner & last.visible] * MM_PER_PX
     assert error.mean() < 0.2 * lost.mean()
 
@@ -180,11 +179,8 @@ def test_every_name_is_a_tracker():
         assert default.reference == ("anchored" if method == "fused" else "composed")
         static = named_tracker(f"{method}/static")
         assert (static.method.name, static.reference) == (method, "static")
-    every = named_tracker("dis-fast/summed-every")
-    assert (every.reference, every.renew) == ("summed", "every-frame")
     paper = named_tracker("paper")
-    assert paper.method.name == "farneback-paper"
-    assert (paper.reference, paper.renew) == ("summed", "photometric")
+    assert (paper.method.name, paper.reference) == ("farneback-paper", "summed")
     with pytest.raises(InputError, match="flow method 'fuse': unknown; did you mean 'fused'"):
         named_tracker("fuse")
     with pytest.raises(InputError, match=r"'statik' of 'fused'.*did you mean 'static'"):
@@ -195,15 +191,10 @@ def test_every_name_is_a_tracker():
         FlowTracker("dis-fast", "anchored")
 
 
-def test_the_paper_renews_when_the_image_warped_back_differs(make_scene, make_bump, monkeypatch):
+def test_the_paper_renews_when_the_image_warped_back_differs(make_scene, make_bump):
     scene = make_scene(320, 256, margin=90)
     bump = make_bump((150, 130), 70, shear_px=(60, -20))
     images = [scene.picture(bump.scaled(k / 4), k) for k in range(5)]
-    assert follow(images, named_tracker("paper"))[-1].diagnostics.n_reference_switches == 0
-    monkeypatch.setattr(renewed, "PHOTOMETRIC_MAX", 0.5)
-    seen = follow(images, named_tracker("paper"))
-    assert [o.diagnostics.reference_frame for o in seen[1:]] == [0, 1, 2, 3]
-    gray = to_gray(images[0])
-    zero = np.zeros((256, 320, 2), np.float32)
-    assert renewed.photometric_error(gray, gray, zero) == 0
-    assert renewed.photometric_error(gray, np.uint8(gray // 2), zero) > 20
+    for share, references in ((1.0, [0, 0, 0, 0]), (0.0, [0, 1, 2, 3])):
+        seen = follow(images, FlowTracker("farneback-paper", "summed", renew_share=share))
+        assert [o.diagnostics.reference_frame for o in seen[1:]] == references
