@@ -105,20 +105,35 @@ def mean(
     return estimate(values, groups, lambda rows: float(np.mean(rows)), each, scale)
 
 
+def ratio(
+    above: ArrayLike,
+    below: ArrayLike,
+    groups: Sequence[Hashable] | NDArray[Any],
+    each: str,
+    level: float = 0.95,
+) -> Interval:
+    """Mean of values (n,) over that of others, group by group, with its interval."""
+    rows = np.column_stack((above, below))
+    return estimate(
+        rows, groups, lambda r: float(r[:, 0].mean() / r[:, 1].mean()), each, "positive", level
+    )
+
+
 def estimate(
     values: ArrayLike,
     groups: Sequence[Hashable] | NDArray[Any],
     statistic: Statistic,
     each: str,
     scale: Scale = "plain",
+    level: float = 0.95,
 ) -> Interval:
-    """Any statistic with its 95 % interval, as a headline takes it. As `over_groups`.
+    """Any statistic with its interval, as a headline takes it. As `over_groups`.
 
     each: what a group is, in the singular.
     """
-    rows, of = _checked(values, groups, 0.95)
+    rows, of = _checked(values, groups, level)
     count = int(of.max()) + 1
-    low, high = over_groups(rows, of, statistic, scale=scale)
+    low, high = over_groups(rows, of, statistic, level, scale)
     several = f"{each}es" if each.endswith("s") else f"{each}s"
     over = f"{count} {several}" if count > 1 else f"one {each}: no interval"
     return Interval(float(statistic(rows)), low, high, over)

@@ -1,12 +1,12 @@
 """Tracking errors of the pattern selection: a pattern, an indenter and a tracker at a time.
 
-The paper's error is that at the dots (Eq. 7), averaged over the frames of an indenter; a pattern's
-is the mean of its indenters'. Its interval is taken over indenters, which differ most.
+The paper's error is that at the dots (Eq. 7). Over which of them, frames and indenters it is taken
+the paper does not say: READINGS are those that its text allows. A pattern's error is the mean of
+its indenters', and its interval is taken over indenters, which differ most.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -19,8 +19,18 @@ from ..patterns.series.job import SeriesEntry
 from . import intervals
 from .intervals import Interval
 
-Measure = Literal["at_dots", "off"]
-_DEPTH = re.compile(r"/d(\d+\.\d+)/")
+Measure = Literal["at_dots", "at_moving_dots", "off"]
+SUMMED, COMPOSED, OURS = "paper", "farneback-paper/composed", "fused"
+METHODS = {
+    SUMMED: "the paper's tracker, summed",
+    COMPOSED: "the paper's tracker, composed",
+    OURS: "our tracker",
+}
+"""The paper's "superposition" of flows can mean a sum at unmoved pixels, or their composition."""
+DRAGGED = 3
+"""Frames at one depth, from which on it is one that was dragged at."""
+DRAGS_MM = (0.0, 1.0, 2.0, 4.0, 7.0)
+"""Ends of the lengths of drag over which frames are taken together."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +65,17 @@ class PrintedPattern:
 
 @dataclass(frozen=True)
 class PressErrors:
-    """One press under one pattern: sums by tracker, and a line a frame of FIGURES."""
+    """One press under one pattern: sums by tracker, and a line a frame of FIGURES.
+
+    path (n, 2): depth and length of drag at each frame, mm.
+    """
 
     pattern: str
     press: str
     indenter: str
     tallies: dict[str, ErrorTally]
     rows: dict[str, NDArray[np.float64]]
-    steps: tuple[str, ...]
+    path: NDArray[np.float64]
     dots: dict[str, Any] | None
     left_out: tuple[str, ...]
 
@@ -76,7 +89,7 @@ def cells_of(value: Mapping[str, Any], press: str, indenter: str) -> list[PressE
             indenter,
             {m: ErrorTally.of(p, value[f"histogram|{name}|{m}"]) for m, p in by_method.items()},
             {m: value[f"rows|{name}|{m}"] for m in by_method},
-            tuple(value["steps"]),
+            value["path"],
             value["dots"][name],
             tuple(value["left_out"][name]),
         )
@@ -85,7 +98,7 @@ def cells_of(value: Mapping[str, Any], press: str, indenter: str) -> list[PressE
 
 
 class PatternErrors:
-    """All cells of a study, joined as they are asked for."""
+    """All cells of a study. Several of one pattern and indenter are replicates, taken together."""
 
     def __init__(self, printed: Sequence[PrintedPattern], cells: Sequence[PressErrors]) -> None:
         self.printed = tuple(printed)
@@ -98,75 +111,80 @@ class PatternErrors:
                 key = (cell.pattern, cell.indenter, method)
                 self._joined.setdefault(key, ErrorTally()).join(tally)
 
-    def tally(self, pattern: str, method: str, indenter: str | None = None) -> ErrorTally:
-        """Of an indenter, or of all of them."""
+    def figures(self, pattern: str, method: str) -> dict[str, Any]:
+        """Of all indenters together, see `ErrorTally.figures`."""
         whole = ErrorTally()
-        for (p, i, m), tally in self._joined.items():
-            if (p, m) == (pattern, method) and indenter in (None, i):
+        for (p, _, m), tally in self._joined.items():
+            if (p, m) == (pattern, method):
                 whole.join(tally)
-        return whole
+        return whole.figures()
 
-    def mean_mm(self, pattern: str, method: str, measure: Measure, indenter: str) -> float | None:
-        """The error of one indenter, all its presses together; None where none was measured."""
-        tally = self._joined.get((pattern, indenter, method))
-        found: Mean | None = getattr(tally, measure) if tally else None
-        return found.value if found else None
-
-    def over_indenters(self, pattern: str, method: str, measure: Measure) -> Interval | None:
-        """Mean over indenters and its interval; None where one of them has no error."""
-        values = [self.mean_mm(pattern, method, measure, i) for i in self.indenters]
+    def by_indenter(
+        self, pattern: str, method: str, measure: Measure
+    ) -> NDArray[np.float64] | None:
+        """Mean error mm of each indenter, all its presses together; None where one has none."""
+        means: list[Mean | None] = [
+            getattr(self._joined.get((pattern, i, method)), measure, None) for i in self.indenters
+        ]
+        values = [mean.value if mean else None for mean in means]
         known = [v for v in values if v is not None]
-        if len(known) < len(self.indenters) or not known:
+        return np.array(known) if known and len(known) == len(values) else None
+
+    def mean(self, pattern: str, method: str, measure: Measure) -> Interval | None:
+        """Mean over indenters and its interval; None where one of them has no error."""
+        known = self.by_indenter(pattern, method, measure)
+        if known is None:
             return None
         return intervals.mean(known, self.indenters, "indenter", "positive")
 
-    def difference(
-        self, pattern: str, other: str, method: str, measure: Measure
-    ) -> Interval | None:
-        """The error of a pattern less that of another, indenter by indenter."""
-        pairs = [
-            (self.mean_mm(pattern, method, measure, i), self.mean_mm(other, method, measure, i))
-            for i in self.indenters
-        ]
-        apart = [a - b for a, b in pairs if a is not None and b is not None]
-        if len(apart) < len(pairs):
-            return None
-        return intervals.mean(apart, self.indenters, "indenter")
-
     def best(
-        self, method: str, measure: Measure, among: Iterable[PrintedPattern] | None = None
+        self, method: str, measure: Measure, among: Iterable[PrintedPattern]
     ) -> PrintedPattern | None:
         """The pattern with the least error; None where none has one."""
         found = [
             (known.value, n, p)
-            for n, p in enumerate(self.printed if among is None else among)
-            if (known := self.over_indenters(p.name, method, measure)) is not None
+            for n, p in enumerate(among)
+            if (known := self.mean(p.name, method, measure)) is not None
         ]
         return min(found)[2] if found else None
 
-    def beside(self, best: PrintedPattern, method: str, measure: Measure) -> list[PrintedPattern]:
-        """Patterns that the indenters do not tell from the best one, at 95 %."""
-        found = []
-        for other in self.printed:
-            apart = self.difference(other.name, best.name, method, measure)
-            if other != best and apart is not None and (apart.low is None or apart.low <= 0):
-                found.append(other)
-        return found
+    def times(
+        self, above: Sequence[str], below: Sequence[str], method: str, level: float = 0.95
+    ) -> Interval | None:
+        """Error at the dots of some patterns over that of others, by indenters; None: not known."""
+        sides = []
+        for names in (above, below):
+            each = [self.by_indenter(name, method, "at_dots") for name in names]
+            known = [one for one in each if one is not None]
+            if not known or len(known) < len(each):
+                return None
+            sides.append(np.mean(known, axis=0))
+        top, bottom = sides
+        return intervals.ratio(top, bottom, self.indenters, "indenter", level)
 
-    def by_depth(self, pattern: str, method: str) -> dict[str, dict[str, float | None]]:
-        """Means over frames at each depth: {"5": {"at_dots_mm", "off_dots_mm"}}."""
-        sums: dict[str, list[NDArray[np.float64]]] = {}
+    def along(self, pattern: str, method: str) -> list[dict[str, Any]]:
+        """Means over frames by depth (mm) and length of drag (mm from, to), in their order."""
+        parts: dict[tuple[float, int], list[NDArray[np.float64]]] = {}
         for cell in self.cells:
             if cell.pattern != pattern or method not in cell.rows:
                 continue
-            for step, line in zip(cell.steps, cell.rows[method], strict=False):
-                if depth := _DEPTH.search(step):
-                    sums.setdefault(f"{float(depth[1]):g}", []).append(line)
-        found = {}
-        for depth_mm, lines in sums.items():
-            dots, off = np.array(lines).T[:2]
-            found[depth_mm] = {"at_dots_mm": _mean(dots), "off_dots_mm": _mean(off)}
-        return found
+            depths, counts = np.unique(cell.path[:, 0].round(2), return_counts=True)
+            dragged = depths[(counts >= DRAGGED) & (depths > 0)]  # not on the way down
+            for (depth_mm, drag_mm), line in zip(cell.path, cell.rows[method], strict=False):
+                drag = int(np.searchsorted(DRAGS_MM, drag_mm - 1e-6))
+                if round(float(depth_mm), 2) in dragged:
+                    parts.setdefault((round(float(depth_mm), 2), drag), []).append(line)
+        return [
+            {
+                "depth_mm": depth_mm,
+                "drag_from_mm": DRAGS_MM[max(drag - 1, 0)],
+                "drag_to_mm": DRAGS_MM[drag] if drag < len(DRAGS_MM) else None,
+                "frames": len(parts[depth_mm, drag]),
+                **dict(zip(("at_dots_mm", "off_dots_mm", "lost_px"),
+                           map(_mean, np.array(parts[depth_mm, drag]).T), strict=True)),
+            }
+            for depth_mm, drag in sorted(parts)
+        ]  # fmt: skip
 
 
 def _mean(values: NDArray[np.float64]) -> float | None:

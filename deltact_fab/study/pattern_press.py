@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from .stream import PressStream, StreamTruth
 
 # CPU seconds on one core, about, for the time that is announced beforehand.
 GEOMETRY_S, PATTERN_S, PRINT_S, KNOT_S = 0.6, 0.34, 1.2, 10.0
-FIGURES = ("mean_at_dots_mm", "mean_off_dots_mm", "coverage")
+FIGURES = ("mean_at_dots_mm", "mean_off_dots_mm", "lost_share")
 """Columns of a job's table of frames."""
 
 
@@ -93,17 +93,21 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
             "between_mm": solver.between.displacement_mm,
             "knots": len(solver.knots),
         },
-        **packed([look.step for look in stream.looks[1:]], found),
+        **packed([look.tip_mm for look in stream.looks[1:]], stream.path.at_mm, found),
     }
 
 
-def packed(steps: list[str], found: Mapping[str, Any]) -> dict[str, Any]:
+def packed(
+    tips_mm: Sequence[Sequence[float]], at_mm: Sequence[float], found: Mapping[str, Any]
+) -> dict[str, Any]:
     """A press as a grid keeps it, and `pattern_errors.cells_of` reads it.
 
-    steps: ids of all frames but the first. found: by pattern its tallies and rows of figures by
-    method, its dots' figures, and what was left out.
+    tips_mm (n, 3): at all frames but the first; at_mm: where the press is. found: by pattern its
+    tallies and rows of figures by method, its dots' figures, and what was left out.
     """
-    value: dict[str, Any] = {"steps": steps, "tallies": {}, "dots": {}, "left_out": {}}
+    x, y, z = np.array(tips_mm, float).reshape(-1, 3).T
+    path = np.column_stack((np.maximum(-z, 0.0), np.hypot(x - at_mm[0], y - at_mm[1])))
+    value: dict[str, Any] = {"path": path, "tallies": {}, "dots": {}, "left_out": {}}
     for name, (tallies, rows, dots, left_out) in found.items():
         value["tallies"][name] = {method: tally.plain() for method, tally in tallies.items()}
         value["dots"][name], value["left_out"][name] = dots, left_out

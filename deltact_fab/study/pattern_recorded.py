@@ -28,11 +28,10 @@ def jobs_of(
 ) -> list[tuple[PrintedPattern, str, GridJob]]:
     """(pattern, indenter, job) for each press of the runs.
 
-    Raises InputError for a run that is not finished, has no images, dots or dense pattern, and for
-    two runs of one pattern.
+    Runs of one pattern are replicates. Raises InputError for a run that is not finished, has no
+    images, dots or dense pattern.
     """
     found: list[tuple[PrintedPattern, str, GridJob]] = []
-    taken: dict[str, Path] = {}
     for folder in folders:
         run = record.open(folder)
         frames = recorded(run, "the pattern selection")
@@ -44,12 +43,6 @@ def jobs_of(
                 "a pattern with dots and the channel 'dots'"
             )
         printed = printed_of(run)
-        if printed.name in taken:
-            raise InputError(
-                f"{folder}: the pattern {printed.words} again, as in {taken[printed.name]}; "
-                "expected one run per pattern"
-            )
-        taken[printed.name] = folder
         for press, part in frames.groupby("press", sort=False):
             what = [run.meta, run.pattern, part[["file", "sha256"]].to_numpy().tolist()]
             told = {
@@ -60,7 +53,7 @@ def jobs_of(
                 "content": hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest(),
             }
             indenter = str(part["indenter"].iloc[0])
-            job = GridJob(f"{printed.name} {press}", follow, told, float(len(part)))
+            job = GridJob(f"{folder}: {press}", follow, told, float(len(part)))
             found.append((printed, indenter, job))
     return found
 
@@ -86,5 +79,6 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     scene = scene_of(run, given["methods"])
     found = analyse_press(given["folder"], given["press"], scene)
     rows = {m: [row for row in found.rows if row["method"] == m] for m in given["methods"]}
-    steps = [row["step_id"] for row in rows[given["methods"][0]]]
-    return packed(steps, {name: (found.tallies, rows, found.dots.figures(), found.left_out)})
+    tips = run.frames(given["press"])[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
+    here = {name: (found.tallies, rows, found.dots.figures(), found.left_out)}
+    return packed(tips[1:].tolist(), tips[0, :2].tolist(), here)

@@ -27,6 +27,7 @@ from ..virtual.paths import paths
 from ..virtual.presses import Presses
 from . import press_jobs
 from .grid import GridJob
+from .pattern_errors import METHODS
 from .pattern_press import KNOT_S, cost_s, follow, solve_gel
 from .request import StudyRequest, virtual_rig
 
@@ -122,8 +123,6 @@ def longest_step_mm(protocol: Protocol) -> float:
 PROTOCOL, RIG = "pattern-selection", "virtual"
 SCALE = 0.04
 """Default: 136 of 3600 frames an indenter, some 40 minutes on two cores with the gel solved."""
-METHODS = ("paper", "fused")
-"""The paper's tracker, and ours."""
 
 
 @dataclass(frozen=True)
@@ -176,23 +175,20 @@ class Selection:
                 )
         return list(jobs.values())
 
-    def jobs(self) -> list[GridJob]:
-        """A job a press, with all patterns; of an odd number of presses the last in two halves.
-
-        So two processes have equal shares, and hardly any geometry is found twice.
-        """
+    def jobs(self, workers: int = 1) -> list[GridJob]:
+        """A press with some patterns each, which share its geometry; a part for every worker."""
         presses = [path.press for path in paths(self.protocol)]
-        half = (len(self.entries) + 1) // 2
-        found = []
-        for number, press in enumerate(presses, start=1):
-            odd = number == len(presses) and number % 2 and half < len(self.entries)
-            groups = (self.entries[:half], self.entries[half:]) if odd else (self.entries,)
-            for k, group in enumerate(groups, start=1):
-                name = f"{press} ({k} of {len(groups)})" if len(groups) > 1 else press
-                frames = self.part.frames_an_indenter // self.part.positions
-                cost = cost_s(frames, len(group))
-                found.append(GridJob(name, follow, self._given(press, group), cost))
-        return found
+        parts = min(workers, len(self.entries))
+        frames = self.part.frames_an_indenter // self.part.positions
+        return [
+            GridJob(
+                f"{press} ({k + 1} of {parts})", follow,
+                self._given(press, self.entries[k::parts]),
+                cost_s(frames, len(self.entries[k::parts])),
+            )
+            for press in presses
+            for k in range(parts)
+        ]  # fmt: skip
 
     def _given(self, press: str, entries: Sequence[SeriesEntry]) -> dict[str, Any]:
         patterns = {entry.name: entry.recipe.model_dump(mode="json") for entry in entries}

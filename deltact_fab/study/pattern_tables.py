@@ -1,7 +1,8 @@
-"""Tables, charts and plain data of the pattern selection."""
+"""Claims, figures, tables and charts of the pattern selection."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -9,155 +10,197 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ..patterns.series.job import GRIDS
-from ..report.result import Headline, ReportFigure, ReportTable
-from .intervals import headline, told
-from .pattern_errors import Measure, PatternErrors, PrintedPattern
+from ..report.result import Claim, Headline, Reading, ReportFigure, ReportTable
+from .intervals import headline
+from .pattern_errors import (
+    COMPOSED,
+    METHODS,
+    OURS,
+    SUMMED,
+    Measure,
+    PatternErrors,
+    PrintedPattern,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-TRACKERS = {"paper": "the paper's tracker", "fused": "our tracker"}
-MEASURES: dict[Measure, str] = {
-    "at_dots": "at the dots, as the paper has it",
-    "off": "moving pixels off the dots, against truth",
-}
-KEYS: dict[Measure, str] = {"at_dots": "at_dots_mm", "off": "off_dots_mm"}
-
-
-def data_of(errors: PatternErrors) -> dict[str, Any]:
-    """All figures as plain data: patterns, each by tracker, by indenter and by depth; the best."""
-    return {
-        "patterns": [
-            {
-                "name": p.name,
-                "d_mm": p.d_mm,
-                "r": p.r,
-                "rounds": list(p.rounds),
-                "paper_error_mm": p.paper_mm,
-                "paper_about": p.paper_about,
-                "dots_lost_share": dots_lost(errors, p),
-                "trackers": {m: _tracker(errors, p, m) for m in errors.methods},
-            }
-            for p in errors.printed
-        ],
-        "best": {
-            m: {
-                KEYS[measure]: (best.name if (best := errors.best(m, measure)) else None)
-                for measure in MEASURES
-            }
-            for m in errors.methods
-        },
-    }
+PAPER_BEST = ((0.1, 0.5), (0.075, 0.6))
+"""(d in mm, r) of the least error in each of the paper's rounds."""
+TOO_SMALL_MM, SMALL_MM = 0.05, 0.075
+SHORT = {SUMMED: "summed", COMPOSED: "composed", OURS: "ours"}
+MEASURES: dict[Measure, str] = {"at_dots": "", "at_moving_dots": "moving_", "off": "off_"}
+"""The paper's over all dots, over those that move; ours over moving pixels off the dots."""
 
 
-def dots_lost(errors: PatternErrors, printed: PrintedPattern) -> float | None:
+def claims(errors: PatternErrors) -> tuple[Claim, ...]:
+    """Whether the paper's best of each round is best here, and whether small patches fail.
+
+    Readings: flows summed and composed. Each pattern of a round is compared with the paper's, so
+    the interval's level is that of as many comparisons together.
+    """
+    found = []
+    rounds_ = rounds(errors.printed)[: len(GRIDS)]
+    for number, ((_, part), best) in enumerate(zip(rounds_, PAPER_BEST, strict=False), start=1):
+        theirs = next((p for p in part if (p.d_mm, p.r) == best), None)
+        others = [p for p in part if p != theirs]
+        if theirs is None or not others:
+            continue
+        whole = len(part) == len(GRIDS[number - 1][0]) * len(GRIDS[number - 1][1])
+        level = 1 - 0.05 / len(others)
+        readings, rivals = [], []
+        for method in (SUMMED, COMPOSED):
+            if rival := errors.best(method, "at_dots", others):
+                rivals.append(rival.words)
+                apart = errors.times([rival.name], [theirs.name], method, level)
+                readings.append(_reading(SHORT[method], apart))
+        where = f"round {number} of the paper"
+        found.append(
+            Claim(
+                f"The paper's {theirs.words} is the best of {where}.",
+                f"{' and '.join(dict.fromkeys(rivals))} track better than the paper's "
+                f"{theirs.words} in {where}.",
+                f"Whether the paper's {theirs.words} is the best of {where} is not decided.",
+                tuple(readings) if whole else (),
+            )
+        )
+    tiny, small = ([p.name for p in errors.printed if p.d_mm == d_mm and 2 in p.rounds]
+                   for d_mm in (TOO_SMALL_MM, SMALL_MM))  # fmt: skip
+    if tiny and small:
+        readings = [_reading(SHORT[m], errors.times(tiny, small, m)) for m in (SUMMED, COMPOSED)]
+        found.append(
+            Claim(
+                f"At d {TOO_SMALL_MM:g} mm the error rises, as in the paper.",
+                f"At d {TOO_SMALL_MM:g} mm the error does not rise as in the paper.",
+                f"Whether the error rises at d {TOO_SMALL_MM:g} mm is not decided.",
+                tuple(readings),
+            )
+        )
+    return tuple(found)
+
+
+def _reading(name: str, times: Any) -> Reading:
+    """Of a ratio: its logarithm, above 0 where it is above 1."""
+    low, high = (None, None) if times is None else (times.low, times.high)
+    return Reading(name, *(None if end is None else math.log(end) for end in (low, high)))
+
+
+def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
+    """The paper's figures beside those found, by each tracker; then the least of ours."""
+    found = []
+    for p in (p for p in errors.printed if p.paper_mm is not None and not p.paper_about):
+        for method in errors.methods:
+            if (known := errors.mean(p.name, method, "at_dots")) is not None:
+                what = f"{p.words}, {METHODS.get(method, method)}, at the dots"
+                paper_mm = None if method == OURS else p.paper_mm
+                found.append(headline(what, "mm", known, paper=paper_mm, remark=_lost(
+                    errors, p, method)))  # fmt: skip
+    least = errors.best(OURS, "off", errors.printed)
+    if least and (known := errors.mean(least.name, OURS, "off")):
+        what = f"least error of {METHODS[OURS]}, {least.words}, moving pixels off the dots"
+        found.append(headline(what, "mm", known, remark=_lost(errors, least, OURS)))
+    return tuple(found)
+
+
+def _lost(errors: PatternErrors, printed: PrintedPattern, method: str) -> str:
+    """How much a tracker lost, in words."""
+    whole = errors.figures(printed.name, method)
+    return f"{_share(1 - whole['trusted_share'])} of frames and {_share(whole['lost_share'])} of " \
+        "pixels lost"  # fmt: skip
+
+
+def _share(value: float) -> str:
+    return f"{value:.1%}" if value < 0.1 else f"{value:.0%}"
+
+
+def tables(errors: PatternErrors, covers: str) -> tuple[ReportTable, ...]:
+    """Patterns by every reading; the same by indenter; and along the path."""
+    rows, by_indenter, along = [], [], []
+    chosen = [p for p in errors.printed if (p.d_mm, p.r) in PAPER_BEST] or errors.printed[:1]
+    if (least := errors.best(OURS, "off", errors.printed)) and least not in chosen:
+        chosen = [*chosen, least]
+    for p in errors.printed:
+        about = f"{'about ' * p.paper_about}{p.paper_mm:g}" if p.paper_mm else ""
+        row: dict[str, Any] = {
+            "pattern": p.words,
+            "round": " and ".join(map(str, p.rounds)),
+            "paper": about,
+        }
+        for method in errors.methods:
+            name, whole = SHORT.get(method, method), errors.figures(p.name, method)
+            for measure, prefix in MEASURES.items():
+                known = errors.mean(p.name, method, measure)
+                for end in ("", "_low", "_high"):
+                    value = known and getattr(known, end.removeprefix("_") or "value")
+                    row[f"{name}_{prefix}mm{end}"] = value
+            at_dots = errors.by_indenter(p.name, method, "at_dots")
+            row[f"{name}_sum_mm"] = None if at_dots is None else float(at_dots.sum())
+            row[f"{name}_lost_frames"] = 1 - whole["trusted_share"]
+            row[f"{name}_lost_pixels"] = whole["lost_share"]
+            row[f"{name}_coverage"] = whole["coverage"]
+            row[f"{name}_renewals"] = whole["reference_switches"]
+            if at_dots is not None:
+                each = dict(zip(errors.indenters, at_dots.tolist(), strict=True))
+                by_indenter.append({"pattern": p.words, "tracker": name, **each})
+            if p in chosen:
+                along += [{"pattern": p.words, "tracker": name, **one}
+                          for one in errors.along(p.name, method)]  # fmt: skip
+        rows.append({**row, "dots_lost": _dots_lost(errors, p)})
+    shown = ["pattern", "round", "paper"]
+    words = {"paper": "the paper, mm", "dots_lost": "dots not found"}
+    for method in errors.methods:
+        name = SHORT.get(method, method)
+        kept = ("off_mm", "mm", "coverage") if method == OURS else (
+            "mm", "moving_mm", "sum_mm", "lost_frames", "lost_pixels", "renewals")  # fmt: skip
+        shown += [f"{name}_{key}" for key in kept]
+    return (
+        ReportTable(
+            "patterns",
+            "Each pattern. At the dots (Eq. 7): over all dots, over those that move, and the sum "
+            "over indenters, for the paper says neither which dots nor whether its stacked columns "
+            "are means; off the dots: all moving visible pixels against the simulated truth. "
+            f"Over {covers}.",
+            pd.DataFrame(rows),
+            tuple(shown),
+            words,
+        ),
+        ReportTable("indenters", f"At the dots, mm, by indenter. Over {covers}.",
+                    pd.DataFrame(by_indenter)),
+        ReportTable(
+            "path",
+            "Along the path. Means over frames by depth and length of drag, of the paper's "
+            "choices and ours. Deep in the gel a pixel is magnified: 2.2 times at 10 mm.",
+            pd.DataFrame(along),
+        ),
+    )  # fmt: skip
+
+
+def _dots_lost(errors: PatternErrors, printed: PrintedPattern) -> float | None:
     """Share of the dots that were not found in a frame; None where none was followed."""
     found = [c.dots for c in errors.cells if c.pattern == printed.name and c.dots]
     lost, seen = (sum(dots[key] for dots in found) for key in ("lost", "seen"))
     return lost / (lost + seen) if lost + seen else None
 
 
-def _tracker(errors: PatternErrors, printed: PrintedPattern, method: str) -> dict[str, Any]:
-    whole = errors.tally(printed.name, method).figures()
-    found: dict[str, Any] = {}
-    for measure, key in KEYS.items():
-        known = errors.over_indenters(printed.name, method, measure)
-        found[key] = (
-            None if known is None else {"value": known.value, "low": known.low, "high": known.high}
-        )
-    for key in (
-        "p95_off_dots_mm", "p95_off_dots_beyond_mm", "mean_confident_mm", "coverage",
-        "confident_wrong_share", "peak_true_mm", "n_frames", "reference_switches",
-    ):  # fmt: skip
-        found[key] = whole[key]
-    return found | {
-        "by_indenter": {
-            i: {
-                **{KEYS[m]: errors.mean_mm(printed.name, method, m, i) for m in MEASURES},
-                "coverage": errors.tally(printed.name, method, i).figures()["coverage"],
-            }
-            for i in errors.indenters
-        },
-        "by_depth": errors.by_depth(printed.name, method),
-    }
-
-
-def tables(
-    errors: PatternErrors, part: dict[str, Any] | None, covers: str
-) -> tuple[ReportTable, ...]:
-    """Patterns; and the same by indenter and by depth. part: of the path, a column each."""
-    rows, by_indenter, by_depth = [], [], []
-    path = {} if part is None else {
-        key: part[key] for key in ("positions", "shear_mm", "frames_share", "longest_step_mm")
-    }  # fmt: skip
-    for p in errors.printed:
-        about: dict[str, Any] = {"pattern": p.words, "d_mm": p.d_mm, "r": p.r}
-        row = about | {
-            "round": " and ".join(str(n) for n in p.rounds),
-            "paper_mm": p.paper_mm,
-            "paper": "" if p.paper_mm is None else f"{'about ' * p.paper_about}{p.paper_mm:g}",
-        }
-        for method in errors.methods:
-            found = _tracker(errors, p, method)
-            for key in KEYS.values():
-                for end in ("value", "low", "high"):
-                    name = f"{method}_{key}" if end == "value" else f"{method}_{key}_{end}"
-                    row[name] = found[key] and found[key][end]
-            for key in ("p95_off_dots_mm", "coverage", "confident_wrong_share",
-                        "reference_switches"):  # fmt: skip
-                row[f"{method}_{key}"] = found[key]
-            for indenter, held in found["by_indenter"].items():
-                by_indenter.append(
-                    {**about, "tracker": method, "indenter": indenter, **held, **path}
-                )
-            for depth_mm, held in found["by_depth"].items():
-                by_depth.append(
-                    {**about, "tracker": method, "depth_mm": float(depth_mm), **held, **path}
-                )
-        rows.append({**row, "dots_lost_share": dots_lost(errors, p), **path})
-    shown = [f"{m}_{key}" for m in errors.methods for key in (*KEYS.values(), "coverage")]
-    words = {f"{m}_{key}": f"{TRACKERS.get(m, m)}, {what}: {covers}"
-             for m in errors.methods
-             for key, what in (("at_dots_mm", "error at the dots, mm"),
-                               ("off_dots_mm", "error off the dots, mm"),
-                               ("coverage", "share confident"))}  # fmt: skip
-    return (
-        ReportTable(
-            "patterns",
-            "Mean tracking error of each pattern. At the dots it is the paper's (Eq. 7); off the "
-            "dots it is that of all moving visible pixels against the simulated truth. "
-            f"All of it over {covers}.",
-            pd.DataFrame(rows),
-            ("pattern", "round", "paper", *shown, "dots_lost_share"),
-            {"paper": "the paper, mm", "dots_lost_share": "dots not found"} | words,
-        ),
-        ReportTable(
-            "indenters",
-            f"The same by indenter. Over {covers}.",
-            pd.DataFrame(by_indenter),
-        ),
-        ReportTable(
-            "depths",
-            "The same by depth, means over frames. Summed flow keeps the errors of all frames "
-            f"before, so the second depth has those of the first. Over {covers}.",
-            pd.DataFrame(by_depth),
-        ),
-    )
-
-
 def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
-    """The paper's chart, for each tracker and measure that was taken."""
+    """The paper's chart by its tracker in both readings, and ours off the dots."""
+    wanted: tuple[tuple[str, Measure, str], ...] = (
+        (SUMMED, "at_dots", "at the dots"),
+        (COMPOSED, "at_dots", "at the dots"),
+        (OURS, "off", "of moving pixels off the dots, against truth"),
+        (OURS, "at_dots", "at the dots"),
+    )
     return tuple(
         ReportFigure(
-            f"{method}-{KEYS[measure].removesuffix('_mm').replace('_', '-')}",
-            f"Mean error of {TRACKERS.get(method, method)}, {what}, indenter on indenter; upright: "
-            f"95 % over indenters; across: the paper's, dashed where it says 'around'. {covers}.",
+            f"{SHORT[method]}-{measure.replace('_', '-')}",
+            f"Mean error of {METHODS[method]}, {what}, indenter on indenter; upright: 95 % over "
+            "indenters"
+            + ("" if method == OURS else "; across: the paper's, dashed where it says 'around'")
+            + f". {covers}.",
             partial(_chart, errors, method, measure),
         )
-        for method in errors.methods
-        for measure, what in MEASURES.items()
-        if any(errors.over_indenters(p.name, method, measure) for p in errors.printed)
+        for method, measure, what in wanted
+        if any(errors.mean(p.name, method, measure) for p in errors.printed)
     )
 
 
@@ -165,14 +208,14 @@ def _chart(errors: PatternErrors, method: str, measure: Measure) -> Figure:
     from ..report.paper_charts import PatternColumn, stacked
 
     def column(p: PrintedPattern) -> PatternColumn:
-        whole = errors.over_indenters(p.name, method, measure)
-        means = [errors.mean_mm(p.name, method, measure, i) for i in errors.indenters]
+        whole, means = errors.mean(p.name, method, measure), errors.by_indenter(
+            p.name, method, measure)  # fmt: skip
         return PatternColumn(
             p.words.replace(" r", "\nr"),
-            tuple(None if v is None else v / len(means) for v in means),
+            (None,) * len(errors.indenters) if means is None else tuple(means / len(means)),
             whole.low if whole else None,
             whole.high if whole else None,
-            p.paper_mm,
+            None if method == OURS else p.paper_mm,
             p.paper_about,
         )
 
@@ -189,107 +232,3 @@ def rounds(printed: Sequence[PrintedPattern]) -> list[tuple[str, list[PrintedPat
     ]
     found.append(("Other patterns", [p for p in printed if not p.rounds]))
     return [(title, part) for title, part in found if part]
-
-
-PAPER_BEST = ((0.1, 0.5), (0.075, 0.6))
-"""(d in mm, r) of the least error in each of the paper's rounds."""
-TOO_SMALL_MM, SMALL_MM = 0.05, 0.075
-
-
-def verdict(errors: PatternErrors, covers: str, bench: str = "") -> tuple[str, ...]:
-    """Sentences, the answer first. bench: of a simulated one in figures, empty for a real one."""
-    if not any(errors.best(m, "at_dots") for m in errors.methods):
-        return ("No pattern has an error under every indenter: nothing can be compared.",)
-    lines = [_optimum(errors), *(_of(errors, m) for m in errors.methods)]
-    tiny, small = (_mean_of(errors, d_mm, "paper") for d_mm in (TOO_SMALL_MM, SMALL_MM))
-    if tiny is not None and small is not None:
-        lines.append(
-            f"At d = {TOO_SMALL_MM:g} mm, where the paper's error rises to around 0.5 mm, it is "
-            f"{tiny:.3g} mm here, and {small:.3g} mm at {SMALL_MM:g} mm (means of r .4 to .6)."
-        )
-    if "paper" in errors.methods:
-        counts = [errors.tally(p.name, "paper").switches for p in errors.printed]
-        lines.append(
-            f"The paper's tracker renewed its reference {min(counts)} to {max(counts)} times a "
-            f"pattern in {len({cell.press for cell in errors.cells})} presses, and each time "
-            "keeps that frame's error for good, whatever the pattern."
-        )
-    return (*filter(None, [*lines, bench]), f"{'Simulated: ' if bench else ''}{covers}.")
-
-
-def _optimum(errors: PatternErrors) -> str:
-    """Whether the paper's best of each round is the best here, by its own tracker and error."""
-    method = "paper" if "paper" in errors.methods else errors.methods[0]
-    said, appears = [], "appears"
-    for (_, part), (d_mm, r) in zip(rounds(errors.printed), PAPER_BEST, strict=False):
-        theirs = next((p for p in part if (p.d_mm, p.r) == (d_mm, r)), None)
-        best = errors.best(method, "at_dots", part)
-        here = theirs and errors.over_indenters(theirs.name, method, "at_dots")
-        least = best and errors.over_indenters(best.name, method, "at_dots")
-        if theirs is None or best is None or not here or not least or len(part) < 2:
-            continue
-        if best == theirs:
-            said.append(f"{theirs.words} is the best of its round ({told(here, 'mm')})")
-            continue
-        appears = "does not appear"
-        apart = errors.difference(theirs.name, best.name, method, "at_dots")
-        sure = apart is not None and apart.low is not None and apart.low > 0
-        said.append(
-            f"{best.words} ({told(least, 'mm')}) comes before {theirs.words} ({told(here, 'mm')}) "
-            f"in its round{'' if sure else ', which the indenters do not tell apart'}"
-        )
-    line = f"The paper's optimum {appears} by its own tracker and error: {'; '.join(said)}."
-    return line if said else ""
-
-
-def _of(errors: PatternErrors, method: str) -> str:
-    parts = []
-    for measure, words in MEASURES.items():
-        best = errors.best(method, measure)
-        known = best and errors.over_indenters(best.name, method, measure)
-        if best is None or not known:
-            continue
-        others, cover = len(errors.beside(best, method, measure)), _covered(errors, best, method)
-        parts.append(
-            f"{words}, best with {best.words}: {told(known, 'mm')}{cover and f', {cover}'}; "
-            f"{others} others are not told from it"
-        )
-    return f"By {TRACKERS.get(method, method)}: {'; '.join(parts)}." if parts else ""
-
-
-def _covered(errors: PatternErrors, printed: PrintedPattern, method: str) -> str:
-    """What a tracker is confident of, in words; empty where that is not known."""
-    cover = errors.tally(printed.name, method).figures()["coverage"]
-    return "" if cover is None else f"confident of {cover:.0%} of the moving pixels"
-
-
-def _mean_of(errors: PatternErrors, d_mm: float, method: str) -> float | None:
-    """Mean error at the dots over the second round's patterns of a patch size."""
-    values = [
-        errors.over_indenters(p.name, method, "at_dots")
-        for p in errors.printed
-        if p.d_mm == d_mm and 2 in p.rounds
-    ]
-    known = [v.value for v in values if v is not None]
-    return sum(known) / len(known) if known and len(known) == len(values) else None
-
-
-def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
-    """The paper's figures beside those found, by its tracker; then ours."""
-    wanted: list[tuple[PrintedPattern, str, Measure, float | None, str]] = []
-    for method in errors.methods:
-        wanted += [
-            (p, method, "at_dots", p.paper_mm, "")
-            for p in errors.printed
-            if p.paper_mm is not None and not p.paper_about
-        ]
-        bests = ((errors.best(method, measure), measure) for measure in MEASURES)
-        wanted += [(p, method, measure, None, "best: ") for p, measure in bests if p is not None]
-    found = []
-    for p, method, measure, paper_mm, head in wanted:
-        known = errors.over_indenters(p.name, method, measure)
-        if known is not None:
-            what = f"{head}{p.words}, {TRACKERS.get(method, method)}, {MEASURES[measure]}"
-            remark = _covered(errors, p, method)
-            found.append(headline(what, "mm", known, paper=paper_mm, remark=remark))
-    return tuple(dict.fromkeys(found))

@@ -36,6 +36,13 @@ class StudyRequest:
     more: dict[str, Any] = field(default_factory=dict)
     grids: list[Grid] = field(default_factory=list, compare=False, repr=False)
 
+    @property
+    def workers(self) -> int:
+        """How many jobs run at a time."""
+        from ..jobs import processors
+
+        return processors() if self.executor is None else getattr(self.executor, "workers", 1)
+
     def solve(self, jobs: Sequence[GridJob]) -> Grid:
         """A grid of jobs on what was asked for; what is missing in it gets into the result."""
         from .grid import solve

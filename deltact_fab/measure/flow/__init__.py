@@ -12,11 +12,13 @@ from .confidence import FlowState
 from .image import Sampled, to_gray
 from .method import FLOW_METHODS, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage
+from .renewed import RENEW_SHARE
 from .tracker import PAPER, FlowTracker, Reference, named_tracker
 
 __all__ = [
     "FLOW_METHODS",
     "PAPER",
+    "RENEW_SHARE",
     "FlowDiagnostics",
     "FlowMethod",
     "FlowObservation",

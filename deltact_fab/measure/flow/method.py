@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import cv2
@@ -66,8 +66,23 @@ class FlowMethod:
     def _calc(self, ref_gray: Array, cur_gray: Array, start: Any) -> Array:
         if self._dis is not None:
             return self._dis.calc(ref_gray, cur_gray, start)
-        flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
-        return cv2.calcOpticalFlowFarneback(ref_gray, cur_gray, start, flags=flags, **_FARNEBACK)
+        first = None if start is None else start.tobytes()
+        return _farneback(ref_gray.tobytes(), cur_gray.tobytes(), first, ref_gray.shape)
+
+
+@lru_cache(maxsize=1)
+def _farneback(
+    reference: bytes, current: bytes, start: bytes | None, shape: tuple[int, int]
+) -> Array:
+    """Kept, for a summed and a composed tracker of one sequence ask for the same."""
+    first, second = (
+        np.frombuffer(image, np.uint8).reshape(shape) for image in (reference, current)
+    )
+    flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
+    flow: Any = None
+    if start is not None:
+        flow = np.frombuffer(bytearray(start), np.float32).reshape(*shape, 2)
+    return cv2.calcOpticalFlowFarneback(first, second, flow, flags=flags, **_FARNEBACK)
 
 
 class PreparedReference:

@@ -238,9 +238,9 @@ def named_tracker(name: str, *, full: bool = True) -> FlowTracker:
     """
     method, _, kept = ("farneback-paper/summed" if name == PAPER else name).partition("/")
     if method not in FLOW_METHODS:
-        known = (PAPER, *FLOW_METHODS)
-        raise InputError(f"flow method {method!r}: unknown; {did_you_mean(method, known)}")
-    known = tuple(k for k in get_args(Reference) if k != "anchored" or method == FUSED)
+        methods = (PAPER, *FLOW_METHODS)
+        raise InputError(f"flow method {method!r}: unknown; {did_you_mean(method, methods)}")
+    known: list[Reference] = [k for k in get_args(Reference) if k != "anchored" or method == FUSED]
     reference = next((k for k in known if k == kept), None)
     if kept and reference is None:
         raise InputError(
