@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
+from benchmarks.star import Star
 from deltact_fab.errors import RunFailed
 from deltact_fab.imaging import ImageSensor
 from deltact_fab.measure.flow import FLOW_METHODS
@@ -30,7 +31,6 @@ from deltact_fab.numerics.engines.flow_frames import (
     pressed,
 )
 from deltact_fab.numerics.stability import plain
-from deltact_fab.study.star import Star
 
 from . import peer
 

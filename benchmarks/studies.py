@@ -27,7 +27,7 @@ ORDER = (
     "force-calibration", "pattern-selection", "pattern-search", "shapes", "settling", "comparison",
 )  # fmt: skip
 SHOWN = ("study", "title", "verdict", "headlines", "settings", "seed", "scale", "simulated",
-         "missing", "versions", "made")  # fmt: skip
+         "missing", "versions", "made", "code")  # fmt: skip
 """Of result.json; what else stands in it is for programs."""
 SENTENCES = 2
 """Sentences of a study's verdict in the table."""
@@ -92,9 +92,10 @@ def _section(study: dict[str, Any]) -> list[str]:
         f"## {study['title']}",
         "",
         f"`deltact-fab study run {study['study']}{scale} --seed {study['seed']}`"
-        + (" (simulated)" if study["simulated"] else ""),
+        + (" (simulated)" if study["simulated"] else "")
+        + f", {study['made'].partition('T')[0]}, code {study.get('code') or 'older than this form'}",
         "",
-        *(f"{line}" for line in _paragraph(study["verdict"])),
+        " ".join(study["verdict"]),
         "",
     ]
     if study["headlines"]:
@@ -105,10 +106,6 @@ def _section(study: dict[str, Any]) -> list[str]:
         told = "; ".join(f"{name}: {value}" for name, value in study["settings"].items())
         lines += [f"Made with: {told}.", ""]
     return lines
-
-
-def _paragraph(sentences: list[str]) -> list[str]:
-    return [" ".join(sentences)]
 
 
 def _table(headlines: list[dict[str, Any]]) -> list[str]:
@@ -135,7 +132,7 @@ def _goal(headline: dict[str, Any]) -> str:
         return ""
     bound = "<=" if headline["better"] == "low" else ">="
     said = f"{bound} {_number(headline['goal'], headline['unit'])}"
-    return said if headline["met"] else f"{said}: **missed**"
+    return said if headline["state"] == "met" else f"{said}: **{headline['state']}**"
 
 
 def _interval(headline: dict[str, Any]) -> str:

@@ -10,18 +10,24 @@ from .grid import GridJob
 from .request import StudyRequest, virtual_rig
 from .search.candidates import Candidate, candidates, shortened, size_of, thinned
 from .search.confirm import confirm
-from .search.findings import DEFAULT, FARNEBACK, Findings, confirmed
+from .search.drag import FIELD_PX, probe
 from .search.imager import PatternImager, bench_of
-from .search.probe import FIELD_PX, probe
-from .search.result import result
-from .search.search import finalists, spread, table
+from .search.result import (
+    DEFAULT,
+    FARNEBACK,
+    Findings,
+    confirmed,
+    finalists,
+    ranked,
+    result,
+)
 from .seeds import seed_of
 
 RIG = "virtual"
 PROTOCOL = "pattern-search"
-SHIPPED = {"law": "algorithm1", "patch_mm": 0.15, "r": 0.1}
-"""What `dense-with-dots` prints: the pattern that a sensor has that takes the default."""
-PROBE_S, FRAME_S = 1.9, 0.11
+SHIPPED = {"law": "algorithm1", "patch_mm": 0.4, "r": 0.6}
+"""What `coarse-with-dots` prints, the recommended pattern: confirmed in any case."""
+PROBE_S, FRAME_S = 1.2, 0.11
 """A candidate's cost, and a frame's of a pattern on the gel; measured on one core."""
 
 
@@ -35,13 +41,12 @@ def run(asked: StudyRequest) -> StudyResult:
     probes = asked.solve([_probe(c, k, bench, asked.seed) for k in searches for c in among])
     there = probes.partial()
     names = {c.name: [_probed(c, k) for k in searches] for c in among}
-    frame = table({c: [there[n] for n in own if n in there] for c, own in names.items()}, among)
+    frame = ranked({c: [there[n] for n in own if n in there] for c, own in names.items()}, among)
     best = finalists(frame, size.finalists)
     paper = next(c.name for c in whole if c.is_paper)
-    shipped = next((c.name for c in among if dict(c.keys) == SHIPPED), None)
-    fixed = list(dict.fromkeys([*best, paper, *filter(None, [shipped])]))
-    chosen = {c.name: c for c in among}
-    chosen = {name: chosen[name] for name in (*fixed, *spread(frame, fixed, size.others))}
+    shipped = [c.name for c in among if dict(c.keys) == SHIPPED]
+    wanted = dict.fromkeys([*best, paper, *shipped])
+    chosen = {c.name: c for c in among if c.name in wanted}
     protocol = shortened(plan.load(PROTOCOL)[0], size.drag)
     presses = list(dict.fromkeys(step.press for step in plan.expand(protocol) if step.frames))
     farneback = {*best[:1], paper}
@@ -62,17 +67,14 @@ def run(asked: StudyRequest) -> StudyResult:
             bench=bench,
             size=size,
             protocol=protocol,
-            presses=presses,
             among=among,
             frame=frame,
             finalists=best,
             paper=paper,
-            shipped=shipped,
             ours=ours,
             farneback=confirmed(by_seed, list(chosen), FARNEBACK)[0],
             refused=refused,
             seen=by_seed[0][0] if by_seed else {},
-            missing=(*probes.missing, *confirmations.missing),
         )
     )
 

@@ -97,7 +97,7 @@ STUDIES = {
         "pattern_search",
         "The best pattern for a printer and a camera.",
         about="Candidates go through the printer and the camera of a virtual rig and are ranked by "
-        "what predicts their tracking error; the best few are then tracked on the finite-strain "
+        "their tracking error on a known drag; the best few are then tracked on the finite-strain "
         "gel next to the paper's pattern. A smaller scale takes fewer candidates and seeds, and a "
         "shorter drag.",
         takes=("scale", "seed", "rig", "grid"),

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.star import Star
 from deltact_fab.imaging import Exposure, ImageSensor, view_grid
 from deltact_fab.measure.flow import FLOW_METHODS, FlowTracker
 from deltact_fab.numerics.engines import flow, flow_frames, flow_hard
 from deltact_fab.numerics.engines.flow_frames import CAMERA, FlowSequence, Vectors
 from deltact_fab.numerics.stability import judge
-from deltact_fab.study.star import Star
 
 STAR = Star(CAMERA.width_px, CAMERA.height_px)
 

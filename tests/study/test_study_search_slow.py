@@ -18,15 +18,18 @@ pytestmark = pytest.mark.slow
 def test_a_small_search_finds_a_better_pattern_than_the_papers() -> None:
     found = run("pattern-search", StudyRequest(scale=0.02, rig="virtual-coarse", seed=1))
     data = json.loads(json.dumps(found.data, allow_nan=False))
-    assert data["goal_met"]
-    assert data["best_over_paper"]["value"] < 1 / 3
-    assert not found.missing
+    error, share, *_ = found.headlines
+    assert 0 < error.value < 50  # um
+    assert share.value < 1 / 3
+    assert share.state == "undecided"  # two seeds show nothing
+    assert len(" ".join(found.verdict).split()) <= 80
     assert found.verdict[0].startswith(f"Print {data['best']['pattern']}")
     recipe = recipe_from(tomllib.loads(found.files["best-pattern.toml"]), "best")
     assert recipe.model_dump(mode="json", exclude_none=True) == data["best"]["recipe"]
-    assert {row["pattern"] for row in data["confirmed"]} >= {"algorithm1 d 0.075 r 0.6"}
-    assert all(0 < row["mean_error_mm"] < 0.05 for row in data["confirmed"])
-    assert len(data["farneback"]) == 2
+    rows = data["tables"]["confirmed"]
+    assert {row["pattern"] for row in rows} >= {"algorithm1 d 0.075 r 0.6"}
+    assert all(0 < row["mean_error_mm"] < 0.05 for row in rows if row["tracker"] == "fused")
+    assert sum(row["tracker"] == "paper" for row in rows) == 2
     for drawn in found.figures:
         figure = drawn.draw()
         figure.draw_without_rendering()

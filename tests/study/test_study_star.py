@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deltact_fab.study.star import Star
+from benchmarks.star import Star
 
 STAR = Star(520, 382, most_px=172.0)
 

@@ -1,1 +1,1 @@
-"""Which pattern to print for a printer and a camera: candidates, their figures, and a ranking."""
+"""Which pattern to print for a printer and a camera: candidates, their errors, the best few."""

@@ -84,26 +84,23 @@ MIN_CANDIDATES = 8
 class Size:
     """candidates: how many; seeds, held_out: of the search and of what confirms it.
 
-    finalists, others: patterns that are confirmed, and as many more over the order of the search.
-    drag: share of the protocol's shear.
+    finalists: patterns that are confirmed. drag: share of the protocol's shear.
     """
 
     candidates: int
     seeds: int
     held_out: int
     finalists: int
-    others: int
     drag: float
 
 
 def size_of(scale: float, whole: int) -> Size:
-    """At scale 1: all candidates with 2 seeds; 4 finalists and 2 others with 5 held-out seeds."""
+    """At scale 1: all candidates with 2 seeds; 4 finalists with 5 held-out seeds."""
     return Size(
         candidates=min(whole, max(MIN_CANDIDATES, round(scale * whole))),
         seeds=max(1, round(2 * scale)),
         held_out=max(2, round(5 * scale)),
         finalists=max(2, round(4 * scale)),
-        others=round(2 * scale),
         drag=scale,
     )
 
