@@ -93,7 +93,7 @@ def _section(study: dict[str, Any]) -> list[str]:
         "",
         f"`deltact-fab study run {study['study']}{scale} --seed {study['seed']}`"
         + (" (simulated)" if study["simulated"] else "")
-        + f", {study['made'].partition('T')[0]}, code {study.get('code') or 'older than this form'}",
+        + f", {study['made'].partition('T')[0]}, code {study.get('code') or 'of before 0.3'}",
         "",
         " ".join(study["verdict"]),
         "",

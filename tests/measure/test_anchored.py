@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import benchmarks.renewal
 from deltact_fab.errors import InputError
 from deltact_fab.measure.flow import (
     FLOW_METHODS,
@@ -198,3 +199,11 @@ def test_the_paper_renews_when_the_image_warped_back_differs(make_scene, make_bu
     for share, references in ((1.0, [0, 0, 0, 0]), (0.0, [0, 1, 2, 3])):
         seen = follow(images, FlowTracker("farneback-paper", "summed", renew_share=share))
         assert [o.diagnostics.reference_frame for o in seen[1:]] == references
+
+
+@pytest.mark.slow
+def test_the_rule_can_fire_on_every_pattern_of_the_paper() -> None:
+    """A threshold of 12 grey levels at a quarter of the size could on five of seventeen."""
+    found = list(benchmarks.renewal.seen())
+    assert len(found) == 17
+    assert all(threshold < most for _, threshold, most in found), found

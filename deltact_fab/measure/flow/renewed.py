@@ -24,7 +24,8 @@ Sum = Literal["composed", "summed", "static"]
 RENEW_SHARE = 0.5
 """Of the pattern's own difference between unrelated views. The paper gives no threshold."""
 LIGHT_PX, BLOB_PX, BLOB = 24.0, 3.0, 3.0
-SHIFTS_PX = ((100, 150), (200, 77), (-131, 301), (57, -222))
+SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
+"""Many, for a pattern of two colours alternates: one shift may lay like on like."""
 
 
 @dataclass(frozen=True)

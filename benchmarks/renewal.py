@@ -1,0 +1,95 @@
+"""Whether the renewal of the paper's reference can fire: what it can see on each pattern.
+
+    python -m benchmarks.renewal              # the paper's 17 patterns, in a minute
+    python -m benchmarks.renewal PRESS        # and errors by three shares under a press of
+                                              # pattern-selection, as 4dots/p1: minutes a pattern
+
+The most that the rule can see is the difference of two prints of a pattern, of other seeds.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+
+import numpy as np
+
+from deltact_fab.aliases import Image
+from deltact_fab.measure.flow import RENEW_SHARE, FlowTracker, Reference, to_gray
+from deltact_fab.measure.flow.renewed import photometric_error, unrelated_difference
+from deltact_fab.patterns.recipe import PatternRecipe
+from deltact_fab.patterns.series.job import recipes
+from deltact_fab.study.pattern_scene import Selection
+from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.search.drag import FIELD_PX, at_rest, view_of
+from deltact_fab.study.search.imager import bench_of
+from deltact_fab.study.stream import PressStream, StreamTruth
+
+SHARES = (0.25, 0.5, 0.75)
+SHOWN = ("d0p05-r0p5", "d0p075-r0p6", "d0p1-r0p5", "d0p15-r0p3", "d0p2-r0p1")
+
+
+def seen() -> Iterator[tuple[str, float, float]]:
+    """Of each pattern of the paper: the rule's threshold, and the most that it can see, in grey
+    levels of the virtual rig's camera.
+    """
+    bench = bench_of("virtual", {})
+    view = view_of(bench, FIELD_PX)
+
+    def at_rest_of(recipe: PatternRecipe, seed: int) -> Image:
+        rng = np.random.default_rng(seed)
+        picture = view.picture(view.printed(recipe, bench.printer, rng))
+        return to_gray(picture.expose(at_rest(view).at_px, rng))
+
+    for entry in recipes():
+        own = at_rest_of(entry.recipe, 1)
+        other = at_rest_of(entry.recipe.model_copy(update={"seed": entry.recipe.seed + 1}), 2)
+        still = np.zeros((*own.shape, 2), np.float32)
+        most = photometric_error(own, other, still)
+        yield entry.name, RENEW_SHARE * unrelated_difference(own), most
+
+
+def by_share(press: str) -> Iterator[str]:
+    """Rows of markdown: mean error of moving pixels, mm, and renewals, by share and sum."""
+    scene = Selection.of(StudyRequest())
+    stream = PressStream(scene.protocol, press, scene.sensor, scene.config, scene.source)
+    truth = StreamTruth(stream)
+    totals: tuple[Reference, ...] = ("summed", "composed")
+    ways = [(share, total) for share in SHARES for total in totals]
+    yield "| pattern | " + " | ".join(f"{share:g}, {total}" for share, total in ways) + " |"
+    yield "|---" * (len(ways) + 1) + "|"
+    for entry in (e for e in scene.entries if e.name in SHOWN):
+        picture, noise = stream.picture(entry.recipe, 0), stream.noise(0)
+        marks = stream.marks(entry.recipe)
+        trackers = [FlowTracker("farneback-paper", total, renew_share=share)
+                    for share, total in ways]  # fmt: skip
+        sums, pixels, switches = np.zeros(len(ways)), 0, [0] * len(ways)
+        for frame in stream.frames():
+            image = stream.tracked(picture.expose(frame.at_px, noise, frame.displacement_mm))
+            true = truth.of(frame, marks)
+            pixels += int(true.moving.sum())
+            for k, tracker in enumerate(trackers):
+                found = tracker.update(image)
+                off_px = np.linalg.norm(found.flow_px[true.moving] - true.flow_px[true.moving],
+                                        axis=-1)  # fmt: skip
+                sums[k] += off_px.sum() * stream.view.mm_per_px
+                switches[k] = found.diagnostics.n_reference_switches
+        cells = [f"{total / pixels:.3f} ({n})" for total, n in zip(sums, switches, strict=True)]
+        yield f"| {entry.name} | {' | '.join(cells)} |"
+
+
+def main(words: list[str]) -> None:
+    """The table, and that of a press."""
+    print(f"| pattern | threshold, {RENEW_SHARE:g} of its own | most it can see |", "|---|---|---|",
+          sep="\n")  # fmt: skip
+    for name, threshold, most in seen():
+        print(f"| {name} | {threshold:.1f} | {most:.1f}{' never' if most <= threshold else ''} |",
+              flush=True)  # fmt: skip
+    for press in words:
+        print(f"\n{press}: mean error, mm (renewals), by share and sum; simulated\n")
+        for line in by_share(press):
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
