@@ -96,12 +96,12 @@ class PatternRecipe(Table, strict=True):
     """Side of the sticker that is asked for; whole patches may make less than a patch less."""
     patch_mm: Annotated[
         Annotated[float, Field(gt=0, le=300)] | None,
-        Field(validate_default=True, examples=[0.15]),
+        Field(validate_default=True, examples=[0.4]),
     ] = None
     """Side of a patch, d of the paper."""
     r: Annotated[
         Annotated[float, Field(ge=0, lt=1)] | None,
-        Field(validate_default=True, examples=[0.1]),
+        Field(validate_default=True, examples=[0.6]),
     ] = None
     """Randomness regulation factor of the paper: least squared difference, values in 0..1."""
     channels: Literal[1, 3] = 3
@@ -286,6 +286,8 @@ def load_recipe(name: str) -> PatternRecipe:
 
 
 DEFAULT_SEED = 7
+RECOMMENDED = "recommended"
+"""The pattern to print where nobody knows better: its file says for what printer and camera."""
 
 
 def recipe_from_options(

@@ -26,7 +26,7 @@ from .seeds import seed_of
 RIG = "virtual"
 PROTOCOL = "pattern-search"
 SHIPPED = {"law": "algorithm1", "patch_mm": 0.4, "r": 0.6}
-"""What `coarse-with-dots` prints, the recommended pattern: confirmed in any case."""
+"""What `recommended` prints: confirmed in any case."""
 PROBE_S, FRAME_S = 1.2, 0.11
 """A candidate's cost, and a frame's of a pattern on the gel; measured on one core."""
 
