@@ -95,7 +95,8 @@ def _simulated(asked: StudyRequest) -> StudyResult:
             f"moves by more than {moved_um:.1f} um in plane. An image is of the deformation; the "
             "force beside it is a matter of when it was read.",
             "The closed form (ramp, then hold, of the same way on an elastic gel) is off by at "
-            f"most {off_percent:.2g} % of the force at any solved knot.",
+            f"most {off_percent:.2g} % of a press's normal force or a drag's shear, at any solved "
+            "knot.",
             "Shares of the force do not depend on the modulus, and hardly on the mesh.",
         ),
     )  # fmt: skip

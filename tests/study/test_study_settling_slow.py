@@ -27,7 +27,7 @@ def test_the_gel_fades_as_the_closed_form_says_and_the_face_stands_still(found) 
     assert found.missing == ()
     assert found.simulated
     # Friction and large strain are in the one and not in the other.
-    assert found.data["closed_form_off_percent"] < 1.0
+    assert found.data["closed_form_off_percent"] < 3.0
     assert 0 < found.data["moved_um"] < 10.0
     waits, protocols = (found.data["tables"][name] for name in ("waits", "protocols"))
     assert [stop["kind"] for stop in waits] == ["press", "shear", "shear"]
