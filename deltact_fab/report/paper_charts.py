@@ -15,79 +15,36 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-
-# Where a row's figures are from: the table's sensors, the figure's, our own.
-GROUPS = {"table": COLOURS[0], "figure": COLOURS[1], "cad": COLOURS[2]}
-WORDS = {
-    "table": "the paper's table",
-    "figure": "the paper's figure",
-    "cad": "own design",
-}
+# Where a sensor's figures are from.
+TABLE, FIGURE, OWN = "the paper's table", "the paper's figure", "own design"
 LINES_MM2_PER_CM3 = (3, 10, 30)
-
-
-def volumes(table: pd.DataFrame) -> Figure:
-    """A bar a sensor, the smallest on top.
-
-    table: columns sensor, said_in (a key of GROUPS), volume_cm3.
-    """
-    rows = table.sort_values("volume_cm3", ascending=False, kind="stable")
-    figure, (axis,) = blank(9.6, 0.8 + 0.29 * len(rows))
-    for group, colour in GROUPS.items():
-        at = np.flatnonzero((rows["said_in"] == group).to_numpy())
-        if len(at):
-            axis.barh(at, rows["volume_cm3"].iloc[at], 0.72, color=colour,
-                      label=WORDS[group])  # fmt: skip
-    for i, value in enumerate(rows["volume_cm3"]):
-        axis.text(value, i, f" {value:.3g}", va="center", fontsize=8)
-    axis.set_yticks(range(len(rows)), rows["sensor"])
-    axis.set_xlabel("outer volume, cm³")
-    axis.margins(x=0.09, y=0.01)
-    axis.grid(axis="y", visible=False)
-    legend_below(figure, axis)
-    return figure
 
 
 def area_against_volume(table: pd.DataFrame) -> Figure:
     """A mark a sensor, with lines of equal area a volume.
 
-    table: as `volumes`, with area_mm2; a row without an area has no mark.
+    table: columns sensor, from (TABLE, FIGURE or OWN), volume_cm3, sensing_area_mm2; a row without
+    an area has no mark, and those on one spot share their label.
     """
-    rows = table[table["area_mm2"].notna()]
+    rows = table.rename(columns={"volume_cm3": "x", "sensing_area_mm2": "y"}).dropna(subset="y")
     figure, (axis,) = blank(9.6, 4.6)
     log_ticks(axis, "x")
-    least, most = rows["volume_cm3"].min() / 1.5, rows["volume_cm3"].max() * 1.9
-    highest = rows["area_mm2"].max() * 1.12
+    least, most, highest = rows["x"].min() / 1.5, rows["x"].max() * 1.9, rows["y"].max() * 1.12
     for ratio in LINES_MM2_PER_CM3:
         x = np.geomspace(least, min(most, highest / ratio), 40)
         axis.plot(x, ratio * x, color=PAPER_COLOUR, lw=0.7, ls=":")
         axis.text(x[-1], ratio * x[-1], f"{ratio:g} ", fontsize=7.5, color=PAPER_COLOUR, ha="right",
                   va="top" if ratio * x[-1] > 0.98 * highest else "bottom")  # fmt: skip
-    for group, colour in GROUPS.items():
-        part = rows[rows["said_in"] == group]
-        axis.plot(part["volume_cm3"], part["area_mm2"], "o", color=colour, ms=7,
-                  label=WORDS[group])  # fmt: skip
-    axis.set_xlim(least, most)
-    axis.set_ylim(0, highest)
-    axis.set_xlabel("outer volume, cm³")
-    axis.set_ylabel("sensing area, mm²")
+    marks = []
+    for colour, (group, part) in zip(COLOURS, rows.groupby("from", sort=False), strict=False):
+        axis.plot(part["x"], part["y"], "o", color=colour, ms=7, label=group)
+        spots = part.groupby(["x", "y"])["sensor"].agg(", ".join)
+        marks += [(x, y, names, colour) for x, y, names in spots.reset_index().to_numpy()]
+    axis.set(xlim=(least, most), ylim=(0, highest))
+    axis.set(xlabel="outer volume, cm³", ylabel="sensing area, mm²")
     legend_below(figure, axis)
-    name_marks(figure, axis, _marks(rows))
+    name_marks(figure, axis, marks)
     return figure
-
-
-def _marks(rows: pd.DataFrame) -> list[tuple[float, float, str, str]]:
-    """(x, y, names, colour): those on one spot share their label."""
-    found = []
-    for group, colour in GROUPS.items():
-        part = rows[rows["said_in"] == group]
-        spots = part.groupby(["volume_cm3", "area_mm2"], sort=True)["sensor"]
-        for _, names in spots:
-            first, *rest = names
-            x, y = part.loc[names.index[0], ["volume_cm3", "area_mm2"]]
-            words = ", ".join([first, *(name.removeprefix("own: ") for name in rest)])
-            found.append((float(x), float(y), words, colour))
-    return found
 
 
 @dataclass(frozen=True)

@@ -20,40 +20,30 @@ if TYPE_CHECKING:
 
 
 COLUMNS = 4
-MAX_PRESSES = 8
 RELIEF_MM = 0.5  # between the lines of a surface
 PART_MM = 4.0  # of an object, above its tip
 EXTREME = 99.5  # percentile of a map that is full scale: single points do not fade the rest
 
 
 def gallery(pictures: Sequence[ShapeMaps], note: str) -> Figure:
-    """A column a press: object, image with flow, density, surface, true surface where known.
+    """A column a press: object, image with flow, density, surface.
 
-    As the paper's figure of four shapes has it; four columns, then four more below.
+    As the paper's figure of four shapes has it, of the first COLUMNS.
     """
-    shown = list(pictures)[:MAX_PRESSES]
-    blocks = [shown[k : k + COLUMNS] for k in range(0, len(shown), COLUMNS)]
-    columns = len(blocks[0])
-    rows = [(_object, 0.8), (_image, 1.15), (_density, 1.0), (_surface, 0.85)]
-    if any(picture.true_depth_mm is not None for picture in shown):
-        rows.append((_true_surface, 0.85))
-    high = [part for _, part in rows] * len(blocks)
+    shown = list(pictures)[:COLUMNS]
+    rows = {_object: 0.8, _image: 1.15, _density: 1.0, _surface: 0.85}
     figure, axes = figures.blank(
-        2.5 * columns + 0.1, 2.0 * sum(high) + 0.4, columns, share_y=False,
-        rows=len(rows) * len(blocks),
+        2.5 * len(shown) + 0.1, 2.0 * sum(rows.values()) + 0.4, len(shown), share_y=False,
+        rows=len(rows),
     )  # fmt: skip
-    axes[0].get_gridspec().set_height_ratios(high)
+    axes[0].get_gridspec().set_height_ratios(list(rows.values()))
     left = "" if len(shown) == len(pictures) else f"; {len(shown)} of {len(pictures)} presses"
     figure.suptitle(
         f"{note}{left}\narrows: flow; dotted: as far as the density is reliable", fontsize="small"
     )
-    grid = np.array(axes, object).reshape(len(blocks), len(rows), columns)
-    for block, part in zip(grid, blocks, strict=True):
-        for k, row in enumerate(block):
-            for axis in row[len(part) :]:
-                axis.set_visible(False)
-            for column, (axis, picture) in enumerate(zip(row, part, strict=False)):
-                rows[k][0](figure, axis, picture, column == 0)
+    for k, axis in enumerate(axes):
+        row, column = divmod(k, len(shown))
+        list(rows)[row](figure, axis, shown[column], column == 0)
     return figure
 
 
@@ -119,26 +109,13 @@ def _density(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> Non
 
 
 def _surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> None:
-    _relief(figure, place, picture, picture.depth_mm, "measured")
-
-
-def _true_surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> None:
-    _relief(figure, place, picture, picture.true_depth_mm, "true")
-
-
-def _relief(
-    figure: Figure, place: Axes, picture: ShapeMaps, depth_mm: Array | None, words: str
-) -> None:
-    """The depth, where it is known, as a relief: what presses stands up, as in the paper."""
-    if depth_mm is None:
-        place.set_visible(False)
-        return
+    """The depth as a relief: what presses stands up, as in the paper."""
     from matplotlib.ticker import MultipleLocator
 
     axis = maps.solid(figure, place)
     rows, columns = _near_axes(picture)
     every = max(1, round(RELIEF_MM / picture.cell_mm))
-    part = depth_mm[rows, columns][::every, ::every]
+    part = picture.depth_mm[rows, columns][::every, ::every]
     x, y = np.meshgrid(picture.x_mm[columns][::every], picture.y_mm[rows][::every])
     top = _deepest(picture)
     axis.plot_surface(x, y, part, cmap="viridis", vmin=0, vmax=top, rstride=1, cstride=1,
@@ -148,7 +125,7 @@ def _relief(
     axis.set_zticks([0, round(top, 1)])
     for side in (axis.xaxis, axis.yaxis):
         side.set_major_locator(MultipleLocator(5))
-    axis.set_title(f"{words}, to {float(part.max()):.2f} mm", fontsize=maps.HEADS, y=1.03)
+    axis.set_title(f"measured, to {float(part.max()):.2f} mm", fontsize=maps.HEADS, y=1.03)
 
 
 def _section(axis: Axes, picture: ShapeMaps, first: bool) -> None:
@@ -213,25 +190,15 @@ FORCE_EXTREME = 98  # percentile that is full scale
 DARK = "magma"
 
 
-def has_field(picture: ShapeMaps) -> bool:
-    """Whether there is a traction to be drawn."""
-    return picture.traction_mpa is not None or picture.true_traction_mpa is not None
-
-
 def distribution(picture: ShapeMaps, note: str) -> Figure:
-    """Found above, and below it what is true, where that is known.
+    """Found above, and below it what is true, where that is known, on one scale.
 
-    Of a picture with a traction. Both rows have one scale. Raises ValueError without a traction.
+    Of a picture with tractions.
     """
-    found = (picture.cells_x_mm, picture.cells_y_mm, picture.traction_mpa)
-    true = (picture.face_x_mm, picture.face_y_mm, picture.true_traction_mpa)
     fields = [
         (words, x_mm, y_mm, -KPA * mpa[..., 2], KPA * mpa[..., :2])
-        for words, (x_mm, y_mm, mpa) in (("found", found), ("true", true))
-        if x_mm is not None and y_mm is not None and mpa is not None
+        for words, x_mm, y_mm, mpa in picture.tractions
     ]
-    if not fields:
-        raise ValueError(f"{picture.frame_id}: no traction was found, nor is one known")
     figure, axes = figures.blank(9.8, 3.05 * len(fields) + 0.8, 3, share_y=False, rows=len(fields))
     figure.suptitle(f"{note}\n{_forces(picture)}", fontsize="small")
     pressure = max(MIN_KPA, *(_full(field[3]) for field in fields))

@@ -1,39 +1,92 @@
-"""`study run comparison`: the paper's table of sensors recomputed, and its claims compared with it.
+"""`study run comparison`: the paper's table of sensors recomputed, own designs in rows beside it.
 
 Paper: "Sensor Comparison", the sentences on size in "Hardware Design" and "Discussion and
-Conclusion". Own designs (`cad/*.toml`) stand in rows beside it. Nothing is simulated.
+Conclusion". Every figure of a sensor is as printed there; what the sensors' own papers say was not
+looked up. Nothing is simulated.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import pandas as pd
 
 from .. import catalog
 from ..errors import InputError
-from ..report.result import Headline, ReportFigure, ReportTable, StudyResult, records
+from ..report.paper_charts import FIGURE, OWN, TABLE, area_against_volume
+from ..report.result import Headline, ReportFigure, ReportTable, StudyResult
 from .request import StudyRequest
-from .sensors import (
-    CLAIMED_REDUCTION,
-    DELTACT,
-    GECKO,
-    IN_TABLE,
-    MEASURES,
-    PREDECESSOR,
-    PREDECESSOR_DRAWN,
-    PaperClaim,
-    SensorRow,
-    bounds,
-    claims,
-    contradiction,
-    nearest_measure,
-    reduction,
-)
 
 NAME = "comparison"
-OWN = "cad"
+Size = tuple[float, ...]
+
+
+class Sensor(NamedTuple):
+    """A row. pixels: (width, height), or (pins, 1). pixel_mm: as printed, its digits kept.
+
+    size_mm: outer sides in the order in which they are printed. source: an entry of the paper's
+    bibliography, or what it is a design of.
+    """
+
+    name: str
+    said_in: str
+    source: str
+    size_mm: Size
+    pixels: tuple[int, ...] = ()
+    area_mm2: float = math.nan
+    pixel_mm: str = ""
+    calibrated: str = ""
+
+    @property
+    def true_pixel_mm(self) -> float:
+        """Side of a square pixel = sqrt(area / number of pixels); nan without an area."""
+        return math.sqrt(self.area_mm2 / math.prod(self.pixels))
+
+    @property
+    def printed(self) -> str:
+        """How the printed pixel size comes from the true one: rounded, cut off, or not at all."""
+        if not self.pixel_mm:
+            return ""
+        step = 10.0 ** -len(self.pixel_mm.partition(".")[2])
+        steps, true = round(float(self.pixel_mm) / step), self.true_pixel_mm / step
+        return {math.floor(true): "cut off", round(true): "rounded"}.get(steps, "differs")
+
+
+_VGA = (640, 480)
+_DU = "Du et al., RA-L 6(2), 2021"
+DELTACT = Sensor("DelTact, the paper's", TABLE, "the paper itself", (39, 60, 30), (798, 586), 675,
+                 "0.037", "yes")  # fmt: skip
+PREDECESSOR = Sensor("FingerVision (2021), table", TABLE, _DU, (20, 20, 26), _VGA, 756, "0.049",
+                     "no")  # fmt: skip
+DRAWN = Sensor("FingerVision (2021), figure", FIGURE, _DU, (51, 65, 52), _VGA, 756)
+GECKO = Sensor("Gecko-enhanced, figure", FIGURE, "Pang et al., ICRA 2021", (52, 108, 69))
+TACTIP = Sensor("TacTip", TABLE, "Ward-Cherrier et al., Soft Robotics 5(2), 2018", (20, 20, 26),
+                (162, 1), 628, "1.96", "no")  # fmt: skip
+IN_TABLE = (
+    Sensor("GelSight (2017)", TABLE, "Dong, Yuan, Adelson, IROS 2017", (40, 80, 40), _VGA, 252,
+           "0.028", "yes"),
+    Sensor("GelSlim 3.0", TABLE, "Taylor, Dong, Rodriguez, arXiv 2103.12269, 2021", (37, 80, 20),
+           _VGA, 675, "0.047", "yes"),
+    Sensor("DIGIT", TABLE, "Lambeta et al., RA-L 5(3), 2020", (20, 27, 18), _VGA, 305, "0.031",
+           "no"),
+    Sensor("FingerVision (2016)", TABLE, "Yamaguchi, Atkeson, Humanoids 2016", (40, 47, 30), _VGA,
+           750, "0.049", "yes"),
+    Sensor("Sferrazza, D'Andrea", TABLE, "Sensors 19(4), 2019", (50, 50, 43.8), _VGA, 900, "0.054",
+           "yes"),
+    TACTIP, PREDECESSOR, DELTACT,
+)  # fmt: skip
+
+MEASURES: dict[str, Callable[[Size], float]] = {
+    "volume": math.prod,
+    "surface of the box": lambda s: 2 * (s[0] * s[1] + s[1] * s[2] + s[0] * s[2]),
+    "footprint, first x second side": lambda s: s[0] * s[1],
+    "diagonal": lambda s: math.hypot(*s),
+    "longest side": max,
+}
+HALF = 0.5  # of the last digit of sides in mm and areas in mm², which are printed whole
 
 
 def run(asked: StudyRequest) -> StudyResult:
@@ -44,25 +97,38 @@ def run(asked: StudyRequest) -> StudyResult:
     for given, option in ((asked.scale, "--scale"), (asked.rig, "--rig"), (asked.runs, "--from")):
         if given:
             raise InputError(f"{option}: the study {NAME} has no use for it: nothing is simulated")
-    own = [sensor_of(name) for name in _designs(asked.more.get("design") or ())]
-    table = sensor_table([*IN_TABLE, PREDECESSOR_DRAWN, GECKO, *own])
-    reductions, said = reduction_table(), claims()
+    designs = dict.fromkeys([*catalog.designs(), *map(str, asked.more.get("design") or ())])
+    table = sensor_table([*IN_TABLE, DRAWN, GECKO, *map(sensor_of, designs)])
     return StudyResult(
         study=NAME,
         title="Sensors compared",
-        verdict=_verdict(said),
-        data={
-            "claims": [vars(one) for one in said.values()],
-            "contradiction": contradiction(),
-            "sensors": records(table),
-            "reductions": records(reductions),
-        },
         simulated=False,
         seed=asked.seed,
         scale=None,
+        answer=_answer(),
         headlines=_headlines(),
-        tables=_tables(table, reductions, said),
-        figures=_figures(table),
+        tables=(
+            ReportTable(
+                "sensors",
+                "Sensors. As the paper prints them, with pixel size and volume recomputed, and own "
+                "designs.",
+                table,
+            ),
+            ReportTable(
+                "reductions",
+                "By how much the paper's sensor is smaller. Per cent; negative: larger. The paper: "
+                "one-third than FingerVision (2021), without saying of what.",
+                reduction_table(),
+            ),
+        ),
+        figures=(
+            ReportFigure(
+                "area-against-volume",
+                "Sensing area against outer volume; up and to the left is better. Lines: mm² of "
+                "face a cm³ of sensor.",
+                lambda: area_against_volume(table),
+            ),
+        ),
         settings={
             "figures of other sensors": "as the paper prints them; their own papers not looked up",
             "pixel size": "sqrt(sensing area / pixels)",
@@ -78,7 +144,7 @@ def run(asked: StudyRequest) -> StudyResult:
     )
 
 
-def sensor_of(name: str) -> SensorRow:
+def sensor_of(name: str) -> Sensor:
     """A design of the `cad` catalogue, or of a file, as a row. Raises InputError."""
     from ..cad.design import load_design
     from ..cad.envelope import size_mm
@@ -89,162 +155,96 @@ def sensor_of(name: str) -> SensorRow:
     except InputError as why:
         raise InputError(f"{name}: {why}") from why
     optics = design.optics
-    return SensorRow(
-        f"own: {catalog.find(OWN, name).stem}",
-        "",
-        str(name),
-        outer_mm,
-        (optics.image_width_px, optics.image_height_px),
-        math.prod(optics.view_mm),
-        said_in=OWN,
-    )
+    pixels = optics.image_width_px, optics.image_height_px
+    stem = catalog.find("cad", name).stem
+    return Sensor(stem, OWN, str(name), outer_mm, pixels, math.prod(optics.view_mm))
 
 
-def _designs(named: Sequence[str]) -> list[str]:
-    """The catalogue's designs, then those that were named and are not among them."""
-    found = catalog.designs()
-    return [*found, *(n for n in dict.fromkeys(map(str, named)) if n not in found)]
-
-
-def sensor_table(rows: Sequence[SensorRow]) -> pd.DataFrame:
+def sensor_table(rows: Sequence[Sensor]) -> pd.DataFrame:
     """One row a sensor: as printed, and what follows from it."""
-    return pd.DataFrame(
+    table = pd.DataFrame(
         {
             "sensor": one.name,
-            "said_in": one.said_in,
-            "cite": one.cite,
-            "pixels": "" if one.pixels is None else _pixels(one.pixels),
-            "area_mm2": one.area_mm2,
-            "pixel_printed_mm": float(one.pixel_mm) if one.pixel_mm else math.nan,
-            "pixel_mm": math.nan if one.true_pixel_mm is None else one.true_pixel_mm,
+            "from": one.said_in,
+            "pixels": " x ".join(map(str, one.pixels)).replace(" x 1", " pins"),
+            "sensing_area_mm2": one.area_mm2,
+            "pixel_printed_mm": float(one.pixel_mm or "nan"),
+            "pixel_recomputed_mm": one.true_pixel_mm,
             "printed_is": one.printed,
             "size_mm": " x ".join(f"{side:g}" for side in one.size_mm),
-            "volume_cm3": one.volume_mm3 / 1e3,
-            "area_mm2_per_cm3": (one.area_mm2 or math.nan) / one.volume_mm3 * 1e3,
-            "calibrated": {None: "", True: "yes", False: "no"}[one.calibrated],
+            "volume_cm3": math.prod(one.size_mm) / 1e3,
+            "calibrated": one.calibrated,
             "source": one.source,
         }
         for one in rows
     )  # fmt: skip
-
-
-def _pixels(pixels: tuple[int, int]) -> str:
-    return f"{pixels[0]} x {pixels[1]}" if pixels[1] > 1 else f"{pixels[0]} pins"
+    table["area_by_volume_mm2/cm3"] = table["sensing_area_mm2"] / table["volume_cm3"]
+    return table
 
 
 def reduction_table() -> pd.DataFrame:
     """One row a way to measure size, one column a size that the paper prints; per cent smaller."""
+    others = (DRAWN, PREDECESSOR, GECKO)
     return pd.DataFrame(
-        {
-            "measured_by": measure,
-            "than_figure_percent": 100 * reduction(PREDECESSOR_DRAWN.size_mm, measure),
-            "than_table_percent": 100 * reduction(PREDECESSOR.size_mm, measure),
-            "than_gecko_percent": 100 * reduction(GECKO.size_mm, measure),
-        }
-        for measure in MEASURES
+        {"measured by": name, **{one.name: smaller(one.size_mm, of) for one in others}}
+        for name, of in MEASURES.items()
     )
 
 
-def _verdict(said: Mapping[str, PaperClaim]) -> tuple[str, ...]:
-    measure, near = nearest_measure()
-    drawn = reduction(PREDECESSOR_DRAWN.size_mm)
-    cut = sum(one.printed == "cut off" for one in IN_TABLE)
+def smaller(theirs: Size, of: Callable[[Size], float] = math.prod,
+            off: tuple[float, float] = (0, 0)) -> float:  # fmt: skip
+    """By how many per cent the paper's sensor is smaller than theirs; negative: larger.
+
+    off: what is added to its sides and to theirs, mm.
+    """
+    own = of(tuple(side + off[0] for side in DELTACT.size_mm))
+    return 100 * (1 - own / of(tuple(side + off[1] for side in theirs)))
+
+
+def places() -> dict[str, int]:
+    """The paper's sensor's places in the paper's table; equal ones share the better."""
+    ranked: dict[str, Callable[[Sensor], float]] = {
+        "area": lambda s: -s.area_mm2,
+        "pixel size": lambda s: s.true_pixel_mm,
+        "number of pixels": lambda s: -math.prod(s.pixels),
+        "volume": lambda s: math.prod(s.size_mm),
+    }
+    return {name: 1 + sum(of(s) < of(DELTACT) for s in IN_TABLE) for name, of in ranked.items()}
+
+
+def _answer() -> tuple[str, ...]:
+    largest = max(a * b for a, b in itertools.combinations(PREDECESSOR.size_mm, 2))
+    times = 1 - smaller(PREDECESSOR.size_mm) / 100
+    found = ", ".join(f"{place} by {name}" for name, place in places().items())
     return (
-        f"The paper's sensor is {100 * drawn:.0f} % smaller by volume than the predecessor of the "
-        "paper's figure, not one-third; by the paper's table it is "
-        f"{1 - reduction(PREDECESSOR.size_mm):.1f} times as large. A third fits the {measure} best "
-        f"({100 * near:.0f} %).",
-        contradiction(),
-        f"Area and resolution: {said['large area'].figures}. Size: {said['compact'].figures}.",
-        f"All pixel sizes of the table follow from area and pixels; {cut} of {len(IN_TABLE)} are "
-        "cut off, not rounded, the paper's own (0.037 for 0.0380 mm) among them.",
+        "The paper prints two sizes of its predecessor. The table's is TacTip's, and its largest "
+        f"side, {largest:.0f} mm², cannot hold the row's {PREDECESSOR.area_mm2:.0f} mm²; by it the "
+        f"paper's sensor would be {times:.1f} times as large.",
+        f"Among the {len(IN_TABLE)} of the table the sensor's place is {found}.",
     )
 
 
 def _headlines() -> tuple[Headline, ...]:
-    over = "bounds, not 95 %: sides are printed in whole millimetres"
-    third = 100 * CLAIMED_REDUCTION
-    remarks = {
-        PREDECESSOR_DRAWN: "the paper says one-third and not of what",
-        PREDECESSOR: "the row repeats TacTip's size: larger, not smaller",
-        GECKO: "",
-    }
-    found = []
-    for one, remark in remarks.items():
-        low, high = (100 * b for b in bounds(one.size_mm))
-        found.append(
-            Headline(
-                f"smaller by volume than {one.name}", 100 * reduction(one.size_mm), "%", low, high,
-                over, paper=None if one is GECKO else third, remark=remark,
-            )
-        )  # fmt: skip
-    found.append(
+    over = "bounds, not 95 %: printed in whole millimetres"
+    area, theirs, count = DELTACT.area_mm2, DRAWN.area_mm2, math.prod(DELTACT.pixels)
+    cut = sum(one.printed == "cut off" for one in IN_TABLE)
+    return (
         Headline(
-            "pixel size of the paper's sensor", DELTACT.true_pixel_mm or math.nan, "mm",
-            math.sqrt(674.5 / (798 * 586)), math.sqrt(675.5 / (798 * 586)),
-            "bounds: the area is printed in whole mm²", paper=0.037,
-            remark="the table cuts digits off",
-        )
+            "smaller by volume than its predecessor as drawn",
+            smaller(DRAWN.size_mm), "%", smaller(DRAWN.size_mm, off=(HALF, -HALF)),
+            smaller(DRAWN.size_mm, off=(-HALF, HALF)), over, paper=33.3, told=True,
+            remark="51 x 65 x 52 mm; the paper says one-third, and not of what",
+        ),
+        Headline(
+            "smaller by sensing area than its predecessor", 100 * (1 - area / theirs), "%",
+            100 * (1 - (area + HALF) / (theirs - HALF)),
+            100 * (1 - (area - HALF) / (theirs + HALF)),
+            over, remark="the paper: almost maintained the same",
+        ),
+        Headline(
+            "pixel size of the paper's sensor", DELTACT.true_pixel_mm, "mm",
+            math.sqrt((area - HALF) / count), math.sqrt((area + HALF) / count), over, paper=0.037,
+            remark=f"digits cut off, not rounded, as in {cut} of {len(IN_TABLE)} rows; 0.037 mm "
+            f"would be {0.037**2 * count:.0f} mm²",
+        ),
     )  # fmt: skip
-    return tuple(found)
-
-
-def _tables(
-    table: pd.DataFrame, reductions: pd.DataFrame, said: Mapping[str, PaperClaim]
-) -> tuple[ReportTable, ...]:
-    from ..report import paper_charts
-
-    return (
-        ReportTable("claims", "The paper's claims.", pd.DataFrame(list(said.values()))),
-        ReportTable(
-            "sensors",
-            "Sensors. As the paper prints them, with pixel size and volume recomputed, and own "
-            "designs. The sources are in the CSV and in the table below.",
-            table.replace({"said_in": paper_charts.WORDS}),
-            tuple(str(name) for name in table if name not in ("source", "cite")),
-            {
-                "said_in": "from",
-                "area_mm2": "sensing area, mm²",
-                "pixel_printed_mm": "pixel, printed, mm",
-                "pixel_mm": "pixel, recomputed, mm",
-                "printed_is": "printed one is",
-                "size_mm": "size, mm",
-                "volume_cm3": "volume, cm³",
-                "area_mm2_per_cm3": "area a volume, mm²/cm³",
-            },
-        ),
-        ReportTable(
-            "reductions",
-            "By how much the paper's sensor is smaller. Per cent; negative: larger. The paper: "
-            "one-third, without saying of what.",
-            reductions,
-            None,
-            {
-                "measured_by": "measured by",
-                "than_figure_percent": "than the figure's FingerVision, 51 x 65 x 52 mm",
-                "than_table_percent": "than the table's du2021high, 20 x 20 x 26 mm",
-                "than_gecko_percent": "than the figure's Gecko-enhanced, 52 x 108 x 69 mm",
-            },
-        ),
-        ReportTable(
-            "sources", "Sources", table.loc[table["cite"] != "", ["sensor", "cite", "source"]]
-        ),
-    )
-
-
-def _figures(table: pd.DataFrame) -> tuple[ReportFigure, ...]:
-    from ..report import paper_charts
-
-    return (
-        ReportFigure(
-            "volumes",
-            "Outer volume. The paper's predecessor stands twice, for the paper gives it two sizes.",
-            lambda: paper_charts.volumes(table),
-        ),
-        ReportFigure(
-            "area-against-volume",
-            "Sensing area against outer volume; up and to the left is better. Lines: mm² of face "
-            "a cm³ of sensor.",
-            lambda: paper_charts.area_against_volume(table),
-        ),
-    )

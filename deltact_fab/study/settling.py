@@ -1,97 +1,48 @@
-"""How long to wait at a stop: the force's error against the wait, on the viscous gel or a bench's.
+"""`study run settling`: how long to wait at a stop, by the force's error against the wait.
 
 Simulated: the protocol `settling` with rests until nothing is left, each depth a job, on the
 viscous gel and (for the closed form) on the elastic one. Recorded: the rests of runs, and the
 series that fits them. Both give stops, and from there on it is one study.
-
-What is computed here is kept under the hash of this module: no words or figures belong into it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from .. import catalog, record
 from ..analysis.relaxation import Rest, Series, fit, rests
 from ..cad.design import load_design
 from ..errors import InputError
 from ..protocols import plan
-from ..protocols.plan import Protocol, expand
-from ..report.result import StudyResult
-from ..rig.simulator import GelConfig
-from ..shapes import SkinDimensions
-from ..virtual.paths import poses
-from ..virtual.presses import Presses
+from ..protocols.plan import Protocol
+from ..report import figures
+from ..report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
+from . import gel_remarks, intervals
 from .grid import GridJob
-from .intervals import estimate, headline
+from .intervals import headline
 from .request import share_of, virtual_rig
-from .settling_page import ASSUMED, result, words
-from .settling_stops import WAITS_S, Stop, judged, simulated
+from .settling_stops import BOUND, PERCENTS, Stop, enough_s, follow, judged, simulated, size
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from .request import StudyRequest
 
-
-def follow(given: dict[str, Any]) -> dict[str, Any]:
-    """One press of a protocol knot by knot.
-
-    given: protocol, gel (resolution) and skin as data, press. Result: t_s (n + 1,) since first
-    touch, force_n (n + 1, 3), moved_mm (n + 1,) in plane and at most since the tip last came to
-    rest (0 without fields); stops: of each line of motion that ends in contact id, kind, depth_mm,
-    rests_s and the knots `arrived` and `left` at the ends of its rest; of the solver flags, dofs
-    and seconds.
-    """
-    protocol = Protocol.model_validate(given["protocol"])
-    skin = SkinDimensions(**given["skin"])
-    presses = Presses(protocol, skin, GelConfig.model_validate(given["gel"]))
-    path = next(path for path in presses.paths if path.press == given["press"])
-    solver = presses.of(path).solver
-    knots = solver.solve_all()
-    planned = poses(path, presses.increments, presses.relaxing_s)
-    forces = np.array([(0.0, 0.0, 0.0), *(knot.force_n for knot in knots)]) * presses.modulus_mpa
-    moved = np.zeros(len(forces))
-    # The steps that end in contact: those that its path has a line for.
-    steps = [s for s in expand(protocol) if s.press == path.press and s.target_mm[2] < 0]
-    stops: list[dict[str, Any]] = [
-        {"id": step.id, "kind": step.kind, "depth_mm": -step.target_mm[2], "rests_s": line.dwell_s}
-        for step, line in zip(steps, path.lines, strict=True)
-    ]
-    line = 0
-    for n, pose in enumerate(planned, start=1):
-        if pose.part == 1.0:
-            stops[line] |= {"arrived": n, "left": n}
-            line += 1
-        elif pose.part == 0.0:
-            stops[line - 1]["left"] = n
-            moved[n] = _moved(knots[stops[line - 1]["arrived"] - 1], knots[n - 1])
-    return {
-        "t_s": np.concatenate([[0.0], np.cumsum([pose.seconds for pose in planned])]),
-        "force_n": forces,
-        "moved_mm": moved,
-        "stops": stops,
-        "flags": solver.flags,
-        "dofs": solver.dofs,
-        "seconds": solver.seconds,
-    }
-
-
-def _moved(start: Any, now: Any) -> float:
-    if start.displacement_mm is None or now.displacement_mm is None:
-        return 0.0
-    off = now.displacement_mm.astype(float) - start.displacement_mm
-    return float(np.hypot(off[..., 0], off[..., 1]).max())
-
-
-PROTOCOL = "settling"
+STUDY = PROTOCOL = "settling"
+CALIBRATION = "force-calibration"
 NO_BENCH = (PROTOCOL, "demo", "demo-calibration")  # the first is judged here, of the gel itself
 RIG = "virtual-coarse"
 BALL = "sphere:"
 FADE_S = np.concatenate([[0.0], np.geomspace(0.02, 2000.0, 120)])  # of a fitted series
 RELAXED = 10.0  # x the slowest time: what is left then is e^-10 of its branch
+MIN_PERCENT = 0.05  # shown
 
 
 def run(asked: StudyRequest) -> StudyResult:
@@ -123,35 +74,31 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     if not stops:
         grid.require_whole()
     solved = [found[viscous] for viscous, _ in pairs if viscous in found]
-    moved_um = max(float(1e3 * one["moved_mm"].max()) for one in solved)
-    # Of the stop's force, the most that the excess itself is off.
-    off_pct = max(
-        float(100 * np.linalg.norm(s.force_n - s.steady_n - s.by_series_n, axis=1).max()
-              / np.linalg.norm(s.steady_n))
-        for s in stops
-    )  # fmt: skip
-    table = _judged_protocols(ways, found, series)
-    notes = [
-        "The camera sees nothing of it: while the force fades at a stop, no point of the face "
-        f"moves by more than {moved_um:.1f} um in plane. An image is of the deformation; the force "
-        "beside it is a matter of when it was read.",
-        f"The closed form (ramp, then hold, of the same way on an elastic gel) is off by at most "
-        f"{off_pct:.2g} % of the force at any solved knot.",
-        "Shares of the force do not depend on the modulus, and hardly on the mesh.",
-    ]  # fmt: skip
-    flags = sorted(
-        {name for viscous, _ in pairs for name in found.get(viscous, {}).get("flags", ())}
+    moved_um = 1e3 * max(one["moved_mm"] for one in solved)
+    off_percent = max(
+        100 * float(np.abs(s.excess_n - s.series_n).max()) / s.steady_n for s in stops
     )
-    settings = {
-        "gel": f"Prony series {words(series)}, {ASSUMED}",
-        "rig": f"{asked.rig or RIG}: {solved[-1]['dofs']} unknowns"
-        + (f", flagged {', '.join(flags)}" if flags else ""),
-        "ramp": f"{protocol.motion.press_feed_mm_min:g} mm/min",
-    }
-    return result(
-        asked, stops, series, protocol, table, notes, settings,
-        simulated_=True, missing=tuple(grid.missing),
-        more={"moved_um": moved_um, "closed_form_off_pct": off_pct},
+    flags = sorted({name for one in solved for name in one["flags"]})
+    return _result(
+        asked, stops, series, _judged(ways, found, series), protocol.specimen.modulus_mpa,
+        source="assumed: no relaxation of Solaris was found measured",
+        simulated=True,
+        missing=tuple(grid.missing),
+        more={"moved_um": moved_um, "closed_form_off_percent": off_percent},
+        settings={
+            "rig": f"{asked.rig or RIG}: {solved[-1]['dofs']} unknowns"
+            + (f", flagged {', '.join(flags)}" if flags else ""),
+            "ramp": f"{protocol.motion.press_feed_mm_min:g} mm/min",
+        },
+        notes=(
+            "The camera sees nothing of it: while the force fades at a stop, no point of the face "
+            f"moves by more than {moved_um:.1f} um in plane. An image is of the deformation; the "
+            "force beside it is a matter of when it was read.",
+            "The closed form (ramp, then hold, of the same way on an elastic gel) is off by at "
+            f"most {off_percent:.2g} % of a press's normal force or a drag's shear, at any solved "
+            "knot.",
+            "Shares of the force do not depend on the modulus, and hardly on the mesh.",
+        ),
     )  # fmt: skip
 
 
@@ -209,21 +156,20 @@ def _recorded(asked: StudyRequest) -> StudyResult:
     if asked.more.get("prony"):
         raise InputError("--prony: the series of recorded runs is fitted; leave it out")
     runs = [record.open(folder) for folder in asked.runs]
-    found: list[Rest] = []
-    for run_ in runs:
-        found += rests(run_)
+    found: list[Rest] = [rest for run_ in runs for rest in rests(run_)]
     fitted = fit(found)
     stops = [
         Stop(
-            rest.step_id, rest.kind, rest.depth_mm, rest.wait_s, rest.force_n, fitted.steady_n[n],
-            fitted.left_n(n, rest.wait_s), f"{rest.way.press} {rest.depth_mm:g} mm",
-            FADE_S, fitted.left_n(n, FADE_S),
+            rest.step_id, rest.kind, rest.depth_mm, f"{rest.way.press} {rest.depth_mm:g} mm",
+            float(size(fitted.steady_n[n], rest.kind)), rest.wait_s,
+            size(rest.force_n - fitted.steady_n[n], rest.kind),
+            size(fitted.left_n(n, rest.wait_s), rest.kind),
+            FADE_S, size(fitted.left_n(n, FADE_S), rest.kind),
         )
         for n, rest in enumerate(found)
     ]  # fmt: skip
-    protocol = plan.load(PROTOCOL)[0]
-    specimen = runs[0].meta["protocol"]["specimen"]
-    ways, jobs = shipped(_gel(asked.rig or RIG, specimen["design"]))
+    protocol = runs[0].meta["protocol"]
+    ways, jobs = shipped(_gel(asked.rig or RIG, protocol["specimen"]["design"]))
     grid = asked.solve(jobs)
     longest = max(float(rest.wait_s[-1]) for rest in found)
     notes = [
@@ -237,23 +183,23 @@ def _recorded(asked: StudyRequest) -> StudyResult:
             "steady force, are extrapolated. Rest longer (settle_s) to know them, and see to the "
             "force sensor's drift, which looks the same."
         )  # fmt: skip
-    shares = np.arange(len(found))
-    groups = [stop.group for stop in stops]
-    total = estimate(
-        shares, groups, lambda rows: sum(fit([found[int(n)] for n in rows]).series.shares),
-        "press", "positive",
+    total = intervals.estimate(
+        np.arange(len(found)), [stop.group for stop in stops],
+        lambda rows: sum(fit([found[int(n)] for n in rows]).series.shares), "press", "positive",
     )  # fmt: skip
-    head = headline("Share of the steady force that fades", "%", total, 100)
-    settings = {
-        "runs": ", ".join(str(folder) for folder in asked.runs),
-        "gel": f"fitted: {words(fitted.series)}",
-        "ramp": f"{runs[0].meta['protocol']['motion']['press_feed_mm_min']:g} mm/min",
-    }
-    return result(
-        asked, stops, fitted.series, protocol,
-        _judged_protocols(ways, grid.partial(), fitted.series), notes, settings,
-        simulated_=all(run_.simulated for run_ in runs), missing=tuple(grid.missing), heads=(head,),
+    return _result(
+        asked, stops, fitted.series, _judged(ways, grid.partial(), fitted.series),
+        plan.load(PROTOCOL)[0].specimen.modulus_mpa,
+        source="fitted to these runs",
+        simulated=all(run_.simulated for run_ in runs),
+        missing=tuple(grid.missing),
         more={"rms_n": fitted.rms_n, "unsure_tau_s": list(fitted.unsure), "rests": len(found)},
+        settings={
+            "runs": ", ".join(str(folder) for folder in asked.runs),
+            "ramp": f"{protocol['motion']['press_feed_mm_min']:g} mm/min",
+        },
+        notes=tuple(notes),
+        heads=(headline("Share of the steady force that fades", "%", total, 100),),
     )  # fmt: skip
 
 
@@ -285,17 +231,122 @@ def shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[GridJob]]:
                 ),
             }
         )
-        jobs.append(_job(f"way of {name}", linear, given, 8.0))
+        jobs.append(_job(_way(name), linear, given, 8.0))
     return settle, jobs
 
 
-def _judged_protocols(
-    settle: dict[str, float], found: dict[str, Any], series: Series
-) -> dict[str, list[dict[str, float]]]:
-    """Rows over settle_s of each protocol, its own settle_s first."""
-    ways = {name: f"way of {name}" for name in settle}
-    return {
-        name: judged(found[way], series, [settle[name], *WAITS_S])
-        for name, way in ways.items()
-        if way in found
-    }
+def _way(protocol: str) -> str:
+    return f"way of {protocol}"
+
+
+def _judged(settle: dict[str, float], found: dict[str, Any], series: Series) -> pd.DataFrame:
+    """A row a protocol whose way was solved: its stops' errors, and how long they should rest."""
+    enough = f"settle_for_{BOUND}_percent_s"
+    return pd.DataFrame(
+        {"protocol": name, **judged(found[_way(name)], series, rest),
+         enough: enough_s(found[_way(name)], series)}
+        for name, rest in settle.items() if _way(name) in found
+    )  # fmt: skip
+
+
+def _result(
+    asked: StudyRequest, stops: Sequence[Stop], series: Series, protocols: pd.DataFrame,
+    modulus_mpa: float, *, source: str, settings: dict[str, str], notes: tuple[str, ...],
+    more: dict[str, Any], heads: tuple[Headline, ...] = (), **made: Any,
+) -> StudyResult:  # fmt: skip
+    table = pd.DataFrame([stop.row() for stop in stops])
+    words = ", ".join(f"{100 * g:.2g} % in {tau:.2g} s" for g, tau in series.pairs)
+    return StudyResult(
+        study=STUDY,
+        title="How long to wait at a stop",
+        seed=asked.seed,
+        scale=asked.scale,
+        answer=(f"Of the gel's steady force fade {words} ({source}).",),
+        headlines=(*_waits(table), *_calibration(protocols), *heads),
+        tables=(
+            ReportTable("waits", "Rest until the force is within a bound of its steady value. "
+                        "Empty: the rest was too short to tell.", table),
+            ReportTable("protocols", "The shipped protocols with their settle_s. Largest ball, on "
+                        "a gel of this series. A common factor goes into a calibration's "
+                        "coefficients; scatter is left as error.", protocols),
+        ),
+        figures=(
+            ReportFigure(
+                "error-against-wait",
+                "Force over its steady value against the wait, by depth: as solved on the viscous "
+                "gel (points) or measured (thin), and by the series in closed form (thick). "
+                f"Dotted: {', '.join(f'{p:g}' for p in PERCENTS)} %.",
+                partial(curve, stops, not asked.runs),
+            ),
+        ),
+        settings={"gel": f"Prony series {words}, {source}", **settings},
+        notes=(*notes, "Nothing is drawn at random: the seed does not matter.",
+               gel_remarks.remark(STUDY, modulus_mpa)),
+        left_out=(
+            LeftOut("softening by the first press (Mullins)", "the gel has no such memory; press a "
+                    "new gel as deep before you measure"),
+            LeftOut("drift of the force sensor", "looks like a slow branch; see the force after "
+                    "the press"),
+        ),
+        more={"prony": [list(pair) for pair in series.pairs], **more},
+        **made,
+    )  # fmt: skip
+
+
+def _waits(table: pd.DataFrame) -> list[Headline]:
+    heads = []
+    column = f"wait_{BOUND}_percent_s"
+    for kind, words in (("press", "a press"), ("shear", "a drag")):
+        own = table[table["kind"] == kind]
+        known = own.dropna(subset=column)
+        if len(known):
+            found = intervals.mean(known[column], list(known["group"]), "depth", "positive")
+            short = len(own) - len(known)
+            remark = f"{short} stops rested too short to tell" if short else ""
+            what = f"wait after {words} for {BOUND} % of the force"
+            heads.append(headline(what, "s", found, remark=remark, told=True))
+    return heads
+
+
+def _calibration(protocols: pd.DataFrame) -> list[Headline]:
+    """What the stops of the calibration of force scatter by, beside the paper's whole RMSE."""
+    own = protocols[protocols["protocol"] == CALIBRATION] if len(protocols) else protocols
+    return [
+        Headline(
+            f"scatter of {CALIBRATION}'s {name} force after its rests of {row['settle_s']:g} s",
+            row[f"{name}_scatter_n"], "N", None, None, "the stops of one press: no interval",
+            remark=f"the paper's whole RMSE: {whole} N; {row[f'{name}_common_percent']:.2g} % are "
+            "common to all stops",
+            told=name == "normal",
+        )
+        for _, row in own.iterrows()
+        for name, whole in (("normal", "0.3"), ("shear", "0.14 to 0.17"))
+    ]  # fmt: skip
+
+
+def curve(stops: Sequence[Stop], marks: bool) -> Figure:
+    """Error against waiting time, a panel for presses and one for drags.
+
+    marks: the stops' own values are points (solved knots), else a line (samples).
+    """
+    figure, axes = figures.blank(9.6, 3.8, 2)
+    own = {"marker": "o", "ms": 3, "ls": ""} if marks else {"lw": 0.6, "alpha": 0.5}
+    for axis, kind, words in zip(axes, ("press", "shear"), ("after a press", "after a drag"),
+                                 strict=True):  # fmt: skip
+        first = {stop.depth_mm: stop for stop in reversed(stops) if stop.kind == kind}
+        for colour, (depth, stop) in zip(
+            cycle(figures.COLOURS), sorted(first.items()), strict=False
+        ):
+            later = stop.wait_s > 0
+            wait, steady = stop.wait_s[later], stop.steady_n / 100
+            axis.plot(wait, stop.excess_n[later] / steady, color=colour, label=f"{depth:g} mm",
+                      **own)  # fmt: skip
+            axis.plot(wait, stop.series_n[later] / steady, color=colour, lw=1.4)
+        for percent in PERCENTS:
+            axis.axhline(percent, color=figures.PAPER_COLOUR, lw=0.6, ls=":")
+        axis.set(xscale="log", yscale="log", xlabel="wait, s")
+        axis.set_title(words, loc="left", fontweight="bold")
+    axes[0].set_ylabel("force over its steady value, %")
+    axes[0].set_ylim(bottom=max(axes[0].get_ylim()[0], MIN_PERCENT))
+    figures.legend_below(figure, axes[0])
+    return figure

@@ -1,15 +1,14 @@
 """`study run shapes`: the paper's Shape Reconstruction and its figure of the force distribution.
 
 Sphere, cylinder, ring and toy hat, pressed on the virtual rig or recorded on any bench: the paper's
-gallery, the depth's error against truth where there is one, force fields of a press and a twist.
+gallery, the depth's error against truth where there is one, and the force field of a sheared press.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..report.result import LeftOut, StudyResult
@@ -22,6 +21,10 @@ if TYPE_CHECKING:
     from ..record import Run
 
 STUDY = "shapes"
+TWIST = (
+    "A stage of three axes does not turn: the twist is a ball sheared far from the centre, which "
+    "gives torque about the face's middle; a turn about the ball's own axis would show as a whirl."
+)
 
 
 def run(asked: StudyRequest) -> StudyResult:
@@ -30,6 +33,7 @@ def run(asked: StudyRequest) -> StudyResult:
 
 
 def _simulated(asked: StudyRequest) -> StudyResult:
+    from ..analysis.shape import deepest
     from .scene import left_out
     from .shape import summary
     from .shape.simulated import settings, simulate
@@ -37,41 +41,28 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     if named := next((name for name in ("depth", "force") if asked.more.get(name)), None):
         raise InputError(f"--{named}: only with --from; a simulated sensor is calibrated here")
     made = simulate(asked)
-    of, scene, scale = made.scene, settings(made), share_of(asked.scale)
-    first = [seen.deepest for job, seen in made.objects.items() if job.endswith("/p1")]
-    pictures = [picture for picture in first if picture is not None]
-    twisted = {} if made.twist is None else {"twist": made.twist.rows}
-    modulus_mpa = next(iter(of.protocols.values())).specimen.modulus_mpa
-    found = summary.result(
+    twist = made.twist
+    modulus_mpa = next(iter(made.scene.protocols.values())).specimen.modulus_mpa
+    pictures = deepest(seen.deepest for seen in made.objects.values())
+    return summary.result(
         made.objects,
         pictures,
-        _ball(pictures),
-        None if made.twist is None else made.twist.twisted,
-        f"simulated on {of.rig_name}, seed {asked.seed}",
+        _field([twist.twisted if twist else None, *pictures]),
+        f"simulated on {made.scene.rig_name}, seed {asked.seed}",
         made.force_error_n.get("normal"),
-    )
-    return replace(
-        found,
-        data={
-            **found.data, **twisted, "simulated": True, "seed": asked.seed, "scale": scale,
-            "settings": scene, "depth_calibration": made.depth_line,
-            "force_rmse_left_out_position_n": made.force_error_n,
-        },
+        (made.depth_line, TWIST, gel_remarks.remark(STUDY, modulus_mpa)),
         simulated=True,
         seed=asked.seed,
-        scale=scale,
-        settings=scene,
-        notes=(
-            made.depth_line, summary.DENSITY, summary.TWIST, gel_remarks.remark(STUDY, modulus_mpa),
-        ),
+        scale=share_of(asked.scale),
+        settings=settings(made),
         left_out=left_out(made.gel),
         missing=made.missing,
-    )  # fmt: skip
+    )
 
 
-def _ball(pictures: Sequence[ShapeMaps]) -> ShapeMaps | None:
-    """Of the pictures the first of a ball."""
-    return next((p for p in pictures if p.indenter.startswith("sphere:")), None)
+def _field(pictures: Iterable[ShapeMaps | None]) -> ShapeMaps | None:
+    """The first picture that has a traction to be drawn."""
+    return next((p for p in pictures if p is not None and p.tractions), None)
 
 
 def _seen(of: tuple[str, str, Mapping[Kind, Path]]) -> PressShape:
@@ -86,12 +77,13 @@ def _seen(of: tuple[str, str, Mapping[Kind, Path]]) -> PressShape:
 def _recorded(asked: StudyRequest) -> StudyResult:
     from .. import record
     from ..analysis.frames import recorded
+    from ..analysis.shape import deepest
     from ..jobs import each
     from .shape import summary
 
-    if asked.scale is not None or asked.rig is not None:
-        named = "--scale" if asked.scale is not None else "--rig"
-        raise InputError(f"{named}: does not go with --from, which takes the recorded presses")
+    for given, option in ((asked.scale, "--scale"), (asked.rig, "--rig")):
+        if given is not None:
+            raise InputError(f"{option}: does not go with --from, which takes the recorded presses")
     runs = [record.open(folder) for folder in asked.runs]
     jobs = []
     for open_run in runs:
@@ -102,32 +94,36 @@ def _recorded(asked: StudyRequest) -> StudyResult:
     seen = dict(zip(names, each(_seen, jobs, names, asked.executor, asked.progress), strict=True))
     if not any(row["tip_depth_mm"] > 0 for one in seen.values() for row in one.rows):
         raise InputError(f"{runs[0].folder}: nothing is pressed in what was recorded")
-    pictures = _deepest([one.deepest for one in seen.values()])
+    pictures = deepest(one.deepest for one in seen.values())
+    # First where the torque that was measured is largest, if something was sheared, then a ball.
     twisted = [one.twisted for one in seen.values() if one.twisted is not None]
+    twisted.sort(key=lambda p: -abs(p.torque_z_nmm or 0.0))
+    balls = sorted(pictures, key=lambda p: not p.indenter.startswith("sphere:"))
     simulated = any(one.simulated for one in runs)
     kinds = {kind: file for _, _, files in jobs for kind, file in files.items()}
-    found = summary.result(
+    return summary.result(
         seen,
         pictures,
-        _ball(pictures) or next(iter(pictures), None),
-        # Where the torque that was measured is largest, if something was sheared.
-        max(twisted, key=lambda p: abs(p.torque_z_nmm or 0.0), default=None),
+        _field([*twisted, *balls]),
         ", ".join(one.folder.name for one in runs) + (", simulated" if simulated else ""),
-    )
-    return replace(
-        found,
-        data={
-            **found.data, "simulated": simulated, "runs": [str(one.folder) for one in runs],
-            "calibrations": {kind: str(file) for kind, file in kinds.items()},
-        },
         simulated=simulated,
         seed=int(runs[0].meta["seed"]),
+        scale=None,
         settings={
             "runs": ", ".join(str(one.folder) for one in runs),
             "depth": str(kinds.get("depth", "not calibrated: as the inverse finds it")),
             "force": str(kinds.get("force", "not calibrated")),
         },
-        left_out=tuple(_without(kinds, found.data["frames"])),
+        left_out=tuple(
+            LeftOut(what, why)
+            for what, why, there in (
+                ("errors of depth and contact", "a bench knows no truth",
+                 any(one.contact_by for one in seen.values())),
+                ("depth in calibrated mm", "no --depth, see `calibrate-depth`", "depth" in kinds),
+                ("force and its distribution", "no --force, see `analyze force`", "force" in kinds),
+            )
+            if not there
+        ),
     )  # fmt: skip
 
 
@@ -142,26 +138,3 @@ def _calibrations(run: Run, more: Mapping[str, str | None]) -> Mapping[Kind, Pat
         read_calibration(file, kind)
     calibrations_of(run, list(named.values()))
     return {read_calibration(file)[0].kind: file for file in calibrations_of(run)} | named
-
-
-def _deepest(pictures: Sequence[ShapeMaps | None]) -> list[ShapeMaps]:
-    """The deepest of each indenter, in the order of the runs."""
-    found: dict[str, ShapeMaps] = {}
-    for picture in pictures:
-        if picture is None or picture.tip_depth_mm == 0:
-            continue
-        held = found.get(picture.indenter)
-        if held is None or picture.tip_depth_mm > held.tip_depth_mm + 0.01:
-            found[picture.indenter] = picture
-    return list(found.values())
-
-
-def _without(kinds: Mapping[Kind, Path], frames: Sequence[dict[str, Any]]) -> list[LeftOut]:
-    lines = []
-    if not any("depth_error_contact_mm" in frame for frame in frames):
-        lines.append(LeftOut("errors of depth and contact", "a bench knows no truth"))
-    if "depth" not in kinds:
-        lines.append(LeftOut("depth in calibrated mm", "no --depth, see `calibrate-depth`"))
-    if "force" not in kinds:
-        lines.append(LeftOut("force and its distribution", "no --force, see `analyze force`"))
-    return lines

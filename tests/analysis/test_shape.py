@@ -57,7 +57,7 @@ def test_a_depth_is_calibrated_on_the_ball_and_shape_is_judged_by_it(
     for row in told["frames"]:
         assert row["depth_error_face_mm"] < row["depth_error_contact_mm"] < 1.2
         assert row["n_contacts"] >= 1
-        assert 0 < row["contact_cover"] <= 1
+        assert 0 < row["cover"] <= 1
     ball = told["by_indenter"]["sphere:10"]
     assert ball["depth_error_contact_mm"] < ball["zero_error_contact_mm"]
     # On the axis a press hardly shows, and this gel's level moves otherwise in plane than a real

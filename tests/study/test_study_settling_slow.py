@@ -27,13 +27,16 @@ def test_the_gel_fades_as_the_closed_form_says_and_the_face_stands_still(found) 
     assert found.missing == ()
     assert found.simulated
     # Friction and large strain are in the one and not in the other.
-    assert found.data["closed_form_off_pct"] < 1.0
+    assert found.data["closed_form_off_percent"] < 3.0
     assert 0 < found.data["moved_um"] < 10.0
-    assert [stop["kind"] for stop in found.data["stops"]] == ["press", "shear", "shear"]
-    for stop in found.data["stops"]:
-        assert 5 < stop["at_once_pct"] < 100 * 2 * sum(g for g, _ in SERIES)
-        assert stop["wait_5pct_s"] < stop["wait_2pct_s"] < stop["wait_1pct_s"] < 40
-    names = {row["protocol"] for row in found.data["protocols"]}
+    waits, protocols = (found.data["tables"][name] for name in ("waits", "protocols"))
+    assert [stop["kind"] for stop in waits] == ["press", "shear", "shear"]
+    for stop in waits:
+        assert 5 < stop["at_once_percent"] < 100 * 2 * sum(g for g, _ in SERIES)
+        five, two, one = (stop[f"wait_{p}_percent_s"] for p in (5, 2, 1))
+        assert five < two < one < 40
+    names = {row["protocol"] for row in protocols}
+    assert len(" ".join(found.verdict).split()) <= 80
     assert {"force-calibration", "ball-press"} <= names
     json.dumps(found.data, allow_nan=False)
     for drawn in found.figures:
@@ -58,8 +61,9 @@ def test_a_recorded_run_gives_back_the_gel_that_it_was_recorded_on(found, tmp_pa
         assert g == pytest.approx(true_g, rel=0.15)
         assert tau == pytest.approx(true_tau, rel=0.2)
     assert own.data["rms_n"] < 0.008  # straight lines between a rest's knots: .012 of a branch
-    for mine, solved in zip(own.data["stops"], found.data["stops"], strict=True):
+    both = (one.data["tables"]["waits"] for one in (own, found))
+    for mine, solved in zip(*both, strict=True):
         # There the stop before was rested out, here it rested 15 s; and a drag's own force has a
         # little more than the closed form says, which the fit takes for all forces alike.
         within = 0.15 if mine["kind"] == "press" else 0.25
-        assert mine["wait_2pct_s"] == pytest.approx(solved["wait_2pct_s"], rel=within)
+        assert mine["wait_2_percent_s"] == pytest.approx(solved["wait_2_percent_s"], rel=within)

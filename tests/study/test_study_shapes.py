@@ -11,11 +11,11 @@ import pytest
 
 from deltact_fab.analysis.shape import PressShape
 from deltact_fab.errors import InputError
+from deltact_fab.report.result import StudyResult
 from deltact_fab.study import shapes
 from deltact_fab.study.request import StudyRequest
 from deltact_fab.study.shape import summary
 from deltact_fab.study.shape.simulated import FORCE, OBJECTS, TWIST, presses_of, scene
-from deltact_fab.study.shape.summary import headlines
 
 
 def press(name: str, error_mm: float | None = None, **more: Any) -> PressShape:
@@ -41,38 +41,42 @@ def seen(**errors: float | None) -> dict[str, PressShape]:
     }
 
 
+def found(presses: dict[str, PressShape], left_out_n: float | None = None) -> StudyResult:
+    return summary.result(presses, [], None, "", left_out_n, simulated=True, seed=0, scale=1.0)
+
+
 def test_a_depth_that_is_right_errs_by_nothing_and_meets_its_goals() -> None:
-    frames = summary.frame_of(seen(ring=0.0, hat=0.0))
-    assert (frames["tip_depth_mm"] > 0).all()
-    contact, face = headlines(frames)[:2]
+    contact, face, *_ = found(seen(ring=0.0, hat=0.0)).headlines
     assert (contact.value, contact.low, contact.high) == (0, 0, 0)
     assert contact.over == "6 presses"
-    assert contact.met
-    assert face.met
+    assert contact.state == "met"
+    assert face.state == "met"
 
 
-def test_each_object_has_its_error_and_the_worst_is_named() -> None:
-    frames = summary.frame_of(seen(ring=0.1, hat=0.4))
-    heads = headlines(frames)
-    by = {head.what.partition(":")[0]: head for head in heads}
+def test_each_object_has_its_error_and_a_goal_that_the_interval_reaches_over_is_undecided() -> None:
+    result = found(seen(ring=0.1, hat=0.4))
+    by = {head.what.partition(":")[0]: head for head in result.headlines}
     assert by["ring"].value == pytest.approx(0.1)
     assert by["hat"].over == "3 places"
-    assert heads[0].value == pytest.approx(0.25)
-    said = " ".join(summary.verdict(frames, heads))
-    assert "Best is ring (0.10 mm), worst hat (0.40 mm)." in said
-    assert "no number" in said
-    rows = summary.data(frames, heads, {})["by_object_and_depth"]
-    assert [(row["indenter"], row["places"]) for row in rows] == [("ring", 3), ("hat", 3)]
-    assert rows[1]["depth_error_contact_mm"] == pytest.approx(0.4)
+    whole = result.headlines[0]
+    assert whole.value == pytest.approx(0.25)
+    assert whole.low is not None
+    assert 0 < whole.low < 0.25
+    assert whole.state == "undecided"
+    assert "the goal of 0.25 is undecided" in result.verdict[0]
+    assert len(" ".join(result.verdict).split()) <= 80
+    (table,) = result.data["tables"].values()
+    assert [(row["indenter"], row["places"]) for row in table] == [("ring", 3), ("hat", 3)]
+    assert table[1]["depth_error_contact_mm"] == pytest.approx(0.4)
 
 
 def test_without_truth_there_is_no_column_of_errors() -> None:
-    frames = summary.frame_of(seen(ring=None))
-    for table in summary.tables(frames):
-        assert not [name for name in table.frame if "error" in name or "true" in name]
-        assert table.frame.notna().to_numpy().all()
-    assert headlines(frames) == ()
-    assert summary.verdict(frames, ())[0].startswith("ring: no truth")
+    result = found(seen(ring=None))
+    (table,) = result.tables
+    assert not [name for name in table.frame if "error" in name or "true" in name]
+    assert table.frame.notna().to_numpy().all()
+    assert result.headlines == ()
+    assert result.verdict[0].startswith("No truth is known")
 
 
 def test_the_force_is_held_against_the_sensor() -> None:
@@ -80,21 +84,14 @@ def test_the_force_is_held_against_the_sensor() -> None:
         f"p{k}": press("ring", found_normal_n=5.0 + off, normal_n=5.0, force_extrapolated=off == 1)
         for k, off in enumerate((0.1, -0.1, 0.1, 1))
     }
-    head, beyond = headlines(summary.frame_of(presses), force_left_out_n=0.06)
+    head, beyond = found(presses, 0.06).headlines
     assert head.value == pytest.approx(0.1)
     assert head.goal == 0.2
     assert "0.06 N on a place of its ball left out" in head.remark
     assert beyond.value == pytest.approx(1)
-    assert beyond.what.endswith("beyond the calibrations")
+    assert "beyond the calibrations" in beyond.what
     assert beyond.goal is None
     assert "+20 %" in beyond.remark
-
-
-def test_two_presses_are_too_few_for_an_interval() -> None:
-    frames = summary.frame_of(dict(list(seen(ring=0.1).items())[:2]))
-    head = headlines(frames)[0]
-    assert head.low is head.high is None
-    assert head.over == "2 presses: too few for an interval"
 
 
 def test_the_scale_thins_places_and_no_object() -> None:
@@ -140,19 +137,17 @@ def test_a_recorded_run_without_truth_gives_the_gallery_and_no_errors(
     force, depth = map(str, calibrations)
     found = shapes.run(StudyRequest(runs=(bench,), more={"depth": depth, "force": force}))
     assert [figure.name for figure in found.figures] == [
-        "shapes-gallery", "force-distribution-press", "force-distribution-twist",
+        "shapes-gallery", "force-distribution",
     ]  # fmt: skip
-    columns = set(found.tables[1].frame)
+    columns = set(found.tables[0].frame)
     assert {"found_normal_n", "normal_n", "peak_depth_mm"} <= columns
-    # Of the place the stage knows.
-    errors = {name for name in columns if "error" in name or "true" in name}
-    assert errors == {"place_error_mm"}
+    assert not {name for name in columns if "error" in name or "true" in name}
     assert found.settings["depth"] == depth
     assert any("bench knows no truth" in one.why for one in found.left_out)
 
     bare = shapes.run(StudyRequest(runs=(mini_run,), more={"depth": None, "force": None}))
     assert [figure.name for figure in bare.figures] == ["shapes-gallery", "shapes-depth-error"]
-    assert "found_normal_n" not in bare.tables[1].frame
+    assert "found_normal_n" not in bare.tables[0].frame
     assert bare.headlines[0].value == pytest.approx(
         np.mean([row["depth_error_contact_mm"] for row in bare.data["frames"]])
     )

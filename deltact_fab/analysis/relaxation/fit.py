@@ -56,33 +56,25 @@ class Series:
         """(g, tau_s), as a protocol writes them."""
         return tuple(zip(self.shares, self.times_s, strict=True))
 
-    def left(self, t_s: ArrayLike, steady_n: ArrayLike) -> Field:
-        """q (n, k, ...) at times t_s (n,), rising, of forces steady_n (n, ...), straight between.
+    def excess(self, t_s: ArrayLike, steady_n: ArrayLike) -> Field:
+        """(n, ...) of what the force has over steady_n (n, ...) at times t_s (n,), rising.
 
-        Nothing is left at the first time. g q, summed over k, is what the force has too much.
+        The steady force is straight between the times, and nothing is left at the first.
         """
         t, steady = np.asarray(t_s, float), np.asarray(steady_n, float)
-        taus = np.array(self.times_s)
-        found = np.zeros((len(t), len(taus), *steady.shape[1:]))
-        wide = (slice(None), *[None] * (steady.ndim - 1))
-        for n in range(1, len(t)):
-            x = (t[n] - t[n - 1]) / taus
-            gain = np.divide(-np.expm1(-x), x, out=np.ones_like(x), where=x > 0)
-            step = np.multiply.outer(gain, steady[n] - steady[n - 1])
-            found[n] = found[n - 1] * np.exp(-x)[wide] + step
+        found = np.zeros_like(steady)
+        for g, tau in self.pairs:
+            left = np.zeros(steady.shape[1:])
+            for n in range(1, len(t)):
+                x = (t[n] - t[n - 1]) / tau
+                left = left * math.exp(-x) + _gain(x) * (steady[n] - steady[n - 1])
+                found[n] += g * left
         return found
 
-    def excess(self, t_s: ArrayLike, steady_n: ArrayLike) -> Field:
-        """(n, ...): what the force has over steady_n at each time. As `left`."""
-        return np.asarray(np.tensordot(self.left(t_s, steady_n), self.shares, axes=(1, 0)), float)
 
-    def after_ramp(self, ramp_s: float, wait_s: ArrayLike) -> Field:
-        """Share (n,) of the steady force that is still too much, wait_s (n,) after a ramp."""
-        wait = np.asarray(wait_s, float)[:, None]
-        taus, shares = np.array(self.times_s), np.array(self.shares)
-        x = ramp_s / taus
-        gain = np.divide(-np.expm1(-x), x, out=np.ones_like(x), where=x > 0)
-        return np.asarray((shares * gain * np.exp(-wait / taus)).sum(axis=1))
+def _gain(x: float) -> float:
+    """Of a branch, what a straight way that takes x of its times leaves at the end."""
+    return -math.expm1(-x) / x if x > 0 else 1.0
 
 
 def time_to(wait_s: ArrayLike, error: ArrayLike, bound: float) -> float:
@@ -135,21 +127,19 @@ class RelaxationFit:
         return np.asarray(np.exp(-wait / np.array(self.series.times_s)) @ self.arrived_n[rest])
 
 
-def fit(rests: Sequence[Rest], branches: int | None = None) -> RelaxationFit:
-    """The series of rests; branches None: the fewest, up to MAX_BRANCHES, that improve the fit.
+def fit(rests: Sequence[Rest]) -> RelaxationFit:
+    """The series of rests, with the fewest branches, up to MAX_BRANCHES, that improve the fit.
 
     Raises SolverError where the search does not converge.
     """
     best = _best(rests, [(FIRST_S,)])
-    for _ in range(2, (branches or MAX_BRANCHES) + 1):
-        if best is None:
-            break
-        more = _best(rests, _split(best.series.times_s, rests))
-        if branches is None and (more is None or more.blocks_n > WORTH * best.blocks_n):
-            break
-        best = more
     if best is None:
         raise SolverError("relaxation: no search for a series converged")
+    while len(best.series.shares) < MAX_BRANCHES:
+        more = _best(rests, _split(best.series.times_s, rests))
+        if more is None or more.blocks_n > WORTH * best.blocks_n:
+            break
+        best = more
     return best
 
 
@@ -236,17 +226,11 @@ def _branches(way: ForceHistory, series: Series) -> Field:
     x = BIN_S / np.array(series.times_s)
     keep, gain = np.exp(-x), -np.expm1(-x) / x
     # As polynomials in the delay: F = S (1 + sum g gain (1 - z) / (1 - keep z)).
-    poles = [np.array([1.0, -e]) for e in keep]
-    whole = np.array([1.0])
-    for pole in poles:
-        whole = np.convolve(whole, pole)
-    top = whole.copy()
-    for k, (g, a) in enumerate(zip(series.shares, gain, strict=True)):
-        part = g * a * np.array([1.0, -1.0])
-        for j, pole in enumerate(poles):
-            if j != k:
-                part = np.convolve(part, pole)
-        top += part
+    whole = np.poly(keep)
+    top = whole + sum(
+        g * a * np.polymul([1.0, -1.0], np.poly(np.delete(keep, k)))
+        for k, (g, a) in enumerate(zip(series.shares, gain, strict=True))
+    )
     steady = lfilter(whole, top, way.force_n, axis=0)
     return np.stack(
         [lfilter([a, -a], [1.0, -e], steady, axis=0) for a, e in zip(gain, keep, strict=True)],

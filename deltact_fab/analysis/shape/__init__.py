@@ -3,7 +3,7 @@
 from .ball import calibrate_depth
 from .picture import ShapeMaps
 from .press import PressShape, press_shape
-from .run import GOALS, UNCALIBRATED, ShapeResult, analyse
+from .run import GOALS, UNCALIBRATED, ShapeResult, analyse, deepest
 
 __all__ = [
     "GOALS",
@@ -13,5 +13,6 @@ __all__ = [
     "ShapeResult",
     "analyse",
     "calibrate_depth",
+    "deepest",
     "press_shape",
 ]

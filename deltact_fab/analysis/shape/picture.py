@@ -71,6 +71,19 @@ class ShapeMaps:
         """Distance of neighbouring points."""
         return float(self.x_mm[1] - self.x_mm[0])
 
+    @property
+    def tractions(self) -> list[tuple[str, Array, Array, Array]]:
+        """Those that are known: words, x_mm, y_mm and the traction (ny, nx, 3) in MPa."""
+        fields = (
+            ("found", self.cells_x_mm, self.cells_y_mm, self.traction_mpa),
+            ("true", self.face_x_mm, self.face_y_mm, self.true_traction_mpa),
+        )
+        return [
+            (words, x_mm, y_mm, mpa)
+            for words, x_mm, y_mm, mpa in fields
+            if x_mm is not None and y_mm is not None and mpa is not None
+        ]
+
     def as_value(self, prefix: str) -> dict[str, Any]:
         """Words and arrays by name, each with the prefix; what is None is left out."""
         held = {name: value for name, value in vars(self).items() if value is not None}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -43,33 +43,27 @@ PRESSED = 0.01
 """Of the greatest pressure: what is more is contact, where traction was recorded."""
 
 
-@dataclass(frozen=True)
-class TrueShape:
-    """depth_mm (h, w), contact (h, w) bool at a flow's points; contact_by: how it is decided."""
-
-    depth_mm: Array
-    contact: Array
-    contact_by: str
-
-
 def true_shape(
     truth: RunTruth, frame_id: str, flow: FaceFlow, indenter: Indenter, tip_mm: Array
-) -> TrueShape:
-    """Of a frame in which the indenter's tip stands at tip_mm (3,)."""
+) -> tuple[Array, Array, str]:
+    """Depth (h, w) in mm and contact (h, w) bool at a flow's points, and what decides on contact.
+
+    Of a frame in which the indenter's tip stands at tip_mm (3,).
+    """
     sampler = LatticeSampler.make(truth.lattice, flow.x_mm, flow.y_mm)
     u_mm = sampler(truth.displacement_mm(frame_id))
     if not truth.tractions:
         at = np.stack(np.meshgrid(flow.x_mm, flow.y_mm), axis=-1) + u_mm[..., :2]
         height = indenter.height_mm(at[..., 0] - tip_mm[0], at[..., 1] - tip_mm[1])
         contact = (u_mm[..., 2] >= tip_mm[2] + height - TOUCHING_MM) & (u_mm[..., 2] < 0)
-        return TrueShape(-u_mm[..., 2], contact, "geometry")
+        return -u_mm[..., 2], contact, "geometry"
     from scipy.interpolate import RegularGridInterpolator
 
     pressure = -truth.traction_mpa(frame_id)[..., 2]
     x, y = truth.face_mm(frame_id)
     grid = np.stack(np.meshgrid(flow.y_mm, flow.x_mm, indexing="ij"), axis=-1)
     pressed = RegularGridInterpolator((y, x), pressure)(grid)
-    return TrueShape(-u_mm[..., 2], pressed > PRESSED * max(pressure.max(), 1e-9), "traction")
+    return -u_mm[..., 2], pressed > PRESSED * max(pressure.max(), 1e-9), "traction"
 
 
 SAME_MM = 0.01
@@ -126,40 +120,38 @@ def press_shape(
         features = features_of(force.model, force.view(view.camera), "force calibration")
     at_deepest, at_twisted = _shown(rows)
     told: list[dict[str, Any]] = []
-    pictures: dict[int, ShapeMaps] = {}
+    pictures: dict[int, dict[str, Any]] = {}
     way = None
     followed = flows_of(run, press, EVERY_PX).flows
     for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
         found = _found(flow, finder, features, force)
-        tip_mm = np.array([row.x_mm, row.y_mm, row.z_mm], float)
+        frame_id, tip_mm = str(row.frame_id), np.array([row.x_mm, row.y_mm, row.z_mm], float)
         indenter = run.indenter(str(row.indenter))
         measured_n = np.array([getattr(row, name) for name in FORCE], float)
         force_n = measured_n if np.isfinite(measured_n).all() else None
-        true = None
+        true: dict[str, Any] = {}
         if truth is not None:
-            true = true_shape(truth, str(row.frame_id), flow, indenter, tip_mm)
-            way = true.contact_by
+            depth_mm, contact, way = true_shape(truth, frame_id, flow, indenter, tip_mm)
+            true = {"true_depth_mm": depth_mm, "true_contact": contact}
         told.append(
-            {"press": press, "indenter": row.indenter, "frame_id": row.frame_id,
+            {"press": press, "indenter": row.indenter, "frame_id": frame_id,
              "kind": row.kind, "x_mm": float(tip_mm[0]), "y_mm": float(tip_mm[1])}
             | _figures(indenter, tip_mm, flow, found)
-            | ({} if true is None else _against(true, found.depth, found.relative, flow))
-            | _forces(found, force_n, truth, str(row.frame_id))
+            | (_against(**true, found=found, flow=flow) if true else {})
+            | _forces(found, force_n, truth, frame_id)
         )  # fmt: skip
-        if k in (at_deepest, at_twisted):
-            image = run.image(str(row.file))
-            pictures[k] = _picture(
-                row, tip_mm, image, view.camera, flow, found, true, force_n,
-                run.meta.get("shapes", {}).get(row.indenter),
-            )  # fmt: skip
-            if truth is not None and truth.tractions:
-                x_mm, y_mm = truth.face_mm(str(row.frame_id))
-                traction_mpa = truth.traction_mpa(str(row.frame_id))
-                pictures[k] = replace(
-                    pictures[k], true_traction_mpa=traction_mpa, face_x_mm=x_mm, face_y_mm=y_mm
-                )
-    twisted = None if at_twisted is None else pictures[at_twisted]
-    return PressShape(told, pictures.get(at_deepest), twisted, way)
+        if k not in (at_deepest, at_twisted):
+            continue
+        if truth is not None and truth.tractions:
+            true["true_traction_mpa"] = truth.traction_mpa(frame_id)
+            true["face_x_mm"], true["face_y_mm"] = truth.face_mm(frame_id)
+        pictures[k] = _picture(row, run.image(str(row.file)), view.camera, flow, found) | {
+            "tip_mm": tip_mm, "force_n": force_n,
+            "shape": run.meta.get("shapes", {}).get(row.indenter), **true,
+        }  # fmt: skip
+    shown = {k: ShapeMaps(**picture) for k, picture in pictures.items()}
+    twisted = None if at_twisted is None else shown[at_twisted]
+    return PressShape(told, shown.get(at_deepest), twisted, way)
 
 
 def _shown(rows: pd.DataFrame) -> tuple[int, int | None]:
@@ -200,8 +192,6 @@ def _figures(indenter: Indenter, tip_mm: Array, flow: FaceFlow, found: _Found) -
         "tip_depth_mm": max(0.0, -float(tip_mm[2])),
         "trusted": flow.trusted,
         "cover": flow.cover,
-        "contact_cover": found.depth.cover,
-        "density_cover": found.density.cover,
         "extrapolated": found.depth.extrapolated,
         "peak_depth_mm": float(found.depth.depth_mm.max()),
         "n_contacts": len(found.contacts),
@@ -210,12 +200,15 @@ def _figures(indenter: Indenter, tip_mm: Array, flow: FaceFlow, found: _Found) -
     }
 
 
-def _against(true: TrueShape, depth: Depth, relative: Array, flow: FaceFlow) -> dict[str, Any]:
+def _against(
+    true_depth_mm: Array, true_contact: Array, found: _Found, flow: FaceFlow
+) -> dict[str, Any]:
     """Errors over known points: of the depth, of where the contact is; None without a contact."""
-    contact, known = true.contact & flow.known, flow.known
-    error = np.abs(depth.depth_mm - true.depth_mm)
+    depth, known = found.depth, flow.known
+    contact = true_contact & known
+    error = np.abs(depth.depth_mm - true_depth_mm)
     figures: dict[str, Any] = {
-        "true_peak_depth_mm": float(true.depth_mm.max()),
+        "true_peak_depth_mm": float(true_depth_mm.max()),
         "depth_error_face_mm": float(error[known].mean()) if known.any() else None,
     }
     if not contact.any():
@@ -227,10 +220,9 @@ def _against(true: TrueShape, depth: Depth, relative: Array, flow: FaceFlow) -> 
         apart = float(np.hypot(*(a[seen].mean() - a[contact].mean() for a in (x, y))))
     return figures | {
         "depth_error_contact_mm": float(error[contact].mean()),
-        "depth_bias_contact_mm": float((depth.depth_mm - true.depth_mm)[contact].mean()),
-        "zero_error_contact_mm": float(true.depth_mm[contact].mean()),
-        "relative_correlation": _correlation(relative[known], true.depth_mm[known]),
-        "depth_correlation": _correlation(depth.depth_mm[known], true.depth_mm[known]),
+        "zero_error_contact_mm": float(true_depth_mm[contact].mean()),
+        "relative_correlation": _correlation(found.relative[known], true_depth_mm[known]),
+        "depth_correlation": _correlation(depth.depth_mm[known], true_depth_mm[known]),
         "contact_iou": float(np.count_nonzero(seen & contact) / np.count_nonzero(seen | contact)),
         "centroid_error_mm": apart,
         "true_area_mm2": float(np.count_nonzero(contact) * flow.cell_mm**2),
@@ -249,11 +241,9 @@ def _forces(
     """Force by sensor and by flow, and the field's error of the peak pressure against truth."""
     told: dict[str, Any] = {}
     if force_n is not None:
-        told |= {"shear_x_n": float(force_n[0]), "shear_y_n": float(force_n[1])}
         told["normal_n"] = -float(force_n[2])
     if found.wrench is not None:
-        x, y, z = map(float, found.wrench.force_n)
-        told |= {"found_shear_x_n": x, "found_shear_y_n": y, "found_normal_n": -z}
+        told["found_normal_n"] = -float(found.wrench.force_n[2])
         told["force_extrapolated"] = found.wrench.extrapolated
     if found.field is None:
         return told
@@ -262,46 +252,33 @@ def _forces(
         told["true_peak_kpa"] = -KPA * float(truth.traction_mpa(frame_id)[..., 2].min())
         errors = frame_errors(found.field, truth, frame_id, force_n)
         if errors is not None:
-            told |= {"pressure_error": errors[0], "traction_error": errors[1]}
+            told["pressure_error"] = errors[0]
     return told
 
 
-def _picture(
-    row: Any,
-    tip_mm: Array,
-    image: Array,
-    camera: Any,
-    flow: FaceFlow,
-    found: _Found,
-    true: TrueShape | None,
-    force_n: Array | None,
-    shape: dict[str, Any] | None,
-) -> ShapeMaps:
+def _picture(row: Any, image: Array, camera: Any, flow: FaceFlow, found: _Found) -> dict[str, Any]:
+    """What `ShapeMaps` has of the image and of what was found in it."""
     h, w = image.shape[:2]
     corners = camera.rest_mm(np.array([[-0.5, -0.5], [w - 0.5, h - 0.5]]))
-    field, wrench = found.field, found.wrench
-    return ShapeMaps(
-        indenter=str(row.indenter),
-        shape=shape,
-        frame_id=str(row.frame_id),
-        tip_mm=tip_mm,
-        image=image,
-        edges_mm=corners.T.ravel(),
-        x_mm=flow.x_mm,
-        y_mm=flow.y_mm,
-        shift_mm=flow.shift_mm,
-        known=flow.known,
-        relative=found.relative,
-        reliable=found.density.reliable,
-        depth_mm=found.depth.depth_mm,
-        outlines_mm=[contact.outline_mm for contact in found.contacts],
-        force_n=force_n,
-        torque_z_nmm=None if pd.isna(row.tz_nmm) else float(row.tz_nmm),
-        total_n=None if wrench is None else wrench.force_n,
-        turning_nmm=None if wrench is None else float(wrench.torque_nmm[2]),
-        traction_mpa=None if field is None else field.traction_mpa,
-        cells_x_mm=None if field is None else field.x_mm,
-        cells_y_mm=None if field is None else field.y_mm,
-        true_depth_mm=None if true is None else true.depth_mm,
-        true_contact=None if true is None else true.contact,
-    )
+    told = {
+        "indenter": str(row.indenter),
+        "frame_id": str(row.frame_id),
+        "image": image,
+        "edges_mm": corners.T.ravel(),
+        "x_mm": flow.x_mm,
+        "y_mm": flow.y_mm,
+        "shift_mm": flow.shift_mm,
+        "known": flow.known,
+        "relative": found.relative,
+        "reliable": found.density.reliable,
+        "depth_mm": found.depth.depth_mm,
+        "outlines_mm": [contact.outline_mm for contact in found.contacts],
+        "torque_z_nmm": None if pd.isna(row.tz_nmm) else float(row.tz_nmm),
+    }
+    if found.wrench is not None:
+        told["total_n"] = found.wrench.force_n
+        told["turning_nmm"] = float(found.wrench.torque_nmm[2])
+    if found.field is not None:
+        told["traction_mpa"] = found.field.traction_mpa
+        told |= {"cells_x_mm": found.field.x_mm, "cells_y_mm": found.field.y_mm}
+    return told

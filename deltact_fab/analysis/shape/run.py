@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,15 +20,14 @@ from ...measure.shape import DepthModel
 from ..frames import make_folder, recorded
 from ..view import sensor_of
 from .picture import ShapeMaps
-from .press import press_shape
+from .press import SAME_MM, press_shape
 
 GOALS = {"depth_error_contact_mm": 0.25, "depth_error_face_mm": 0.03, "place_error_mm": 0.5}
 """At most, as means over the frames that press."""
 FIGURES = (
-    "depth_error_contact_mm", "depth_error_face_mm", "depth_bias_contact_mm",
-    "zero_error_contact_mm", "depth_correlation", "relative_correlation", "contact_iou",
-    "centroid_error_mm", "place_error_mm", "area_mm2", "true_area_mm2", "cover", "contact_cover",
-    "density_cover",
+    "depth_error_contact_mm", "depth_error_face_mm", "zero_error_contact_mm", "depth_correlation",
+    "relative_correlation", "contact_iou", "centroid_error_mm", "place_error_mm", "area_mm2",
+    "true_area_mm2", "cover",
 )  # fmt: skip
 _WORDS = {
     "depth_error_contact_mm": "depth over the contact",
@@ -41,7 +41,7 @@ class ShapeResult:
     """rows: figures of each settled frame, by name; those that are not known are left out.
 
     calibration: file of the depth's, None: the inverse's own. contact_by: how the true contact was
-    told. pictures: one a press.
+    told. pictures: the deepest of each indenter.
     """
 
     rows: list[dict[str, Any]]
@@ -122,6 +122,18 @@ class ShapeResult:
         return [folder / "shape.json"]
 
 
+def deepest(pictures: Iterable[ShapeMaps | None]) -> list[ShapeMaps]:
+    """Of each indenter the first picture in which it is as deep as ever, in their order."""
+    found: dict[str, ShapeMaps] = {}
+    for picture in pictures:
+        if picture is None or picture.tip_depth_mm == 0:
+            continue
+        held = found.setdefault(picture.indenter, picture)
+        if picture.tip_depth_mm > held.tip_depth_mm + SAME_MM:
+            found[picture.indenter] = picture
+    return list(found.values())
+
+
 UNCALIBRATED = DepthModel(gain=1.0, deepest_mm=20.0)
 
 
@@ -147,7 +159,7 @@ def analyse(
     ways = {part.contact_by for part in parts} - {None}
     return ShapeResult(
         rows=[row for part in parts for row in part.rows],
-        pictures=[part.deepest for part in parts if part.deepest is not None],
+        pictures=deepest(part.deepest for part in parts),
         calibration=None if depth is None else str(depth),
         contact_by=", ".join(sorted(map(str, ways))) or None,
         simulated=run.simulated,
