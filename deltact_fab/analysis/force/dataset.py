@@ -247,12 +247,11 @@ def points_of(
 
 def _features(one: Features, view: SensorView, of: PressFlows) -> tuple[Array, list[int]]:
     """A feature set at the flows of a press (n, k), from the cache; rows that have no solution."""
-    by = type(one).of  # sets that share it have the same numbers
     key = cache.key(
-        by.__module__.partition(".")[2],
+        type(one).__module__.partition(".")[2],
         of=of.key,
         every_px=one.every,
-        by=by.__qualname__,
+        by=one.name,
         view=repr((view.camera.as_dict(), (view.skin, view.poisson) if one.rests_on_gel else ())),
     )
     held = cache.get("force-features", key)

@@ -17,7 +17,7 @@ from ...aliases import Array
 from ...errors import InputError
 from ...measure.force import COMPONENTS, ForceModel
 from .dataset import ForceData
-from .judge import fit, force_error_n
+from .judge import Predict, fit, force_error_n, held_out
 
 _PRESSURE, _SHEAR = ("fz",), ("fx", "fy")
 _FOLLOWS = {"fz": 0, "tx": 0, "ty": 0, "fx": 1, "fy": 1, "tz": 1}
@@ -32,9 +32,9 @@ class TransferredCalibration:
     """A calibration carried over.
 
     pressure, shear: the factors. shear_known: False where the presses were not sheared enough, and
-    shear took pressure's factor. left_out: "position", or "press" where there is but one place.
-    error_n: of the force on what the factors never saw, fresh_error_n: the same of a new fit of the
-    same features, as_is_error_n: of the calibration as it came; None where that could not be told.
+    shear took pressure's factor. Errors of the force, None where it could not be told: error_n at a
+    position left out, fresh_error_n the same of a new fit of the same features, as_is_error_n of
+    the calibration as it came.
     """
 
     model: ForceModel
@@ -42,7 +42,6 @@ class TransferredCalibration:
     shear: float
     shear_known: bool
     presses: int
-    left_out: str
     error_n: float | None
     fresh_error_n: float | None
     as_is_error_n: float
@@ -54,11 +53,11 @@ class TransferredCalibration:
         if not self.shear_known:
             factors += " (pressure's: the presses say nothing of shear)"
         if self.error_n is None:
-            return f"carried over from 1 press: {factors}; a second press would tell the error"
+            return f"carried over: {factors}; presses at a second place would tell the error"
         fresh = "cannot be made" if self.fresh_error_n is None else f"{self.fresh_error_n:.2f} N"
         text = (
             f"carried over from {self.presses} presses: {factors}; error of the force "
-            f"{self.error_n:.2f} N on a {self.left_out} left out (as it came "
+            f"{self.error_n:.2f} N on a position left out (as it came "
             f"{self.as_is_error_n:.2f} N; a fresh fit {fresh})"
         )
         if self.fresh_error_n is not None and self.fresh_error_n < CLEARLY * self.error_n:
@@ -78,18 +77,14 @@ def transfer(model: ForceModel, data: ForceData) -> TransferredCalibration:
     X = data.features[model.features]
     as_is = model.predict(X)
     pressure, shear, known = _factors(as_is, data.wrench)
-    presses = data.points["press"].nunique()
-    group = "position" if data.points["position"].nunique() > 1 else "press"
-    of = data.points[group].to_numpy()
-    moved = np.full_like(as_is, np.nan)
-    fresh = np.full_like(as_is, np.nan)
-    for value in dict.fromkeys(of) if presses > 1 else ():
-        mine = of == value
-        moved[mine] = as_is[mine] * _each(*_factors(as_is[~mine], data.wrench[~mine])[:2])
-        try:
-            fresh[mine] = fit(data, model.features, ~mine).predict(X[mine])
-        except InputError:
-            continue
+
+    def factors(rows: Array) -> Array:
+        return _each(*_factors(as_is[rows], data.wrench[rows])[:2])
+
+    def judged_by(predict: Predict) -> float | None:
+        said = held_out(data.points, data.wrench, "position", 0, predict)
+        return force_error_n(said, data.wrench)
+
     error_as_is = force_error_n(as_is, data.wrench)
     assert error_as_is is not None, "features are finite"
     scaled = replace(model, coefficients=model.coefficients * _each(pressure, shear)[:, None])
@@ -98,10 +93,9 @@ def transfer(model: ForceModel, data: ForceData) -> TransferredCalibration:
         pressure,
         shear,
         known,
-        presses,
-        group,
-        force_error_n(moved, data.wrench),
-        force_error_n(fresh, data.wrench),
+        data.points["press"].nunique(),
+        judged_by(lambda fitted, judged: as_is[judged] * factors(fitted)),
+        judged_by(lambda fitted, judged: fit(data, model.features, fitted).predict(X[judged])),
         error_as_is,
     )
 
