@@ -32,7 +32,6 @@ from ...record import Run, encode_png
 from ..frames import settled, settles
 from ..view import head_of, view_of
 from .dataset import ForceData, gather, opened, presses
-from .field import field_error
 from .gel import early_labels, told_gel
 from .judge import FOLDS, figures, judge, learning_curve, score
 from .result import PAPER, ForceResult, errors_kept
@@ -73,13 +72,8 @@ def calibrate(
     found = fit_best(
         data, seed, lambda model, error: _calibration(runs, model, view, error=error), must, source
     )
-    return replace(
-        found,
-        gel=gel,
-        early=early,
-        left_out=[*found.left_out, *_doubts(runs, tables)],
-        field=field_error(runs, data, found.best.name),
-    )
+    left_out = [*found.left_out, *_doubts(runs, tables)]
+    return replace(found, gel=gel, early=early, left_out=left_out)
 
 
 def fit_best(

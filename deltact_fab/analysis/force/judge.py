@@ -22,7 +22,7 @@ from .dataset import ForceData
 
 FOLDS, REPEATS = 5, 10
 """A fifth is left out, as the paper has it (414 of 2070), in each of 5 folds; drawn so often, for
-one draw of few points says little: of 38 it gave 1.40 N where the median of 200 was .98."""
+one draw of few points says little: judged by 38, 200 draws gave 0.53 to 1.51 N."""
 SHOWN = {
     "normal": "fz",
     "shear_x": "fx",
@@ -169,15 +169,15 @@ def figures(judged: EvaluatedModel, data: ForceData) -> dict[str, dict[str, Any]
     return out
 
 
-def force_error_n(predicted: Array, wrench: Array) -> float | None:
-    """Root mean square length of the force's error."""
-    each = root_mean_square((predicted - wrench)[..., :3])
+def force_error_n(off: Array) -> float | None:
+    """Root mean square length of the force, of errors (..., 6)."""
+    each = root_mean_square(off[..., :3])
     return None if each is None else float(np.sqrt(3) * each)
 
 
 def score(judged: EvaluatedModel, data: ForceData) -> float:
     """What models are ranked by: the force's error on the hardest of SPLITS that there is."""
-    error = force_error_n(judged.predicted[judged.ranked_by], data.wrench)
+    error = force_error_n(judged.predicted[judged.ranked_by] - data.wrench)
     return np.inf if error is None else error
 
 
@@ -191,24 +191,19 @@ ENOUGH = 1.1
 def learning_curve(data: ForceData, name: str, seed: int) -> dict[int, float]:
     """By the number of presses fitted to: the force's error on all others, N, over REPEATS draws.
 
-    Without the numbers from which no draw could be fitted.
+    Without the numbers that some draw could not be fitted from.
     """
-    of = data.points["press"].to_numpy()
-    presses = np.unique(of)
-    rng = np.random.default_rng(seed)
-    curve = {}
-    most = min(max(1, round(MAX_SHARE * len(presses))), len(presses) - 1)
-    for size in sorted({s for s in (*SIZES, most) if 0 < s <= most}):
-        errors = []
-        for _ in range(REPEATS):
-            used = np.isin(of, rng.permutation(presses)[:size])
-            try:
-                said = fit(data, name, used).predict(data.features[name][~used])
-            except InputError:
-                continue
-            errors.append(force_error_n(said, data.wrench[~used]))
-        if errors:
-            curve[size] = float(np.sqrt(np.mean(np.square(np.array(errors, float)))))
+    of = np.unique(data.points["press"], return_inverse=True)[1]
+    count, rng, curve = int(of.max()) + 1, np.random.default_rng(seed), {}
+    most = int(MAX_SHARE * count)
+    for size in sorted({one for one in (*SIZES, most) if 0 < one <= most}):
+        draws = [(rng.permutation(count) < size)[of] for _ in range(REPEATS)]
+        try:
+            said = [fit(data, name, used).predict(data.features[name][~used]) for used in draws]
+        except InputError:
+            continue
+        off = [p - data.wrench[~used] for p, used in zip(said, draws, strict=True)]
+        curve[size] = force_error_n(np.concatenate(off)) or 0.0
     return curve
 
 

@@ -15,7 +15,6 @@ from ...files import write_whole
 from ...measure.force.calibration import ForceCalibration
 from ..frames import make_folder
 from .dataset import ForceData
-from .field import FieldError
 from .gel import EarlyLabels, ToldGel
 from .judge import (
     FORCES,
@@ -40,9 +39,8 @@ class ForceResult:
     """Feature sets fitted and cross-validated on the points of one sensor.
 
     judged: best first; best is the one whose calibration is kept. curves: by feature set, see
-    `learning_curve`. field: the best one's force field against truth, where there is one. gel: that
-    the presses tell, None where the design's is kept. early: what labels had too much that were
-    taken early, None: nothing.
+    `learning_curve`. gel: that the presses tell, None where the design's is kept. early: what
+    labels had too much that were taken early, None: nothing.
     """
 
     data: ForceData
@@ -51,7 +49,6 @@ class ForceResult:
     seed: int
     left_out: list[str]
     curves: dict[str, dict[int, float]] = made_by(default_factory=dict)
-    field: FieldError | None = None
     gel: ToldGel | None = None
     early: EarlyLabels | None = None
 
@@ -116,11 +113,6 @@ class ForceResult:
             "run_seed": made.seed,
             "split_seed": self.seed,
             "learning_n": self.curves,
-            "paper_table": {
-                name: {"adjusted_r2": r2, "rmse_n": rmse_n}
-                for name, (r2, rmse_n) in PAPER_TABLE.items()
-            },
-            "field": None if self.field is None else asdict(self.field),
             "gel": None if self.gel is None else asdict(self.gel),
             "early_labels": None if self.early is None else asdict(self.early),
             "left_out": self.left_out,
@@ -131,38 +123,37 @@ class ForceResult:
 
         Columns as in normal_n, best_normal_n: by the hardest of SPLITS, mean of its repeats.
         """
-        table = self.data.points.copy()
-        for name, of in SHOWN.items():
-            unit = "n" if of.startswith("f") else "nmm"
-            table[f"{name}_{unit}"] = component(self.data.wrench, name)
-            for label, one in (("best", self.best), ("paper", self.paper)):
-                said = component(one.predicted[one.ranked_by], name)
-                table[f"{label}_{name}_{unit}"] = said.mean(axis=0)
-        return table
+        parts = {"": self.data.wrench} | {
+            f"{label}_": one.predicted[one.ranked_by].mean(axis=0)
+            for label, one in (("paper", self.paper), ("best", self.best))
+        }
+        return self.data.points.assign(
+            **{
+                f"{label}{name}_{'n' if name in FORCES else 'nmm'}": component(wrench, name)
+                for label, wrench in parts.items()
+                for name in SHOWN
+            }
+        )
 
     def save(self, folder: Path, output: Path) -> list[Path]:
         """Write force.json, force.csv (a row a point) and the calibration with its resting face."""
-        files = {
-            folder / "force.json": json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n",
-            folder / "force.csv": self.points().to_csv(index=False),
-        }
         make_folder(folder)
-        for path, text in files.items():
-            write_whole(path, text.encode())
-        return [*files, *write_calibration(self.calibration, output)]
+        data, points = folder / "force.json", folder / "force.csv"
+        text = json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
+        write_whole(data, text.encode())
+        write_whole(points, self.points().to_csv(index=False).encode())
+        return [data, points, *write_calibration(self.calibration, output)]
 
 
 def write_calibration(calibration: ForceCalibration, path: Path) -> list[Path]:
     """Write a calibration and the face at rest beside it, each whole or not at all."""
     make_folder(path.parent)
     rest = path.with_name(f"{path.stem}.rest.png")
-    written = []
     # The image first: a file that names one never stands without it.
     if calibration.rest is not None:
         write_whole(rest, calibration.rest)
-        written.append(rest)
     write_whole(path, calibration.toml(rest.name).encode())
-    return [path, *written]
+    return [path] if calibration.rest is None else [path, rest]
 
 
 def errors_kept(of: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:

@@ -104,5 +104,3 @@ def _tell(result: ForceResult) -> None:
         f"{result.calibration.head.origin}; as printed: the paper's table, on a real sensor, whose "
         "R2 is about the mean or about 0"
     )
-    if result.field is not None:
-        click.echo(result.field.line)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ...analysis.force import PAPER_TABLE, SPLITS, ForceResult, component
-from ...analysis.force.judge import EvaluatedModel
+from ...analysis.force.judge import EvaluatedModel, enough
 from ...report.force_figures import drawn
 from ...report.result import Headline, ReportTable, StudyResult
 from ..intervals import Interval, headline, rmse
@@ -29,15 +29,18 @@ IN_A_LAB = (
 
 def found(result: ForceResult, scale: float | None = None, **scene: Any) -> StudyResult:
     """What the points say; scene: what only their maker knows (settings, notes, left_out ...)."""
-    places = by_place(result.data, result.seed)
-    notes = (IN_A_LAB, *(one.line for one in (result.gel, result.early, result.field) if one))
+    places = by_place(result)
+    notes = (IN_A_LAB, *(one.line for one in (result.gel, result.early) if one))
+    few = enough(result.curves[result.best.name])
+    answer = f"The model taken is {result.best.name}"
+    answer += f"; more than {few} presses bring little." if few else "."
     return StudyResult(
         study="force-calibration",
         title="Force calibration",
         simulated=result.calibration.head.made.simulated,
         seed=result.seed,
         scale=scale,
-        answer=(f"The model taken is {result.best.name}.",),
+        answer=(answer,),
         headlines=(*_best(result), *_paper(result, _alone(places))),
         tables=(
             ReportTable(
@@ -55,18 +58,13 @@ def found(result: ForceResult, scale: float | None = None, **scene: Any) -> Stud
                 "that distance alone, or to all and judged there, by what was left out.",
                 places,
             ),
-            ReportTable(
-                "force-learning",
-                "How many presses. Error of the force, N, on all other presses when a model is "
-                "fitted to few.",
-                pd.DataFrame(result.curves).rename_axis("presses").reset_index(),
-            ),
         ),
         figures=tuple(drawn(result)),
         files={"points.csv": result.points().to_csv(index=False)},
         more={
             "best": result.best.name,
             "n_points": len(result.data),
+            "learning_n": result.curves,
             "runs": list(result.calibration.head.made.runs),
         },
         **{**scene, "notes": (*notes, *scene.get("notes", ()))},
@@ -121,8 +119,8 @@ def _paper(result: ForceResult, alone: str) -> list[Headline]:
 
 def _alone(places: pd.DataFrame) -> str:
     """The paper's own reading fitted to the nearest and the farthest distance alone."""
-    own = places[(places["density"] == "clipped") & ~places["constant"]].dropna(subset="alone_n")
-    own = own.sort_values("distance_mm").iloc[[0, -1]]
+    own = places[(places["model"] == "paper, clipped") & (places["constant"] == "without")]
+    own = own.dropna(subset="alone_n").sort_values("distance_mm").iloc[[0, -1]]
     words = ", ".join(
         f"{of['alone_n']:.2f} N at {of['distance_mm']:.1f} mm" for of in own.to_dict("records")
     )
