@@ -116,7 +116,7 @@ def judged(
     data = seen.data(learn, view, labels != "late")
     found = early_labels(data) if labels == "mended" else None
     data = found.mended(data) if found else data
-    held = left_out(data, Inverse.name, "position") - data.wrench
+    held = left_out(data, Inverse.name, "position")[0] - data.wrench
     model, features = fit(data, Inverse.name), Inverse(view)
     true = seen.data(judge, view)
     off = model.predict(true.features[Inverse.name]) - true.wrench

@@ -7,7 +7,6 @@ bench.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
@@ -25,19 +24,17 @@ def run(asked: StudyRequest) -> StudyResult:
 
 def _simulated(asked: StudyRequest) -> StudyResult:
     from .force.simulated import settings, simulate
-    from .force.summary import meshes, modulus, told
+    from .force.summary import found
+    from .gel_remarks import remark
     from .scene import left_out
 
     made = simulate(asked)
-    result, force, scale = made.result, made.scene.rig.force, share_of(asked.scale)
-    table = modulus(result, made.protocol.specimen.modulus_mpa, force.range_n, force.range_nmm)
-    found, scene = told(result, scale, table), settings(made)
-    return replace(
-        found,
-        tables=(*found.tables, meshes(made.gel)),
-        settings=scene,
-        data={**found.data, "scale": scale, "settings": scene},
-        left_out=(*left_out(made.gel), *_not_taken(result)),
+    return found(
+        made.result,
+        scale=share_of(asked.scale),
+        settings=settings(made),
+        notes=(remark("force-calibration", made.protocol.specimen.modulus_mpa),),
+        left_out=(*left_out(made.gel), *_not_taken(made.result)),
         missing=made.missing,
     )
 
@@ -45,7 +42,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
 def _recorded(asked: StudyRequest) -> StudyResult:
     from .. import record
     from ..analysis.force import calibrate
-    from .force.summary import modulus, told
+    from .force.summary import found
 
     given = {"scale": asked.scale, "rig": asked.rig, "protocol": asked.more.get("protocol")}
     for name, value in given.items():
@@ -60,22 +57,13 @@ def _recorded(asked: StudyRequest) -> StudyResult:
                 "'hyperelastic'"
             )
     result = calibrate(asked.runs, None, asked.seed, asked.executor, asked.progress)
-    specimen, force = runs[0].meta["protocol"]["specimen"], runs[0].meta["rig"].get("force")
-    table = None
-    if runs[0].simulated and force:
-        table = modulus(result, specimen["modulus_mpa"], force["range_n"], force["range_nmm"])
-    found = told(result, None, table)
-    scene = {
-        "runs": ", ".join(str(folder) for folder in asked.runs),
-        "rig": ", ".join(dict.fromkeys(str(run.meta["rig_name"]) for run in runs)),
-        "pattern": str(specimen["pattern"]),
-    }
-    notes = [] if result.field is None else [result.field.line]
-    return replace(
-        found,
-        settings=scene,
-        data={**found.data, "settings": scene},
-        notes=(*found.notes, *notes),
+    return found(
+        result,
+        settings={
+            "runs": ", ".join(str(folder) for folder in asked.runs),
+            "rig": ", ".join(dict.fromkeys(str(run.meta["rig_name"]) for run in runs)),
+            "pattern": str(runs[0].meta["protocol"]["specimen"]["pattern"]),
+        },
         left_out=_not_taken(result),
     )
 

@@ -32,12 +32,14 @@ _TO: dict[Scale, tuple[Callable[[float], float], Callable[[float], float]]] = {
     "positive": (math.log, math.exp),
     "correlation": (math.atanh, math.tanh),
 }
+MIN_GROUPS = 4
+"""Groups for an interval: the spread of fewer is itself not known."""
 _LEAST: dict[Scale, float] = {"plain": -math.inf, "positive": 0.0, "correlation": -1.0}
 _MOST: dict[Scale, float] = {"plain": math.inf, "positive": math.inf, "correlation": 1.0}
 
 
 class Interval(NamedTuple):
-    """A figure, its interval (None, None with one group), and what it was drawn over."""
+    """A figure, its interval (None, None below MIN_GROUPS), and what it was drawn over."""
 
     value: float
     low: float | None
@@ -58,7 +60,7 @@ def over_groups(
     level: float = 0.95,
     scale: Scale = "plain",
 ) -> tuple[float | None, float | None]:
-    """The interval (low, high) of statistic(values) over groups; (None, None) with one group.
+    """The interval (low, high) of statistic(values) over groups; (None, None) below MIN_GROUPS.
 
     values (n, ...): rows of samples, of any shape a row (several columns for a ratio). groups (n,):
     the seed, position or press of each; where two are repeated, take the one that errs more widely.
@@ -70,7 +72,7 @@ def over_groups(
     """
     rows, of = _checked(values, groups, level)
     count = int(of.max()) + 1
-    if count < 2:
+    if count < MIN_GROUPS:
         return None, None
     whole = _at(scale, statistic(rows))
     without = np.array([_at(scale, statistic(rows[of != group])) for group in range(count)])
@@ -135,7 +137,9 @@ def estimate(
     count = int(of.max()) + 1
     low, high = over_groups(rows, of, statistic, level, scale)
     several = f"{each}es" if each.endswith("s") else f"{each}s"
-    over = f"{count} {several}" if count > 1 else f"one {each}: no interval"
+    over = f"{count} {several}" if count > 1 else f"one {each}"
+    if count < MIN_GROUPS:
+        over += ": no interval below four"
     return Interval(float(statistic(rows)), low, high, over)
 
 

@@ -93,12 +93,12 @@ def test_a_calibration_is_made_kept_and_carried_over(
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     # One at rest and nine stops that settle, at each of two places; one ball, one run.
-    assert (told["n_points"], told["n_train"], told["n_test"]) == (20, 16, 4)
-    assert set(told["models"]) == {"best", "paper"}
+    assert (told["n_points"], told["n_presses"]) == (20, 2)
+    assert set(told["models"]) == {"sums", "paper"}
     for of in told["models"].values():
         assert {"normal", "shear_x", "torque_z"} <= set(of)
-        assert of["normal"]["rmse_left_out_position_n"] > 0
-        assert of["normal"]["rmse_left_out_indenter_n"] is None
+        assert of["normal"]["rmse_left_out_unseen_n"] > 0
+        assert of["normal"]["rmse_left_out_run_n"] is None
         assert of["shear_x"]["range_n"] > 1
     assert told["simulated"] is True
     assert any("linear gel" in line for line in told["left_out"])

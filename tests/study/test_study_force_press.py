@@ -73,12 +73,14 @@ def simulated(asked: StudyRequest) -> dict[str, Any]:
 @pytest.mark.slow
 def test_the_study_is_simulated_judged_and_told(simulated: dict[str, Any]) -> None:
     # One at rest and nine stops of a grid of shear, at three places, two of them mirror images.
-    assert (simulated["n_points"], simulated["n_train"], simulated["n_test"]) == (30, 24, 6)
-    assert simulated["n_presses"] == 3
-    best = simulated["models"]["best"]
-    assert best["normal"]["rmse_left_out_position_n"] < 0.1 * best["normal"]["range_n"]
-    assert best["normal"]["rmse_left_out_indenter_n"] is None, "there is one"
-    assert 1 < best["normal"]["range_n"] < 5
+    assert simulated["n_points"] == 30
+    best = simulated["tables"]["force-models"][0]
+    assert (best["model"], best["component"]) == (simulated["best"], "normal")
+    assert best["rmse_left_out_unseen"] < 0.1 * best["range"]
+    assert best["rmse_left_out_unseen"] == best["rmse_left_out_position"], "there is one indenter"
+    assert 1 < best["range"] < 5
+    assert simulated["headlines"][0]["over"] == "2 positions: no interval below four"
+    assert simulated["headlines"][0]["state"] == "undecided"
     told = simulated["settings"]
     assert told["friction"] == "0.5"
     assert "noise 0.01 N" in told["force sensor"]
@@ -96,8 +98,7 @@ def test_a_recorded_run_of_the_protocol_says_the_same(
     folder = tmp_path / "recorded"
     experiment.run(experiment.RunRequest(asked.more["protocol"], str(asked.rig), folder, seed=5))
     recorded = run(StudyRequest(runs=(folder,), seed=5)).data
-    assert recorded["models"] == simulated["models"]
-    assert recorded["modulus"] == simulated["modulus"]
+    assert recorded["tables"] == simulated["tables"]
     assert recorded["runs"] == ["recorded"]
 
 
@@ -110,4 +111,4 @@ def test_what_a_stopped_study_has_kept_is_taken_up_to_the_same_tables(
     kept[0].unlink()  # a job that had not ended
     again = json.loads(json.dumps(run(asked).data, allow_nan=False))
     assert again == simulated
-    assert np.isfinite(again["models"]["paper"]["normal"]["rmse_n"])
+    assert np.isfinite(again["headlines"][-1]["value"])

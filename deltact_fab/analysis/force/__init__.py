@@ -7,39 +7,11 @@ saw, for a random split hides that (decision 0026).
 
 from .calibrate import calibrate, carry_over, fit_best
 from .dataset import ForceData, joined
-from .judge import (
-    FORCES,
-    LEFT_OUT,
-    component,
-    enough,
-    figures,
-    fit,
-    judge,
-    learning_curve,
-    score,
-)
+from .judge import FORCES, SPLITS, component, figures, fit, judge
 from .result import PAPER, PAPER_TABLE, ForceResult, errors_kept, write_calibration
-from .transfer import transfer
 
-__all__ = [
-    "FORCES",
-    "LEFT_OUT",
-    "PAPER",
-    "PAPER_TABLE",
-    "ForceData",
-    "ForceResult",
-    "calibrate",
-    "carry_over",
-    "component",
-    "enough",
-    "errors_kept",
-    "figures",
-    "fit",
-    "fit_best",
-    "joined",
-    "judge",
-    "learning_curve",
-    "score",
-    "transfer",
+__all__ = [  # noqa: RUF022
+    "FORCES", "SPLITS", "component", "figures", "fit", "judge", "ForceData", "joined",
+    "calibrate", "carry_over", "fit_best", "PAPER", "PAPER_TABLE", "ForceResult", "errors_kept",
     "write_calibration",
-]
+]  # fmt: skip

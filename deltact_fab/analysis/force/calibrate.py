@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import count
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from ...errors import InputError
 from ...measure.force import (
     COMPONENTS,
     FEATURES,
+    READINGS,
     Features,
     ForceModel,
     features_of,
@@ -30,17 +32,8 @@ from ...record import Run, encode_png
 from ..frames import settled, settles
 from ..view import head_of, view_of
 from .dataset import ForceData, gather, opened, presses
-from .field import field_error
 from .gel import early_labels, told_gel
-from .judge import (
-    TEST_SHARE,
-    EvaluatedModel,
-    figures,
-    fit,
-    judge,
-    learning_curve,
-    score,
-)
+from .judge import FOLDS, figures, judge, learning_curve, score
 from .result import PAPER, ForceResult, errors_kept
 from .transfer import TransferredCalibration, transfer
 
@@ -55,36 +48,32 @@ def calibrate(
     """Fit and cross-validate feature sets on runs of one sensor.
 
     names: None for all; those asked for and the paper's must have points enough, the others are
-    left out and named. seed: of the split and of the learning curve's draws. Raises InputError as
+    left out and named. seed: of the folds and of the learning curve's draws. Raises InputError as
     `opened` and `gather` do, and for too few points, with the number needed.
     """
     asked = tuple(dict.fromkeys([*(names or FEATURES), PAPER]))
     runs, tables = opened(folders)
     must = asked if names else (PAPER,)
+    looked = asked if names else (*asked, *READINGS)
     source, view = str(runs[0].folder), view_of(runs[0])
     # How many points there may be at most: refused before anything is tracked.
     most = sum(len(settled(part)) for frames in tables for _, part in frames.groupby("press"))
     for name in must:
         _require_enough(make_features(name, view), most, source)
-    data = gather(runs, asked, executor, progress)
+    data = gather(runs, looked, executor, progress)
     gel = early = None
     if Inverse.name in asked:
         early = early_labels(data)
         gel = told_gel(runs, early.mended(data) if early else data, view, progress)
     if gel is not None:
         view = gel.view(view)
-        data = gather(runs, asked, executor, progress, view)
+        data = gather(runs, looked, executor, progress, view)
     data = early.mended(data) if early else data
     found = fit_best(
         data, seed, lambda model, error: _calibration(runs, model, view, error=error), must, source
     )
-    return replace(
-        found,
-        gel=gel,
-        early=early,
-        left_out=[*found.left_out, *_doubts(runs, tables)],
-        field=field_error(runs, data, found.best.name),
-    )
+    left_out = [*found.left_out, *_doubts(runs, tables)]
+    return replace(found, gel=gel, early=early, left_out=left_out)
 
 
 def fit_best(
@@ -94,36 +83,27 @@ def fit_best(
     must: Sequence[str] = (PAPER,),
     source: str = "points",
 ) -> ForceResult:
-    """The points' feature sets compared, and the best one's model on all of them.
+    """Every feature set of the points judged, and the best one's model of all of them.
 
-    calibration: makes one of the model and its errors. must, source: as of `compare`. Raises
-    InputError.
+    calibration: makes one of the model and its errors. must: sets whose lack of points is an error;
+    source: what it names. Raises InputError.
     """
-    models, left_out = compare(data, seed, must, source)
-    best = models[0].name
-    curves = {name: learning_curve(data, name, seed) for name in dict.fromkeys((best, PAPER))}
-    kept = calibration(fit(data, best), errors_kept(figures(models[0], data)))
-    return ForceResult(data, models, kept, seed, [*data.left_out, *left_out], curves)
-
-
-def compare(
-    data: ForceData, seed: int, must: Sequence[str] = (PAPER,), source: str = "points"
-) -> tuple[list[EvaluatedModel], list[str]]:
-    """Every feature set of the points judged, best first, and which have too few points for it.
-
-    must: those whose lack of points is an error; source: what it names. Raises InputError.
-    """
-    judged, left_out = [], []
-    for name, features in data.sets.items():
+    judged, left_out = [], list(data.left_out)
+    for name in [one for one in data.sets if one in FEATURES]:
         try:
-            _require_enough(features, len(data), source)
+            _require_enough(data.sets[name], len(data), source)
         except InputError as why:
             if name in must:
                 raise
             left_out.append(str(why))
         else:
             judged.append(judge(data, name, seed))
-    return sorted(judged, key=lambda one: score(one, data)), left_out
+    judged.sort(key=lambda one: score(one, data))
+    curves = {
+        name: learning_curve(data, name, seed) for name in dict.fromkeys((judged[0].name, PAPER))
+    }
+    kept = calibration(judged[0].model, errors_kept(figures(judged[0], data)))
+    return ForceResult(data, judged, kept, seed, left_out, curves)
 
 
 def carry_over(
@@ -146,9 +126,9 @@ def carry_over(
 
 
 def _require_enough(features: Features, points: int, source: str) -> None:
-    """Raises InputError unless training has one point more than a component has coefficients."""
+    """Raises InputError unless each fold fits more points than a component has coefficients."""
     most = max(len(features.explains[component]) for component in COMPONENTS)
-    needed = next(n for n in count(most + 1) if n - round(TEST_SHARE * n) > most)
+    needed = next(n for n in count(most + 1) if n - ceil(n / FOLDS) > most)
     if points < needed:
         raise InputError(
             f"{source}: {features.name} needs at least {needed} points, and there are {points}; "

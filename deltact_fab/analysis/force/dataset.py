@@ -30,14 +30,6 @@ WINDOW_S = 0.1
 _FEWEST = 3
 
 
-def usable(run: Run) -> pd.DataFrame:
-    """The frames of a run that force can be calibrated on. Raises InputError for any other."""
-    frames = recorded(run, "force")
-    if frames[list(WRENCH)].isna().any(axis=None):
-        raise InputError(f"{run.folder}: no force was recorded; force needs the channel 'force'")
-    return frames
-
-
 def wrenches(run: Run, press: str, rows: pd.DataFrame) -> tuple[Array, Array]:
     """Wrench (n, 6) on the sensor at settled frames, N and N mm, and which were saturated (n,).
 
@@ -111,7 +103,12 @@ def opened(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFrame]]:
     places = Counter(run.folder.resolve() for run in runs)
     if twice := [str(place) for place, n in places.items() if n > 1]:
         raise InputError(f"{twice[0]}: given twice; give each run once")
-    tables = [usable(run) for run in runs]
+    tables = [recorded(run, "force") for run in runs]
+    for run, frames in zip(runs, tables, strict=True):
+        if frames[list(WRENCH)].isna().any(axis=None):
+            raise InputError(
+                f"{run.folder}: no force was recorded; force needs the channel 'force'"
+            )
     head_of(runs, "force")
     gels = [{k: run.meta["protocol"]["specimen"].get(k) for k in _GEL} for run in runs]
     for run, gel in zip(runs, gels, strict=True):
@@ -247,12 +244,11 @@ def points_of(
 
 def _features(one: Features, view: SensorView, of: PressFlows) -> tuple[Array, list[int]]:
     """A feature set at the flows of a press (n, k), from the cache; rows that have no solution."""
-    by = type(one).of  # sets that share it have the same numbers
     key = cache.key(
-        by.__module__.partition(".")[2],
+        type(one).__module__.partition(".")[2],
         of=of.key,
         every_px=one.every,
-        by=by.__qualname__,
+        by=one.name,
         view=repr((view.camera.as_dict(), (view.skin, view.poisson) if one.rests_on_gel else ())),
     )
     held = cache.get("force-features", key)

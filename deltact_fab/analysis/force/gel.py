@@ -102,7 +102,7 @@ def errors_of(flows: Sequence[FaceFlow], data: ForceData) -> Errors:
 
 def squared_errors(data: ForceData) -> Array:
     """What each press adds to the squared errors of left-out positions (presses, 3)."""
-    off = (left_out(data, Inverse.name, "position") - data.wrench)[:, FORCES]
+    off = (left_out(data, Inverse.name, "position")[0] - data.wrench)[:, FORCES]
     _, of = np.unique(data.points["press"].to_numpy(), return_inverse=True)
     added = np.zeros((of.max() + 1, 3))
     np.add.at(added, of, off**2)

@@ -17,10 +17,9 @@ from ...aliases import Array
 from ...errors import InputError
 from ...measure.force import COMPONENTS, ForceModel
 from .dataset import ForceData
-from .judge import fit, force_error_n
+from .judge import fit, force_error_n, held_out
 
-_PRESSURE, _SHEAR = ("fz",), ("fx", "fy")
-_FOLLOWS = {"fz": 0, "tx": 0, "ty": 0, "fx": 1, "fy": 1, "tz": 1}
+_SHEAR = np.isin(COMPONENTS, ("fx", "fy", "tz"))
 MIN_SURE = 0.1
 """Standard error of a factor above which the presses tell nothing of it."""
 CLEARLY = 0.8
@@ -29,12 +28,12 @@ CLEARLY = 0.8
 
 @dataclass(frozen=True)
 class TransferredCalibration:
-    """A calibration carried over.
+    """A calibration carried over by two factors, pressure and shear.
 
-    pressure, shear: the factors. shear_known: False where the presses were not sheared enough, and
-    shear took pressure's factor. left_out: "position", or "press" where there is but one place.
-    error_n: of the force on what the factors never saw, fresh_error_n: the same of a new fit of the
-    same features, as_is_error_n: of the calibration as it came; None where that could not be told.
+    shear_known: False where the presses were not sheared enough, and shear took pressure's factor.
+    Errors of the force, None where they could not be told: error_n at a position left out,
+    fresh_error_n the same of a new fit of the same features, as_is_error_n of the calibration as it
+    came.
     """
 
     model: ForceModel
@@ -42,23 +41,24 @@ class TransferredCalibration:
     shear: float
     shear_known: bool
     presses: int
-    left_out: str
     error_n: float | None
     fresh_error_n: float | None
-    as_is_error_n: float
+    as_is_error_n: float | None
 
     @property
     def line(self) -> str:
         """What was done, and what it is worth beside a fresh fit."""
-        factors = f"pressure x {self.pressure:.3f}, shear x {self.shear:.3f}"
-        if not self.shear_known:
-            factors += " (pressure's: the presses say nothing of shear)"
-        if self.error_n is None:
-            return f"carried over from 1 press: {factors}; a second press would tell the error"
-        fresh = "cannot be made" if self.fresh_error_n is None else f"{self.fresh_error_n:.2f} N"
         text = (
-            f"carried over from {self.presses} presses: {factors}; error of the force "
-            f"{self.error_n:.2f} N on a {self.left_out} left out (as it came "
+            f"carried over from {self.presses} presses: pressure x {self.pressure:.3f}, "
+            f"shear x {self.shear:.3f}"
+        )
+        if not self.shear_known:
+            text += " (pressure's: the presses say nothing of shear)"
+        if self.error_n is None:
+            return f"{text}; presses at a second place would tell the error"
+        fresh = "cannot be made" if self.fresh_error_n is None else f"{self.fresh_error_n:.2f} N"
+        text += (
+            f"; error of the force {self.error_n:.2f} N on a position left out (as it came "
             f"{self.as_is_error_n:.2f} N; a fresh fit {fresh})"
         )
         if self.fresh_error_n is not None and self.fresh_error_n < CLEARLY * self.error_n:
@@ -75,57 +75,42 @@ def transfer(model: ForceModel, data: ForceData) -> TransferredCalibration:
 
     Raises InputError for presses that say nothing of pressure.
     """
-    X = data.features[model.features]
+    X, wrench = data.features[model.features], data.wrench
     as_is = model.predict(X)
-    pressure, shear, known = _factors(as_is, data.wrench)
-    presses = data.points["press"].nunique()
-    group = "position" if data.points["position"].nunique() > 1 else "press"
-    of = data.points[group].to_numpy()
-    moved = np.full_like(as_is, np.nan)
-    fresh = np.full_like(as_is, np.nan)
-    for value in dict.fromkeys(of) if presses > 1 else ():
-        mine = of == value
-        moved[mine] = as_is[mine] * _each(*_factors(as_is[~mine], data.wrench[~mine])[:2])
-        try:
-            fresh[mine] = fit(data, model.features, ~mine).predict(X[mine])
-        except InputError:
-            continue
-    error_as_is = force_error_n(as_is, data.wrench)
-    assert error_as_is is not None, "features are finite"
-    scaled = replace(model, coefficients=model.coefficients * _each(pressure, shear)[:, None])
-    return TransferredCalibration(
-        scaled,
-        pressure,
-        shear,
-        known,
-        presses,
-        group,
-        force_error_n(moved, data.wrench),
-        force_error_n(fresh, data.wrench),
-        error_as_is,
+    pressure, shear, known = _factors(as_is, wrench)
+
+    def moved(fitted: Array, judged: Array) -> Array:
+        pressure, shear, _ = _factors(as_is[fitted], wrench[fitted])
+        return as_is[judged] * np.where(_SHEAR, shear, pressure)
+
+    def fresh(fitted: Array, judged: Array) -> Array:
+        return fit(data, model.features, fitted).predict(X[judged])
+
+    error_n, fresh_n = (
+        force_error_n(held_out(data.points, wrench, "position", 0, how) - wrench)
+        for how in (moved, fresh)
     )
-
-
-def _each(pressure: float, shear: float) -> Array:
-    return np.array([(pressure, shear)[_FOLLOWS[name]] for name in COMPONENTS])
+    scaled = model.coefficients * np.where(_SHEAR, shear, pressure)[:, None]
+    return TransferredCalibration(
+        replace(model, coefficients=scaled), pressure, shear, known,
+        data.points["press"].nunique(), error_n, fresh_n, force_error_n(as_is - wrench),
+    )  # fmt: skip
 
 
 def _factors(predicted: Array, wrench: Array) -> tuple[float, float, bool]:
     """Factors of pressure and shear, and whether the presses determined the second."""
-    pressure, sure = _factor(predicted, wrench, _PRESSURE)
+    pressure, sure = _factor(predicted[:, 2], wrench[:, 2])
     if sure > MIN_SURE:
         raise InputError(
             "transfer: the presses do not tell the normal force's factor "
             f"({pressure:.2f} +- {sure:.2f}); press deeper, or on more places"
         )
-    shear, sure = _factor(predicted, wrench, _SHEAR)
+    shear, sure = _factor(predicted[:, :2].ravel(), wrench[:, :2].ravel())
     return (pressure, shear, True) if sure <= MIN_SURE else (pressure, pressure, False)
 
 
-def _factor(predicted: Array, wrench: Array, names: tuple[str, ...]) -> tuple[float, float]:
+def _factor(p: Array, y: Array) -> tuple[float, float]:
     """Least squares of measured on predicted through 0, and its standard error."""
-    at = [COMPONENTS.index(name) for name in names]
-    p, y = predicted[:, at].ravel(), wrench[:, at].ravel()
     size = float(p @ p)
     if size == 0 or len(p) < 2:
         return 1.0, np.inf

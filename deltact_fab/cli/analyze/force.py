@@ -30,7 +30,7 @@ def _models() -> list[str]:
               )  # fmt: skip
 @out_file("Calibration to write.", "file", show_default="calibration.toml in --out")
 @out_folder("Folder for the results.", show_default="RUN/analysis")
-@seed("Seed of the split and the learning curve.")
+@seed("Seed of the folds and the learning curve.")
 @JSON
 def force(
     runs: tuple[Path, ...],
@@ -43,8 +43,8 @@ def force(
 ) -> None:
     """Fit force models to runs of one sensor, cross-validate them, and write the best.
 
-    The points are the settled frames. Positions, indenters and runs are left out in turn, which
-    shows how far a model can be trusted on what it was not fitted to.
+    The points are the settled frames. Positions and indenters are left out together, which shows
+    how far a model can be trusted on what it was not fitted to; presses, points and runs too.
     """
     from ...analysis.force import calibrate, carry_over, write_calibration
     from ...errors import InputError
@@ -81,28 +81,26 @@ def force(
 
 
 def _tell(result: ForceResult) -> None:
-    from ...analysis.force import LEFT_OUT
+    from ...analysis.force import SPLITS
     from ..output import echo_table
 
     click.echo(result.line + "\n")
     for found in (result.early, result.gel):
         if found is not None:
             click.echo(found.line + "\n")
-    head = ("model", "component", "adj. R2", "about 0", "train", "test", *LEFT_OUT, "range",
-            "% of range", "cond. raw", "scaled")  # fmt: skip
-    keys = ("adjusted_r2", "adjusted_r2_about_zero", "rmse_train", "rmse",
-            *(f"rmse_left_out_{group}" for group in LEFT_OUT), "range", "percent_of_range",
-            "condition_raw", "condition_scaled")  # fmt: skip
+    head = ("model", "component", "adj. R2", "about 0", "fitted", *SPLITS, "range", "% of range")
+    keys = (
+        "adjusted_r2", "adjusted_r2_about_zero", "rmse_fitted",
+        *(f"rmse_left_out_{split}" for split in SPLITS), "range", "percent_of_range",
+    )  # fmt: skip
     rows = [
         (row["model"], f"{row['component']}, {row['unit']}", *(row.get(key) for key in keys))
         for row in result.rows()
     ]
     echo_table(head, rows, names=2)
-    data, origin = result.data, result.calibration.head.origin
     click.echo(
-        f"\nRMSE on {len(result.best.train)} points of training, {len(result.best.test)} of test, "
-        f"and {len(data)} with their position, indenter or run left out; {origin}; "
-        "as printed: the paper's table, on a real sensor, whose R2 is about the mean or about 0"
+        f"\nRMSE on the {len(result.data)} points fitted to, and on what was left out (unseen: "
+        "position and indenter together; press, point: a fifth); "
+        f"{result.calibration.head.origin}; as printed: the paper's table, on a real sensor, whose "
+        "R2 is about the mean or about 0"
     )
-    if result.field is not None:
-        click.echo(result.field.line)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from ...analysis.force import ForceResult, fit_best, joined
 from ...errors import InputError
-from ...measure.force import FEATURES
+from ...measure.force import FEATURES, READINGS
 from ...protocols import limits, plan
 from ...protocols.plan import Protocol, expand
 from ..request import StudyRequest, share_of
@@ -161,12 +161,14 @@ def simulate(asked: StudyRequest) -> SimulatedForces:
         groups.setdefault(f"{path.indenter} at ({x_mm:g}, {y_mm:g})", []).append(path.press)
     grid = asked.solve(
         [
-            of.job(job, name, presses, press.points, features=list(FEATURES))
+            of.job(job, name, presses, press.points, features=[*FEATURES, *READINGS])
             for job, presses in groups.items()
         ]
     )
     done = list(grid.partial().values())
-    data = joined([press.unpacked(value) for value in done], list(FEATURES), of.view(name), name)
+    data = joined(
+        [press.unpacked(value) for value in done], [*FEATURES, *READINGS], of.view(name), name
+    )
     result = fit_best(
         data, asked.seed, lambda model, error: of.calibration(name, model, error), source=name
     )
