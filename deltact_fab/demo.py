@@ -61,10 +61,9 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     ]
     tracking, (shape, found) = _side_by_side("tracking, shape, force", then, bar)
 
-    from .numerics.scenes import costs
     from .report.page import write
 
-    page = write(out / "run", out / "report.html", tracking, found, parts, costs(), shape)
+    page = write(out / "run", out / "report.html", tracking, found, parts, shape)
     seconds = time.monotonic() - started
     (out / MARKER).write_text(json.dumps({"seed": seed, "finished": True}) + "\n")
     say(f"report: {page} ({seconds:.0f} s in all)")

@@ -55,8 +55,8 @@ def study(missing: int = 0) -> StudyResult:
     return StudyResult(
         study="made-up",
         title="A made-up study",
-        verdict=("The better one is half as far off.", "It holds for <all> seeds."),
-        data={"half": 0.5},
+        answer=("The better one is half as far off.", "It holds for <all> seeds."),
+        more={"half": 0.5},
         simulated=True,
         seed=7,
         scale=0.1,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -16,8 +15,6 @@ from .frames import settled
 
 _KIND = "face-flow"
 _KEPT_BYTES = 2 << 30
-# The tracker is off by micrometres; the step of what is kept adds a seventh of one.
-_STEP_MM = 5e-4
 
 
 @dataclass(frozen=True)
@@ -50,13 +47,20 @@ def flows_of(run: Run, press: str, every: int) -> PressFlows:
     an image that cannot be read, SensorError for a first one without a pattern.
     """
     of = key_of(run, press)
-    key = {"of": of, "every_px": every, "step_mm": _STEP_MM}
+    key = {"of": of, "every_px": every}
     held = cache.get(_KIND, key)
     if held is None:
-        held = _packed(_tracked(run, press, every))
+        flows = _tracked(run, press, every)
+        held = {
+            "shift": np.stack([flow.shift_mm for flow in flows]),
+            "known": np.stack([flow.known for flow in flows]),
+            "trusted": [bool(flow.trusted) for flow in flows],
+            "x_mm": flows[0].x_mm,
+            "y_mm": flows[0].y_mm,
+        }
         cache.put(_KIND, key, held, _KEPT_BYTES)
-    # As it will be read again, so that a second fit gives the same figures.
-    return PressFlows(_unpacked(held), of)
+    each = zip(held["shift"], held["known"], held["trusted"], strict=True)
+    return PressFlows([FaceFlow(s, k, held["x_mm"], held["y_mm"], t) for s, k, t in each], of)
 
 
 def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
@@ -74,23 +78,3 @@ def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
         if row.seq in wanted:
             flows.append(FaceFlow.of(seen, camera, every=every))
     return flows
-
-
-def _packed(flows: list[FaceFlow]) -> dict[str, Any]:
-    steps = np.stack([flow.shift_mm for flow in flows]) / _STEP_MM
-    return {
-        "shift": np.clip(np.rint(steps), -32767, 32767).astype(np.int16),
-        "known": np.packbits(np.stack([flow.known for flow in flows]), axis=-1),
-        "trusted": [bool(flow.trusted) for flow in flows],
-        "x_mm": flows[0].x_mm,
-        "y_mm": flows[0].y_mm,
-    }
-
-
-def _unpacked(held: dict[str, Any]) -> list[FaceFlow]:
-    shift = held["shift"].astype(np.float32) * np.float32(_STEP_MM)
-    known = np.unpackbits(held["known"], axis=-1, count=shift.shape[2]).astype(bool)
-    return [
-        FaceFlow(s, k, held["x_mm"], held["y_mm"], t)
-        for s, k, t in zip(shift, known, held["trusted"], strict=True)
-    ]

@@ -22,8 +22,8 @@ from ..record import Run
 from .view import sensor_of, view_of
 
 MAX_FRAMES = 1000
-"""Of a run with a force calibration all frames are measured up to so many; of a longer one those
-of each indenter's deepest press."""
+"""Of a run with a force calibration all frames are measured up to so many; of any other those of
+each indenter's deepest press."""
 EVERY_PX = 4
 FORCE = ("fx_n", "fy_n", "fz_n")
 
@@ -102,9 +102,11 @@ def measured(
     view = view_of(run)
     measurement = everything(view.camera, view.skin, calibrations, every=EVERY_PX)
     heads = {read_calibration(file)[0].kind: file for file in calibrations}
-    ends = _deepest_ends(frames)
+    last = frames[frames["kind"] == "press"].groupby("step_id", sort=False).tail(1)
+    last = last.dropna(subset="z_mm")  # under a weight nobody knows how deep it went
+    ends = last.loc[last.groupby("indenter", sort=False)["z_mm"].idxmin()]
     whole = "force" in heads and len(frames) <= MAX_FRAMES
-    followed = frames if whole else _up_to(frames, ends)
+    followed = frames if whole else frames[frames["press"].isin(ends["press"])]
     deepest, forces, done = [], [], 0
     for press, part in followed.groupby("press", sort=False):
         measurement.reset()
@@ -113,7 +115,7 @@ def measured(
             if result.force is not None:
                 forces.append((*result.force.force_n, result.extrapolated, result.trusted))
             done += 1
-            if row.frame_id in ends:
+            if row.frame_id in set(ends["frame_id"]):
                 z_mm: Any = row.z_mm
                 deepest.append(
                     DeepestPress(str(row.indenter), str(row.frame_id), -float(z_mm), result)
@@ -123,22 +125,8 @@ def measured(
     force = None
     if "force" in heads:
         force = _held(run, load_force(heads["force"]), followed, np.array(forces, float))
-    left_out = _left_out(set(heads), ends, len(frames) - len(followed))
+    left_out = _left_out(set(heads), bool(deepest), len(frames) - len(followed))
     return MeasuredRun(deepest, force, left_out)
-
-
-def _deepest_ends(frames: pd.DataFrame) -> list[str]:
-    """Id of the last frame of each indenter's deepest press."""
-    last = frames[frames["kind"] == "press"].groupby("step_id", sort=False).tail(1)
-    last = last.dropna(subset="z_mm")  # under a weight nobody knows how deep it went
-    at = last.groupby("indenter", sort=False)["z_mm"].idxmin()
-    return [str(name) for name in last.loc[at, "frame_id"]]
-
-
-def _up_to(frames: pd.DataFrame, ends: list[str]) -> pd.DataFrame:
-    """The frames of the presses that these frames belong to, up to them."""
-    until = frames[frames["frame_id"].isin(ends)].set_index("press")["seq"]
-    return frames[frames["seq"] <= frames["press"].map(until).fillna(-1)]
 
 
 def _held(run: Run, force: ForceCalibration, followed: pd.DataFrame, found: Array) -> Force:
@@ -157,19 +145,14 @@ def _held(run: Run, force: ForceCalibration, followed: pd.DataFrame, found: Arra
     return Force(table, force.model.features, own, rms)
 
 
-def _left_out(kinds: set[Kind], ends: list[str], frames: int) -> list[str]:
+def _left_out(kinds: set[Kind], pressed: bool, frames: int) -> list[str]:
     lines = []
-    if not ends:
+    if not pressed:
         lines.append("shape and contacts: no step of this run presses")
     elif "depth" not in kinds:
-        lines.append(
-            "contacts, and depth in mm: no calibration of depth; `deltact-fab calibrate-depth` "
-            "makes one from one press of a ball"
-        )
+        lines.append("contacts, and depth in mm: no calibration (`deltact-fab calibrate-depth`)")
     if "force" not in kinds:
-        lines.append(
-            "force from the flow: no calibration of force; `deltact-fab analyze force` makes one"
-        )
+        lines.append("force from the flow: no calibration (`deltact-fab analyze force`)")
     elif frames:
         lines.append(f"force at {frames} frames: only the deepest presses of so long a run")
     return lines

@@ -21,7 +21,6 @@ def report(run: Path, out: Path | None, calibrations: tuple[Path, ...], as_json:
     from .. import record
     from ..analysis.measured import calibrations_of, measured
     from ..analysis.tracking_error import TrackingResult, analyse
-    from ..numerics.scenes import costs
     from ..report.page import write
     from ..report.templating import require_pages
     from .output import echo_written, progress
@@ -37,5 +36,5 @@ def report(run: Path, out: Path | None, calibrations: tuple[Path, ...], as_json:
         result.save(folder)
     with progress("shape and force") as bar:
         found = measured(opened, files, bar)
-    page = write(run, out or run / "report.html", result, found, layer_costs=costs())
+    page = write(run, out or run / "report.html", result, found)
     echo_written(page, as_json)

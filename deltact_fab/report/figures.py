@@ -30,6 +30,7 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#1
 INK, SOFT, GRID, FAINT, BAND = "#1d2330", "#5b6475", "#dfe3ea", "#bbbbbb", "#d9e2ec"
 """Letters and axes, what stands back, grid, lines between legs, the band of a front."""
 DOUBT_COLOUR = COLOURS[4]
+MARKERS = "osD^vP*"
 PAPER_COLOUR = SOFT
 # Names of these colours in templates/style.css, which has others for a dark page.
 _NAMED = {

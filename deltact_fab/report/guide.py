@@ -7,10 +7,12 @@ import importlib.metadata
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from .. import catalog
 from ..aliases import Progress
@@ -30,8 +32,7 @@ from ..cad.registry import listed, of_group
 from ..errors import InputError, MissingLibrary
 from ..patterns.laws.patches import draw_patches
 from ..patterns.recipe import load_recipe
-from . import first_light
-from .templating import environment, render, save
+from .templating import fixed, render, save, table
 
 VIEWER_PACKAGE = "dash-model-viewer"
 VIEWER_FILE = "model-viewer-umd.min.js"
@@ -60,6 +61,12 @@ STEPS: dict[str, tuple[tuple[str, ...], ...]] = {
 """What each step of the assembly brings together, from the face backwards."""
 FROM_BEHIND = ("H.7",)  # what is done there is done at the cable's notch
 WHOLE = "H.9"
+# Heads of the tables of dataclasses.
+WIRING = {
+    "name": "wiring", "total_ma": "in all, mA", "led_ma": "a LED, mA", "chip_ma": "a chip, mA",
+    "resistor_mw": "heat in a resistor, mW", "note": "note",
+}  # fmt: skip
+GAPS = {"said": "the paper", "found": "what is found", "chosen": "what was chosen"}
 
 
 @dataclass(frozen=True)
@@ -109,7 +116,6 @@ def write(
     what to install. Raises InputError for a broken rule or a count below 1, MissingLibrary without
     the extra `report`, RunFailed when a part cannot be built or the disk refuses.
     """
-    pages = environment(fig=_fig)
     tell = progress or (lambda done, total, what: None)
     lines = bom.lines(design, sensors)
     parts = listed(design=design)
@@ -119,7 +125,6 @@ def write(
         except MissingLibrary as why:
             pictures = Pictures(note=f"No pictures and no 3D view: {why}")
     page = render(
-        pages,
         "guide.html",
         d=design,
         sensors=sensors,
@@ -127,14 +132,38 @@ def write(
         layer_mm=LAYER_MM,
         pictures=pictures,
         viewer=viewer() if pictures.models else Viewer(),
-        bom=lines,
+        bom=table(pd.DataFrame([_to_order(line) for line in lines])),
         stock_note=stock_note(design),
         f=_figures(design, sensors),
+        batches=table(
+            pd.DataFrame(
+                {
+                    "cavities filled": str(count),
+                    "part A, g": fixed(batch.a_g),
+                    "part B, g": fixed(batch.b_g),
+                    "mixture, ml": fixed(batch.volume_cm3),
+                }
+                for count in range(1, quantities.cavities(design) + 1)
+                for batch in (quantities.skins_batch(design, count),)
+            )
+        ),
+        wirings=table(pd.DataFrame(map(asdict, quantities.wirings(design.light))), WIRING),
         wiring=_data_url("image/svg+xml", wiring(design).svg().encode()),
         p=DEFAULT,
         sticker=sticker(design),
         facts=DEFAULT.rows(),
-        gaps=gaps(design),
+        process=table(
+            pd.DataFrame(
+                {
+                    "figure": row["key"],
+                    "value": f"{fixed(row['value'], 4)} {row['unit']}",
+                    "what it is": row["meaning"],
+                    "rests on": row["basis"],
+                }
+                for row in DEFAULT.rows()
+            )
+        ),
+        gaps=table(pd.DataFrame(map(asdict, gaps(design))), GAPS),
         unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
         # Keys that take the names of what a lab has measured, where something is unverified.
         measured=[
@@ -220,19 +249,38 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     return Pictures(whole, bench, images, models, steps, ceilings)
 
 
+def _to_order(line: bom.BomLine) -> dict[str, str]:
+    """A line of the bill of materials."""
+    amount = fixed(line.quantity, 2 if line.unit == "ml" else 1)
+    order = "made"
+    if line.source is not None:
+        second, instead = line.source.second_source, line.source.instead
+        order = str(line.source)
+        order += f"; or {second}" * (not second.startswith("not "))
+        order += f"; {instead}" * (instead != "not looked up")
+    return {
+        "part": f"{line.item}. {line.part}",
+        "for": line.group,
+        "material": line.material or "",
+        "process": line.process,
+        "quantity": f"{amount} {line.unit}",
+        "note": line.note,
+        "to order": order,
+    }
+
+
 @dataclass(frozen=True)
 class PatternToPrint:
     """The pattern to print for a design: its side, and what the camera sees of it.
 
     file: the recipe, where it is no shipped one. image: a data URL, one pixel a patch; enlarged: by
-    how much it is larger on the page. pairs: a good and a spoiled print and sensor of it.
+    how much it is larger on the page.
     """
 
     size_mm: float
     file: str
     image: str
     enlarged: float
-    pairs: dict[str, list[str]]
 
 
 def sticker(design: Design) -> PatternToPrint:
@@ -254,11 +302,7 @@ def sticker(design: Design) -> PatternToPrint:
     held = io.BytesIO()
     Image.fromarray(seen).save(held, "PNG")
     image = _data_url("image/png", held.getvalue())
-    pairs = {
-        of: [_data_url("image/jpeg", one) for one in pair]
-        for of, pair in first_light.pairs(design, recipe).items()
-    }
-    return PatternToPrint(recipe.size_mm, file, image, SHOWN_MM / view_mm[0], pairs)
+    return PatternToPrint(recipe.size_mm, file, image, SHOWN_MM / view_mm[0])
 
 
 def _plates(design: Design, parts: Sequence[Part]) -> list[tuple[str, dict[str, int]]]:
@@ -306,7 +350,6 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
         "cast": cast,
         "cavities": cells,
         "pours": quantities.pours(d, cast),
-        "batches": [(n, quantities.skins_batch(d, n)) for n in range(1, cells + 1)],
         "full": full,
         "skin_cm3": d.skin_volume_mm3 / 1000,
         "coat_g": coat.total_g,
@@ -319,7 +362,6 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
         "shrinkage_mm": quantities.shrinkage_mm(d),
         "acrylic_mm": [2 * s for s in d.acrylic_half_mm],
         "pour_mm": d.mold.base_mm + d.skin.thickness_mm,
-        "wirings": quantities.wirings(d.light),
         "current_ma": (d.light.least_ma, d.light.most_ma),
         "brighter": quantities.resistor_for_ohm(20.0, d.light),
         "notched": any(d.acrylic_notch_mm),
@@ -335,17 +377,11 @@ def _stripped(d: Design) -> str:
     deepest_mm = screw.length_mm + screw.tip_clearance_mm
     longer = [mm for mm in screw.row.stock_mm if screw.length_mm < mm <= deepest_mm]
     new = "a new frame, or fill the hole with epoxy, let it harden and drill it again with "
-    new += f"{_fig(screw.row.pilot_mm, 2)} mm."
+    new += f"{fixed(screw.row.pilot_mm, 2)} mm."
     if not longer:
         return f"no longer one that would fit is sold; {new}"
-    return f"use one of {_fig(longer[-1])} mm, {new}"
+    return f"use one of {fixed(longer[-1])} mm, {new}"
 
 
 def _data_url(kind: str, data: bytes) -> str:
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
-
-
-def _fig(value: float, digits: int = 1) -> str:
-    """A number as it is read off a balance or a rule: fixed digits, no trailing zeros."""
-    text = f"{value:.{digits}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text

@@ -13,7 +13,7 @@ from urllib.parse import quote
 from .. import reading, record
 from ..errors import DeltactFabError, InputError
 from . import study_folder
-from .templating import environment, render, save
+from .templating import render, save, table
 
 RUN = "run.json"
 # Where neither runs nor studies lie, but thousands of files may.
@@ -44,11 +44,19 @@ def write(folder: Path, out: Path) -> Path:
     Raises InputError for a folder that is none, MissingLibrary without the extra `report`,
     RunFailed when the disk refuses.
     """
+    import pandas as pd
+
     rows = entries(folder, out.parent)
-    page = render(
-        environment(), "index.html", folder=folder.resolve().name, entries=rows,
-        worse=sum(bool(row.trouble) for row in rows),
-    )  # fmt: skip
+    told = {
+        "name": [row.name for row in rows],
+        "kind": [f"{row.kind}{', simulated' * row.simulated}" for row in rows],
+        "date, UTC": [row.date for row in rows],
+        "what came out": [f"{row.trouble} {row.line}".strip() for row in rows],
+    }
+    marks = ["bad" if row.trouble else "" for row in rows]
+    made = table(pd.DataFrame(told), marks=marks, links=[row.link for row in rows])
+    worse = sum(map(bool, marks))
+    page = render("index.html", folder=folder.resolve().name, entries=made, worse=worse)
     return save(page, out)
 
 

@@ -3,36 +3,21 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 from .. import record
-from ..analysis.measured import MeasuredRun
+from ..analysis.measured import DeepestPress, MeasuredRun
 from ..analysis.shape import ShapeResult
-from ..analysis.tracking_error import (
-    ARROW_STEP_PX,
-    PAPER_BEST_MM,
-    RULE,
-    WRONG_MM,
-    TrackingResult,
-    percent,
-    shown,
-)
+from ..analysis.tracking_error import PAPER_BEST_MM, RULE, WRONG_MM, TrackingResult, percent
 from ..errors import InputError
 from . import figures, run_figures
-from .templating import environment, render, save
+from .templating import render, save, table
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-DASH = "–"
-ARROW_GAIN = 2.0
-STRIP_FRAMES = 4
+SMALLER = 0.6  # pictures of presses stand side by side
 
 
 def write(
@@ -41,7 +26,6 @@ def write(
     tracking: TrackingResult,
     measured: MeasuredRun | None = None,
     parts: dict[str, Any] | None = None,
-    layer_costs: Sequence[dict[str, Any]] = (),
     shape: ShapeResult | None = None,
 ) -> Path:
     """Write the report of a run, its tracking analysis and what was measured to one file.
@@ -49,42 +33,32 @@ def write(
     measured: shape, contact and force of it; without it the page has no word of them. shape: its
     depth and contacts against truth.
     parts: `parts` (a row a part, with its formats) and `note` (why there are none), from the demo.
-    layer_costs: what each layer costs that a scene may leave out, as `numerics` measured it; what
-    was not measured is not in the page.
     Raises InputError for a run that is not finished, MissingLibrary without the extra `report`,
     RunFailed when the disk refuses.
     """
-    pages = environment(fig=_fig, percent=_percent)
-    pages.globals["shown"] = shown
-    measured_costs = [cost for cost in layer_costs if cost["seconds"] is not None]
     run = record.open(run_folder)
     if not run.finished:
         raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
-    frames, notes = run.frames(), run.notes()
-    verdict = tracking.verdict
+    frames, notes, verdict = run.frames(), run.notes(), tracking.verdict
     drawn = {
-        "by_time": run_figures.error_by_time(
-            tracking.methods, verdict, PAPER_BEST_MM, run.simulated
-        ),
-        "by_indenter": run_figures.error_by_indenter(tracking.by_indenter, verdict, PAPER_BEST_MM),
-        **_by_step(tracking),
+        "by_time": run_figures.error_by_time(tracking),
+        "by_step": run_figures.error_by_step(tracking),
     }
     if measured is not None and measured.force is not None:
         drawn["force"] = run_figures.force_by_frame(measured.force.frames)
     elif frames["fz_n"].notna().any():
         drawn["force"] = run_figures.force_by_frame(frames)
-    if measured is not None and measured.deepest:
-        drawn["shape"] = run_figures.deepest_presses(measured.deepest)
+    deepest = measured.deepest if measured is not None else []
+    if deepest:
+        drawn["shape"] = run_figures.deepest_presses(deepest)
     page = render(
-        pages,
         "run.html",
         meta=run.meta,
         summary=run.summary(),
-        pattern=run.pattern,
         simulated=run.simulated,
         tracking=tracking.as_dict(),
-        methods=_METHODS,
-        at_dots=_AT_DOTS,
+        verdict=verdict,
+        methods=_methods(tracking),
         measured=measured,
         shape=shape,
         rule=RULE,
@@ -95,15 +69,21 @@ def write(
             for name, figure in drawn.items()
             if figure
         },
-        pattern_png=_png(run.image(str(frames["file"].iloc[0]))),
-        strips=_strips(run, frames, tracking),
-        arrow_gain=ARROW_GAIN,
+        pictures=[_picture(run, frames, one) for one in deepest],
+        contacts=table(pd.DataFrame([row for one in deepest for row in _contacts(one)])),
         parts=parts,
-        layer_costs=measured_costs,
-        counts=_counts(frames),
+        made=table(pd.DataFrame(parts["parts"] if parts else [])),
+        counts={
+            "frames": len(frames),
+            "presses": frames["press"].nunique(),
+            "normal_n": (-frames["fz_n"]).max(),
+            "shear_n": frames[["fx_n", "fy_n"]].abs().to_numpy(float).max(),
+        },
+        pattern=_picture(run, frames),
+        settings=table(_settings(run)),
         # What operators said.
         notes=[
-            {"at": f"{datetime.fromtimestamp(wall_s, UTC):%Y-%m-%d %H:%M} UTC", "text": text}
+            f"{datetime.fromtimestamp(wall_s, UTC):%Y-%m-%d %H:%M} UTC: {text}"
             for wall_s, text in zip(notes["wall_s"], notes["text"], strict=True)
         ],
     )
@@ -115,100 +95,86 @@ _SHOWN = {
     "shape": "depth, flow and contact on the face at the deepest press of each indenter",
     "force": "force on the sensor in x, y and z, N, against the frame",
 }
-# Above a column of the methods' tables: what stands in it.
-_METHODS: dict[str, Callable[[dict[str, Any]], str]] = {
-    "mean error over all moving pixels, mm": lambda m: _fig(m["mean_off_dots_mm"]),
-    "95 % are below, mm": lambda m: _fig(shown(m, "p95_off_dots_mm")),
-    "where it is sure, mm": lambda m: _fig(m["mean_confident_mm"]),
-    "share known for sure": lambda m: _percent(
-        m["confident_share"] if m["coverage"] is None else m["coverage"]
-    ),
-    f"of that off by over {WRONG_MM:g} mm": lambda m: _percent(m["confident_wrong_share"]),
-    "frames trusted": lambda m: _percent(m["trusted_share"]),
-    "CPU time a frame, ms: median": lambda m: _fig(m["cpu_ms"]["p50"], 1),
-    "95 % are below, ms": lambda m: _fig(m["cpu_ms"]["p95"], 1),
-}
-_AT_DOTS: dict[str, Callable[[dict[str, Any]], str]] = {
-    "at dots, mm": lambda m: _fig(m["mean_at_dots_mm"]),
-    "at moving dots, mm": lambda m: _fig(m["mean_at_moving_dots_mm"]),
-    "still pixels, mm": lambda m: _fig(m["mean_still_mm"]),
-    "read as in-plane, mm": lambda m: _fig(m["mean_as_in_plane_mm"]),
-    "moving px": lambda m: _fig(m["n_moving_px"]),
-    "new references": lambda m: str(m["reference_switches"]),
-}
 
 
-def _by_step(tracking: TrackingResult) -> dict[str, Any]:
-    """Error and coverage against the frame, of whatever of them is known."""
-    names = [m["name"] for m in tracking.methods]
-    error, words = tracking.verdict.error, tracking.verdict.error_words
-    table, drawn = tracking.frames, {}
-    if error is not None:
-        label = f"mean error, mm\n({words})"
-        drawn["by_step"] = run_figures.by_step(table, names, error, label)
-    with_truth = table["coverage"].notna().any()
-    sure, of = ("coverage", "moving pattern") if with_truth else ("confident_share", "image")
-    if len(table):
-        label = f"share of the {of}\nthat is known for sure"
-        drawn["sure_by_step"] = run_figures.by_step(table, names, sure, label, log=False)
-    return drawn
+def _methods(tracking: TrackingResult) -> dict[str, Any]:
+    """The table of methods, what to take of it marked, with the paper's below."""
+    verdict, rows = tracking.verdict, []
+    for m in tracking.methods:
+        known = m["confident_share"] if m["coverage"] is None else m["coverage"]
+        believed = "yes, at the front" if m["name"] in verdict.front else "yes"
+        rows.append(
+            {
+                "method / reference": m["name"],
+                "mean error over all moving pixels, mm": m["mean_off_dots_mm"],
+                "95 % are below, mm": m["p95_off_dots_mm"],
+                "where it is sure, mm": m["mean_confident_mm"],
+                "share known for sure": _percent(known),
+                f"of that off by over {WRONG_MM:g} mm": _percent(m["confident_wrong_share"]),
+                "at the dots, mm": m["mean_at_dots_mm"],
+                "frames trusted": _percent(m["trusted_share"]),
+                "CPU time a frame, ms": m["ms_per_frame"],
+                "new references": m["reference_switches"],
+                "believed": "no" if verdict.doubts[m["name"]] else believed,
+            }
+        )
+    marks = ["take" if m["name"] == verdict.take else "" for m in tracking.methods]
+    if any(m["mean_at_dots_mm"] is not None for m in tracking.methods):
+        rows.append({"method / reference": "the paper's own", "at the dots, mm": PAPER_BEST_MM})
+        marks.append("")
+    return table(pd.DataFrame(rows), marks=marks)
+
+
+def _contacts(one: DeepestPress) -> list[dict[str, Any]]:
+    """A row a contact of a press; none where contacts were not asked for."""
+    found = one.result.contacts
+    if found is None:
+        return []
+    about = {"indenter": one.indenter, "frame": one.frame_id, "cover": _percent(one.result.cover)}
+    return [
+        {
+            **about,
+            "place x, y, mm": f"{c.place_mm[0]:.2f}, {c.place_mm[1]:.2f}",
+            "area_mm2": c.area_mm2,
+            "peak_depth_mm": c.peak_depth_mm,
+            "share of the force": _percent(c.force_share),
+        }
+        for c in found
+    ] or [{**about, "place x, y, mm": "no contact found"}]
+
+
+def _settings(run: record.Run) -> pd.DataFrame:
+    """What the run was made with."""
+    pattern, stage = run.pattern, run.summary()["devices"]["stage"]
+    recipe = {
+        f"pattern: {key}": str(value)
+        for key, value in pattern["recipe"].items()
+        if value is not None and not isinstance(value, dict)
+    }
+    dots = pattern.get("dots_mm")
+    own = {
+        "dots": f"{len(dots)} of {pattern['dot_diameter_mm']} mm" if dots else "none",
+        "seed": str(run.meta["seed"]),
+        "controller": stage["banner"] if stage else "none: weights laid on by hand",
+    }
+    settings = {**recipe, **own, **run.meta["versions"]}
+    return pd.DataFrame(settings.items(), columns=["setting", "value"])
 
 
 def _percent(value: float | None) -> str:
-    return DASH if value is None else percent(value).replace(" ", "\u00a0")
+    return "" if value is None else percent(value).replace(" ", "\u00a0")
 
 
-def _fig(value: Any, digits: int = 4) -> str:
-    """A number as a person reads it; a dash where nothing was measured."""
-    if value is None:
-        return DASH
-    if isinstance(value, int):
-        return f"{value:,}".replace(",", "\u202f")  # a thin space that does not break
-    return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
-
-
-def _counts(frames: pd.DataFrame) -> dict[str, Any]:
-    counts: dict[str, Any] = {"frames": len(frames), "presses": frames["press"].nunique()}
-    if frames["fz_n"].notna().any():
-        counts["peak_normal_n"] = float((-frames["fz_n"]).max())
-        counts["peak_shear_n"] = float(frames[["fx_n", "fy_n"]].abs().to_numpy().max())
-    return counts
-
-
-def _strips(
-    run: record.Run, frames: pd.DataFrame, tracking: TrackingResult
-) -> list[dict[str, Any]]:
-    """A strip an indenter: the end of the press and the extremes of shear, with flow arrows."""
+def _picture(run: record.Run, frames: pd.DataFrame, one: DeepestPress | None = None) -> Any:
+    """The image of a press, else the pattern at rest, as a data URL, and its caption."""
     import cv2
+    import numpy as np
 
-    strips = []
-    for indenter in dict.fromkeys(frames["indenter"]):
-        part = frames[frames["indenter"] == indenter]
-        ends = part.groupby("step_id", sort=False).tail(1)
-        ends = ends[ends["kind"].isin(["press", "shear"])]
-        chosen = ends.head(1 + 3 * (STRIP_FRAMES - 1))
-        keep = [i for i, s in enumerate(chosen["step_id"]) if not str(s).endswith("0")]
-        pictures = []
-        for row in chosen.iloc[keep[:STRIP_FRAMES]].itertuples():
-            image = run.image(str(row.file))
-            arrows = tracking.arrows.get(str(row.frame_id))
-            if arrows is not None:
-                image = run_figures.flow_picture(image, arrows, ARROW_STEP_PX, ARROW_GAIN)
-            # Six tenths of the size: a strip shows four pictures side by side.
-            small = cv2.resize(image, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
-            pictures.append(
-                {
-                    "src": _png(np.asarray(small, np.uint8)),
-                    "caption": str(row.step_id).rsplit("/", 1)[-1],
-                    "pose": "pose not recorded"
-                    if np.isnan(row.z_mm)
-                    else f"x {row.x_mm:+.2f}, y {row.y_mm:+.2f}, z {row.z_mm:+.2f} mm",
-                }
-            )
-        strips.append({"indenter": indenter, "pictures": pictures})
-    return strips
-
-
-def _png(image: NDArray[np.uint8]) -> str:
-    """A data URL; JPEG would smear the pattern."""
-    return "data:image/png;base64," + base64.b64encode(record.encode_png(image)).decode()
+    row = frames.iloc[0] if one is None else frames[frames["frame_id"] == one.frame_id].iloc[0]
+    small = cv2.resize(
+        run.image(str(row["file"])), None, fx=SMALLER, fy=SMALLER, interpolation=cv2.INTER_AREA
+    )
+    # JPEG would smear the pattern.
+    png = base64.b64encode(record.encode_png(np.asarray(small, np.uint8))).decode()
+    caption = "at rest" if one is None else f"{one.indenter}, {one.depth_mm:.2f} mm deep"
+    return {"src": f"data:image/png;base64,{png}", "caption": caption}

@@ -6,13 +6,23 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from ..files import write_whole
-from .templating import environment, render, save
+from .templating import render, save, table
+
+COLUMNS = {
+    "fault": "fault", "moment": "when", "outcome": "what the operator reads",
+    "deeper_mm": "lower, mm", "wrong": "with --resume",
+}  # fmt: skip
 
 
 def write(found: dict[str, Any], protocol: str, rig: str, out: Path) -> list[Path]:
     """rehearsal.html and .json of `Rehearsal.as_dict()`; as `templating.save`."""
-    page = render(environment(), "rehearsal.html", found=found, protocol=protocol, rig=rig)
+    rows = [{**c, "wrong": c["wrong"] or "the same record"} for c in found["cells"]]
+    marks = ["" if c["passed"] else "bad" for c in rows]
+    cells = table(pd.DataFrame(rows, columns=list(COLUMNS)).round(2), COLUMNS, marks)
+    page = render("rehearsal.html", found=found, protocol=protocol, rig=rig, cells=cells)
     data = out / "rehearsal.json"
     written = [save(page, out / "rehearsal.html"), data]
     write_whole(data, json.dumps(found, indent=1).encode())

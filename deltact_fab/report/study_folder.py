@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from .. import digest, reading
+from .. import catalog, digest, reading
 from ..errors import InputError, RunFailed
 from ..files import making, write_together
 from .result import Headline, StudyResult
@@ -73,29 +74,14 @@ def _kept(found: dict[str, Any], path: Path) -> KeptResult:
     kept = found.get("format")
     if kept != FORMAT:
         raise InputError(f"{path}: format: {kept!r}; this version reads {FORMAT!r}")
-    values: dict[str, Any] = {}
-    for key in (f.name for f in fields(KeptResult)):
-        value = found.get(key)
-        if not isinstance(value, _KINDS[key]):
-            raise InputError(f"{path}: {key}: {value!r:.40} is not what a study writes there")
-        values[key] = tuple(value) if isinstance(value, list) else value
-    try:
-        values["headlines"] = tuple(_headline(one) for one in values["headlines"])
-    except (TypeError, KeyError, ValueError, AttributeError) as why:
-        raise InputError(f"{path}: headlines: cannot be read: {why}") from why
-    return KeptResult(**values)
-
-
-_KINDS: dict[str, Any] = {
-    "study": str, "title": str, "verdict": list, "simulated": bool, "seed": int,
-    "scale": int | float | None, "made": str, "headlines": list, "settings": dict,
-    "missing": list, "module": str, "code": str, "versions": dict, "figures": list, "files": list,
-}  # fmt: skip
-
-
-def _headline(one: dict[str, Any]) -> Headline:
-    kept = {key: value for key, value in one.items() if key != "state"}
-    return Headline(**{**kept, "value": float("nan") if one["value"] is None else one["value"]})
+    headlines = found.get("headlines")
+    if isinstance(headlines, list):  # JSON has no NaN: a value that is no number is null there
+        none = {"value": math.nan}
+        headlines = [
+            one | none if isinstance(one, dict) and one.get("value", 0) is None else one
+            for one in headlines
+        ]
+    return catalog.validate(KeptResult, {**found, "headlines": headlines}, str(path))
 
 
 def contents(result: StudyResult) -> dict[str, bytes]:

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from deltact_fab import record
 from deltact_fab.analysis import tracking_error as te
+from deltact_fab.analysis.tracking_error.follow import DEFAULT_METHODS
 from deltact_fab.analysis.tracking_error.truth import DOT_MARGIN_PX, TrueFrame
 from deltact_fab.errors import InputError
-from deltact_fab.measure.flow import FlowTracker
+from deltact_fab.measure.flow import FlowTracker, named_tracker
 
-METHODS = ("fused", "dis-medium/summed-every", "dis-medium/composed-every")
+METHODS = ("fused", "dis-medium", "dis-medium/static")
 
 
 @pytest.fixture(scope="module")
@@ -31,13 +32,11 @@ def result(mini_run: Path) -> te.TrackingResult:
 def test_the_json_has_every_figure(result: te.TrackingResult) -> None:
     data = json.loads(json.dumps(result.as_dict(), allow_nan=False))
     for row in data["methods"]:
-        assert {"name", "mean_at_dots_mm", "mean_off_dots_mm", "p95_off_dots_mm", "n_moving_px",
-                "peak_true_mm", "ms_per_frame", "mean_confident_mm", "coverage",
-                "confident_wrong_share"} <= set(row)  # fmt: skip
-        assert 0 < row["cpu_ms"]["p50"] <= row["cpu_ms"]["p95"]
+        assert None not in row.values()
+        assert row["ms_per_frame"] > 0
     assert data["simulated"] is True
     assert data["seed"] == 3
-    assert data["paper"]["best_mean_at_dots_mm"] == 0.08
+    assert data["paper_mean_at_dots_mm"] == 0.08
 
 
 @pytest.mark.slow
@@ -51,18 +50,10 @@ def test_the_default_and_the_dots_hold_the_bounds(result: te.TrackingResult) -> 
     assert result.dots["mean_vs_truth_mm"] <= 0.01
 
 
-def test_the_states_of_a_frame_are_shares_of_the_image(result: te.TrackingResult) -> None:
-    shares = result.frames[["matched_share", "predicted_share", "lost_share"]]
-    assert shares.sum(axis=1).to_numpy() == pytest.approx(1.0)
-    assert shares["matched_share"].min() > 0.9  # nothing is hidden here
-    assert result.methods[0]["matched_share"] == pytest.approx(
-        shares["matched_share"][result.frames["method"] == "fused"].mean()
-    )
-
-
-def test_composition_beats_the_plain_sum(result: te.TrackingResult) -> None:
-    _, summed, composed = result.methods
-    assert composed["mean_off_dots_mm"] < 0.7 * summed["mean_off_dots_mm"]
+def test_the_default_compares_four_that_there_are() -> None:
+    assert len(DEFAULT_METHODS) <= 4
+    for name in DEFAULT_METHODS:
+        named_tracker(name)
 
 
 def test_all_indenters_together_are_their_parts(result: te.TrackingResult) -> None:
@@ -119,16 +110,12 @@ class Shelf(record.RunTruth):
         flow[:, :20, 0] = 8.0
         return flow, 0.04 * flow
 
-    def points_px(self, frame_id: str, xy_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        return xy_mm
-
 
 def test_what_the_face_hides_of_itself_is_not_counted() -> None:
     everywhere = np.ones((10, 60), bool)
     frame = TrueFrame.read(Shelf(), "f", everywhere, everywhere, 0.04)
     # Columns 12 to 19 lie over 20 to 27 now: which of the two is seen, the flow does not tell.
     assert (np.flatnonzero(frame.moving[5]) == np.arange(12)).all()
-    assert (np.flatnonzero(frame.still[5]) == np.arange(28, 60)).all()
 
 
 def test_what_the_camera_does_not_see_is_not_counted_before_or_after() -> None:
@@ -137,7 +124,6 @@ def test_what_the_camera_does_not_see_is_not_counted_before_or_after() -> None:
     frame = TrueFrame.read(Shelf(), "f", np.ones((10, 60), bool), seen, 0.04)
     # Columns 7 and 8 land on 15 and 16.
     assert (np.flatnonzero(frame.moving[5]) == [3, 4, 5, 6, 9, 10, 11]).all()
-    assert (np.flatnonzero(frame.still[5]) == np.arange(28, 50)).all()
 
 
 @pytest.mark.slow
@@ -165,9 +151,6 @@ def test_saved_and_loaded_it_is_the_same(result: te.TrackingResult, tmp_path: Pa
     again = te.TrackingResult.load(tmp_path / "a")
     assert again.as_dict() == result.as_dict()
     assert list(again.frames.columns) == list(result.frames.columns)
-    assert set(again.arrows) == set(result.arrows)
-    for key, arrows in result.arrows.items():
-        assert np.array_equal(again.arrows[key], arrows)
     with pytest.raises(InputError, match="no readable tracking analysis"):
         te.TrackingResult.load(tmp_path / "b")
 

@@ -30,9 +30,7 @@ def cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cases:
     experiment.run(experiment.RunRequest(str(protocol), str(rig), tmp_path / "run", seed=3))
     tracking_error.analyse(tmp_path / "run", ["dis-fast"]).save(tmp_path / "run" / "analysis")
     headline = Headline("error", 0.3, "mm", 0.2, 0.4, "5 seeds")
-    study = StudyResult(
-        "s", "S", ("It is so.",), {}, True, 3, 0.1, (headline,), settings={"a": "b"}
-    )
+    study = StudyResult("s", "S", True, 3, 0.1, headlines=(headline,), settings={"a": "b"})
     (tmp_path / "result.json").write_bytes(study_folder.contents(study)["result.json"])
     sheet = encode(recipe_from(PATTERN, "pattern"))
     stop_at_first_motion(monkeypatch.setattr)

@@ -74,7 +74,7 @@ def test_it_fetches_nothing_and_its_anchors_lead_somewhere(default: Seen) -> Non
     assert anchors <= set(default.ids)
     assert len(default.ids) == len(set(default.ids))
     # The bench, the wiring, the pattern, and one that stands where the model cannot be turned.
-    assert default.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 8
+    assert default.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 4
     assert default.tags.count("model-viewer") == 1
 
 
@@ -240,7 +240,7 @@ def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.Monke
     seen = Seen(write(load_design(), tmp_path / "guide.html").read_text())
     assert "No pictures and no 3D view: the CAD kernel cannot load: libGL.so.1" in seen.text
     # The wiring drawing and the pattern need no kernel.
-    assert seen.tags.count("img") == 6
+    assert seen.tags.count("img") == 2
     assert "model-viewer" not in seen.tags
     assert "H. Assembly" in seen.text
 
@@ -256,7 +256,7 @@ def test_without_the_viewer_it_says_what_to_install(
     assert "No 3D view: dash-model-viewer is not installed" in seen.text
     assert "model-viewer" not in seen.tags
     assert "script" not in seen.tags
-    assert seen.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 8
+    assert seen.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 4
 
 
 def test_the_viewer_cannot_end_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import json
 import re
 import shutil
 import time
@@ -31,6 +32,11 @@ def all_sorts(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     study_page.write(replace(made, missing=("one", "two")), top / "half")
     study_page.write(made, top / "no-page")
     (top / "no-page" / "report.html").unlink()
+    for name, module in (("fresh", "study.registry"), ("stale", "study.registry"), ("gone", "no")):
+        study_page.write(replace(made, module="study.registry"), top / name)
+        path = top / name / "result.json"
+        kept = json.loads(path.read_text()) | {"module": module}
+        path.write_text(json.dumps(kept | ({"code": "0" * 64} if name == "stale" else {})))
     (top / "cut").mkdir()
     (top / "cut" / "result.json").write_text('{"format": "delt')
     shutil.copytree(mini_run, top / "runs" / "mini")
@@ -54,8 +60,8 @@ def found(all_sorts: Path) -> dict[str, Entry]:
 
 def test_every_run_and_study_has_a_row_and_nothing_else(found: dict[str, Entry]) -> None:
     assert set(found) == {
-        "studies/a study #1", "half", "no-page", "cut", "runs/mini", "stopped", "old", "hurt",
-        "odd",
+        "studies/a study #1", "half", "no-page", "fresh", "stale", "gone", "cut", "runs/mini",
+        "stopped", "old", "hurt", "odd",
     }  # fmt: skip
 
 
@@ -85,6 +91,9 @@ def test_a_run_tells_what_there_is(found: dict[str, Entry]) -> None:
     [
         ("half", "2 jobs missing:", "The better one"),
         ("no-page", "its page is gone:", "The better one"),
+        ("fresh", "", "The better one"),
+        ("stale", "made by other code than this:", "The better one"),
+        ("gone", "made by other code than this:", "The better one"),
         ("cut", "damaged:", "not valid JSON"),
         ("stopped", "unfinished:", "frames in"),
         ("hurt", "damaged:", "journal"),
@@ -125,10 +134,10 @@ def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: P
     assert (done.exit_code, done.output) == (0, f"written: {out}\n")
     page = out.read_text()
     links = [html.unescape(link) for link in re.findall(r'<a href="([^"]+)"', page)]
-    assert len(links) == 9
+    assert len(links) == 12
     assert all((out.parent / unquote(link)).exists() for link in links)
-    assert "6 of 9 are unfinished or damaged" in page
-    assert page.count('<tr class="bad">') == 6
+    assert "8 of 12 are unfinished, old or damaged" in page
+    assert page.count('<tr class="bad">') == 8
     assert "<script" not in page
 
 

@@ -17,7 +17,7 @@ import pytest
 from made_up_study import study
 
 from deltact_fab.errors import InputError, RunFailed
-from deltact_fab.report import study_page
+from deltact_fab.report import study_page, templating
 from deltact_fab.report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
 from deltact_fab.report.study_folder import read_result
 
@@ -100,11 +100,8 @@ def test_headlines_tell_value_interval_paper_and_goal(page: str) -> None:
         "mean error of the default tracker", "0.01235\u00a0mm", "0.011 to 0.014\u00a0mm, 5 seeds",
         "0.08\u00a0mm", "at most 0.03\u00a0mm: met", "",
     ]  # fmt: skip
-    assert rows[1][4:] == [
-        "at most 0.2\u00a0N: missed, but the interval reaches over it",
-        "the edge of the gel is softer",
-    ]
-    assert rows[2][1:] == ["0.991", "one fit", "0.99", "at least 0.98: met", ""]
+    assert rows[1][4:] == ["at most 0.2\u00a0N: undecided", "the edge of the gel is softer"]
+    assert rows[2][1:] == ["0.991", "one fit", "0.99", "at least 0.98: undecided", ""]
 
 
 def test_a_goal_that_is_missed_for_no_reason_says_that_too(tmp_path: Path) -> None:
@@ -135,11 +132,18 @@ def test_columns_without_a_value_are_left_out_and_rows_of_long_tables(page: str)
     head, *rows = table_of(section(page, "Every point"))
     assert head == ["point", "normal, N"]
     assert len(rows) == study_page.FIRST_ROWS
-    assert "The first 20 of 2070 rows are shown" in page
-    text = page.partition('id="tsv-points"')[2].partition("</textarea>")[0].partition(">")[2]
-    lines = text.strip().split("\n")
-    assert len(lines) == 2071
-    assert lines[-1].split("\t") == ["2069", "9.67"]
+    assert "the first 20 of 2070 rows are shown" in page
+
+
+def test_columns_beyond_those_of_a_sheet_are_named_and_left_to_the_file(tmp_path: Path) -> None:
+    many = ReportTable("many", "Many", pd.DataFrame({f"c{i}_mm": [i + 0.5] for i in range(22)}))
+    page = study_page.write(replace(plain(), tables=(many,)), tmp_path / "s").read_text()
+    part = section(page, "Many")
+    head, row = table_of(part)
+    assert (head[-1], row[-1]) == ("c13, mm", "13.5")
+    assert "further columns in it: c14, mm; " in part
+    assert "c21, mm." in part
+    assert pd.read_csv(tmp_path / "s" / "many.csv").shape == (1, 22)
 
 
 def test_a_shown_column_that_is_not_there_is_refused(tmp_path: Path) -> None:
@@ -181,7 +185,6 @@ def test_what_was_written_is_read_again(folder: Path) -> None:
     assert kept.headlines == made.headlines
     assert kept.missing == made.missing
     assert kept.settings == made.settings
-    assert kept.data == made.data
     assert kept.versions["numpy"] == np.__version__
     assert sorted(kept.files) == sorted(p.name for p in folder.iterdir() if p.name != "result.json")
     assert (folder / "recipe.toml").read_text() == "seed = 7\n"
@@ -195,16 +198,17 @@ def test_a_value_that_is_no_number_is_kept_as_none_and_meets_no_goal(tmp_path: P
     assert json.loads((tmp_path / "result.json").read_text())["headlines"][0]["value"] is None
     (kept,) = read_result(tmp_path).headlines
     assert np.isnan(kept.value)
-    assert kept.met is False
+    assert kept.state == "undecided"
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"format": "deltact-fab study 0"}, "format: 'deltact-fab study 0'"),
-        ({"verdict": "yes"}, "verdict: 'yes'"),
-        ({"headlines": [{"what": "x"}]}, "headlines: cannot be read"),
-        ({"data": None}, "data: None"),
+        ({"verdict": "yes"}, "verdict: Input should be a valid array (got 'yes')"),
+        ({"headlines": [{"what": "x"}]}, "headlines.0.unit: missing key"),
+        ({"headlines": [1]}, "headlines.0"),
+        ({"seed": None}, "seed: "),
     ],
 )
 def test_a_result_that_is_none_names_file_and_key(
@@ -241,7 +245,7 @@ def test_what_fails_leaves_the_earlier_study_as_it_is(tmp_path: Path, what: str)
     if what == "figure":
         bad = replace(plain(), figures=(ReportFigure("bad", "Bad.", _fails),))  # type: ignore[arg-type]
     elif what == "number":
-        bad = replace(plain(), data={"error_mm": float("nan")})
+        bad = replace(plain(), more={"error_mm": float("nan")})
     else:
         bad = replace(plain(), files={"../recipe.toml": ""})
     with pytest.raises((RunFailed, ValueError)):
@@ -303,21 +307,7 @@ def test_ready_finds_a_folder_that_cannot_be(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_cells_are_for_people(value: object, shown: str) -> None:
-    assert study_page.cell(value) == shown
-
-
-def test_copied_text_has_all_digits_and_one_line_a_row() -> None:
-    frame = pd.DataFrame({"a_mm": [1 / 3, np.nan], "b": ["x\ty", "two\nlines"]})
-    assert study_page.tsv(frame) == "a_mm\tb\n0.3333333333333333\tx y\n\ttwo lines\n"
-
-
-def test_headline_goals() -> None:
-    low = Headline("e", 0.1, "mm", 0.05, 0.15, "", goal=0.2)
-    assert (low.met, low.sure) == (True, True)
-    assert replace(low, goal=0.12).sure is False
-    high = replace(low, goal=0.2, better="high")
-    assert (high.met, high.sure) == (False, True)
-    assert (replace(low, goal=None).met, replace(low, low=None).sure) == (None, None)
+    assert templating.cell(value) == shown
 
 
 def test_left_out_without_layer_is_never_given_a_cost(tmp_path: Path) -> None:

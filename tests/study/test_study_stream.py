@@ -74,7 +74,7 @@ def test_its_truth_is_that_of_the_record(
         found = truth.of(frame, marks)
         assert truth.of(frame, marks) is found
         wanted = TrueFrame.read(held, str(frame_id), off, seen_by(run.camera), run.camera.mm_per_px)
-        for name in ("flow_px", "in_plane_mm", "moving", "still"):
+        for name in ("flow_px", "in_plane_mm", "moving"):
             assert np.array_equal(getattr(found, name), getattr(wanted, name))
 
 
@@ -128,7 +128,4 @@ def test_followed_as_a_stream_a_press_has_the_errors_that_its_record_has(
         image = stream.tracked(picture.expose(frame.at_px, noise))
         follower.take(image, truth.of(frame, marks) if frame.number else None)
     found = follower.tallies["fused"].figures()
-    times = {"cpu_ms", "ms_per_frame"}
-    assert {k: v for k, v in found.items() if k not in times} == {
-        k: v for k, v in kept.items() if k not in times
-    }
+    assert {**found, "ms_per_frame": 0} == {**kept, "ms_per_frame": 0}

@@ -12,7 +12,7 @@ from ...aliases import Points
 from ...measure.compose import inside
 from ...measure.dots import DotTracker, Polarity
 from ...optics import CameraModel
-from .tally import MOVING_MM, ErrorTally, confident_figures, largest
+from .tally import MOVING_MM, ErrorTally, Mean
 
 DOTS = "dots"
 """The method's name where there is nothing but dots to follow; its pixels are dots."""
@@ -21,32 +21,30 @@ MIN_FOUND_SHARE = 0.8  # of the dots, for a frame to be trusted
 
 @dataclass
 class DotTally:
-    """Errors of the dots themselves against truth, and how many were lost or taken for another."""
+    """Errors of the dots themselves against truth, and how many were lost.
 
-    errors_mm: list[float] = field(default_factory=list)
+    One that was taken for another is off by half the distance of two dots or more.
+    """
+
+    errors: Mean = field(default_factory=Mean)
+    worst_mm: float = 0.0
     seen: int = 0
     lost: int = 0
-    swapped: int | None = None
-    """Dots found nearer to another dot's true place than to their own; None without truth."""
 
     def join(self, other: DotTally) -> None:
         """Count in another part of the run."""
-        self.errors_mm += other.errors_mm
+        self.errors += other.errors
+        self.worst_mm = max(self.worst_mm, other.worst_mm)
         self.seen += other.seen
         self.lost += other.lost
-        if other.swapped is not None:
-            self.swapped = (self.swapped or 0) + other.swapped
 
     def figures(self) -> dict[str, Any]:
         """Errors against truth (None on a real rig), and how many were seen."""
-        e = np.asarray(self.errors_mm)
         return {
-            "mean_vs_truth_mm": float(e.mean()) if e.size else None,
-            "p95_vs_truth_mm": float(np.percentile(e, 95)) if e.size else None,
-            "max_vs_truth_mm": float(e.max()) if e.size else None,
+            "mean_vs_truth_mm": self.errors.value,
+            "max_vs_truth_mm": self.worst_mm if self.errors.n else None,
             "seen": self.seen,
             "lost": self.lost,
-            "swapped": self.swapped,
         }
 
 
@@ -112,48 +110,24 @@ class DotFollower:
         return frame
 
     def take(self, frame: DotFrame, true_px: Points) -> None:
-        """Count a frame's errors in. true_px: (n, 2) motion of the dots, NaN where not known."""
-        known = frame.found & np.isfinite(true_px[:, 0])
-        errors = np.linalg.norm((frame.moved_px - true_px)[known], axis=1) * self.mm_per_px
-        self.tally.errors_mm += errors.tolist()
-        places = frame.first_px + true_px
-        at = (frame.first_px + frame.moved_px)[known]
-        apart = np.hypot(*(at[:, None] - places[None]).transpose(2, 0, 1))
-        nearest = np.nan_to_num(apart, nan=np.inf).argmin(axis=1)
-        swapped = int((nearest != np.flatnonzero(known)).sum())
-        self.tally.swapped = (self.tally.swapped or 0) + swapped
+        """Count a frame's errors in. true_px: (n, 2) motion of the dots."""
+        errors = np.linalg.norm((frame.moved_px - true_px)[frame.found], axis=1) * self.mm_per_px
+        self.tally.errors.take(errors)
+        self.tally.worst_mm = max(self.tally.worst_mm, float(errors.max(initial=0.0)))
 
-    def as_method(
-        self, tally: ErrorTally, frame: DotFrame, true_px: Points | None
-    ) -> dict[str, Any]:
-        """Count a frame as that of a method whose pixels are the dots; its figures.
+    def as_method(self, frame: DotFrame, true_px: Points | None) -> ErrorTally:
+        """A frame as that of a method whose pixels are the dots.
 
         true_px: (n, 2) motion of the dots, None where no truth is known. A dot that is found is a
         confident pixel; one that is lost has no error, so that there is none over all of them.
         """
-        found = frame.found
-        share = float(found.mean())
-        tally.ms.append(frame.cpu_ms)
-        tally.believed.take(share)
-        tally.bad_frames += share < MIN_FOUND_SHARE
-        figures: dict[str, Any] = {
-            "confident_share": share,
-            "trusted": share >= MIN_FOUND_SHARE,
-            "ms": frame.cpu_ms,
-        }
-        if true_px is None:
-            return figures
-        visible = inside(self.rest_px + true_px, *self.shape)
-        moved_mm = np.hypot(*true_px.T) * self.mm_per_px
-        moving = visible & (moved_mm >= MOVING_MM)
-        peak = float(moved_mm[visible].max()) if visible.any() else None
-        errors = np.linalg.norm(frame.moved_px - true_px, axis=1)[found & moving] * self.mm_per_px
-        n = int(moving.sum())
-        tally.take_confident(errors, n)
-        tally.peak_true_mm = largest(tally.peak_true_mm, peak)
-        return {
-            **figures,
-            **confident_figures(errors, n),
-            "n_moving_px": n,
-            "peak_true_mm": peak,
-        }
+        share = float(frame.found.mean())
+        one = ErrorTally.of_frame(share, share >= MIN_FOUND_SHARE, frame.cpu_ms)
+        if true_px is not None:
+            visible = inside(self.rest_px + true_px, *self.shape)
+            moved_mm = np.hypot(*true_px.T) * self.mm_per_px
+            moving = visible & (moved_mm >= MOVING_MM)
+            off_px = np.linalg.norm(frame.moved_px - true_px, axis=1)[frame.found & moving]
+            one.take_confident(off_px * self.mm_per_px, int(moving.sum()))
+            one.peak_true_mm = float(moved_mm[visible].max()) if visible.any() else None
+        return one

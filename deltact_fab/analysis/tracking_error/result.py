@@ -1,36 +1,19 @@
 """Tracking errors of runs as a result: which method to take, and whether a flow is to be trusted.
 
-The rule. A method can be believed when it
-
-- trusts at least MIN_TRUSTED of the frames (its own word: each frame's `trusted`),
-- is confident of at least MIN_COVERAGE of what it is asked for: of the moving visible pixels where
-  the truth is known, else of the image, the mean over the frames,
-- and, where the truth is known, has at most MAX_WRONG of its confident pixels off by more than
-  WRONG_MM.
-
-Of the methods that can be believed those form the *front* that no other one of them beats in both
-error and CPU time (median a frame). The error is the mean over all moving visible pixels; where no
-truth is known, the mean at the dots (the paper's); where there are only dots, that of the dots that
-were found. The method to take is the one of the front with the least error. The cheapest one of the
-front whose error is within NEAR times that is named beside it. Where no error is known, the
-method that is confident of most is taken.
-
-The experiment is to be trusted when a method can be believed.
+RULE says how. The error is the mean over all moving visible pixels; where no truth is known, the
+mean at the dots (the paper's); where there are only dots, that of the dots that were found. Where
+no error is known, the method that is confident of most is taken.
 """
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from ... import reading
 from ...errors import InputError
@@ -42,7 +25,6 @@ from .tally import MOVING_MM, WRONG_MM
 MIN_TRUSTED = 0.95
 MIN_COVERAGE = 0.8
 MAX_WRONG = 0.005
-NEAR = 2.0
 ERRORS = {
     "mean_off_dots_mm": "over all moving pixels",
     "mean_at_dots_mm": "at the dots",
@@ -75,14 +57,13 @@ RULE = (
 class TrackingVerdict:
     """about: the method that the line speaks of: the one to take, or the nearest to be believed.
 
-    take, cheaper: names or None. front: from the cheapest method on. doubts: by method, why it
-    cannot be believed; empty where it can be. error: the key of the error that was compared, None
-    without any. line: all of it in words.
+    take: a name or None. front: from the cheapest method on. doubts: by method, why it cannot be
+    believed; empty where it can be. error: the key of the error that was compared, None without
+    any. line: all of it in words.
     """
 
     about: str
     take: str | None
-    cheaper: str | None
     front: tuple[str, ...]
     doubts: dict[str, list[str]]
     error: str | None
@@ -96,20 +77,15 @@ class TrackingVerdict:
 
 
 def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict:
-    """The verdict on one or more methods over a whole run (`Tally.figures`, with `name`)."""
+    """The verdict on one or more methods over a whole run (`ErrorTally.figures`, with `name`)."""
     doubts = {row["name"]: _doubts(row) for row in methods}
     error = next((key for key in ERRORS if any(row[key] is not None for row in methods)), None)
     believed = [row for row in methods if not doubts[row["name"]]]
     front = _front(believed, error)
     if error is not None:
-        ranked = sorted(front, key=lambda row: row[error])
+        take = front[-1] if front else None
     else:
-        ranked = sorted(believed, key=lambda row: -row["confident_share"])
-    take = ranked[0] if ranked else None
-    cheaper = None
-    if take is not None and error is not None:
-        near = [row for row in front if row[error] <= NEAR * take[error]]
-        cheaper = near[0] if near[0] is not take else None
+        take = max(believed, key=lambda row: row["confident_share"], default=None)
     about = take or min(
         methods, key=lambda row: (len(doubts[row["name"]]), row["confident_wrong_share"] or 0.0)
     )
@@ -119,11 +95,10 @@ def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict
             f"{about['name']}, but {'; '.join(doubts[about['name']])}."
         )
     else:
-        line = _to_take(take, cheaper, error, simulated)
+        line = _to_take(take, error, simulated)
     return TrackingVerdict(
         about=about["name"],
         take=take["name"] if take else None,
-        cheaper=cheaper["name"] if cheaper else None,
         front=tuple(row["name"] for row in front),
         doubts=doubts,
         error=error,
@@ -156,10 +131,10 @@ def _doubts(row: dict[str, Any]) -> list[str]:
 
 def _coverage(row: dict[str, Any]) -> tuple[float, str]:
     """The share that a method is confident of, and of what."""
-    dots = row["name"] == DOTS
+    moving, still = ("moving dots", "dots") if row["name"] == DOTS else ("moving pattern", "image")
     if row["coverage"] is not None:
-        return row["coverage"], "the moving dots" if dots else "the moving pattern"
-    return row["confident_share"], "the dots" if dots else "the image"
+        return row["coverage"], f"the {moving}"
+    return row["confident_share"], f"the {still}"
 
 
 def _front(rows: Sequence[dict[str, Any]], error: str | None) -> list[dict[str, Any]]:
@@ -168,34 +143,25 @@ def _front(rows: Sequence[dict[str, Any]], error: str | None) -> list[dict[str, 
         return []
     front: list[dict[str, Any]] = []
     for row in sorted((r for r in rows if r[error] is not None),
-                      key=lambda r: (r["cpu_ms"]["p50"], r[error])):  # fmt: skip
+                      key=lambda r: (r["ms_per_frame"], r[error])):  # fmt: skip
         if not front or row[error] < front[-1][error]:
             front.append(row)
     return front
 
 
-def _to_take(
-    take: dict[str, Any], cheaper: dict[str, Any] | None, error: str | None, simulated: bool
-) -> str:
-    dots = take["name"] == DOTS
+def _to_take(take: dict[str, Any], error: str | None, simulated: bool) -> str:
     known, what = _coverage(take)
     says = f"Take {take['name']}: "
     if error is not None:
         says += f"mean error {take[error]:.4f} mm {ERRORS[error]}, "
-    says += f"{take['cpu_ms']['p50']:.0f} ms of CPU a frame"
-    if cheaper is not None and error is not None:
-        says += (
-            f" ({cheaper['name']} has {cheaper[error]:.4f} mm at {cheaper['cpu_ms']['p50']:.0f} ms)"
-        )
-    how = "were found" if dots else "is known for sure"
     says += (
-        f". The experiment can be trusted: {percent(take['trusted_share'])} of "
-        f"{take['n_frames']} frames were matched, {percent(known)} of {what} {how}"
+        f"{take['ms_per_frame']:.0f} ms of CPU a frame. The experiment can be trusted: "
+        f"{percent(take['trusted_share'])} of {take['n_frames']} frames were matched, "
+        f"{percent(known)} of {what} is known for sure"
     )
     wrong = take["confident_wrong_share"]
     if wrong is not None:
-        of = "these" if dots else "that"
-        says += f", {percent(wrong)} of {of} off by more than {WRONG_MM:g} mm"
+        says += f", {percent(wrong)} of that off by more than {WRONG_MM:g} mm"
     return says + (" (simulated)." if simulated else " (no truth to hold it against).")
 
 
@@ -204,7 +170,7 @@ PAPER_BEST_MM = 0.08  # Pattern Selection: d = 0.075, r = 0.6, real sensor, at t
 
 @dataclass
 class TrackingResult:
-    """Figures by method (`Tally.figures`), the table of frames, and the flow's arrows.
+    """Figures by method (`ErrorTally.figures`), and the table of frames.
 
     dots: None where they were not followed. left_out: a line a thing that was not asked for.
     """
@@ -214,8 +180,6 @@ class TrackingResult:
     dots: dict[str, Any] | None
     left_out: list[str]
     frames: pd.DataFrame
-    arrows: dict[str, NDArray[np.float32]]
-    """Flow (px) of the first method at every ARROW_STEP_PX pixel, (rows, cols, 2), by frame id."""
     mm_per_px: float
     simulated: bool
     seed: int
@@ -234,10 +198,7 @@ class TrackingResult:
             "mm_per_px": self.mm_per_px,
             "moving_threshold_mm": MOVING_MM,
             "wrong_threshold_mm": WRONG_MM,
-            "paper": {
-                "best_mean_at_dots_mm": PAPER_BEST_MM,
-                "note": "real sensor, d = 0.075 mm, r = 0.6, five indenters to 10 mm",
-            },
+            "paper_mean_at_dots_mm": PAPER_BEST_MM,
             "left_out": self.left_out,
             "dots": self.dots,
             "methods": self.methods,
@@ -245,21 +206,16 @@ class TrackingResult:
         }
 
     def save(self, folder: Path) -> list[Path]:
-        """Write tracking.json, tracking.csv (one row a frame and method) and the arrows."""
+        """Write tracking.json and tracking.csv (one row a frame and method)."""
         make_folder(folder)
-        packed = io.BytesIO()
-        arrows: dict[str, Any] = {k.replace("/", "|"): v for k, v in self.arrows.items()}
-        np.savez_compressed(packed, **arrows)
+        text = json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
         files = {
-            "tracking.json": (
-                json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
-            ).encode(),
-            "tracking.csv": self.frames.to_csv(index=False).encode(),
-            "arrows.npz": packed.getvalue(),
+            folder / "tracking.json": text.encode(),
+            folder / "tracking.csv": self.frames.to_csv(index=False).encode(),
         }
-        for name, data in files.items():
-            write_whole(folder / name, data)
-        return [folder / name for name in files]
+        for path, data in files.items():
+            write_whole(path, data)
+        return list(files)
 
     @classmethod
     def load(cls, folder: Path) -> TrackingResult:
@@ -270,13 +226,11 @@ class TrackingResult:
         try:
             data = reading.json_object(folder / "tracking.json")
             frames = pd.read_csv(folder / "tracking.csv")
-            with np.load(folder / "arrows.npz") as stored:
-                arrows = {key.replace("|", "/"): stored[key] for key in stored.files}
             return cls(
                 data["methods"], data["by_indenter"], data["dots"], data["left_out"], frames,
-                arrows, data["mm_per_px"], data["simulated"], data["seed"],
+                data["mm_per_px"], data["simulated"], data["seed"],
             )  # fmt: skip
-        except (InputError, OSError, ValueError, KeyError, EOFError, BadZipFile) as why:
+        except (InputError, OSError, ValueError, KeyError) as why:
             raise InputError(
                 f"{folder}: no readable tracking analysis ({why}); `deltact-fab analyze tracking` "
                 "makes a new one"

@@ -9,9 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from ... import record
 from ...aliases import Progress
@@ -24,25 +22,19 @@ from .result import TrackingResult
 from .tally import ErrorTally
 from .truth import TrueFrame, off_dots, seen_by
 
-ARROW_STEP_PX = 26
-COLUMNS = [
-    "frame_id", "seq", "press", "indenter", "step_id", "method", "mean_at_dots_mm",
-    "mean_off_dots_mm", "p95_off_dots_mm", "mean_confident_mm", "coverage",
-    "confident_wrong_share", "n_moving_px", "peak_true_mm", "confident_share", "matched_share",
-    "predicted_share", "lost_share", "trusted", "ms",
-]  # fmt: skip
+FRAME = ("frame_id", "seq", "press", "indenter", "step_id")
+COLUMNS = [*FRAME, "method", *ErrorTally().figures()]
 """Of the table of frames; empty where a thing was left out."""
 
 
 @dataclass
 class PressResult:
-    """Sums by method, rows of the table of frames, arrows by frame id, and what was left out."""
+    """Sums by method, rows of the table of frames, and what was left out."""
 
     tallies: dict[str, ErrorTally]
     dots: DotTally = field(default_factory=DotTally)
     left_out: list[str] = field(default_factory=list)
     rows: list[dict[str, Any]] = field(default_factory=list)
-    arrows: dict[str, NDArray[np.float32]] = field(default_factory=dict)
 
 
 def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
@@ -60,23 +52,15 @@ def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
     off, in_view = off_dots(camera, run.dots_mm(), run.dot_diameter_mm()), seen_by(camera)
     result = PressResult(follower.tallies)
     for at, row in enumerate(run.frames(press).itertuples()):
-        frame_id = str(row.frame_id)
         image = run.image(str(row.file))
         if image.shape[:2] != off.shape:
             raise RunFailed(f"{row.file}: size {image.shape[1]} x {image.shape[0]} differs")
-        frame = dots_px = None
-        if truth and scene.dense and at:
-            frame = TrueFrame.read(truth, frame_id, off, in_view, camera.mm_per_px)
-        elif truth:
-            dots_px = partial(truth.points_px, frame_id, run.dots_mm())
-        said = follower.take(image, frame, dots_px)
-        if follower.flow_px is not None:
-            half = ARROW_STEP_PX // 2
-            arrows = follower.flow_px[half::ARROW_STEP_PX, half::ARROW_STEP_PX]
-            result.arrows[frame_id] = arrows.copy()
-        # The reference compared with itself is no measurement, and said nothing.
-        for name, figures in said.items():
-            frame_of = {key: getattr(row, key) for key in COLUMNS[: COLUMNS.index("method")]}
+        frame = None
+        if truth and at:
+            frame = TrueFrame.read(truth, str(row.frame_id), off, in_view, camera.mm_per_px)
+        frame_of = {key: getattr(row, key) for key in FRAME}
+        # The reference compared with itself is no measurement, and says nothing.
+        for name, figures in follower.take(image, frame).items():
             result.rows.append({**frame_of, "method": name, **figures})
     result.left_out += [f"error at the dots of {press}: {why}" for why in follower.left_out]
     if follower.dots:
@@ -122,7 +106,6 @@ def analyse(
         dots=dots.figures() if dots.seen + dots.lost else None,
         left_out=[*scene.left_out, *(line for part in results for line in part.left_out)],
         frames=pd.DataFrame(rows, columns=COLUMNS),
-        arrows={frame: flow for part in results for frame, flow in part.arrows.items()},
         mm_per_px=run.camera.mm_per_px,
         simulated=run.simulated,
         seed=int(run.meta["seed"]),

@@ -18,18 +18,16 @@ DOT_MARGIN_PX = 3.0
 
 @dataclass(frozen=True)
 class TrueFrame:
-    """Projected and in-plane motion of every rest pixel, cut into moving and still ones.
+    """Projected and in-plane motion of every rest pixel, and which of them move.
 
-    moving, still: (h, w) bool, visible and off the dots. peak_mm, peak_in_plane_mm: of the visible
-    pixels, None where none is.
+    moving: (h, w) bool, visible and off the dots. peak_mm: of the visible pixels, None where none
+    is.
     """
 
     flow_px: NDArray[np.float64]
     in_plane_mm: NDArray[np.float64]
     moving: NDArray[np.bool_]
-    still: NDArray[np.bool_]
     peak_mm: float | None
-    peak_in_plane_mm: float | None
 
     @classmethod
     def read(
@@ -65,11 +63,8 @@ class TrueFrame:
         ends = np.rint(to_y[visible]).astype(int), np.rint(to_x[visible]).astype(int)
         visible[visible] = seen[visible] & seen[ends] & ~disputed[ends]
         length_mm = np.hypot(flow[..., 0], flow[..., 1]) * mm_per_px
-        moves = length_mm >= MOVING_MM
-        peaks = (length_mm, np.hypot(in_plane[..., 0], in_plane[..., 1]))
-        peak, in_plane_peak = (float(v[visible].max()) if visible.any() else None for v in peaks)
-        taken = visible & off
-        return cls(flow, in_plane, taken & moves, taken & ~moves, peak, in_plane_peak)
+        peak = float(length_mm[visible].max()) if visible.any() else None
+        return cls(flow, in_plane, visible & off & (length_mm >= MOVING_MM), peak)
 
 
 def seen_by(camera: CameraModel) -> NDArray[np.bool_]:
@@ -93,15 +88,13 @@ def off_dots(
 
 
 def sampled(flow: NDArray[Any], px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Flow (h, w, 2) at points (n, 2) px, bilinear in float64; NaN where a point is NaN."""
-    h, w = flow.shape[:2]
+    """Flow (h, w, 2) at points (n, 2) px, bilinear; NaN where a point is NaN."""
+    from scipy.ndimage import map_coordinates
+
     known = np.isfinite(px).all(axis=1)
-    x = np.clip(px[known, 0], 0, w - 1.001)
-    y = np.clip(px[known, 1], 0, h - 1.001)
-    i, j = y.astype(int), x.astype(int)
-    a, b = (y - i)[:, None], (x - j)[:, None]
-    top = flow[i, j] * (1 - b) + flow[i, j + 1] * b
-    bottom = flow[i + 1, j] * (1 - b) + flow[i + 1, j + 1] * b
     found = np.full(px.shape, np.nan)
-    found[known] = top * (1 - a) + bottom * a
+    for k in (0, 1):
+        found[known, k] = map_coordinates(
+            flow[..., k], px[known, ::-1].T, np.float64, order=1, mode="nearest"
+        )
     return found

@@ -18,15 +18,14 @@ from ..options import JSON, PATH, out_folder
     metavar="METHOD[/REFERENCE]",
     show_default="those worth comparing",
     help="fused, dis-medium, dis-fast, farneback-paper, or paper; as in dis-medium/static, "
-    "with one of anchored (fused only), composed, summed, static, composed-every, summed-every; "
-    "repeatable.",
+    "with one of anchored (fused only), composed, summed, static; repeatable.",
 )
 @out_folder("Folder for the results.", show_default="RUN/analysis")
 @JSON
 def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: bool) -> None:
     """Tracking error against truth and, as in the paper, at the dots; and which method to use."""
-    from ...analysis.tracking_error import PAPER_BEST_MM, analyse, shown
-    from ...report.run_figures import error_by_indenter
+    from ...analysis.tracking_error import PAPER_BEST_MM, analyse
+    from ...report.run_figures import error_by_time
     from ..output import echo_json, echo_table, progress, save_figures
 
     with progress("tracking error") as report:
@@ -40,7 +39,7 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: boo
             "confident_wrong_share", "mean_at_dots_mm", "peak_true_mm", "trusted_share",
             "ms_per_frame")  # fmt: skip
     rows = [
-        (row["name"], row.get("indenter", "all"), *(shown(row, key) for key in keys))
+        (row["name"], row.get("indenter", "all"), *(row[key] for key in keys))
         for row in (*result.methods, *result.by_indenter)
     ]
     echo_table(("method", "indenter", *keys), rows, names=2)
@@ -50,13 +49,12 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: boo
     if dots and dots["mean_vs_truth_mm"] is not None:
         click.echo(
             f"dots against truth: mean {dots['mean_vs_truth_mm']:.4f} mm, "
-            f"p95 {dots['p95_vs_truth_mm']:.4f} mm, {dots['lost']} lost, "
-            f"{dots['swapped']} taken for another"
+            f"at most {dots['max_vs_truth_mm']:.4f} mm, {dots['lost']} lost"
         )
     for line in result.left_out:
         click.echo(f"left out: {line}")
     files += save_figures(
         out or run / "analysis",
-        lambda: {"tracking": error_by_indenter(result.by_indenter, result.verdict, PAPER_BEST_MM)},
+        lambda: {"tracking": error_by_time(result)},
     )
     click.echo("written: " + ", ".join(str(f) for f in files))
