@@ -52,7 +52,10 @@ def test_composition_beats_the_sum_and_a_static_reference_over_8_mm(method, shar
     truth = bump.flow_px(H, W)
     assert np.hypot(*np.moveaxis(truth, -1, 0)).max() * MM_PER_PX == pytest.approx(8.39, abs=0.02)
     assert bump.det_f(H, W).min() > 0.25
-    last = {kept: run(images, method, kept, renew_share=share)[-1] for kept in ("composed", "summed", "static")}
+    last = {
+        kept: run(images, method, kept, renew_share=share)[-1]
+        for kept in ("composed", "summed", "static")
+    }
     mean = {k: error_mm(one.flow_px, truth, one.visible).mean() for k, one in last.items()}
     print(method, mean, last["composed"].diagnostics)
     assert 1 <= last["composed"].diagnostics.n_reference_switches < 20

@@ -16,7 +16,7 @@ from ... import record
 from ...errors import InputError, SensorError
 from ...measure.flow import FlowObservation, FlowState, named_tracker
 from .dots import DOTS, DotFollower, DotFrame, Marks
-from .tally import ErrorTally
+from .tally import MOVING_MM, ErrorTally
 from .truth import TrueFrame, sampled
 
 # Ours, a cheaper one, the paper's, and the paper's flow composed in place of summed.
@@ -128,12 +128,14 @@ def _frame(
     one.lost.take(float((observed.state == FlowState.LOST).mean()))
     if dots is not None:  # the paper's error
         found = dots.found
-        off_px = sampled(flow, dots.first_px[found]) - dots.moved_px[found]
-        one.at_dots.take(np.linalg.norm(off_px, axis=1) * scale)
+        moved_px = dots.moved_px[found]
+        errors = np.linalg.norm(sampled(flow, dots.first_px[found]) - moved_px, axis=1) * scale
+        one.at_dots.take(errors)
+        one.at_moving_dots.take(errors[np.linalg.norm(moved_px, axis=1) * scale >= MOVING_MM])
     if frame is not None:
         moving = frame.moving
-        errors = np.linalg.norm(flow - frame.flow_px, axis=-1) * scale
-        one.take_moving(errors[moving], (observed.confident & observed.visible)[moving])
+        errors = np.linalg.norm(flow[moving] - frame.flow_px[moving], axis=-1) * scale
+        one.take_moving(errors, (observed.confident & observed.visible)[moving])
         in_plane = flow[moving] * scale - frame.in_plane_mm[moving]
         one.in_plane.take(np.linalg.norm(in_plane, axis=-1))
         one.peak_true_mm = frame.peak_mm

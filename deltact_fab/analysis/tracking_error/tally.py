@@ -45,6 +45,7 @@ class ErrorTally:
     """
 
     at_dots: Mean = field(default_factory=Mean)
+    at_moving_dots: Mean = field(default_factory=Mean)
     in_plane: Mean = field(default_factory=Mean)
     off: Mean = field(default_factory=Mean)
     confident: Mean = field(default_factory=Mean)
