@@ -31,7 +31,8 @@ from ..cad.print_orientation import SELF_SUPPORTING_DEG
 from ..cad.registry import listed, of_group
 from ..errors import InputError, MissingLibrary
 from ..patterns.laws.patches import draw_patches
-from ..patterns.recipe import load_recipe
+from ..patterns.recipe import RECOMMENDED, load_recipe
+from . import first_light
 from .templating import fixed, render, save, table
 
 VIEWER_PACKAGE = "dash-model-viewer"
@@ -39,7 +40,6 @@ VIEWER_FILE = "model-viewer-umd.min.js"
 VIEWER_LICENCE = "model-viewer-LICENSE"
 VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
 LAYER_MM = 0.05
-PATTERN = "dense"
 PLACED_MM = 1.0  # by which a sticker is larger than the view, for a hand that places it
 SHOWN_MM = 120.0  # width of the pattern's picture on the page
 CUP_ML = 50  # cups are sold in steps of it
@@ -274,26 +274,28 @@ class PatternToPrint:
     """The pattern to print for a design: its side, and what the camera sees of it.
 
     file: the recipe, where it is no shipped one. image: a data URL, one pixel a patch; enlarged: by
-    how much it is larger on the page.
+    how much it is larger on the page. pairs: a good and a spoiled print and sensor of it.
     """
 
     size_mm: float
     file: str
     image: str
     enlarged: float
+    pairs: dict[str, list[str]]
 
 
 def sticker(design: Design) -> PatternToPrint:
-    """The dense pattern, as large as the design's view needs it."""
+    """The recommended pattern, as large as the design's view needs it."""
     import io
 
     from PIL import Image
 
-    recipe, view_mm = load_recipe(PATTERN), design.optics.view_mm
+    recipe, view_mm = load_recipe(RECOMMENDED), design.optics.view_mm
     file = ""
     if design.optics.beyond(recipe.printed_mm) is not None:
-        size_mm = math.ceil(max(view_mm) + PLACED_MM)
-        recipe = recipe.model_copy(update={"size_mm": float(size_mm)})
+        patch_mm = recipe.patch_mm or 1.0
+        squares = math.ceil((max(view_mm) + PLACED_MM) / patch_mm)
+        recipe = recipe.model_copy(update={"size_mm": round(squares * patch_mm, 6)})
         file = catalog.as_toml(recipe.model_dump(mode="json", exclude_none=True))
     patches, patch_mm = draw_patches(recipe), recipe.patch_mm or recipe.printed_mm
     columns, rows = (min(round(side / patch_mm), len(patches)) for side in view_mm)
@@ -302,7 +304,11 @@ def sticker(design: Design) -> PatternToPrint:
     held = io.BytesIO()
     Image.fromarray(seen).save(held, "PNG")
     image = _data_url("image/png", held.getvalue())
-    return PatternToPrint(recipe.size_mm, file, image, SHOWN_MM / view_mm[0])
+    pairs = {
+        of: [_data_url("image/jpeg", one) for one in pair]
+        for of, pair in first_light.pairs(design, recipe).items()
+    }
+    return PatternToPrint(recipe.size_mm, file, image, SHOWN_MM / view_mm[0], pairs)
 
 
 def _plates(design: Design, parts: Sequence[Part]) -> list[tuple[str, dict[str, int]]]:

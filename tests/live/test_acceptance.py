@@ -22,7 +22,10 @@ from deltact_fab.live.open import acceptance_file
 from deltact_fab.live.source import KnownSensor
 from deltact_fab.optics import Fisheye, Pinhole, Rectified
 from deltact_fab.patterns import load_recipe
+from deltact_fab.report.first_light import pairs
 from deltact_fab.rig.interface import CameraFrame
+
+SPOILED = "film", "bubbles, lint, dust", "light, all LEDs", "light, even"
 
 
 class Given:
@@ -93,6 +96,15 @@ def test_what_is_found_is_what_was_painted():
         known = [b for row in judged(made).found.blur_px for b in row if b is not None]
         # Print, mosaic and demosaicing have nearly a pixel of their own.
         assert px <= np.median(known) <= np.hypot(px, 0.95) + 0.6
+
+
+@pytest.mark.slow
+def test_the_guide_s_pictures_are_what_they_are_said_to_be():
+    pair = pairs(DESIGN, load_recipe("recommended"))["sensor"]
+    for jpeg, rows in zip(pair, (set(), set(SPOILED)), strict=True):
+        image = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR))
+        done = accept(Given([image], Pinhole.of(DESIGN)), load_recipe("recommended"), DESIGN)
+        assert failed(done) == rows
 
 
 def test_another_recipe_of_the_list_is_named():

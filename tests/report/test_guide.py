@@ -74,7 +74,7 @@ def test_it_fetches_nothing_and_its_anchors_lead_somewhere(default: Seen) -> Non
     assert anchors <= set(default.ids)
     assert len(default.ids) == len(set(default.ids))
     # The bench, the wiring, the pattern, and one that stands where the model cannot be turned.
-    assert default.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 4
+    assert default.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 8
     assert default.tags.count("model-viewer") == 1
 
 
@@ -240,7 +240,7 @@ def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.Monke
     seen = Seen(write(load_design(), tmp_path / "guide.html").read_text())
     assert "No pictures and no 3D view: the CAD kernel cannot load: libGL.so.1" in seen.text
     # The wiring drawing and the pattern need no kernel.
-    assert seen.tags.count("img") == 2
+    assert seen.tags.count("img") == 6
     assert "model-viewer" not in seen.tags
     assert "H. Assembly" in seen.text
 
@@ -256,7 +256,7 @@ def test_without_the_viewer_it_says_what_to_install(
     assert "No 3D view: dash-model-viewer is not installed" in seen.text
     assert "model-viewer" not in seen.tags
     assert "script" not in seen.tags
-    assert seen.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 4
+    assert seen.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 8
 
 
 def test_the_viewer_cannot_end_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -301,9 +301,9 @@ def test_the_sticker_is_the_design_s_own() -> None:
     assert guide.sticker(load_design()).file == ""
     wide = load_design("large-60x50")
     own = guide.sticker(wide)
-    recipe = recipe_from(tomllib.loads(own.file), "dense-large.toml")
+    recipe = recipe_from(tomllib.loads(own.file), "recommended-large.toml")
     assert wide.optics.beyond(recipe.printed_mm) is None
-    assert own.size_mm == recipe.size_mm == 57
+    assert own.size_mm == recipe.size_mm == 56.4
     seen = Image.open(io.BytesIO(base64.b64decode(own.image.partition(",")[2])))
     assert [side * recipe.patch_mm for side in seen.size] == pytest.approx(
         wide.optics.view_mm, abs=recipe.patch_mm
