@@ -38,26 +38,23 @@ def by_place(result: ForceResult) -> pd.DataFrame:
 
         return held_out(points, y, split, result.seed, predict) - y
 
-    rows = []
+    models: list[tuple[dict[str, str], Array | None, dict[str, Array]]] = []
     for density, name in DENSITIES.items():
         use = [data.sets[name].names.index(one) for one in data.sets[name].explains["fz"]]
         for constant in ("without", "with"):
             X = data.features[name][:, use]
             X = np.column_stack((X, np.ones(len(X)))) if constant == "with" else X
             held = {column: off(X, of, away >= 0) for column, of in SPLITS.items()}
-            for distance in np.unique(away):
-                mine = away == distance
-                row = {
-                    "model": f"paper, {density}", "constant": constant, "distance_mm": distance,
-                    "points": int(mine.sum()), "alone_n": root_mean_square(off(X, "point", mine)),
-                }  # fmt: skip
-                rows.append(row | {c: root_mean_square(e[:, mine]) for c, e in held.items()})
-    for distance in np.unique(away):
-        mine = away == distance
-        row = {"model": best.name, "distance_mm": distance, "points": int(mine.sum())}
-        for column, of in SPLITS.items():
-            if of in best.predicted:
-                each = component(best.predicted[of], "normal") - measured
-                row[column] = root_mean_square(each[:, mine])
-        rows.append(row)
+            models.append(({"model": f"paper, {density}", "constant": constant}, X, held))
+    held = {c: component(best.predicted[of], "normal") - measured for c, of in SPLITS.items()
+            if of in best.predicted}  # fmt: skip
+    models.append(({"model": best.name}, None, held))
+    rows = []
+    for words, columns, held in models:
+        for distance in np.unique(away):
+            mine = away == distance
+            row = {**words, "distance_mm": distance, "points": int(mine.sum())}
+            if columns is not None:
+                row["alone_n"] = root_mean_square(off(columns, "point", mine))
+            rows.append(row | {c: root_mean_square(each[:, mine]) for c, each in held.items()})
     return pd.DataFrame(rows)
