@@ -275,10 +275,9 @@ def _picture(row: Any, image: Array, camera: Any, flow: FaceFlow, found: _Found)
         "outlines_mm": [contact.outline_mm for contact in found.contacts],
         "torque_z_nmm": None if pd.isna(row.tz_nmm) else float(row.tz_nmm),
     }
-    if found.wrench is not None:
-        told["total_n"] = found.wrench.force_n
-        told["turning_nmm"] = float(found.wrench.torque_nmm[2])
-    if found.field is not None:
-        told["traction_mpa"] = found.field.traction_mpa
-        told |= {"cells_x_mm": found.field.x_mm, "cells_y_mm": found.field.y_mm}
+    if (total := found.wrench) is not None:
+        told |= {"total_n": total.force_n, "turning_nmm": float(total.torque_nmm[2])}
+    if (field := found.field) is not None:
+        told |= {"traction_mpa": field.traction_mpa, "cells_x_mm": field.x_mm,
+                 "cells_y_mm": field.y_mm}  # fmt: skip
     return told
