@@ -83,7 +83,6 @@ def _simulated(asked: StudyRequest) -> StudyResult:
         asked, stops, series, _judged(ways, found, series), protocol.specimen.modulus_mpa,
         source="assumed: no relaxation of Solaris was found measured",
         simulated=True,
-        missing=tuple(grid.missing),
         more={"moved_um": moved_um, "closed_form_off_percent": off_percent},
         settings={
             "rig": f"{asked.rig or RIG}: {solved[-1]['dofs']} unknowns"
@@ -192,7 +191,6 @@ def _recorded(asked: StudyRequest) -> StudyResult:
         plan.load(PROTOCOL)[0].specimen.modulus_mpa,
         source="fitted to these runs",
         simulated=all(run_.simulated for run_ in runs),
-        missing=tuple(grid.missing),
         more={"rms_n": fitted.rms_n, "unsure_tau_s": list(fitted.unsure), "rests": len(found)},
         settings={
             "runs": ", ".join(str(folder) for folder in asked.runs),

@@ -241,9 +241,11 @@ def _forces(
     """Force by sensor and by flow, and the field's error of the peak pressure against truth."""
     told: dict[str, Any] = {}
     if force_n is not None:
-        told["normal_n"] = -float(force_n[2])
+        x, y, z = map(float, force_n)
+        told |= {"normal_n": -z, "shear_x_n": x, "shear_y_n": y}
     if found.wrench is not None:
-        told["found_normal_n"] = -float(found.wrench.force_n[2])
+        x, y, z = map(float, found.wrench.force_n)
+        told |= {"found_normal_n": -z, "found_shear_x_n": x, "found_shear_y_n": y}
         told["force_extrapolated"] = found.wrench.extrapolated
     if found.field is None:
         return told

@@ -32,7 +32,7 @@ class SimulatedShapes:
     """The results of a scene. objects, twist: by press. gel: what every job reports of its gel.
 
     depth_line: of the calibration of depth. force_error_n: of that of force, by component, on a
-    place left out; None with one place. missing: the jobs without a result.
+    place left out; None with one place.
     """
 
     scene: PressScene
@@ -41,7 +41,6 @@ class SimulatedShapes:
     depth_line: str
     force_error_n: dict[str, float | None]
     gel: list[dict[str, Any]]
-    missing: tuple[str, ...]
 
 
 def scene(asked: StudyRequest) -> PressScene:
@@ -98,7 +97,6 @@ def simulate(asked: StudyRequest) -> SimulatedShapes:
         depth["line"],
         {name: error.get("rmse_left_out_position_n") for name, error in errors.items()},
         [depth, *points, *found.values()],
-        tuple(second.missing),
     )
 
 
