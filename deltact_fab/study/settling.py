@@ -300,7 +300,8 @@ def _waits(table: pd.DataFrame) -> list[Headline]:
         if len(known):
             found = intervals.mean(known[column], list(known["group"]), "depth", "positive")
             short = len(own) - len(known)
-            remark = f"{short} stops rested too short to tell" if short else ""
+            remark = f"{known[column].min():.3g} to {known[column].max():.3g} s by stop"
+            remark += f"; {short} rested too short to tell" if short else ""
             what = f"wait after {words} for {BOUND} % of the force"
             heads.append(headline(what, "s", found, remark=remark, told=True))
     return heads
