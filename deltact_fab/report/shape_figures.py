@@ -113,10 +113,10 @@ def _surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> No
     from matplotlib.ticker import MultipleLocator
 
     axis = maps.solid(figure, place)
-    rows, columns = _near_axes(picture)
     every = max(1, round(RELIEF_MM / picture.cell_mm))
-    part = picture.depth_mm[rows, columns][::every, ::every]
-    x, y = np.meshgrid(picture.x_mm[columns][::every], picture.y_mm[rows][::every])
+    rows, columns = (index.ravel()[::every] for index in _near(picture))
+    part = picture.depth_mm[np.ix_(rows, columns)]
+    x, y = np.meshgrid(picture.x_mm[columns], picture.y_mm[rows])
     top = _deepest(picture)
     axis.plot_surface(x, y, part, cmap="viridis", vmin=0, vmax=top, rstride=1, cstride=1,
                       linewidth=0.15, edgecolor="#33333366", rasterized=True)  # fmt: skip
@@ -167,21 +167,11 @@ def _deepest(picture: ShapeMaps) -> float:
     return max(0.1, *(float(part.max()) for part in parts))
 
 
-def _near_axes(picture: ShapeMaps) -> tuple[slice, slice]:
-    """Rows and columns of what is shown."""
-    cuts = []
-    for axis, (low, high) in zip(
-        (picture.y_mm, picture.x_mm), reversed(maps.window_mm(picture)), strict=True
-    ):
-        inside = np.flatnonzero((axis >= low) & (axis <= high))
-        cuts.append(slice(int(inside[0]), int(inside[-1]) + 1))
-    return cuts[0], cuts[1]
-
-
-def _near(picture: ShapeMaps) -> Array:
-    mask = np.zeros(picture.known.shape, bool)
-    mask[_near_axes(picture)] = True
-    return mask
+def _near(picture: ShapeMaps) -> tuple[Array, ...]:
+    """What is shown of a map, as its index."""
+    sides = zip((picture.x_mm, picture.y_mm), maps.window_mm(picture), strict=True)
+    columns, rows = (np.flatnonzero((at >= low) & (at <= high)) for at, (low, high) in sides)
+    return np.ix_(rows, columns)
 
 
 KPA = 1e3  # of an MPa

@@ -83,7 +83,6 @@ def _simulated(asked: StudyRequest) -> StudyResult:
         asked, stops, series, _judged(ways, found, series), protocol.specimen.modulus_mpa,
         source="assumed: no relaxation of Solaris was found measured",
         simulated=True,
-        missing=tuple(grid.missing),
         more={"moved_um": moved_um, "closed_form_off_percent": off_percent},
         settings={
             "rig": f"{asked.rig or RIG}: {solved[-1]['dofs']} unknowns"
@@ -192,7 +191,6 @@ def _recorded(asked: StudyRequest) -> StudyResult:
         plan.load(PROTOCOL)[0].specimen.modulus_mpa,
         source="fitted to these runs",
         simulated=all(run_.simulated for run_ in runs),
-        missing=tuple(grid.missing),
         more={"rms_n": fitted.rms_n, "unsure_tau_s": list(fitted.unsure), "rests": len(found)},
         settings={
             "runs": ", ".join(str(folder) for folder in asked.runs),
@@ -302,7 +300,8 @@ def _waits(table: pd.DataFrame) -> list[Headline]:
         if len(known):
             found = intervals.mean(known[column], list(known["group"]), "depth", "positive")
             short = len(own) - len(known)
-            remark = f"{short} stops rested too short to tell" if short else ""
+            remark = f"{known[column].min():.3g} to {known[column].max():.3g} s by stop"
+            remark += f"; {short} rested too short to tell" if short else ""
             what = f"wait after {words} for {BOUND} % of the force"
             heads.append(headline(what, "s", found, remark=remark, told=True))
     return heads

@@ -56,7 +56,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
         scale=share_of(asked.scale),
         settings=settings(made),
         left_out=left_out(made.gel),
-        missing=made.missing,
+        more={"twist": twist.rows if twist else []},
     )
 
 

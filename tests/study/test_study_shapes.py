@@ -57,7 +57,7 @@ def test_each_object_has_its_error_and_a_goal_that_the_interval_reaches_over_is_
     result = found(seen(ring=0.1, hat=0.4))
     by = {head.what.partition(":")[0]: head for head in result.headlines}
     assert by["ring"].value == pytest.approx(0.1)
-    assert by["hat"].over == "3 places"
+    assert by["hat"].over == "3 places: no interval below four"
     whole = result.headlines[0]
     assert whole.value == pytest.approx(0.25)
     assert whole.low is not None

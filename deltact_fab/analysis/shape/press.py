@@ -241,9 +241,11 @@ def _forces(
     """Force by sensor and by flow, and the field's error of the peak pressure against truth."""
     told: dict[str, Any] = {}
     if force_n is not None:
-        told["normal_n"] = -float(force_n[2])
+        x, y, z = map(float, force_n)
+        told |= {"normal_n": -z, "shear_x_n": x, "shear_y_n": y}
     if found.wrench is not None:
-        told["found_normal_n"] = -float(found.wrench.force_n[2])
+        x, y, z = map(float, found.wrench.force_n)
+        told |= {"found_normal_n": -z, "found_shear_x_n": x, "found_shear_y_n": y}
         told["force_extrapolated"] = found.wrench.extrapolated
     if found.field is None:
         return told
@@ -275,10 +277,9 @@ def _picture(row: Any, image: Array, camera: Any, flow: FaceFlow, found: _Found)
         "outlines_mm": [contact.outline_mm for contact in found.contacts],
         "torque_z_nmm": None if pd.isna(row.tz_nmm) else float(row.tz_nmm),
     }
-    if found.wrench is not None:
-        told["total_n"] = found.wrench.force_n
-        told["turning_nmm"] = float(found.wrench.torque_nmm[2])
-    if found.field is not None:
-        told["traction_mpa"] = found.field.traction_mpa
-        told |= {"cells_x_mm": found.field.x_mm, "cells_y_mm": found.field.y_mm}
+    if (total := found.wrench) is not None:
+        told |= {"total_n": total.force_n, "turning_nmm": float(total.torque_nmm[2])}
+    if (field := found.field) is not None:
+        told |= {"traction_mpa": field.traction_mpa, "cells_x_mm": field.x_mm,
+                 "cells_y_mm": field.y_mm}  # fmt: skip
     return told

@@ -24,16 +24,12 @@ from .press import SAME_MM, press_shape
 
 GOALS = {"depth_error_contact_mm": 0.25, "depth_error_face_mm": 0.03, "place_error_mm": 0.5}
 """At most, as means over the frames that press."""
+WORDS = ("depth over the contact", "over the face", "place of a ball")
 FIGURES = (
     "depth_error_contact_mm", "depth_error_face_mm", "zero_error_contact_mm", "depth_correlation",
     "relative_correlation", "contact_iou", "centroid_error_mm", "place_error_mm", "area_mm2",
     "true_area_mm2", "cover",
 )  # fmt: skip
-_WORDS = {
-    "depth_error_contact_mm": "depth over the contact",
-    "depth_error_face_mm": "over the face",
-    "place_error_mm": "place of a ball",
-}
 
 
 @dataclass(frozen=True)
@@ -58,11 +54,11 @@ class ShapeResult:
             for row in self.rows
             if row["tip_depth_mm"] > 0 and indenter in (None, row["indenter"])
         ]
-        known = {name: [row[name] for row in rows if row.get(name) is not None] for name in FIGURES}
-        return {
-            "frames": len(rows),
-            **{name: float(np.mean(v)) if v else None for name, v in known.items()},
-        }
+        found: dict[str, Any] = {"frames": len(rows)}
+        for name in FIGURES:
+            known = [row[name] for row in rows if row.get(name) is not None]
+            found[name] = float(np.mean(known)) if known else None
+        return found
 
     @property
     def indenters(self) -> list[str]:
@@ -80,9 +76,8 @@ class ShapeResult:
                 "known."
             )
         parts = [
-            f"{words} {means[name]:.3f} mm"
-            + ("" if means[name] <= GOALS[name] else f" (over {GOALS[name]:g})")
-            for name, words in _WORDS.items()
+            f"{words} {means[name]:.3f} mm{'' if means[name] <= goal else f' (over {goal:g})'}"
+            for (name, goal), words in zip(GOALS.items(), WORDS, strict=True)
             if means[name] is not None
         ]
         # A face that nothing presses has no depth either, so its figure flatters.
@@ -125,12 +120,11 @@ class ShapeResult:
 def deepest(pictures: Iterable[ShapeMaps | None]) -> list[ShapeMaps]:
     """Of each indenter the first picture in which it is as deep as ever, in their order."""
     found: dict[str, ShapeMaps] = {}
-    for picture in pictures:
-        if picture is None or picture.tip_depth_mm == 0:
-            continue
-        held = found.setdefault(picture.indenter, picture)
-        if picture.tip_depth_mm > held.tip_depth_mm + SAME_MM:
-            found[picture.indenter] = picture
+    for one in pictures:
+        if one is not None and one.tip_depth_mm > 0:
+            held = found.setdefault(one.indenter, one)
+            if one.tip_depth_mm > held.tip_depth_mm + SAME_MM:
+                found[one.indenter] = one
     return list(found.values())
 
 

@@ -32,7 +32,7 @@ class SimulatedShapes:
     """The results of a scene. objects, twist: by press. gel: what every job reports of its gel.
 
     depth_line: of the calibration of depth. force_error_n: of that of force, by component, on a
-    place left out; None with one place. missing: the jobs without a result.
+    place left out; None with one place.
     """
 
     scene: PressScene
@@ -41,7 +41,6 @@ class SimulatedShapes:
     depth_line: str
     force_error_n: dict[str, float | None]
     gel: list[dict[str, Any]]
-    missing: tuple[str, ...]
 
 
 def scene(asked: StudyRequest) -> PressScene:
@@ -98,7 +97,6 @@ def simulate(asked: StudyRequest) -> SimulatedShapes:
         depth["line"],
         {name: error.get("rmse_left_out_position_n") for name, error in errors.items()},
         [depth, *points, *found.values()],
-        tuple(second.missing),
     )
 
 
@@ -110,16 +108,15 @@ def settings(made: SimulatedShapes) -> dict[str, str]:
     """What the presses were made with, as a reader is shown it."""
     of, box = made.scene, made.scene.rig.stage.box
     first, hat, ball, force, twist = (of.protocols[name] for name in (*OBJECTS, BALL, FORCE, TWIST))
+    at = ", ".join(f"({x:g}, {y:g})" for x, y in twist.positions_mm)
     return {
-        "objects": f"{', '.join(first.indenters)} to {_depths(first)} mm, "
-        f"{', '.join(hat.indenters)} to {_depths(hat)} mm; settled",
+        "objects": "; ".join(f"{', '.join(p.indenters)} to {_depths(p)} mm" for p in (first, hat)),
         "places": f"{'; '.join(f'({x:g}, {y:g})' for x, y in first.positions_mm)} mm",
         "depth calibrated on": f"{ball.indenters[0]} at {_depths(ball)} mm (protocol {BALL})",
         "force calibrated on": f"{', '.join(force.indenters)} at {len(force.positions_mm)} places, "
         f"{limits.estimate(force, 0, box).settled} settled points (of {FORCE}); model "
         f"{FORCE_MODEL}",
-        "twist": f"{twist.indenters[0]} at ({twist.positions_mm[0][0]:g}, "
-        f"{twist.positions_mm[0][1]:g}) mm, sheared around a grid",
+        "twist": f"{twist.indenters[0]} at {at} mm, sheared around a grid",
         "frames": f"the tip at most {limits.estimate(first, 0, box).between_frames_mm:.2g} mm "
         "further in each",
         **of.settings(made.gel),
