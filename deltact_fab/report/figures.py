@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's palette: told apart by people who see colours differently.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#1d2330")
-INK, SOFT, GRID, FAINT, BAND = "#1d2330", "#5b6475", "#dfe3ea", "#bbbbbb", "#d9e2ec"
-"""Letters and axes, what stands back, grid, lines between legs, the band of a front."""
+INK, SOFT, GRID, FAINT = "#1d2330", "#5b6475", "#dfe3ea", "#bbbbbb"
+"""Letters and axes, what stands back, grid, lines between legs."""
 DOUBT_COLOUR = COLOURS[4]
 MARKERS = "osD^vP*"
 PAPER_COLOUR = SOFT
 # Names of these colours in templates/style.css, which has others for a dark page.
 _NAMED = {
-    INK: "ink", SOFT: "soft", GRID: "line", FAINT: "leg", BAND: "band", COLOURS[0].lower(): "blue",
+    INK: "ink", SOFT: "soft", GRID: "line", FAINT: "leg", COLOURS[0].lower(): "blue",
 }  # fmt: skip
 PAGE_PT, PAPER_PT = 9.5, 8.0
 MIN_PAGE_PT = 9.0

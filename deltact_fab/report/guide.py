@@ -66,6 +66,7 @@ WIRING = {
     "name": "wiring", "total_ma": "in all, mA", "led_ma": "a LED, mA", "chip_ma": "a chip, mA",
     "resistor_mw": "heat in a resistor, mW", "note": "note",
 }  # fmt: skip
+PROCESS = {"key": "figure", "meaning": "what it is", "basis": "rests on"}
 GAPS = {"said": "the paper", "found": "what is found", "chosen": "what was chosen"}
 
 
@@ -73,15 +74,14 @@ GAPS = {"said": "the paper", "found": "what is found", "chosen": "what was chose
 class Pictures:
     """What the kernel adds to the page; empty without it, and `note` says why.
 
-    Data URLs: exploded, bench, parts (by name) and steps (by number) are SVG, models (by title)
-    GLB.
+    Data URLs: exploded, bench, parts (by name) and steps (by number) are SVG, model is a GLB.
     ceilings: what of a printed part hangs as it lies on the platform, in words, by name.
     """
 
     exploded: str = ""
     bench: str = ""
     parts: dict[str, str] = field(default_factory=dict)
-    models: dict[str, str] = field(default_factory=dict)
+    model: str = ""
     steps: dict[str, str] = field(default_factory=dict)
     ceilings: dict[str, str] = field(default_factory=dict)
     note: str = ""
@@ -131,7 +131,7 @@ def write(
         parts=parts,
         layer_mm=LAYER_MM,
         pictures=pictures,
-        viewer=viewer() if pictures.models else Viewer(),
+        viewer=viewer() if pictures.model else Viewer(),
         bom=table(pd.DataFrame([_to_order(line) for line in lines])),
         stock_note=stock_note(design),
         f=_figures(design, sensors),
@@ -152,17 +152,7 @@ def write(
         p=DEFAULT,
         sticker=sticker(design),
         facts=DEFAULT.rows(),
-        process=table(
-            pd.DataFrame(
-                {
-                    "figure": row["key"],
-                    "value": f"{fixed(row['value'], 4)} {row['unit']}",
-                    "what it is": row["meaning"],
-                    "rests on": row["basis"],
-                }
-                for row in DEFAULT.rows()
-            )
-        ),
+        process=table(pd.DataFrame(DEFAULT.rows(), dtype=object), PROCESS),
         gaps=table(pd.DataFrame(map(asdict, gaps(design))), GAPS),
         unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
         # Keys that take the names of what a lab has measured, where something is unverified.
@@ -232,21 +222,17 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
         for part in parts
         if part.printed
     }
-    meshes = {
-        part.name: drawn(fine[part.name], part.name, part.colour)
+    exploded_glb = [
+        replace(
+            drawn(fine[part.name], part.name, part.colour),
+            places_mm=tuple((x, y, z + part.explode_mm) for x, y, z in part.places(design)),
+        )
         for part in of_group("sensor", design)
-    }
-    models = {}
-    for title, explode in (("exploded", 1.0), ("assembled", 0.0)):
-        models_placed = []
-        for part in of_group("sensor", design):
-            shift_mm = explode * part.explode_mm
-            at = tuple((x, y, z + shift_mm) for x, y, z in part.places(design))
-            models_placed.append(replace(meshes[part.name], places_mm=at))
-        models[title] = _data_url("model/gltf-binary", glb_bytes(models_placed, "deltact"))
+    ]
+    model = _data_url("model/gltf-binary", glb_bytes(exploded_glb, "deltact"))
     tell(total, total, "done")
     whole = _data_url("image/svg+xml", exploded.encode())
-    return Pictures(whole, bench, images, models, steps, ceilings)
+    return Pictures(whole, bench, images, model, steps, ceilings)
 
 
 def _to_order(line: bom.BomLine) -> dict[str, str]:

@@ -82,7 +82,7 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
         ladder = all(any(c.isdigit() for c in r["setting"]) for r in part)
         axis.plot(best, errors, marker=figures.MARKERS[i % len(figures.MARKERS)], color=colour,
                   ms=6, lw=1.0, ls="-" if ladder else "none", label=name)  # fmt: skip
-        axis.hlines(errors, best, most, color=colour, lw=2.5, alpha=0.45)
+        axis.hlines(errors, best, most, color=colour, lw=2.5, alpha=0.25)
         names += [(x, y, r["setting"], colour) for x, y, r in zip(best, errors, part, strict=True)]
     front = sorted((r for r in known if r["pareto"]), key=lambda r: r["cpu_s"])
     axis.plot([r["cpu_s"] * 1e3 for r in front], [r["error"] for r in front], "o:", ms=12, lw=0.9,

@@ -102,7 +102,6 @@ def _methods(tracking: TrackingResult) -> dict[str, Any]:
     verdict, rows = tracking.verdict, []
     for m in tracking.methods:
         known = m["confident_share"] if m["coverage"] is None else m["coverage"]
-        believed = "yes, at the front" if m["name"] in verdict.front else "yes"
         rows.append(
             {
                 "method / reference": m["name"],
@@ -115,7 +114,7 @@ def _methods(tracking: TrackingResult) -> dict[str, Any]:
                 "frames trusted": _percent(m["trusted_share"]),
                 "CPU time a frame, ms": m["ms_per_frame"],
                 "new references": m["reference_switches"],
-                "believed": "no" if verdict.doubts[m["name"]] else believed,
+                "believed": "no" if verdict.doubts[m["name"]] else "yes",
             }
         )
     marks = ["take" if m["name"] == verdict.take else "" for m in tracking.methods]

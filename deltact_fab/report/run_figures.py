@@ -11,7 +11,7 @@ import numpy as np
 from ..analysis.measured import FORCE, DeepestPress
 from ..analysis.tracking_error import PAPER_BEST_MM
 from . import figures, maps
-from .figures import BAND, COLOURS, PAPER_COLOUR, SOFT, blank, legend_below, log_ticks, mark_legs
+from .figures import COLOURS, PAPER_COLOUR, SOFT, blank, legend_below, log_ticks, mark_legs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,35 +48,27 @@ def error_by_step(tracking: TrackingResult) -> Figure | None:
 
 
 def error_by_time(tracking: TrackingResult) -> Figure | None:
-    """Error against CPU time a frame, one mark a method, and the front of those to be believed.
-
-    None without any error.
-    """
+    """Error against CPU time a frame, one mark a method; None without any error."""
     verdict = tracking.verdict
     error = verdict.error
     if error is None:
         return None
     rows = [row for row in tracking.methods if row[error] is not None]
     figure, (axis,) = blank(9.6, 4.2)
-    times = {row["name"]: row["ms_per_frame"] for row in rows}
-    errors = {row["name"]: row[error] for row in rows}
-    left_ms, right_ms = min(times.values()) / 1.6, max(times.values()) * 2.2
-    if verdict.front:
-        # Down and to the right in steps: what each time buys.
-        x, y = ([of[name] for name in verdict.front] for of in (times, errors))
-        axis.step([*x, right_ms], [*y, y[-1]], where="post", color=BAND, lw=5, zorder=0,
-                  label="the front: no other one beats it in both")  # fmt: skip
+    names = []
     for colour, row in zip(cycle(COLOURS), rows, strict=False):
-        name = row["name"]
+        x_ms, name = row["ms_per_frame"], row["name"]
         mark = "x" if verdict.doubts[name] else "o"
-        axis.plot(times[name], errors[name], mark, color=colour, ms=8, mew=1.8)
+        axis.plot(x_ms, row[error], mark, color=colour, ms=8, mew=1.8)
         at_dots = row["mean_at_dots_mm"]
         if at_dots is not None and error != "mean_at_dots_mm":
-            axis.plot(times[name], at_dots, "s", color=colour, mfc="none", ms=6, mew=1.2)
+            axis.plot(x_ms, at_dots, "s", color=colour, mfc="none", ms=6, mew=1.2)
+        names.append((x_ms, row[error], name, colour))
     axis.axhline(PAPER_BEST_MM, color=PAPER_COLOUR, lw=1.2, ls=":",
                  label=f"paper, at the dots, real sensor: {PAPER_BEST_MM} mm")  # fmt: skip
     log_ticks(axis, "xy")
-    axis.set_xlim(left_ms, right_ms)
+    times = [row["ms_per_frame"] for row in rows]
+    axis.set_xlim(min(times) / 1.6, max(times) * 2.2)
     axis.set_xlabel("CPU time a frame, ms: median, one thread")
     axis.set_ylabel(f"mean error, mm{', simulated' if tracking.simulated else ''}")
     for marker, face, words in (
@@ -86,9 +78,6 @@ def error_by_time(tracking: TrackingResult) -> Figure | None:
     ):
         axis.plot([], [], marker, color=SOFT, mfc=face, label=words)
     legend_below(figure, axis)
-    names = [
-        (times[name], errors[name], name, c) for name, c in zip(times, cycle(COLOURS), strict=False)
-    ]
     figures.name_marks(figure, axis, names, verdict.take or "")
     return figure
 

@@ -28,13 +28,12 @@ def row(name: str, error: float | None, ms: float, **more: Any) -> dict[str, Any
     return {**ErrorTally().figures(), **told, **more}
 
 
-def test_the_least_error_of_the_front_is_taken() -> None:
+def test_the_least_error_is_taken() -> None:
     verdict = judge(
         [row("slow", 0.004, 40.0), row("quick", 0.007, 7.0), row("bad", 0.05, 5.0),
          row("beaten", 0.008, 9.0)],
         simulated=True,
     )  # fmt: skip
-    assert verdict.front == ("bad", "quick", "slow")
     assert verdict.take == "slow"
     assert verdict.trusted
     assert verdict.line.startswith("Take slow: mean error 0.0040 mm over all moving pixels, 40 ms")
@@ -56,12 +55,10 @@ def test_a_method_that_cannot_be_believed_is_not_taken_however_good_it_looks(
     best, honest = row("best", 0.001, 1.0, **doubt), row("honest", 0.01, 30.0)
     verdict = judge([best, honest], simulated=True)
     assert verdict.take == "honest"
-    assert verdict.front == ("honest",)
     assert says in verdict.doubts["best"][0]
     alone = judge([best], simulated=True)
     assert alone.take is None
     assert not alone.trusted
-    assert alone.front == ()
     assert alone.line.startswith("Do not trust this experiment: no method can be believed.")
     assert says in alone.line
 
@@ -75,11 +72,10 @@ def test_without_truth_the_errors_at_the_dots_are_compared() -> None:
     assert "no truth to hold it against" in verdict.line
 
 
-def test_without_any_error_the_surest_is_taken_and_there_is_no_front() -> None:
+def test_without_any_error_the_surest_is_taken() -> None:
     rows = [row("a", None, 3.0, confident_share=0.85), row("b", None, 9.0, confident_share=0.97)]
     verdict = judge(rows, simulated=False)
     assert verdict.take == "b"
-    assert verdict.front == ()
     assert verdict.error is None
     assert "mean error" not in verdict.line
 

@@ -105,7 +105,7 @@ def test_it_loads_without_error_and_fetches_nothing(visit: Visit) -> None:
 def test_every_picture_is_drawn_and_nothing_runs_over(visit: Visit) -> None:
     widths = visit.tab.evaluate(IMAGES)
     exploded, whole, bench, wiring, casting = 1, 1, 1, 1, 32
-    pattern = 1 + 4  # itself, and a good and a spoiled one of the print and of the sensor
+    pattern = 1
     steps = casting + len(guide.STEPS)
     assert len(widths) == exploded + len(listed()) + steps + whole + bench + wiring + pattern
     assert min(widths) > 0
@@ -116,7 +116,7 @@ def test_every_picture_is_drawn_and_nothing_runs_over(visit: Visit) -> None:
     assert narrow == 0
 
 
-def test_the_model_is_seen_turns_and_goes_together(visit: Visit) -> None:
+def test_the_model_is_seen_and_turns(visit: Visit) -> None:
     visit.tab.locator("#view").scroll_into_view_if_needed()
     exploded = visit.view()
     colours = exploded.reshape(-1, 3).astype(int)
@@ -130,16 +130,7 @@ def test_the_model_is_seen_turns_and_goes_together(visit: Visit) -> None:
         view.cameraOrbit = '120deg 60deg auto'; view.jumpCameraToGoal(); }""")
     turned = visit.view()
     assert np.mean(np.any(turned != exploded, axis=2)) > 0.01
-    visit.tab.evaluate("""() => document.getElementById('view').addEventListener(
-        'load', () => { window.again = true; })""")
-    visit.tab.click("#swap")
-    visit.tab.wait_for_function("window.again", timeout=WAIT_MS)
-    together = visit.view()
-    assert visit.tab.inner_text("#swap") == "Show it exploded"
-    # Together it is as high as it is wide; exploded a tall stack.
-    dark = together.max(axis=2) < 60
-    tall, wide = (np.ptp(np.flatnonzero(dark.any(axis=axis))) for axis in (1, 0))
-    assert tall < 1.2 * wide
+    # Exploded it is a tall stack.
     assert high > 0.5 * exploded.shape[0]
     assert visit.errors == []
     assert visit.outside() == []

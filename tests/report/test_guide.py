@@ -28,7 +28,7 @@ DRAWN = Pictures(
     SVG,
     SVG,
     {part.name: SVG for part in listed()},
-    {"exploded": "data:a,1", "assembled": "data:a,2"},
+    "data:a,1",
     dict.fromkeys(guide.STEPS, SVG),
     {"cover": "26.1 mm2 from 1.6 mm up, unsupported"},
 )
@@ -51,7 +51,7 @@ class Seen(HTMLParser):
         for name, value in attrs:
             if name == "id" and value:
                 self.ids.append(value)
-            if name in ("src", "href", "srcset", "data-other") and value:
+            if name in ("src", "href", "srcset") and value:
                 self.fetched.append(value)
 
     def handle_data(self, data: str) -> None:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from ...aliases import Points
 from ...measure.compose import inside
-from ...measure.dots import DotTracker, Polarity
+from ...measure.dots import DotObservation, DotTracker, Polarity
 from ...optics import CameraModel
 from .tally import MOVING_MM, ErrorTally, Mean
+from .truth import sampled
 
 DOTS = "dots"
 """The method's name where there is nothing but dots to follow; its pixels are dots."""
@@ -46,23 +47,6 @@ class DotTally:
             "seen": self.seen,
             "lost": self.lost,
         }
-
-
-@dataclass(frozen=True)
-class DotFrame:
-    """The dots of one frame: where they were first and how far they have moved, (n, 2) px.
-
-    NaN where lost; cpu_ms of finding them.
-    """
-
-    first_px: Points
-    moved_px: Points
-    cpu_ms: float
-
-    @property
-    def found(self) -> NDArray[np.bool_]:
-        """(n,) which dots are known in both images."""
-        return np.isfinite(self.moved_px[:, 0])
 
 
 @dataclass(frozen=True)
@@ -101,33 +85,47 @@ class DotFollower:
         )
         self.tally = DotTally()
 
-    def follow(self, image: NDArray[np.uint8]) -> DotFrame:
+    def follow(self, image: NDArray[np.uint8]) -> DotObservation:
         """The dots of the next frame. Raises SensorError when the first one does not show them."""
         seen = self.tracker.update(image)
-        frame = DotFrame(self.tracker.first_px, seen.displacement_px, seen.cpu_ms)
-        self.tally.seen += int(frame.found.sum())
-        self.tally.lost += int((~frame.found).sum())
-        return frame
+        found = int(np.isfinite(seen.displacement_px[:, 0]).sum())
+        self.tally.seen += found
+        self.tally.lost += len(self.rest_px) - found
+        return seen
 
-    def take(self, frame: DotFrame, true_px: Points) -> None:
+    def take(self, seen: DotObservation, true_px: Points) -> None:
         """Count a frame's errors in. true_px: (n, 2) motion of the dots."""
-        errors = np.linalg.norm((frame.moved_px - true_px)[frame.found], axis=1) * self.mm_per_px
+        errors = _lengths(seen.displacement_px - true_px) * self.mm_per_px
         self.tally.errors.take(errors)
         self.tally.worst_mm = max(self.tally.worst_mm, float(errors.max(initial=0.0)))
 
-    def as_method(self, frame: DotFrame, true_px: Points | None) -> ErrorTally:
+    def as_method(self, seen: DotObservation, true_px: Points | None) -> ErrorTally:
         """A frame as that of a method whose pixels are the dots.
 
         true_px: (n, 2) motion of the dots, None where no truth is known. A dot that is found is a
         confident pixel; one that is lost has no error, so that there is none over all of them.
         """
-        share = float(frame.found.mean())
-        one = ErrorTally.of_frame(share, share >= MIN_FOUND_SHARE, frame.cpu_ms)
+        share = float(np.isfinite(seen.displacement_px[:, 0]).mean())
+        one = ErrorTally.of_frame(share, share >= MIN_FOUND_SHARE, seen.cpu_ms)
         if true_px is not None:
             visible = inside(self.rest_px + true_px, *self.shape)
             moved_mm = np.hypot(*true_px.T) * self.mm_per_px
             moving = visible & (moved_mm >= MOVING_MM)
-            off_px = np.linalg.norm(frame.moved_px - true_px, axis=1)[frame.found & moving]
-            one.take_confident(off_px * self.mm_per_px, int(moving.sum()))
+            errors = _lengths((seen.displacement_px - true_px)[moving]) * self.mm_per_px
+            one.take_confident(errors, int(moving.sum()))
             one.peak_true_mm = float(moved_mm[visible].max()) if visible.any() else None
         return one
+
+    def errors_of(
+        self, flow_px: NDArray[np.float32], seen: DotObservation
+    ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """The paper's error (k,) mm, of flow (h, w, 2) at the k dots found; and which of them move."""
+        off_px = sampled(flow_px, self.tracker.first_px) - seen.displacement_px
+        moving = np.hypot(*seen.displacement_px.T) * self.mm_per_px >= MOVING_MM
+        return _lengths(off_px) * self.mm_per_px, moving[np.isfinite(off_px[:, 0])]
+
+
+def _lengths(vectors: Points) -> NDArray[Any]:
+    """Of those that are known, of vectors (n, 2)."""
+    lengths = np.hypot(*vectors.T)
+    return lengths[np.isfinite(lengths)]

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ... import record
 from ...errors import InputError, SensorError
 from ...measure.flow import FlowObservation, FlowState, named_tracker
-from .dots import DOTS, DotFollower, DotFrame, Marks
-from .tally import MOVING_MM, ErrorTally
+from .dots import DOTS, DotFollower, Marks
+from .tally import ErrorTally
 from .truth import TrueFrame, sampled
 
 # Ours, a cheaper one, the paper's, and the paper's flow composed in place of summed.
@@ -31,11 +31,6 @@ class TrackingPlan:
     methods: tuple[str, ...]
     dots: bool
     left_out: tuple[str, ...]
-
-    @property
-    def dense(self) -> tuple[str, ...]:
-        """The methods of dense flow among them."""
-        return tuple(name for name in self.methods if name != DOTS)
 
 
 def scene_of(run: record.Run, methods: Sequence[str] | None) -> TrackingPlan:
@@ -75,7 +70,7 @@ class Follower:
         self.tallies = {name: ErrorTally() for name in scene.methods}
         self.dots = DotFollower(marks) if scene.dots else None
         self.left_out: list[str] = []
-        self._flows = {name: named_tracker(name) for name in scene.dense}
+        self._flows = {name: named_tracker(name) for name in scene.methods if name != DOTS}
         self._scale = marks.camera.mm_per_px
         self._begun = False
 
@@ -99,12 +94,17 @@ class Follower:
         for name, flow in self._flows.items():
             observed = flow.update(image)
             if at:
-                before = self.tallies[name].switches
-                said[name] = _frame(observed, before, seen, frame, self._scale)
+                one = said[name] = _frame(observed, frame, self._scale)
+                one.switches -= self.tallies[name].switches
+                if self.dots and seen:
+                    errors, moving = self.dots.errors_of(observed.flow_px, seen)
+                    one.at_dots.take(errors)
+                    one.at_moving_dots.take(errors[moving])
         if self.dots and seen and at:
             true_px = None
             if frame is not None:
-                at_px = np.where(np.isfinite(seen.first_px), seen.first_px, self.dots.rest_px)
+                first_px = self.dots.tracker.first_px
+                at_px = np.where(np.isfinite(first_px), first_px, self.dots.rest_px)
                 true_px = sampled(frame.flow_px, at_px)
                 self.dots.take(seen, true_px)
             if DOTS in self.tallies:
@@ -114,24 +114,12 @@ class Follower:
         return {name: one.figures() for name, one in said.items()}
 
 
-def _frame(
-    observed: FlowObservation,
-    switches: int,
-    dots: DotFrame | None,
-    frame: TrueFrame | None,
-    scale: float,
-) -> ErrorTally:
-    """One method's frame. switches: of its reference before it. scale: mm/px."""
+def _frame(observed: FlowObservation, frame: TrueFrame | None, scale: float) -> ErrorTally:
+    """What a method says of a frame, and its errors against truth. scale: mm/px."""
     flow, last = observed.flow_px, observed.diagnostics
     one = ErrorTally.of_frame(last.confident_share, last.trusted, last.cpu_ms)
-    one.switches = last.n_reference_switches - switches
+    one.switches = last.n_reference_switches
     one.lost.take(float((observed.state == FlowState.LOST).mean()))
-    if dots is not None:  # the paper's error
-        found = dots.found
-        moved_px = dots.moved_px[found]
-        errors = np.linalg.norm(sampled(flow, dots.first_px[found]) - moved_px, axis=1) * scale
-        one.at_dots.take(errors)
-        one.at_moving_dots.take(errors[np.linalg.norm(moved_px, axis=1) * scale >= MOVING_MM])
     if frame is not None:
         moving = frame.moving
         errors = np.linalg.norm(flow[moving] - frame.flow_px[moving], axis=-1) * scale

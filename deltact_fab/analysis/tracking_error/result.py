@@ -47,9 +47,8 @@ RULE = (
     f"A method can be believed when it trusts {percent(MIN_TRUSTED)} of the frames or more, is "
     f"sure of {percent(MIN_COVERAGE)} of the moving pattern or more (of the image, where no truth "
     f"is known), and is off by more than {WRONG_MM:g} mm on at most {percent(MAX_WRONG)} of what "
-    "it is sure of. Of those that can be believed, the front are the ones that no other beats in "
-    "both error and CPU time; the one with the least error is the one to take. An experiment can "
-    "be trusted when a method can be believed on it."
+    "it is sure of. Of those that can be believed, the one with the least error is to be taken. An "
+    "experiment can be trusted when a method can be believed on it."
 )
 
 
@@ -57,14 +56,12 @@ RULE = (
 class TrackingVerdict:
     """about: the method that the line speaks of: the one to take, or the nearest to be believed.
 
-    take: a name or None. front: from the cheapest method on. doubts: by method, why it cannot be
-    believed; empty where it can be. error: the key of the error that was compared, None without
-    any. line: all of it in words.
+    take: a name or None. doubts: by method, why it cannot be believed; empty where it can be.
+    error: the key of the error that was compared, None without any. line: all of it in words.
     """
 
     about: str
     take: str | None
-    front: tuple[str, ...]
     doubts: dict[str, list[str]]
     error: str | None
     trusted: bool
@@ -81,9 +78,9 @@ def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict
     doubts = {row["name"]: _doubts(row) for row in methods}
     error = next((key for key in ERRORS if any(row[key] is not None for row in methods)), None)
     believed = [row for row in methods if not doubts[row["name"]]]
-    front = _front(believed, error)
     if error is not None:
-        take = front[-1] if front else None
+        known = [row for row in believed if row[error] is not None]
+        take = min(known, key=lambda row: row[error], default=None)
     else:
         take = max(believed, key=lambda row: row["confident_share"], default=None)
     about = take or min(
@@ -99,7 +96,6 @@ def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict
     return TrackingVerdict(
         about=about["name"],
         take=take["name"] if take else None,
-        front=tuple(row["name"] for row in front),
         doubts=doubts,
         error=error,
         trusted=take is not None,
@@ -135,18 +131,6 @@ def _coverage(row: dict[str, Any]) -> tuple[float, str]:
     if row["coverage"] is not None:
         return row["coverage"], f"the {moving}"
     return row["confident_share"], f"the {still}"
-
-
-def _front(rows: Sequence[dict[str, Any]], error: str | None) -> list[dict[str, Any]]:
-    """Those that no other one beats in both error and time, from the cheapest on."""
-    if error is None:
-        return []
-    front: list[dict[str, Any]] = []
-    for row in sorted((r for r in rows if r[error] is not None),
-                      key=lambda r: (r["ms_per_frame"], r[error])):  # fmt: skip
-        if not front or row[error] < front[-1][error]:
-            front.append(row)
-    return front
 
 
 def _to_take(take: dict[str, Any], error: str | None, simulated: bool) -> str:
