@@ -119,7 +119,7 @@ class DotFollower:
     def errors_of(
         self, flow_px: NDArray[np.float32], seen: DotObservation
     ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """The paper's error (k,) mm of flow (h, w, 2) at the k dots found, and which of them move."""
+        """The paper's error (k,) mm of flow (h, w, 2) at the k dots found; which of them move."""
         off_px = sampled(flow_px, self.tracker.first_px) - seen.displacement_px
         moving = np.hypot(*seen.displacement_px.T) * self.mm_per_px >= MOVING_MM
         return _lengths(off_px) * self.mm_per_px, moving[np.isfinite(off_px[:, 0])]
