@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Executor, Future
@@ -190,12 +191,11 @@ def _run_on(
 
 
 def _next(news: queue.SimpleQueue[Any], executor: Executor) -> Any:
+    check: Callable[[], None] = getattr(executor, "check", lambda: None)
     while True:
-        try:
+        check()
+        with contextlib.suppress(queue.Empty):
             return news.get(timeout=_POLL_S)
-        except queue.Empty:
-            check: Callable[[], None] = getattr(executor, "check", lambda: None)
-            check()
 
 
 def _was_killed(future: Future[R]) -> bool:

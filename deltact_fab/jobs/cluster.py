@@ -5,9 +5,12 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import logging
+import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import wait as futures_wait
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +19,7 @@ from ..errors import InputError, RunFailed
 from ..extras import require
 from . import messages
 from .batch import CannotGoOn
-from .local import local, processors, take_share
+from .local import Local, local, processors, take_share
 
 R = TypeVar("R")
 
@@ -25,17 +28,20 @@ DASK = "dask:"
 CONNECT_S = 10.0
 WORKERS_S = 10.0
 GONE_S = 60.0  # a worker that died is often started again
+LOOK_S = 1.0
+SEND_S, AHEAD = 0.01, 32
+BADGE = "deltact-fab"
 PACKAGE = Path(__file__).parents[1]
 
 
 @contextlib.contextmanager
-def executor(on: str = LOCAL, workers: int | None = None) -> Iterator[Executor]:
+def executor(on: str = LOCAL, workers: int | None = None) -> Iterator[Local | Cluster]:
     """An executor until the end of the block; then whatever still runs on it is ended.
 
     on: "local", or "dask:tcp://HOST:PORT" of an existing scheduler. workers: local processes, by
     default one for each processor that this process may use. Raises InputError for another `on`,
     and workers with a cluster; MissingLibrary without the extra `cluster`; RunFailed where no
-    scheduler answers, it has no workers, or theirs is other code than this.
+    scheduler answers, or it has no worker with the code of this process.
     """
     if on == LOCAL:
         with local(workers or processors()) as here:
@@ -62,8 +68,9 @@ def code() -> str:
 def cluster(address: str) -> Iterator[Cluster]:
     """The workers of the scheduler at tcp://HOST:PORT, until the end of the block.
 
-    Raises InputError for another form of address, MissingLibrary without the extra `cluster`,
-    RunFailed when no scheduler answers, no worker is there, or one has other code.
+    A worker with other code gets no job, whenever it comes; a line on stderr names it. Raises
+    InputError for another form of address, MissingLibrary without the extra `cluster`, RunFailed
+    when no scheduler answers, or no worker with this code is there.
     """
     place = address.partition("://")
     if place[0] not in ("tcp", "tls") or not place[2].rpartition(":")[2].isdecimal():
@@ -77,9 +84,15 @@ def cluster(address: str) -> Iterator[Cluster]:
         except (OSError, TimeoutError) as why:
             raise RunFailed(f"no Dask scheduler answers at {address}") from why
         with client:
-            _require_same_code(client, address)
+            try:
+                client.wait_for_workers(1, timeout=WORKERS_S)
+            except TimeoutError as why:
+                raise RunFailed(f"the Dask scheduler at {address} has no workers") from why
+            client.register_plugin(_badge())
             client.subscribe_topic(messages.TOPIC, lambda event: messages.hear(tuple(event[1])))
             there = Cluster(client)
+            if not there.workers:
+                raise RunFailed(f"no worker at {address} has this deltact_fab ({code()})")
             try:
                 yield there
             finally:
@@ -101,53 +114,132 @@ def _quiet() -> Iterator[None]:
             one.setLevel(level)
 
 
-def _require_same_code(client: Any, address: str) -> None:
-    try:
-        client.wait_for_workers(1, timeout=WORKERS_S)
-    except TimeoutError as why:
-        raise RunFailed(f"the Dask scheduler at {address} has no workers") from why
-    for worker, answer in client.run(code, on_error="return").items():
-        if isinstance(answer, ImportError):
-            raise RunFailed(f"Dask worker {worker}: cannot import deltact_fab ({answer})")
-        if isinstance(answer, BaseException):
-            raise RunFailed(f"Dask worker {worker}: {answer}")
-        if answer != code():
-            raise CannotGoOn(f"Dask worker {worker}: {_unlike(answer, code())}")
+def _badge() -> Any:
+    """What makes every worker, those that come later too, show its code as a resource.
 
+    A job asks for the resource, so that the scheduler gives it to no worker with other code. Of a
+    class that is defined here it is pickled whole, for workers with other code or without.
+    """
+    from distributed import Status, WorkerPlugin
 
-def _unlike(there: str, here: str) -> str:
-    return f"its deltact_fab is another ({there}, here {here}): install the same on both"
+    class Badge(WorkerPlugin):
+        name, idempotent = BADGE, True
+
+        async def setup(self, worker: Any) -> None:
+            try:
+                from deltact_fab.jobs import cluster
+
+                shown = cluster.code()
+            except Exception as why:
+                shown = f"none: {why}"
+            await worker.set_resources(**{f"{self.name} {shown}": 1e9})
+            # The scheduler looks for jobs that wait for a worker when one begins to run.
+            worker.status = Status.paused
+            worker.status = Status.running
+
+    return Badge()
 
 
 class Cluster(Executor):
-    """Dask's own executor; each job makes sure that its worker, which may be new, has our code."""
+    """Jobs for the workers that have our code, sent and fetched many at a time.
+
+    What is sent ahead is AHEAD jobs for each of their threads: so the first are the first begun, a
+    worker that comes later gets its share, and one that dies is blamed for few.
+    """
 
     def __init__(self, client: Any) -> None:
-        # pure: a job that failed and is asked again is done again.
-        self._client, self._inner = client, client.get_executor(pure=False)
-        self.workers = sum(client.nthreads().values())
-        self._seen_s = time.monotonic()
+        self._client = client
+        self._waiting: deque[tuple[Future[Any], tuple[Any, ...]]] = deque()
+        self._away: dict[str, Future[Any]] = {}
+        self._called = False
+        self._refused: set[str] = set()
+        self._looked_s = self._seen_s = time.monotonic()
+        self.workers = 0
+        self._look()
 
     def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
-        """As every Executor's."""
-        future: Future[R] = self._inner.submit(_checked, code(), fn, args, kwargs)
+        """As every Executor's; what is cancelled when it has been sent may run, unheard."""
+        future: Future[R] = Future()
+        self._waiting.append((future, (fn, args, kwargs)))
+        if not self._called:
+            self._called = True
+            loop = self._client.loop
+            loop.add_callback(loop.call_later, SEND_S, self._send)
         return future
 
     def check(self) -> None:
         """While someone waits: raises CannotGoOn when there is nothing left to wait for."""
         now_s = time.monotonic()
-        if self._client.status == "running" and self._client.scheduler_info()["workers"]:
+        if now_s - self._looked_s < LOOK_S:
+            return
+        self._looked_s = now_s
+        if self._client.status == "running" and self._look():
             self._seen_s = now_s
         elif now_s - self._seen_s > GONE_S:
             raise CannotGoOn(f"the Dask cluster is gone: no worker for {GONE_S:g} s")
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As every Executor's; without wait, what runs is cancelled."""
-        self._inner.shutdown(wait=wait and not cancel_futures)
+        """As every Executor's; without wait, what has not come back is forgotten."""
+        if not wait or cancel_futures:
+            for future, _ in self._waiting:
+                future.cancel()
+        if wait:
+            futures_wait([*self._away.values(), *(future for future, _ in self._waiting)])
+
+    def _look(self) -> int:
+        """Threads of the workers with our code; a line for each other one, once."""
+        self.workers = 0
+        for name, worker in self._client.scheduler_info()["workers"].items():
+            shown = [r for r in worker["resources"] if r.startswith(BADGE)]
+            if f"{BADGE} {code()}" in shown:
+                self.workers += worker["nthreads"]
+            elif shown and name not in self._refused:
+                self._refused.add(name)
+                there = shown[0].removeprefix(f"{BADGE} ")
+                print(
+                    f"Dask worker {name} gets no job: its deltact_fab is another ({there}, here "
+                    f"{code()}): install the same on both",
+                    file=sys.stderr,
+                )
+        return self.workers
+
+    def _send(self) -> None:
+        """On the client's thread: as many jobs as there is room for."""
+        self._called = False
+        room = AHEAD * max(self.workers, 1) - len(self._away)
+        batch: list[tuple[Future[Any], tuple[Any, ...]]] = []
+        while self._waiting and len(batch) < room:
+            future, job = self._waiting.popleft()
+            if not future.cancelled():
+                batch.append((future, job))
+        if not batch:
+            return
+        # pure: a job that failed and is asked again is done again.
+        sent = self._client.map(
+            _work, [job for _, job in batch], pure=False, resources={f"{BADGE} {code()}": 1}
+        )
+        self._away |= {one.key: future for one, (future, _) in zip(sent, batch, strict=True)}
+        self._client.loop.add_callback(self._fetch, sent)
+
+    async def _fetch(self, sent: list[Any]) -> None:
+        from distributed import as_completed
+
+        coming = as_completed(sent, self._client.loop, with_results=True, raise_errors=False)
+        sent.clear()  # so that the cluster keeps no result that has come
+        async for one, value in coming:
+            future = self._away.pop(one.key)
+            if isinstance(value, CancelledError):
+                future.cancel()
+            if future.set_running_or_notify_cancel():
+                if one.status == "error":
+                    future.set_exception(value[1])
+                else:
+                    future.set_result(value)
+            if 2 * len(self._away) <= AHEAD * self.workers:
+                self._send()
 
 
-def _checked(asked: str, fn: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> R:
-    if code() != asked:
-        raise CannotGoOn(f"a Dask worker that came later: {_unlike(code(), asked)}")
+def _work(job: tuple[Callable[..., R], tuple[Any, ...], dict[str, Any]]) -> R:
     take_share(1)
+    fn, args, kwargs = job
     return fn(*args, **kwargs)

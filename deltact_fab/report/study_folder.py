@@ -49,10 +49,15 @@ class KeptResult:
     @property
     def old(self) -> bool:
         """Whether other code than the present one made it."""
-        try:
-            return bool(self.module) and digest.of(self.module) != self.code
-        except ValueError:  # the module is gone
-            return True
+        return bool(self.module) and _code_of(self.module) != self.code
+
+
+def _code_of(module: str) -> str:
+    """The digest of a module; empty where the package has none of that name."""
+    try:
+        return digest.of(module) if module else ""
+    except ValueError:
+        return ""
 
 
 def read_result(folder: str | Path) -> KeptResult:
@@ -107,7 +112,7 @@ def contents(result: StudyResult) -> dict[str, bytes]:
         "title": result.title,
         "made": f"{datetime.now(UTC):%Y-%m-%dT%H:%MZ}",
         "module": result.module,
-        "code": digest.of(result.module) if result.module else "",
+        "code": _code_of(result.module),
         "versions": versions(),
         **result.data,
         "figures": [figure.name for figure in result.figures],

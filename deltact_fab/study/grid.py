@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sys
 import time
@@ -17,83 +18,52 @@ from ..aliases import Progress
 from ..errors import DeltactFabError, RunFailed, Stopped
 from ..jobs import CannotGoOn, JobOutcome, processors, run
 
-PACE_KIND = "study-pace"
-TRUST, FIRST = 0.1, 0.02  # shares of all the work
+TRUST = 0.1
 
 
 class JobPace:
-    """Of the jobs that are to do.
+    """How long jobs still take; costs: seconds of each, all known or they count alike.
 
-    costs: of each, in one unit, all of them or the jobs count alike. work: what they do, under
-    which their pace is kept. width: how many at a time.
+    width: how many run at a time. At the pace so far, which the first moments tell badly, for jobs
+    begin with what is done once: so what the costs say counts as if TRUST of all had been done at
+    its pace.
     """
 
-    def __init__(self, costs: Sequence[float], work: str, width: int) -> None:
-        self._known = all(cost > 0 for cost in costs)
-        self._costs = list(costs) if self._known else [1.0] * len(costs)
+    def __init__(self, costs: Sequence[float], width: int) -> None:
+        known = bool(costs) and all(cost > 0 for cost in costs)
+        self._costs = list(costs) if known else [1.0] * len(costs)
+        self._whole, self._done = sum(self._costs), 0.0
         self._shares = [0.0] * len(costs)
-        self._ended = 0
-        self._width = max(1, min(width, len(costs)))
-        self._key = {"work": work, "known": self._known}
         self._began = time.monotonic()
-        entry = cache.get(PACE_KIND, self._key)
-        rate = entry.get("seconds_per_cost") if isinstance(entry, dict) else None
-        self._kept = rate is not None
         self._expected_s: float | None = None
-        if costs and (rate is not None or self._known):
-            # Of one process: several share the jobs, and no job is shared.
-            cost = max(sum(self._costs) / self._width, *self._costs)
-            self._expected_s = cost if rate is None else rate * cost
+        if known:
+            width = max(1, min(width, len(costs)))  # several share the jobs, and no job is shared
+            self._expected_s = max(self._whole / width, *self._costs)
 
     def share(self, index: int, share: float) -> None:
         """That much of a job is done, 0 to 1."""
-        self._shares[index] = max(self._shares[index], min(1.0, share))
-
-    def ended(self, index: int) -> None:
-        """A job is done, or failed."""
-        self._shares[index] = 1.0
-        self._ended += 1
-
-    def done(self) -> float:
-        """The share of all that is done."""
-        whole = sum(self._costs)
-        part = sum(c * s for c, s in zip(self._costs, self._shares, strict=True))
-        return part / whole if whole else 1.0
+        more = min(1.0, share) - self._shares[index]
+        if more > 0:
+            self._shares[index] += more
+            self._done += more * self._costs[index]
 
     def beforehand(self) -> str:
         """What to expect, in words; empty where nothing is known."""
-        if self._expected_s is None:
-            return ""
-        kept = " at the pace of earlier ones" if self._kept else ""
-        return f"about {spelled(self._expected_s)}{kept}"
+        return "" if self._expected_s is None else f"about {spelled(self._expected_s)}"
 
     def left_s(self, now_s: float | None = None) -> float | None:
-        """Seconds to go; None before anything is done.
-
-        At the pace so far, which the first moments tell badly, for jobs begin with what is done
-        once: so what was expected counts as if TRUST of all had been done at its pace. Where
-        nothing was expected, the pace counts from FIRST on.
-        """
-        spent = (time.monotonic() if now_s is None else now_s) - self._began
-        done = self.done()
-        if done <= 0 or (self._expected_s is None and done < FIRST and not self._ended):
+        """Seconds to go; None before anything is done."""
+        if not self._done:
             return None
-        before_s, share = (
-            (0.0, 0.0) if self._expected_s is None else (TRUST * self._expected_s, TRUST)
-        )
-        return (1.0 - done) * (spent + before_s) / (done + share)
+        spent_s = (time.monotonic() if now_s is None else now_s) - self._began
+        trust = 0.0 if self._expected_s is None else TRUST
+        done = self._done / self._whole
+        return max(0.0, 1 - done) * (spent_s + trust * (self._expected_s or 0.0)) / (done + trust)
 
     def left(self) -> str:
-        """Time to go, in words; empty where nothing is known, and at the end."""
+        """Time to go, in words; empty where nothing is known."""
         seconds = self.left_s()
-        return "" if seconds is None or self.done() >= 1.0 else f"about {spelled(seconds)} left"
-
-    def keep(self) -> None:
-        """Keep the pace for the next time."""
-        if self._ended >= self._width and self._costs:
-            spent = time.monotonic() - self._began
-            rate = spent * self._width / sum(self._costs)
-            cache.put(PACE_KIND, self._key, {"seconds_per_cost": rate})
+        return "" if seconds is None else f"about {spelled(seconds)} left"
 
 
 def spelled(seconds: float) -> str:
@@ -136,15 +106,16 @@ class GridJob:
         top, _, module = self.work.__module__.partition(".")
         folder = Path(str(sys.modules[top].__file__)).parent
         work = f"{self.work.__module__}:{self.work.__name__}"
-        return cache.key(module or top, package=folder, work=work, given=self.plain())
+        # The hash alone: with its arguments a key would be written and compared at length.
+        given = hashlib.sha256(self.text().encode()).hexdigest()
+        return cache.key(module or top, package=folder, work=work, given=given)
 
-    def plain(self) -> dict[str, Any]:
-        """Its arguments by way of JSON. Raises TypeError for what is not plain data."""
+    def text(self) -> str:
+        """Its arguments as JSON. Raises TypeError for what is not plain data."""
         try:
-            plain: dict[str, Any] = json.loads(json.dumps(self.given))
+            return json.dumps(self.given, sort_keys=True)
         except TypeError as why:
             raise TypeError(f"{self.name}: given: {why}") from why
-        return plain
 
 
 class Grid(Mapping[str, Value]):
@@ -241,9 +212,8 @@ class _Books:
                 same.setdefault(json.dumps(keys[job.name]), []).append(job.name)
         self._names = {alike[0]: alike for alike in same.values()}
         self.todo = sorted((job for job in jobs if job.name in self._names), key=lambda j: -j.cost)
-        work = keys[self.todo[0].name]["work"] if self.todo else ""
         width = processors() if executor is None else getattr(executor, "workers", 1)
-        self._pace = JobPace([job.cost for job in self.todo], work, width)
+        self._pace = JobPace([job.cost for job in self.todo], width)
         self._missing: dict[str, str] = {}
         self._errors: list[Exception] = []
         self._refused = False
@@ -270,7 +240,7 @@ class _Books:
     def ended(self, ended: JobOutcome[Value]) -> None:
         """Keep what a job gave, or why it gave nothing. Raises a mistake in the code of a job."""
         name = self.todo[ended.index].name
-        self._pace.ended(ended.index)
+        self._pace.share(ended.index, 1.0)
         if ended.value is not None:
             self._keep(name, ended.value)
         elif isinstance(ended.error, _FAILURES):
@@ -293,7 +263,6 @@ class _Books:
         """All that was found, when the jobs have ended. Raises the first error if all failed."""
         if self._errors and not self.found:
             raise self._errors[0]
-        self._pace.keep()
         # The longest unused make room, and never what has been used now, which is the youngest.
         used = sum(cache.file_bytes(KIND, key) for key in self._keys.values())
         cache.trim(KIND, max(KEPT_BYTES, used))
@@ -302,5 +271,5 @@ class _Books:
 
 def _do(job: GridJob) -> Value:
     """A job's value as it is found again, so that a fresh and a stored one are the same."""
-    value: Value = cache.unpacked(*cache.packed(job.work(job.plain())))
+    value: Value = cache.unpacked(*cache.packed(job.work(json.loads(job.text()))))
     return value

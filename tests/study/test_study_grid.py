@@ -233,56 +233,30 @@ def test_seeds_depend_on_the_study_and_the_name_and_nothing_else() -> None:
 
 
 def test_remaining_time_by_what_the_jobs_cost() -> None:
-    pace = JobPace([30.0, 10.0, 10.0, 10.0], "work", 2)  # 30 s expected, which count as a tenth
+    pace = JobPace([30.0, 10.0, 10.0, 10.0], 2)  # 30 s expected, which count as a tenth
     began = pace._began
     assert pace.left_s(began + 5) is None
     assert pace.left() == ""
-    pace.ended(1)
+    pace.share(1, 1.0)
     assert pace.left_s(began + 8) == pytest.approx(50 / 60 * (8 + 3) / (10 / 60 + 0.1))
     pace.share(0, 0.5)
-    assert pace.left_s(began + 10) == pytest.approx(35 / 60 * (10 + 3) / (25 / 60 + 0.1))
     pace.share(0, 0.2)  # never back
-    assert pace.done() == pytest.approx(25 / 60)
+    assert pace.left_s(began + 10) == pytest.approx(35 / 60 * (10 + 3) / (25 / 60 + 0.1))
     for index in (0, 2, 3):
-        pace.ended(index)
-    assert pace.left_s(began + 30) == 0
-    assert pace.left() == ""
-
-
-def test_the_first_moments_do_not_upset_what_was_expected() -> None:
-    pace = JobPace([600.0] * 4, "work", 2)
-    pace.share(0, 0.001)  # after half a minute of getting ready
-    assert 1000 < (pace.left_s(pace._began + 30) or 0) < 1600
-
-
-def test_without_an_expectation_the_pace_counts_when_something_is_done() -> None:
-    pace = JobPace([0.0] * 4, "work", 2)
-    began = pace._began
-    pace.share(0, 0.01)
-    assert pace.left_s(began + 5) is None
-    pace.share(0, 0.4)
-    assert pace.left_s(began + 5) == pytest.approx(5 * 0.9 / 0.1)
+        pace.share(index, 1.0)
+    assert pace.left_s(began + 30) == pytest.approx(0)
 
 
 def test_jobs_count_alike_where_not_all_costs_are_known() -> None:
-    pace = JobPace([30.0, 0.0], "work", 2)
-    pace.ended(1)
-    assert pace.done() == 0.5
+    pace = JobPace([30.0, 0.0], 2)
+    pace.share(1, 1.0)
+    assert pace.left_s(pace._began + 5) == pytest.approx(5)
 
 
 def test_time_is_told_beforehand() -> None:
-    assert JobPace([60.0] * 20, "unknown", 2).beforehand() == "about 10 min"
-    assert JobPace([0.0] * 20, "unknown", 2).beforehand() == ""
-    assert JobPace([60.0, 600.0], "unknown", 2).beforehand() == "about 10 min"  # the longest
-    pace = JobPace([60.0] * 20, "met", 2)
-    pace._began -= 100.0
-    for index in range(20):
-        pace.ended(index)
-    pace.keep()
-    assert (
-        JobPace([60.0] * 200, "met", 2).beforehand() == "about 17 min at the pace of earlier ones"
-    )
-    assert JobPace([60.0] * 200, "met", 4).beforehand() == "about 8 min at the pace of earlier ones"
+    assert JobPace([60.0] * 20, 2).beforehand() == "about 10 min"
+    assert JobPace([0.0] * 20, 2).beforehand() == ""
+    assert JobPace([60.0, 600.0], 2).beforehand() == "about 10 min"  # the longest
 
 
 @pytest.mark.parametrize(
