@@ -90,7 +90,10 @@ def by_object(frames: pd.DataFrame) -> pd.DataFrame:
 
 
 def headlines(frames: pd.DataFrame, left_out_n: float | None = None) -> tuple[Headline, ...]:
-    """Of what has a truth, or a force sensor; their intervals are over presses or places."""
+    """Of what has a truth, or a force sensor.
+
+    Intervals are over objects, which differ more than the places of one; of one object over those.
+    """
     found: list[Headline] = []
     if "depth_error_contact_mm" in frames:
         found += _depth(frames.dropna(subset=["depth_error_contact_mm"]))
@@ -123,7 +126,7 @@ def _depth(known: pd.DataFrame) -> list[Headline]:
             remark="most of a face is not pressed, so this figure flatters",
         ),
         *(
-            _mean(f"{name}: {what}", "mm", part, "depth_error_contact_mm", "place",
+            _mean(f"{name}: {what}", "mm", part, "depth_error_contact_mm",
                   remark=NINE_D_TACT if str(name).startswith("sphere:") else "")
             for name, part in known.groupby("indenter", sort=False)
         ),
@@ -145,7 +148,7 @@ def _force(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
         found.append(
             headline(
                 f"normal force {'beyond' if beyond else 'within'} the calibrations, RMSE", "N",
-                rmse(off, list(part["job"]), "press"), goal=None if beyond else GOAL_N,
+                rmse(off, *_groups(part)), goal=None if beyond else GOAL_N,
                 remark=f"{'' if beyond else remark}forces of {true.min():.1f} to {true.max():.1f} "
                 f"N; in the mean {100 * (off / true).mean():+.0f} %", told=not beyond,
             )
@@ -154,11 +157,15 @@ def _force(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
 
 
 def _mean(
-    what: str, unit: str, rows: pd.DataFrame, column: str, each: str = "press",
-    scale: Scale = "positive", **more: Any,
-) -> Headline:  # fmt: skip
-    """Mean of a column; each: a press of its own, which for one object is a place."""
-    return headline(what, unit, mean(rows[column], list(rows["job"]), each, scale), **more)
+    what: str, unit: str, rows: pd.DataFrame, column: str, scale: Scale = "positive", **more: Any
+) -> Headline:
+    return headline(what, unit, mean(rows[column], *_groups(rows), scale), **more)
+
+
+def _groups(rows: pd.DataFrame) -> tuple[list[str], str]:
+    """What errs together in frames, and what it is called."""
+    by, each = ("indenter", "object") if rows["indenter"].nunique() > 1 else ("job", "place")
+    return list(rows[by]), each
 
 
 def drawn(
