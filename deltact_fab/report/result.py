@@ -104,7 +104,7 @@ class Headline:
         return {**asdict(self), "value": value, "state": self.state}
 
 
-class Reading(NamedTuple):
+class ClaimReading(NamedTuple):
     """A difference that a claim rests on, above 0 where it holds; ends None: not known."""
 
     name: str
@@ -124,7 +124,7 @@ class Claim:
     text: str
     otherwise: str
     undecided: str
-    readings: tuple[Reading, ...]
+    readings: tuple[ClaimReading, ...]
 
     def state(self, whole: bool = True) -> State:
         """met: it is shown; missed: so is its contrary."""

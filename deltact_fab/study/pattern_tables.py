@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ..patterns.series.job import GRIDS
-from ..report.result import Claim, Headline, Reading, ReportFigure, ReportTable
+from ..report.result import Claim, ClaimReading, Headline, ReportFigure, ReportTable
 from .intervals import headline
 from .pattern_errors import (
     COMPOSED,
@@ -79,10 +79,10 @@ def claims(errors: PatternErrors) -> tuple[Claim, ...]:
     return tuple(found)
 
 
-def _reading(name: str, times: Any) -> Reading:
+def _reading(name: str, times: Any) -> ClaimReading:
     """Of a ratio: its logarithm, above 0 where it is above 1."""
     low, high = (None, None) if times is None else (times.low, times.high)
-    return Reading(name, *(None if end is None else math.log(end) for end in (low, high)))
+    return ClaimReading(name, *(None if end is None else math.log(end) for end in (low, high)))
 
 
 def headlines(errors: PatternErrors) -> tuple[Headline, ...]:

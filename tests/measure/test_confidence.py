@@ -140,7 +140,7 @@ def test_nine_pixels_of_motion_blur_stay_measurable(sequence):
     assert error.mean() < 1.0
 
 
-@pytest.mark.parametrize("name", ["dis-fast", "dis-fast/static", "farneback-paper/summed-every"])
+@pytest.mark.parametrize("name", ["dis-fast", "dis-fast/static", "paper"])
 def test_every_tracker_is_judged_by_the_same_rule(name, sequence):
     images, truths, _ = sequence
     true = follow(images, named_tracker(name))
