@@ -140,6 +140,11 @@ class Claim:
         words = {"met": self.text, "missed": self.otherwise, "undecided": self.undecided}
         return words[self.state(whole)]
 
+    def as_dict(self, whole: bool = True) -> dict[str, Any]:
+        """Plain data."""
+        readings = [one._asdict() for one in self.readings]
+        return {"says": self.sentence(whole), "state": self.state(whole), "readings": readings}
+
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -214,6 +219,7 @@ class StudyResult:
             "seed": self.seed,
             "scale": self.scale,
             "verdict": list(self.verdict),
+            "claims": [one.as_dict(not self.missing) for one in self.claims],
             "headlines": [one.as_dict() for one in self.headlines],
             "tables": {one.name: records(one.frame) for one in self.tables},
             "settings": self.settings,
