@@ -28,6 +28,12 @@ if TYPE_CHECKING:
 PAPER_BEST = ((0.1, 0.5), (0.075, 0.6))
 """(d in mm, r) of the least error in each of the paper's rounds."""
 TOO_SMALL_MM, SMALL_MM = 0.05, 0.075
+KEPT = {
+    SUMMED: ("mm", "moving_mm", "sum_mm", "lost_frames", "lost_pixels"),
+    COMPOSED: ("mm", "moving_mm", "sum_mm", "lost_pixels"),
+    OURS: ("mm", "off_mm"),
+}
+"""Of the table's columns those of the page; the file has all."""
 SHORT = {SUMMED: "summed", COMPOSED: "composed", OURS: "ours"}
 MEASURES: dict[Measure, str] = {"at_dots": "", "at_moving_dots": "moving_", "off": "off_"}
 """The paper's over all dots, over those that move; ours over moving pixels off the dots."""
@@ -150,9 +156,7 @@ def tables(errors: PatternErrors, covers: str) -> tuple[ReportTable, ...]:
     words = {"paper": "the paper, mm", "dots_lost": "dots not found"}
     for method in errors.methods:
         name = SHORT.get(method, method)
-        kept = ("off_mm", "mm", "coverage") if method == OURS else (
-            "mm", "moving_mm", "sum_mm", "lost_frames", "lost_pixels", "renewals")  # fmt: skip
-        shown += [f"{name}_{key}" for key in kept]
+        shown += [f"{name}_{key}" for key in KEPT.get(method, ("mm",))]
     return (
         ReportTable(
             "patterns",
