@@ -17,7 +17,7 @@ import platform
 import sys
 import time
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -177,12 +177,28 @@ def unpacked(value: Any, data: bytes) -> Any:
     return told(value)
 
 
-def file_bytes(kind: str, key: dict[str, Any]) -> int:
-    """What `put` under a key takes of the disk; 0 where there is nothing."""
-    try:
-        return _place(kind, key)[1].stat().st_size
-    except OSError:
-        return 0
+def file_of(kind: str, key: dict[str, Any]) -> Path:
+    """Where `put` under a key leaves its file, from the user's folder: it may be copied there."""
+    return _place(kind, key)[1].relative_to(user_folder())
+
+
+def copy_in(name: str, data: bytes) -> None:
+    """A file of another machine's store into this one's; where the folder refuses, nothing."""
+    path = user_folder() / name
+    with contextlib.suppress(OSError):
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with whole(path, sync=False) as part:
+                part.write_bytes(data)
+
+
+def copy_out(names: Iterable[str]) -> dict[str, bytes]:
+    """Of these files of the store the bytes of those that are there."""
+    found = {}
+    for name in names:
+        with contextlib.suppress(OSError):
+            found[name] = (user_folder() / name).read_bytes()
+    return found
 
 
 def trim(kind: str, limit_bytes: int) -> int:

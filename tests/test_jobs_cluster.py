@@ -18,8 +18,9 @@ from typing import Any
 
 import pytest
 
-from deltact_fab import jobs
+from deltact_fab import cache, jobs
 from deltact_fab.errors import RunFailed
+from deltact_fab.study.grid import GridJob, solve
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 pytestmark = pytest.mark.slow
@@ -51,9 +52,11 @@ class Cluster:
         ]  # fmt: skip
 
     def _start(self, *words: str, path: str = "") -> subprocess.Popen[bytes]:
+        store = self.folder / f"store-of-{words[0]}-{len(list(self.folder.iterdir()))}"
         paths = [path, str(TINY.parent), *sys.path]
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
-        with (self.folder / f"{words[0]}.log").open("ab") as log:
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)),
+                       cache.FOLDER_VARIABLE: str(store)}  # fmt: skip
+        with (store.with_suffix(".log")).open("ab") as log:
             process = subprocess.Popen(
                 [*DASK, *words, "--scheduler-file", str(self.file)],
                 stdout=log, stderr=log, env=environment, cwd=self.folder, start_new_session=True,
@@ -192,6 +195,30 @@ def test_a_worker_with_other_code_is_refused_alone(
         jobs.executor(cluster.on),
     ):
         pass
+
+
+def test_files_of_the_store_go_with_jobs_and_come_back(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of machines that share no disk: what one has made is here, and there where it is needed."""
+    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path / "here"))
+    monkeypatch.syspath_prepend(str(TINY.parent))
+    work = importlib.import_module("tiny_study").leave
+    cluster.add(2)
+    file = "gel/one.bin"
+    with jobs.executor(cluster.on) as there:
+        wait(lambda: there._look() == 2)
+        made = solve([GridJob("makes", work, {"file": file}, makes=(file,))], there)["makes"]
+        assert (tmp_path / "here" / file).read_text() == str(made["by"]) == str(made["in"])
+        more = {f"job {n}": GridJob(f"job {n}", work, {"file": file, "n": n, "s": 0.3},
+                                    needs=(file, "gel/none.bin")) for n in range(8)}  # fmt: skip
+        found = dict(solve(list(more.values()), there))
+    assert {one["by"] for one in found.values()} == {made["by"]}
+    assert len({one["in"] for one in found.values()}) == 2
+    (tmp_path / "here" / file).unlink()  # its value alone does not count
+    again = solve([GridJob("makes", work, {"file": file}, makes=(file,))])
+    assert again.kept == 0
+    assert (tmp_path / "here" / file).exists()
 
 
 def test_a_worker_killed_in_mid_study_loses_nothing(cluster: Cluster, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -16,8 +16,10 @@ from .options import (
     DESIGN_NAME,
     JSON,
     NEW_FILE,
+    ON,
     PART_NAME,
     PATH,
+    PROCESSES,
     out_file,
     out_folder,
 )
@@ -259,6 +261,8 @@ def check(design: str, changes: tuple[str, ...], cache: bool, as_json: bool) -> 
     help="Largest distance of a mesh from the true surface.",
 )
 @out_folder("Folder to write into.", default=Path("cad-out"), show_default=True)
+@PROCESSES
+@ON
 @CACHE
 @JSON
 def export(
@@ -268,6 +272,8 @@ def export(
     formats: str,
     tolerance_mm: float,
     out: Path,
+    jobs: int | None,
+    on: str,
     cache: bool,
     as_json: bool,
 ) -> None:
@@ -285,13 +291,17 @@ def export(
 
     from ..cad.export import export_parts
     from ..cad.registry import select
+    from ..jobs import executor
     from .output import echo_json, echo_table, progress
 
     dims, chosen = load(design, changes), select(parts)
-    with progress("cad export") as tell:
+    # Where nobody says how, the work that is left decides.
+    here = nullcontext() if on == "local" else executor(on, jobs)
+    with here as where, progress("cad export") as tell:
         files = export_parts(
-            dims, chosen, formats.split(","), tolerance_mm, out, tell, cached=cache
-        )
+            dims, chosen, formats.split(","), tolerance_mm, out, tell,
+            cached=cache, jobs=jobs, executor=where,
+        )  # fmt: skip
     if as_json:
         echo_json([asdict(f) for f in files])
         return

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import JSON, PROTOCOL_NAME, RIG
+from .options import JSON, ON, PROCESSES, PROTOCOL_NAME, RIG
 
 if TYPE_CHECKING:
     from ..rig.simulator import GelConfig
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 @click.command(epilog="Example: deltact-fab gel path pattern-selection --jobs 2")
 @click.argument("protocol", type=PROTOCOL_NAME)
 @RIG
-@click.option("--jobs", default=2, show_default=True, type=click.IntRange(1, 256), metavar="N",
-              help="Presses solved at a time.")  # fmt: skip
+@PROCESSES
+@ON
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="the rig's",
               help="Size of the cells below the indenter.")  # fmt: skip
 @click.option("--tolerance", type=float, metavar="SHARE", show_default="the rig's",
@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 def path(
     protocol: str,
     rig_name: str,
-    jobs: int,
+    jobs: int | None,
+    on: str,
     spacing_mm: float | None,
     tolerance: float | None,
     as_json: bool,
@@ -44,6 +45,7 @@ def path(
 
     from ..cad.design import load_design
     from ..errors import InputError
+    from ..jobs import executor
     from ..protocols import plan
     from ..rig import config as rig_config
     from ..virtual.feasibility import require_gel_level
@@ -61,8 +63,8 @@ def path(
     level = declared.specimen.gel_model
     gel, differs = _chosen(rig.virtual.gel, level, spacing_mm, tolerance)
     started = time.monotonic()
-    with progress("gel path") as tick:
-        rows = solve_ahead(declared, sensor.skin, gel, jobs, _told(tick))
+    with executor(on, jobs) as where, progress("gel path") as tick:
+        rows = solve_ahead(declared, sensor.skin, gel, where, _told(tick))
     failed = [row for row in rows if row.failure]
     if as_json:
         echo_json(

@@ -133,6 +133,16 @@ TIP_IS_CLEAR = click.option(
     help="You confirm that the tip touches nothing, so that the stage may home.",
 )  # fmt: skip
 
+JOBS_KEYS: dict[str, Any] = {
+    "type": click.IntRange(1, 256), "metavar": "N", "show_default": "one per processor",
+    "help": "Processes at a time.",
+}  # fmt: skip
+ON_KEYS: dict[str, Any] = {
+    "default": "local", "show_default": True, "metavar": "WHERE",
+    "help": "Where jobs run: local, or a Dask scheduler as dask:tcp://HOST:PORT.",
+}  # fmt: skip
+PROCESSES, ON = click.option("--jobs", **JOBS_KEYS), click.option("--on", **ON_KEYS)
+
 SEED = click.IntRange(min=0)
 
 

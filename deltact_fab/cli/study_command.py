@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
-from .options import RIG_NAME, SEED, Finite
+from .options import JOBS_KEYS, ON_KEYS, RIG_NAME, SEED, Finite
 
 if TYPE_CHECKING:
     from ..report.result import StudyResult
@@ -63,16 +63,7 @@ def _common(scale: float | None) -> dict[str, list[click.Option]]:
                 help="Use this recorded run instead of simulating; repeatable.",
             )
         ],
-        "grid": [
-            click.Option(
-                ["--jobs"], type=click.IntRange(1, 256), metavar="N",
-                show_default="one per processor", help="Processes at a time.",
-            ),
-            click.Option(
-                ["--on"], default="local", show_default=True, metavar="WHERE",
-                help="Where jobs run: local, or a Dask scheduler as dask:tcp://HOST:PORT.",
-            ),
-        ],
+        "grid": [click.Option(["--jobs"], **JOBS_KEYS), click.Option(["--on"], **ON_KEYS)],
     }  # fmt: skip
 
 

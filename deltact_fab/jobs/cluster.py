@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import logging
 import sys
@@ -11,10 +12,10 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future
 from concurrent.futures import wait as futures_wait
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+from .. import cache
 from ..errors import InputError, RunFailed
 from ..extras import require
 from . import messages
@@ -55,7 +56,7 @@ def executor(on: str = LOCAL, workers: int | None = None) -> Iterator[Local | Cl
         yield there
 
 
-@cache
+@functools.cache
 def code() -> str:
     """The digest of the package's sources, as they are on this machine."""
     text = hashlib.sha256()
@@ -144,13 +145,16 @@ class Cluster(Executor):
     """Jobs for the workers that have our code, sent and fetched many at a time.
 
     What is sent ahead is AHEAD jobs for each of their threads: so the first are the first begun, a
-    worker that comes later gets its share, and one that dies is blamed for few.
+    worker that comes later gets its share, and one that dies is blamed for few. Files of the store
+    go with them: a job whose last argument has `needs`, names of such files, finds those that are
+    here, sent to the cluster once; what it names in `makes` is here when it has ended.
     """
 
     def __init__(self, client: Any) -> None:
         self._client = client
         self._waiting: deque[tuple[Future[Any], tuple[Any, ...]]] = deque()
         self._away: dict[str, Future[Any]] = {}
+        self._files: dict[str, Any] = {}
         self._called = False
         self._refused: set[str] = set()
         self._looked_s = self._seen_s = time.monotonic()
@@ -214,10 +218,15 @@ class Cluster(Executor):
                 batch.append((future, job))
         if not batch:
             return
+        ours = {f"{BADGE} {code()}": 1}
+        files = []
+        for _, job in batch:
+            needs = _names(job, "needs")
+            for name, data in cache.copy_out(set(needs) - self._files.keys()).items():
+                self._files[name] = self._client.submit(bytes, data, resources=ours)
+            files.append({name: self._files[name] for name in needs if name in self._files})
         # pure: a job that failed and is asked again is done again.
-        sent = self._client.map(
-            _work, [job for _, job in batch], pure=False, resources={f"{BADGE} {code()}": 1}
-        )
+        sent = self._client.map(_work, [job for _, job in batch], files, pure=False, resources=ours)
         self._away |= {one.key: future for one, (future, _) in zip(sent, batch, strict=True)}
         self._client.loop.add_callback(self._fetch, sent)
 
@@ -234,12 +243,23 @@ class Cluster(Executor):
                 if one.status == "error":
                     future.set_exception(value[1])
                 else:
-                    future.set_result(value)
+                    for name, data in value[1].items():
+                        cache.copy_in(name, data)
+                    future.set_result(value[0])
             if 2 * len(self._away) <= AHEAD * self.workers:
                 self._send()
 
 
-def _work(job: tuple[Callable[..., R], tuple[Any, ...], dict[str, Any]]) -> R:
+def _names(job: tuple[Any, ...], which: str) -> tuple[str, ...]:
+    """What a job's last argument says that it needs or makes, files of the store."""
+    return getattr(job[1][-1], which, ()) if job[1] else ()
+
+
+def _work(
+    job: tuple[Callable[..., R], tuple[Any, ...], dict[str, Any]], files: dict[str, bytes]
+) -> tuple[R, dict[str, bytes]]:
     take_share(1)
+    for name, data in files.items():
+        cache.copy_in(name, data)
     fn, args, kwargs = job
-    return fn(*args, **kwargs)
+    return fn(*args, **kwargs), cache.copy_out(_names(job, "makes"))

@@ -93,13 +93,16 @@ class GridJob:
     name: unique in the grid, shown while it runs. work: a function of a module; it
     may `jobs.tell` the share of it that is done. given: all that the result depends on, plain JSON
     data, the seed among it (seeds.seed_of). cost: seconds that it may take on one core, 0 where
-    that is not known.
+    that is not known. needs, makes: files of the store that it reads, or leaves besides its value;
+    they go with it to another machine, and back.
     """
 
     name: str
     work: Callable[[dict[str, Any]], Value]
     given: dict[str, Any] = field(default_factory=dict)
     cost: float = 0.0
+    needs: tuple[str, ...] = ()
+    makes: tuple[str, ...] = ()
 
     def key(self) -> dict[str, Any]:
         """The key of its result in the store. Raises TypeError for what is not plain data."""
@@ -201,7 +204,11 @@ class _Books:
     ) -> None:
         self._jobs, self._progress, self._say = jobs, progress, say
         self._keys = keys = {job.name: job.key() for job in jobs}
-        held = {name: cache.get(KIND, key) for name, key in keys.items()}
+        held = {
+            job.name: cache.get(KIND, keys[job.name])
+            for job in jobs
+            if not job.makes or cache.copy_out(job.makes)
+        }
         self.found: dict[str, Value] = {k: v for k, v in held.items() if v is not None}
         self._kept = len(self.found)
         # Jobs of other names that are the same are done once, and the longest are begun first, so
@@ -264,7 +271,8 @@ class _Books:
         if self._errors and not self.found:
             raise self._errors[0]
         # The longest unused make room, and never what has been used now, which is the youngest.
-        used = sum(cache.file_bytes(KIND, key) for key in self._keys.values())
+        files = (cache.user_folder() / cache.file_of(KIND, key) for key in self._keys.values())
+        used = sum(file.stat().st_size for file in files if file.exists())
         cache.trim(KIND, max(KEPT_BYTES, used))
         return Grid([job.name for job in self._jobs], self.found, self._missing, self._kept)
 

@@ -6,14 +6,15 @@ Each is carried out as a run has it, and its record analysed as any other; then 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from .. import catalog, record
+from ..errors import DeltactFabError
 from ..experiment.session import run_presses
 from ..jobs import tell
 from ..patterns.recipe import PatternRecipe
@@ -21,7 +22,9 @@ from ..protocols.plan import Protocol
 from ..rig.config import VirtualConfig
 from ..rig.job import RigSetup as RigJob
 from ..shapes import SensorDimensions
+from ..virtual.presses import Presses, path_of, stored_files
 from ..virtual.rig import VirtualKind
+from .grid import GridJob
 
 if TYPE_CHECKING:
     from ..record import Run
@@ -63,6 +66,51 @@ def read(told: dict[str, Any]) -> tuple[Protocol, SensorDimensions, VirtualConfi
         catalog.validate(VirtualConfig, told["rig"], "rig"),
         Path(told["beside"]["rig"]) if told["beside"] else Path("rig.toml"),
     )
+
+
+def gel_jobs(presses: Presses, told: Callable[..., dict[str, Any]], knot_s: float) -> list[GridJob]:
+    """A job for each press whose gel is not in the store; one serves its mirror images.
+
+    They come before the jobs that need them: whoever solves a gel leaves it in the store, that of
+    the caller too, from where a job that names `gel_files` has it. told: `given` of a press,
+    which it takes by the name `press`. knot_s: seconds of one knot. A press that no mesh serves has
+    none: its own job says so.
+    """
+    jobs: dict[str, GridJob] = {}
+    for path in presses.paths:
+        try:
+            press = presses.of(path)
+        except DeltactFabError:
+            continue
+        solver = press.solver
+        if solver.found is None and solver.stored_as is not None:
+            name, given_ = f"gel {path.press}", told(press=path.press)
+            cost = knot_s * len(solver.poses) * (2 if solver.observed.between else 1)
+            job = GridJob(name, solve_gel, given_, cost, makes=stored_files(press))
+            jobs.setdefault(solver.stored_as, job)
+    return list(jobs.values())
+
+
+def gel_files(presses: Presses, names: Sequence[str]) -> tuple[str, ...]:
+    """Files of the store that have the gels of presses: the `needs` of a job of theirs."""
+    found: list[str] = []
+    for name in names:
+        with suppress(DeltactFabError):  # no mesh serves it
+            found += stored_files(presses.of(path_of(presses, name)))
+    return tuple(dict.fromkeys(found))
+
+
+def solve_gel(told: dict[str, Any]) -> dict[str, Any]:
+    """The gel of a press into the store; told: as `given`, with `press`.
+
+    One that cannot be solved to its end is kept with the reason, which its press raises at once.
+    """
+    protocol, sensor, rig, _ = read(told)
+    presses = Presses(protocol, sensor.skin, rig.virtual.gel)
+    solver = presses.of(path_of(presses, told["press"])).solver
+    with suppress(DeltactFabError):
+        solver.solve_all(lambda done, of, seconds: tell(done / of))
+    return {"knots": len(solver.knots), "flags": solver.flags}
 
 
 @contextmanager

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,6 @@ from ..report.result import LeftOut
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
-from ..virtual.paths import poses
 from ..virtual.presses import Presses
 from ..virtual.rig import VirtualKind
 from . import press_jobs
@@ -78,6 +78,17 @@ class PressScene:
         """The presses of a protocol on the rig's gel."""
         return Presses(self.protocols[name], self.sensor.skin, self.rig.virtual.gel)
 
+    def solve_gels(self, asked: StudyRequest) -> None:
+        """The gel of every press that is not in the store, into it, before the jobs of presses."""
+        jobs = []
+        for name, protocol in self.protocols.items():
+            told = partial(press_jobs.given, protocol, self.sensor, self.rig, self.source)
+            own = press_jobs.gel_jobs(self.gel(name), told, KNOT_S)
+            jobs += [replace(job, name=f"{job.name} of {name}") for job in own]
+        if jobs:
+            asked.say(f"the gel of {len(jobs)} presses is solved first, and kept")
+            asked.solve(jobs)
+
     def job(
         self,
         job: str,
@@ -86,24 +97,16 @@ class PressScene:
         work: Callable[[dict[str, Any]], dict[str, Any]],
         **more: Any,
     ) -> GridJob:
-        """Presses of a protocol that share their gel as one job; more: besides what they are."""
+        """Presses of a protocol as one job, their gels solved; more: besides what they are."""
         protocol = self.protocols[name]
         given = press_jobs.given(
             protocol, self.sensor, self.rig, self.source,
             recipe=self.recipe.model_dump(mode="json"), presses=list(presses), seed=self.seed,
             **more,
         )  # fmt: skip
-        return GridJob(job, work, given, self._seconds(name, presses))
-
-    def _seconds(self, name: str, presses: Sequence[str]) -> float:
-        """What they take on one core; an indenter's first gel is solved half-way between too."""
-        gel = self.gel(name)
-        one = next(path for path in gel.paths if path.press == presses[0])
-        first = next(path for path in gel.paths if path.indenter == one.indenter)
-        knots = len(poses(one, gel.increments, gel.relaxing_s))
-        steps = expand(self.protocols[name])
-        frames = sum(step.frames for step in steps if step.press in presses)
-        return KNOT_S * knots * (2 if one == first else 1) + FRAME_S * frames
+        frames = sum(step.frames for step in expand(protocol) if step.press in presses)
+        needs = press_jobs.gel_files(self.gel(name), presses)
+        return GridJob(job, work, given, FRAME_S * frames, needs)
 
     def view(self, name: str) -> SensorView:
         """What a protocol's images may tell of the sensor."""

@@ -1,4 +1,4 @@
-"""All presses of a protocol solved ahead of a run, in processes of their own, and kept.
+"""All presses of a protocol solved ahead of a run, side by side, and kept.
 
 Every press is kept when it is whole, so whatever ends this early loses at most the presses under
 way; the next time goes on with those that are not in the store.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 
 from ..errors import DeltactFabError
@@ -17,7 +18,7 @@ from ..jobs import JobOutcome, run, tell
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
-from .presses import PlannedPress, Presses, path_of
+from .presses import PlannedPress, Presses, path_of, stored_files
 
 
 @dataclass
@@ -50,17 +51,18 @@ def solve_ahead(
     protocol: Protocol,
     skin: SkinDimensions,
     config: GelConfig,
-    jobs: int = 1,
+    executor: Executor | None = None,
     told: Told | None = None,
 ) -> list[PressRow]:
     """Every press of a protocol, solved or found; a failure ends that press and no other.
 
-    told: called with a press after each of its knots. jobs: processes at a time; 1: this one.
+    told: called with a press after each of its knots. executor: as of `jobs.run`.
     """
     presses = Presses(protocol, skin, config)
     told = told or (lambda row: None)
     rows: list[PressRow] = []
     todo: dict[str, PressRow] = {}
+    given: list[_Press] = []
     waiting: list[tuple[PressRow, PressRow]] = []
     mirrors: dict[str, Mirror] = {}
     for path in presses.paths:
@@ -77,6 +79,7 @@ def solve_ahead(
                 waiting.append((row, todo[name]))
             elif press.solver.found is None:
                 todo[name] = row
+                given.append(_Press(protocol, skin, config, path.press, stored_files(press)))
         rows.append(row)
         if not row.like:
             told(row)
@@ -100,8 +103,7 @@ def solve_ahead(
             raise end.error
         told(row)
 
-    given = [(protocol, skin, config, row.press) for row in solving]
-    run(_one, given, heard, told=hear, workers=jobs)
+    run(_one, given, heard, executor, told=hear)
     for row, solved in waiting:
         if solved.failure:
             row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
@@ -113,12 +115,22 @@ def solve_ahead(
     return rows
 
 
-def _one(job: tuple[Protocol, SkinDimensions, GelConfig, str]) -> PressRow:
+@dataclass(frozen=True)
+class _Press:
+    """A press to be solved; makes: files of the store that it may leave."""
+
+    protocol: Protocol
+    skin: SkinDimensions
+    config: GelConfig
+    name: str
+    makes: tuple[str, ...]
+
+
+def _one(job: _Press) -> PressRow:
     """One press, stored when complete; reports each knot."""
-    protocol, skin, config, name = job
     started = time.perf_counter()
-    presses = Presses(protocol, skin, config)
-    press = presses.of(path_of(presses, name))
+    presses = Presses(job.protocol, job.skin, job.config)
+    press = presses.of(path_of(presses, job.name))
     failure = ""
     try:
         press.solver.solve_all(lambda done, of, seconds: tell([done, seconds]))

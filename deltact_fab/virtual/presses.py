@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
+from .. import cache
 from ..aliases import Field, Point
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
+from ..gel.path import store
 from ..gel.path.knots import Increments, InterpolationError, KnotPose, ObservedChannels
 from ..gel.path.open import choose, open_path
 from ..gel.path.solver import PathSolver
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
     from ..gel.level import Choice, Level
 
 
+BOTH = (False, True), (False, True)
 SAME_MM = 2e-3  # a point of the stage is the plan's within a motor step and its rounding
 
 
@@ -147,6 +152,21 @@ class Presses:
     def _choose(self, path: PressPath, planned: Sequence[KnotPose]) -> Choice:
         shape = parse_indenter(path.indenter)
         return choose(self._skin, self.material, shape, planned, **self._wishes)
+
+
+def stored_files(press: PlannedPress) -> tuple[str, ...]:
+    """Names of the files of the store any of which has all of a press, if it is there."""
+    solver = press.solver
+    if solver.stored_as is None:
+        return ()
+    key = json.loads(solver.stored_as)
+    serving = product(store.FIELDS[store.FIELDS.index(solver.observed.fields) :], *BOTH)
+    return tuple(
+        str(cache.file_of(store.KIND, key | asdict(shown)))
+        for fields, traction, between in serving
+        for shown in [replace(solver.observed, fields=fields, traction=traction, between=between)]
+        if traction >= solver.observed.traction and between >= solver.observed.between
+    )
 
 
 def path_of(presses: Presses, name: str) -> PressPath:

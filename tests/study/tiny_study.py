@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab import jobs
+from deltact_fab import cache, jobs
 from deltact_fab.errors import SolverError
 from deltact_fab.report.result import ReportTable, StudyResult
 from deltact_fab.study.grid import GridJob
@@ -53,6 +53,16 @@ def strange(given: dict[str, Any]) -> dict[str, Any]:
     if given["thing"] == "objects":
         return {"a": np.array([{}, None])}
     return {"a": np.float32(1)}
+
+
+def leave(given: dict[str, Any]) -> dict[str, Any]:
+    """A file in the store, and how it got there: the process that wrote or had it."""
+    path = cache.user_folder() / given["file"]
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(str(os.getpid()))
+    time.sleep(given.get("s", 0.0))
+    return {"by": int(path.read_text()), "in": os.getpid()}
 
 
 def jobs_of(seed: int, count: int, seconds: float = 0.0, fails: str = "") -> list[GridJob]:

@@ -128,9 +128,7 @@ def test_only_planes_that_indenter_and_path_share_are_used() -> None:
 
 def test_ahead_of_a_run_one_of_four_is_solved() -> None:
     heard: list[str] = []
-    rows = solve_ahead(
-        declared(), SKIN, GELS["linear"], jobs=1, told=lambda row: heard.append(row.press)
-    )
+    rows = solve_ahead(declared(), SKIN, GELS["linear"], told=lambda row: heard.append(row.press))
     assert [row.like for row in rows] == ["", *["ellipsoid/p1"] * 3]
     assert all(row.done == row.knots and not row.failure for row in rows)
     assert set(heard) == {row.press for row in rows}

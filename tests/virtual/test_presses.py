@@ -250,7 +250,7 @@ def test_a_failure_ends_one_press_and_the_rest_is_kept() -> None:
     places = {"positions_mm": [[0.5, 0.47], [0.0, 0.0]], "depths_mm": [0.03]}
     far = declared(**places, shear=None, channels=["force"])
     heard: list[str] = []
-    rows = solve_ahead(far, SKIN, COARSE, jobs=2, told=lambda row: heard.append(row.press))
+    rows = solve_ahead(far, SKIN, COARSE, told=lambda row: heard.append(row.press))
     good, bad = rows
     assert good.failure == ""
     assert good.done == good.knots

@@ -6,6 +6,7 @@ import hashlib
 import math
 import sys
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,6 +56,7 @@ def export_parts(
     *,
     cached: bool = True,
     jobs: int | None = None,
+    executor: Executor | None = None,
     assembly: bool = True,
 ) -> list[PartFile]:
     """Write every part in every format that applies to it, and manifest.json, into out_dir.
@@ -63,7 +65,7 @@ def export_parts(
     progress: called with (done, total, what) at the start, after each part, and at the end.
     cached: files made before from the same dimensions, sources and kernel are taken from the
         user's cache, and new ones put there; when none is missing the kernel is not loaded.
-    jobs: processes; None decides by the work that is left.
+    jobs: processes; None decides by the work that is left. executor: in place of them.
     assembly: write assembly.step, assembly.glb, wiring.svg and wiring.pdf when all of the sensor's
         parts are among parts.
 
@@ -111,7 +113,7 @@ def export_parts(
     store = Store(design, tolerance_mm, cached)
     with staged(Path(out_dir)) as folder:
         batch = _Batch(folder, store, sensor)
-        _make(batch, units, (design, tolerance_mm), jobs, tell)
+        _make(batch, units, (design, tolerance_mm), jobs, executor, tell)
         if sensor and "glb" in kinds:
             batch.keep(None, _assembly_glb(batch, design))
         for i, plate in enumerate(plates):
@@ -221,6 +223,7 @@ def _make(
     units: Sequence[tuple[Part | None, tuple[str, ...]]],
     dimensions: tuple[Design, float],
     jobs: int | None,
+    executor: Executor | None,
     tell: Progress,
 ) -> None:
     """Everything but assembly.glb, from the cache or from the kernel, into the folder."""
@@ -240,7 +243,7 @@ def _make(
         done += 1
         tell(done, len(units), names[index])
 
-    arrivals(make, tasks, arrived, workers=_jobs(jobs, len(tasks), dimensions[1]))
+    arrivals(make, tasks, arrived, executor, workers=_jobs(jobs, len(tasks), dimensions[1]))
 
 
 def _jobs(asked: int | None, tasks: int, tolerance_mm: float) -> int:

@@ -1,7 +1,7 @@
-"""The job of the force study: an indenter at a place and its mirror images, as points of a fit.
+"""The job of the force study: presses as points of a fit.
 
-The gel is solved once for all of them, or found. Each press is carried out on the virtual rig as a
-run has it, and its record analysed as any other; then the images go, and the points stay.
+Each is carried out on the virtual rig as a run has it, and its record analysed as any other; then
+the images go, and the points stay.
 """
 
 from __future__ import annotations

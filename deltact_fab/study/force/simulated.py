@@ -149,20 +149,17 @@ def scene(asked: StudyRequest) -> PressScene:
 
 
 def simulate(asked: StudyRequest) -> SimulatedForces:
-    """Every point of the scene that was asked for, judged. Raises InputError, RunFailed.
+    """Every point of the scene that was asked for, judged; a job is a press.
 
-    A job is an indenter at a place and its mirror images.
+    Raises InputError, RunFailed.
     """
     of = scene(asked)
+    of.solve_gels(asked)
     ((name, protocol),) = of.protocols.items()
-    groups: dict[str, list[str]] = {}
-    for path in of.gel(name).paths:
-        x_mm, y_mm = (abs(v) for v in path.at_mm)
-        groups.setdefault(f"{path.indenter} at ({x_mm:g}, {y_mm:g})", []).append(path.press)
     grid = asked.solve(
         [
-            of.job(job, name, presses, press.points, features=[*FEATURES, *READINGS])
-            for job, presses in groups.items()
+            of.job(path.press, name, [path.press], press.points, features=[*FEATURES, *READINGS])
+            for path in of.gel(name).paths
         ]
     )
     done = list(grid.partial().values())

@@ -68,6 +68,7 @@ def presses_of(of: PressScene, name: str) -> list[str]:
 def simulate(asked: StudyRequest) -> SimulatedShapes:
     """Everything, calibrations first. Raises InputError, RunFailed."""
     of = scene(asked)
+    of.solve_gels(asked)
     depth_job = of.job("depth", BALL, presses_of(of, BALL)[:1], press.ball)
     force_jobs = [
         of.job(f"force {name}", FORCE, [name], force_press.points, features=[FORCE_MODEL])
