@@ -11,12 +11,11 @@ from ..analysis.tracking_error.follow import Follower, TrackingPlan
 from ..errors import SensorError
 from ..jobs import tell
 from ..patterns.recipe import PatternRecipe
-from ..virtual.presses import Presses, path_of
 from . import press_jobs
 from .stream import PressStream, StreamTruth
 
 # CPU seconds on one core, about, for the time that is announced beforehand.
-GEOMETRY_S, PATTERN_S, PRINT_S, KNOT_S = 0.6, 0.34, 1.2, 10.0
+GEOMETRY_S, PATTERN_S, PRINT_S, KNOT_S = 0.2, 0.45, 1.2, 5.0
 FIGURES = ("mean_at_dots_mm", "mean_off_dots_mm", "lost_share")
 """Columns of a job's table of frames."""
 
@@ -24,18 +23,6 @@ FIGURES = ("mean_at_dots_mm", "mean_off_dots_mm", "lost_share")
 def cost_s(frames: int, patterns: int) -> float:
     """Seconds of one core that a job takes, about."""
     return frames * (GEOMETRY_S + patterns * PATTERN_S) + patterns * PRINT_S
-
-
-def solve_gel(given: dict[str, Any]) -> dict[str, Any]:
-    """The gel of a press into the store, where `follow` finds it; `given` without patterns.
-
-    Raises SolverError where it cannot be solved.
-    """
-    protocol, sensor, config, _ = press_jobs.read(given)
-    presses = Presses(protocol, sensor.skin, config.virtual.gel)
-    solver = presses.of(path_of(presses, given["press"])).solver
-    solver.solve_all(lambda done, of, seconds: tell(done / of))
-    return {"knots": len(solver.knots), "flags": solver.flags}
 
 
 def follow(given: dict[str, Any]) -> dict[str, Any]:

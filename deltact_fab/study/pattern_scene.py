@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from ..virtual.presses import Presses
 from . import press_jobs
 from .grid import GridJob
 from .pattern_errors import METHODS
-from .pattern_press import KNOT_S, cost_s, follow, solve_gel
+from .pattern_press import KNOT_S, cost_s, follow
 from .request import StudyRequest, virtual_rig
 
 
@@ -161,23 +162,18 @@ class Selection:
             asked.seed,
         )
 
+    @property
+    def presses(self) -> Presses:
+        """On the rig's gel."""
+        return Presses(self.protocol, self.sensor.skin, self.config.virtual.gel)
+
     def gel_jobs(self) -> list[GridJob]:
-        """A job for each press that is not in the store; one stands for its mirror images."""
-        presses = Presses(self.protocol, self.sensor.skin, self.config.virtual.gel)
-        jobs: dict[str, GridJob] = {}
-        for path in presses.paths:
-            solver = presses.of(path).solver
-            if solver.found is None and solver.stored_as is not None:
-                cost = KNOT_S * len(solver.poses)
-                told = self._given(path.press, ())
-                jobs.setdefault(
-                    solver.stored_as, GridJob(f"gel {path.press}", solve_gel, told, cost)
-                )
-        return list(jobs.values())
+        """See `press_jobs.gel_jobs`."""
+        return press_jobs.gel_jobs(self.presses, partial(self._given, entries=()), KNOT_S)
 
     def jobs(self, workers: int = 1) -> list[GridJob]:
         """A press with some patterns each, which share its geometry; a part for every worker."""
-        presses = [path.press for path in paths(self.protocol)]
+        gel = self.presses
         parts = min(workers, len(self.entries))
         frames = self.part.frames_an_indenter // self.part.positions
         return [
@@ -185,8 +181,9 @@ class Selection:
                 f"{press} ({k + 1} of {parts})", follow,
                 self._given(press, self.entries[k::parts]),
                 cost_s(frames, len(self.entries[k::parts])),
+                press_jobs.gel_files(gel, [press]),
             )
-            for press in presses
+            for press in [path.press for path in gel.paths]
             for k in range(parts)
         ]  # fmt: skip
 
