@@ -108,7 +108,7 @@ class PatternRecipe(Table, strict=True):
     """3 draws red, green and blue independently; 1 draws a grey."""
     scales_mm: Annotated[
         Annotated[tuple[float, ...], Field(min_length=1, max_length=octave.MAX_SCALES)] | None,
-        Field(validate_default=True, examples=[[0.15, 0.3, 0.6, 1.2]]),
+        Field(validate_default=True, examples=[[0.4, 0.8, 1.6, 3.2]]),
     ] = None
     """Sides of the blocks that law `octave` adds, whole multiples of patch_mm, rising."""
     weights: Annotated[

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import get_args
 
 import click
 import pytest
@@ -18,7 +19,7 @@ from click.shell_completion import BashComplete
 from benchmarks.reference import commands
 from deltact_fab.cli import options, output
 from deltact_fab.cli.main import COMMANDS, SECTIONS, main
-from deltact_fab.measure.flow import FLOW_METHODS, REFERENCES
+from deltact_fab.measure.flow import FLOW_METHODS, Reference
 from deltact_fab.measure.force import FEATURES
 from deltact_fab.measure.pipeline.plan import OUTPUTS
 from deltact_fab.numerics.engines import REGISTRY
@@ -69,7 +70,7 @@ def help_of(path: str) -> str:
     [
         ("gel press", indenter.KINDS),
         ("analyze force", FEATURES),
-        ("analyze tracking", [*FLOW_METHODS, *REFERENCES]),
+        ("analyze tracking", [*FLOW_METHODS, *get_args(Reference)]),
         ("measure", OUTPUTS),
         ("numerics", REGISTRY),
         ("pattern sheet", PAPERS),
