@@ -29,10 +29,12 @@ def jobs_of(
     """(pattern, indenter, job) for each press of the runs.
 
     Runs of one pattern are replicates. Raises InputError for a run that is not finished, has no
-    images, dots or dense pattern.
+    images, dots or dense pattern, or is named twice.
     """
     found: list[tuple[PrintedPattern, str, GridJob]] = []
-    for folder in folders:
+    for n, folder in enumerate(folders):
+        if folder.resolve() in [one.resolve() for one in folders[:n]]:
+            raise InputError(f"--from {folder}: named twice; runs of one pattern are replicates")
         run = record.open(folder)
         frames = recorded(run, "the pattern selection")
         if run.pattern["recipe"]["law"] == ONLY_DOTS:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -77,7 +78,7 @@ def test_a_small_one_has_errors_cover_and_the_papers_values(small: StudyResult) 
 
 @pytest.mark.slow
 def test_the_same_from_the_record_of_the_same_press(
-    mini: tuple[Path, Path], mini_run: Path
+    mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
 ) -> None:
     """A record has its own pattern, and here its truth: the stream's frames are micrometres off."""
     found = pattern_selection.run(StudyRequest(runs=(mini_run,)))
@@ -88,9 +89,15 @@ def test_the_same_from_the_record_of_the_same_press(
     (by_tracker, *_) = found.data["tables"]["indenters"]
     assert {"sphere:10", "4dots"} < set(by_tracker)
     # Two runs of one pattern are replicates: together they say what each says.
-    twice = pattern_selection.run(StudyRequest(runs=(mini_run, mini_run)))
+    other = shutil.copytree(mini_run, tmp_path / "again")
+    twice = pattern_selection.run(StudyRequest(runs=(mini_run, other)))
     (again,) = twice.data["tables"]["patterns"]
     assert again["ours_mm"] == pytest.approx(row["ours_mm"])
+
+
+def test_one_run_twice_is_no_replicate(mini_run: Path) -> None:
+    with pytest.raises(InputError, match="named twice"):
+        pattern_selection.run(StudyRequest(runs=(mini_run, mini_run)))
 
 
 @pytest.mark.parametrize(
