@@ -231,10 +231,11 @@ def _parts(stage: _DemoStage) -> dict[str, Any]:
 
 def _pattern(stage: _DemoStage) -> str:
     from .patterns.raster import make
-    from .patterns.recipe import RECOMMENDED, load_recipe
+    from .patterns.recipe import load_recipe
 
     folder = stage.out / "pattern"
     folder.mkdir()
-    made = make(load_recipe(RECOMMENDED), folder / f"{RECOMMENDED}.png")
+    made = make(load_recipe("dense-with-dots"), folder / "dense-with-dots.png")
     recipe = made.recipe
-    return f"{recipe.n} x {recipe.n} patches of {recipe.patch_mm} mm: {made.image}"
+    dots = recipe.dots.columns * recipe.dots.rows if recipe.dots is not None else 0
+    return f"{recipe.n} x {recipe.n} patches of {recipe.patch_mm} mm, {dots} dots: {made.image}"

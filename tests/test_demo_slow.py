@@ -45,7 +45,7 @@ def test_the_demo_makes_parts_pattern_run_and_report(demo: Path) -> None:
     assert {"assembly.step", "assembly.glb", "skin.stl", "shell.3mf", "acrylic.dxf"} <= made
     assert {"cover.svg", "screw.step"} <= made
     assert all((demo / "cad" / name).stat().st_size > 1000 for name in made)
-    assert (demo / "pattern" / "recommended.png").stat().st_size > 10_000
+    assert (demo / "pattern" / "dense-with-dots.png").stat().st_size > 10_000
     page = (demo / "report.html").read_text()
     assert "simulated" in page
     assert json.loads((demo / "demo.json").read_text())["finished"] is True
@@ -57,6 +57,7 @@ def test_the_demo_measures_what_it_claims(demo: Path) -> None:
     assert tracking["verdict"]["take"] == "fused"
     assert methods["fused"]["mean_off_dots_mm"] <= 0.004
     assert methods["fused"]["mean_confident_mm"] <= 0.003
+    assert tracking["dots"]["mean_vs_truth_mm"] <= 0.01
     rows = [row for row in tracking["by_indenter"] if row["name"] == "fused"]
     assert {row["indenter"] for row in rows} == {"sphere:10", "4dots"}
     for row in rows:  # something moved far enough for an error to mean anything
