@@ -189,7 +189,8 @@ def test_a_worker_with_other_code_is_refused_alone(
         os.killpg(cluster.workers[0].pid, signal.SIGKILL)
         cluster.add(1)
         assert jobs.each(eval, [PROCESS], ["a"], there) == [cluster.workers[2].pid]
-    os.killpg(cluster.workers[2].pid, signal.SIGKILL)
+        os.killpg(cluster.workers[2].pid, signal.SIGKILL)
+        wait(lambda: len(there._client.nthreads()) == 1)
     with (
         pytest.raises(RunFailed, match=r"no worker at tcp://.* has this deltact_fab"),
         jobs.executor(cluster.on),

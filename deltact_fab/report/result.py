@@ -198,8 +198,9 @@ class StudyResult:
         if goals:
             counted = ", ".join(f"{goals[name]} {name}" for name in STATES if goals[name])
             lines.append(f"Goals: {counted}.")
-        if self.missing:
-            lines.append(f"{len(self.missing)} jobs are missing, so nothing is decided.")
+        if n := len(self.missing):
+            are = "job is" if n == 1 else "jobs are"
+            lines.append(f"{n} {are} missing, so nothing is decided.")
         return tuple(lines)
 
     @property

@@ -102,12 +102,12 @@ def test_what_is_refused_is_one_line_and_nothing_is_written(tmp_path: Path) -> N
 def test_a_study_is_told_written_and_its_own_folder_taken_again(tmp_path: Path) -> None:
     first = call(tmp_path, "--count", "3", "--json", "--figures", "figures")
     assert first.returncode == 0, first.stderr
-    assert len(json.loads(first.stdout)["means"]) == 3
+    assert len(json.loads(first.stdout)["tables"]["means"]) == 3
     assert "0 of 3 jobs are kept, 3 to do\n" in first.stderr
     assert f"report: {Path('study-out/tiny/report.html')}\n" in first.stderr
     again = call(tmp_path, "--count", "4", "--fails", "job-3", "--partial", "yes")
     assert again.returncode == 0
-    assert again.stdout == "3 means.\n"
+    assert again.stdout == "3 means.\n1 job is missing, so nothing is decided.\n"
     assert "3 of 4 jobs are kept, 1 to do" in again.stderr
     assert "failed: job-3: it did not converge\n" in again.stderr
     assert "warning: 1 jobs have no result and are left out: job-3;" in again.stderr
@@ -182,6 +182,6 @@ def test_killed_at_random_moments_and_resumed_the_tables_are_those_of_an_undistu
     one, other = files(tmp_path / "study-out/tiny"), files(tmp_path / "whole")
     assert one.keys() == other.keys() > tables
     assert {n: one[n] for n in tables} == {n: other[n] for n in tables}
-    data = [json.loads(each["result.json"])["data"] for each in (one, other)]
-    assert data[0] == data[1]
-    assert len(data[0]["means"]) == 16
+    held = [json.loads(each["result.json"])["tables"] for each in (one, other)]
+    assert held[0] == held[1]
+    assert len(held[0]["means"]) == 16

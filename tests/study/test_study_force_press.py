@@ -87,7 +87,7 @@ def test_the_study_is_simulated_judged_and_told(simulated: dict[str, Any]) -> No
     assert "the tolerance of 3% of the force picks hyperelastic" in told["gel"]
     # A light press on large cells, as the coarse rig has them: said, not hidden.
     assert re.search(r"mesh's part of the error may be \d+ times as large, [\d.]+%", told["gel"])
-    assert "mesh at 2 of 2 jobs" in told["gel's flags"]
+    assert "mesh at 3 of 3 jobs" in told["gel's flags"]
     assert (simulated["simulated"], simulated["seed"]) == (True, 5)
 
 
