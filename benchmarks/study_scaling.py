@@ -1,0 +1,149 @@
+"""How studies grow: with workers, patterns and frames. Some minutes; nothing is kept.
+
+    python -m benchmarks.study_scaling          # the bounds alone, in seconds
+    python -m benchmarks.study_scaling timed    # and what two processes, patterns and frames cost
+
+A bound is on the speed-up of any number of workers, from the costs that jobs declare: their sum
+over the longest job of each grid, for a grid begins when the one before it has ended.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from deltact_fab import cache
+from deltact_fab.jobs import executor
+from deltact_fab.study import pattern_press, pattern_selection, settling
+from deltact_fab.study.force import simulated as force
+from deltact_fab.study.grid import Grid, GridJob, solve
+from deltact_fab.study.pattern_scene import Selection
+from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.shape import press as shape_press
+from deltact_fab.study.shape import simulated as shape
+
+PATTERNS, DEPTHS_MM = (1, 4, 8), (1.0, 2.0, 3.0)
+
+
+class EnoughError(Exception):
+    """No grid after this one depends on no result."""
+
+
+@dataclass(frozen=True)
+class Counted(StudyRequest):
+    """A request whose grids are counted and not solved; the first that is read ends it."""
+
+    costs: list[list[float]] = field(default_factory=list)
+
+    def solve(self, jobs: Sequence[GridJob]) -> Grid:
+        """Note what they cost. Raises EnoughError where it is not a grid of gels."""
+        self.costs.append([job.cost for job in jobs])
+        if not all(job.name.startswith("gel ") for job in jobs):
+            raise EnoughError
+        return Grid([], {}, {}, 0)
+
+
+def grids(study: str) -> list[list[float]]:
+    """The costs of the grids of a study at its default scale, with nothing kept."""
+    asked = Counted(executor=cast(Any, SimpleNamespace(workers=1000)))
+    run = {"force": force.simulate, "selection": pattern_selection.run, "shapes": shape.simulate,
+           "settling": settling.run}[study]  # fmt: skip
+    with suppress(EnoughError):
+        run(asked)
+    if study == "shapes":  # its objects wait for the calibrations
+        of = shape.scene(asked)
+        presses = [(n, p) for n in (*shape.OBJECTS, shape.TWIST) for p in shape.presses_of(of, n)]
+        asked.costs.append([of.job("", n, [p], shape_press.look).cost for n, p in presses])
+    return asked.costs
+
+
+def bounds() -> None:
+    """A line a study."""
+    for study in ("force", "selection", "shapes", "settling"):
+        found = grids(study)
+        told = ", ".join(f"{len(own)} jobs of at most {max(own):.0f} s" for own in found)
+        bound = sum(map(sum, found)) / sum(map(max, found))
+        print(f"{study}: at most {bound:.1f} times as fast: {told}")
+
+
+def measured(given: dict[str, Any]) -> dict[str, Any]:
+    """A press followed in a process of its own: CPU seconds, and the most memory, MB."""
+    began = time.process_time()
+    frames = pattern_press.follow(given)["frames"]
+    peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {"frames": frames, "cpu_s": time.process_time() - began, "mb": peak_kb / 1024}
+
+
+def alone(job: GridJob) -> dict[str, Any]:
+    """What a job costs in a process that has done nothing else."""
+    from benchmarks.study_scaling import measured  # by a name that the process can import
+
+    with executor(workers=1) as one:
+        return one.submit(measured, job.given).result()
+
+
+def scene(depth_mm: float) -> Selection:
+    """One press without a drag, its gel solved."""
+    small = Selection.of(StudyRequest(scale=0.001, more={"indenter": ["ellipsoid"]}))
+    lone = {"depths_mm": (depth_mm,), "shear": None}
+    found = replace(small, protocol=small.protocol.model_copy(update=lone))
+    solve(found.gel_jobs())
+    return found
+
+
+def job(of: Selection, count: int, name: str = "") -> GridJob:
+    """Its press under so many patterns; jobs of another name are other ones to the store."""
+    (whole,) = of.jobs(1)
+    patterns = dict(list(whole.given["patterns"].items())[:count])
+    given = {**whole.given, "patterns": patterns, "name": name}
+    return GridJob(name, pattern_press.follow, given)
+
+
+def timed() -> None:
+    """What patterns, frames and a second process cost and give."""
+    scenes = [scene(depth_mm) for depth_mm in DEPTHS_MM]
+    rows = [alone(job(scenes[0], count)) for count in PATTERNS]
+    for count, row in zip(PATTERNS, rows, strict=True):
+        print(f"{count} patterns, {row['frames']} frames: {row['cpu_s']:.1f} CPU s, "
+              f"{row['mb']:.0f} MB")  # fmt: skip
+    _line("patterns", PATTERNS, rows)
+    rows = [alone(job(of, 2)) for of in scenes]
+    _line("frames", [row["frames"] for row in rows], rows)
+    spent = []
+    for workers in (1, 2):
+        with executor(workers=workers) as where:
+            began = time.monotonic()
+            solve([job(scenes[0], 1, f"{n} of {workers}") for n in range(4)], where)
+            spent.append(time.monotonic() - began)
+    print(f"two processes: {spent[0] / spent[1]:.2f} times as fast (load {os.getloadavg()[0]:.1f})")
+
+
+def _line(what: str, at: Sequence[int], rows: Sequence[dict[str, Any]]) -> None:
+    cost = np.array([row["cpu_s"] for row in rows])
+    fit = np.polyval(np.polyfit(at, cost, 1), at)
+    print(
+        f"{what} {', '.join(map(str, at))}: {np.abs(fit / cost - 1).max():.1%} off a straight line"
+    )
+
+
+def main(words: Sequence[str]) -> None:
+    """The bounds, and with "timed" the rest, in a store of their own."""
+    with tempfile.TemporaryDirectory() as store:
+        os.environ[cache.FOLDER_VARIABLE] = store
+        bounds()
+        if "timed" in words:
+            timed()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
