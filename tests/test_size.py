@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 80965,
-    ("deltact_fab", "files"): 600,
-    ("tests", "lines"): 47187,
+    ("deltact_fab", "lines"): 78801,
+    ("deltact_fab", "files"): 594,
+    ("tests", "lines"): 46824,
 }
 
 
