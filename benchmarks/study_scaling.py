@@ -86,10 +86,10 @@ def measured(given: dict[str, Any]) -> dict[str, Any]:
 
 def alone(job: GridJob) -> dict[str, Any]:
     """What a job costs in a process that has done nothing else."""
-    from benchmarks.study_scaling import measured  # by a name that the process can import
+    import benchmarks.study_scaling as own  # by a name that the process can import
 
     with executor(workers=1) as one:
-        return one.submit(measured, job.given).result()
+        return one.submit(own.measured, job.given).result()
 
 
 def scene(depth_mm: float) -> Selection:
