@@ -5,7 +5,7 @@ local.py is processes here, cluster.py these or an existing Dask cluster, messag
 says while it runs.
 """
 
-from .batch import CannotGoOn, JobOutcome, arrivals, each, run
+from .batch import CannotGoOn, JobOutcome, arrivals, at_a_time, each, run
 from .cluster import executor
 from .local import THREAD_VARIABLES, processors
 from .messages import tell
@@ -15,6 +15,7 @@ __all__ = [
     "CannotGoOn",
     "JobOutcome",
     "arrivals",
+    "at_a_time",
     "each",
     "executor",
     "processors",

@@ -36,6 +36,12 @@ class JobOutcome(Generic[R]):
     error: Exception | None = None
 
 
+def at_a_time(executor: Executor | None) -> int:
+    """How many jobs an executor runs at a time; None: processes of this machine."""
+    workers: int = processors() if executor is None else getattr(executor, "workers", 1)
+    return workers
+
+
 def each(
     work: Callable[[J], R],
     jobs: Sequence[J],

@@ -78,22 +78,17 @@ class Headline:
             return None
         if not self.whole or self.low is None or self.high is None:
             return "undecided"
-        if self.better == "low":
-            return (
-                "met"
-                if self.high <= self.goal
-                else "missed"
-                if self.low > self.goal
-                else ("undecided")
-            )
-        return (
-            "met" if self.low >= self.goal else "missed" if self.high < self.goal else ("undecided")
-        )
+        low, high = (self.goal - self.high, self.goal - self.low)
+        if self.better == "high":
+            low, high = self.low - self.goal, self.high - self.goal
+        return "met" if low >= 0 else "missed" if high < 0 else "undecided"
 
     @property
     def sentence(self) -> str:
         """It in words, with goal and the paper's value."""
-        text = f"{self.what[:1].upper()}{self.what[1:]}: {told(self)}"
+        text = f"{self.what[:1].upper()}{self.what[1:]}: {self.value:.3g} {self.unit}".rstrip()
+        if self.low is not None and self.high is not None:
+            text += f" [{self.low:.3g} to {self.high:.3g}]"
         if self.goal is not None:
             text += f", the goal of {self.goal:.3g} is {self.state}"
         return text + (f"; the paper {self.paper:g}." if self.paper is not None else ".")
@@ -230,18 +225,6 @@ class StudyResult:
 
 
 STATES: tuple[State, ...] = ("met", "undecided", "missed")
-
-
-def told(found: Any, unit: str | None = None, digits: str = ".3g", factor: float = 1) -> str:
-    """A figure with `value`, `low` and `high` as `1.27 µm [1.18 to 1.36]`.
-
-    Without an interval the value alone. unit: None for its own.
-    """
-    unit = getattr(found, "unit", "") if unit is None else unit
-    text = f"{factor * found.value:{digits}} {unit}".rstrip()
-    if found.low is None or found.high is None:
-        return text
-    return f"{text} [{factor * found.low:{digits}} to {factor * found.high:{digits}}]"
 
 
 def records(frame: pd.DataFrame) -> list[dict[str, Any]]:

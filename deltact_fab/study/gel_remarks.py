@@ -8,9 +8,6 @@ from __future__ import annotations
 
 from ..preflight.peaks import MODULUS_FACTOR
 
-__all__ = ["MODULUS_FACTOR", "remark"]
-
-
 ALSO = {
     "force-calibration": " Only the force sensor's noise and range do not scale: in a gel of half "
     "the modulus noise counts twice.",

@@ -16,7 +16,7 @@ from typing import Any
 from .. import cache
 from ..aliases import Progress
 from ..errors import DeltactFabError, RunFailed, Stopped
-from ..jobs import CannotGoOn, JobOutcome, processors, run
+from ..jobs import CannotGoOn, JobOutcome, at_a_time, run
 
 TRUST = 0.1
 
@@ -207,7 +207,7 @@ class _Books:
         held = {
             job.name: cache.get(KIND, keys[job.name])
             for job in jobs
-            if not job.makes or cache.copy_out(job.makes)
+            if not job.makes or any((cache.user_folder() / made).exists() for made in job.makes)
         }
         self.found: dict[str, Value] = {k: v for k, v in held.items() if v is not None}
         self._kept = len(self.found)
@@ -219,8 +219,7 @@ class _Books:
                 same.setdefault(json.dumps(keys[job.name]), []).append(job.name)
         self._names = {alike[0]: alike for alike in same.values()}
         self.todo = sorted((job for job in jobs if job.name in self._names), key=lambda j: -j.cost)
-        width = processors() if executor is None else getattr(executor, "workers", 1)
-        self._pace = JobPace([job.cost for job in self.todo], width)
+        self._pace = JobPace([job.cost for job in self.todo], at_a_time(executor))
         self._missing: dict[str, str] = {}
         self._errors: list[Exception] = []
         self._refused = False

@@ -1,8 +1,8 @@
 """Tracking errors of the pattern selection: a pattern, an indenter and a tracker at a time.
 
 The paper's error is that at the dots (Eq. 7). Over which of them, frames and indenters it is taken
-the paper does not say: READINGS are those that its text allows. A pattern's error is the mean of
-its indenters', and its interval is taken over indenters, which differ most.
+the paper does not say: each measure is a reading that its text allows. A pattern's error is the
+mean of its indenters', and its interval is taken over indenters, which differ most.
 """
 
 from __future__ import annotations
@@ -180,7 +180,7 @@ class PatternErrors:
                 "drag_from_mm": DRAGS_MM[max(drag - 1, 0)],
                 "drag_to_mm": DRAGS_MM[drag] if drag < len(DRAGS_MM) else None,
                 "frames": len(parts[depth_mm, drag]),
-                **dict(zip(("at_dots_mm", "off_dots_mm", "lost_px"),
+                **dict(zip(("at_dots_mm", "off_dots_mm", "lost_pixels"),
                            map(_mean, np.array(parts[depth_mm, drag]).T), strict=True)),
             }
             for depth_mm, drag in sorted(parts)

@@ -39,9 +39,9 @@ class StudyRequest:
     @property
     def workers(self) -> int:
         """How many jobs run at a time."""
-        from ..jobs import processors
+        from ..jobs import at_a_time
 
-        return processors() if self.executor is None else getattr(self.executor, "workers", 1)
+        return at_a_time(self.executor)
 
     def solve(self, jobs: Sequence[GridJob]) -> Grid:
         """A grid of jobs on what was asked for; what is missing in it gets into the result."""

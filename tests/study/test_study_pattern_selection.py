@@ -194,10 +194,8 @@ def test_a_claim_needs_both_readings_and_an_interval(
 def test_two_patterns_are_no_round() -> None:
     """The paper's optimum once appeared in green from two patterns of the series."""
     whole = made_up(THEIRS)
-    two = {name: p for p in whole.printed if (name := p.name) in TWO}
-    errors = PatternErrors(
-        list(two.values()), [cell for cell in whole.cells if cell.pattern in two]
-    )
+    two = [p for p in whole.printed if p.name in TWO]
+    errors = PatternErrors(two, [cell for cell in whole.cells if cell.pattern in TWO])
     assert [one.state() for one in claims(errors)] == ["undecided"] * len(claims(errors))
 
 
