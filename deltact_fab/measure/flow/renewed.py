@@ -84,8 +84,10 @@ class RenewedTracker:
             flow = compose(ref.flow_px, relative)
         # What left the image before the reference was continued from the border, so it stays out.
         stayed = ref.stayed & inside(landing_px(flow), *flow.shape[:2])
-        lost = photometric_error(ref.prepared.gray, gray, relative) > self.threshold
-        if lost and self._total != "static":
+        if (
+            self._total != "static"
+            and photometric_error(ref.prepared.gray, gray, relative) > self.threshold
+        ):
             self._ref = _Keyframe(self._frame, self._method.prepare(gray), flow, stayed)
             self._relative = None
             self._switches += 1
