@@ -15,7 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from deltact_fab.aliases import Image
-from deltact_fab.measure.flow import RENEW_SHARE, FlowTracker, Reference, to_gray
+from deltact_fab.measure.flow import RENEW_SHARE, FlowMethod, FlowTracker, Reference, to_gray
 from deltact_fab.measure.flow.renewed import photometric_error, unrelated_difference
 from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.patterns.series.job import recipes
@@ -61,7 +61,8 @@ def by_share(press: str) -> Iterator[str]:
     for entry in (e for e in scene.entries if e.name in SHOWN):
         picture, noise = stream.picture(entry.recipe, 0), stream.noise(0)
         marks = stream.marks(entry.recipe)
-        trackers = [FlowTracker("farneback-paper", total, renew_share=share)
+        method = FlowMethod("farneback-paper")
+        trackers = [FlowTracker(method, total, renew_share=share)
                     for share, total in ways]  # fmt: skip
         sums, pixels, switches = np.zeros(len(ways)), 0, [0] * len(ways)
         for frame in stream.frames():

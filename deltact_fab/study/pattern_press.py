@@ -44,7 +44,7 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
         marks = stream.marks(recipe)
         printed[name] = stream.picture(recipe, seed), stream.noise(seed), marks
         followers[name] = Follower(
-            TrackingPlan(tuple(methods), bool(len(marks.dots_mm)), ()), marks
+            TrackingPlan(tuple(methods), bool(len(marks.dots_mm)), (), timed=False), marks
         )
     rows: dict[str, dict[str, list[dict[str, Any]]]] = {
         name: {method: [] for method in methods} for name in printed

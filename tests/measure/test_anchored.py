@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -199,6 +200,25 @@ def test_the_paper_renews_when_the_image_warped_back_differs(make_scene, make_bu
     for share, references in ((1.0, [0, 0, 0, 0]), (0.0, [0, 1, 2, 3])):
         seen = follow(images, FlowTracker("farneback-paper", "summed", renew_share=share))
         assert [o.diagnostics.reference_frame for o in seen[1:]] == references
+
+
+def test_trackers_share_a_flow_where_they_are_told_to_and_only_there(
+    make_scene, make_bump, monkeypatch
+):
+    """A summed one beside a composed one: else the second would seem to cost nothing."""
+    bump = make_bump((150, 130), 70, shear_px=(60, -20))
+    scene = make_scene(320, 256, margin=90)
+    images = [scene.picture(bump.scaled(k / 4), k) for k in range(5)]
+    found, calls, flow = [], [], cv2.calcOpticalFlowFarneback
+    monkeypatch.setattr(
+        cv2, "calcOpticalFlowFarneback", lambda *a, **k: calls.append(a) or flow(*a, **k)
+    )
+    for shared, most in ((None, 8), ({}, 4)):
+        pair = [named_tracker(n, shared=shared) for n in ("paper", "farneback-paper/composed")]
+        found.append([[tracker.update(image).flow_px for tracker in pair] for image in images])
+        assert len(calls) == most
+        calls.clear()
+    assert np.array_equal(*found)
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ... import record
 from ...errors import InputError, SensorError
-from ...measure.flow import FlowObservation, FlowState, named_tracker
+from ...measure.flow import FlowMethod, FlowObservation, FlowState, named_tracker
 from .dots import DOTS, DotFollower, Marks
 from .tally import ErrorTally
 from .truth import TrueFrame, sampled
@@ -26,11 +26,15 @@ ONLY_DOTS = "dot-matrix"  # the law of patterns with nothing between the dots
 
 @dataclass(frozen=True)
 class TrackingPlan:
-    """Which methods follow a run, whether its dots are followed, and a line a thing left out."""
+    """Which methods follow a run, whether its dots are followed, and a line a thing left out.
+
+    timed: each method's CPU time is asked for; else they share what two of them would find twice.
+    """
 
     methods: tuple[str, ...]
     dots: bool
     left_out: tuple[str, ...]
+    timed: bool = True
 
 
 def scene_of(run: record.Run, methods: Sequence[str] | None) -> TrackingPlan:
@@ -70,7 +74,9 @@ class Follower:
         self.tallies = {name: ErrorTally() for name in scene.methods}
         self.dots = DotFollower(marks) if scene.dots else None
         self.left_out: list[str] = []
-        self._flows = {name: named_tracker(name) for name in scene.methods if name != DOTS}
+        shared: dict[str, FlowMethod] | None = None if scene.timed else {}
+        names = [name for name in scene.methods if name != DOTS]
+        self._flows = {name: named_tracker(name, shared=shared) for name in names}
         self._scale = marks.camera.mm_per_px
         self._begun = False
 

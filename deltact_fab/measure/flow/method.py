@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -31,7 +31,9 @@ FLOW_METHODS = ("farneback-paper", *_DIS, FUSED)
 class FlowMethod:
     """One way to find the flow between two grey images.
 
-    name: one of FLOW_METHODS. Raises InputError for any other name.
+    name: one of FLOW_METHODS. Farneback's last flow is kept, for trackers that share a method ask
+    for it again: a summed and a composed one of the same images. Raises InputError for any other
+    name.
     """
 
     def __init__(self, name: str = FUSED) -> None:
@@ -41,6 +43,7 @@ class FlowMethod:
             )
         self.name = name
         self._dis = cv2.DISOpticalFlow.create(_DIS[name]) if name in _DIS else None
+        self._last: tuple[list[bytes | None], Array] | None = None
 
     def between(self, ref_gray: Array, cur_gray: Array, initial: Array | None = None) -> Array:
         """Flow from the reference to the current image at the reference's pixels.
@@ -66,23 +69,14 @@ class FlowMethod:
     def _calc(self, ref_gray: Array, cur_gray: Array, start: Any) -> Array:
         if self._dis is not None:
             return self._dis.calc(ref_gray, cur_gray, start)
-        first = None if start is None else start.tobytes()
-        return _farneback(ref_gray.tobytes(), cur_gray.tobytes(), first, ref_gray.shape)
-
-
-@lru_cache(maxsize=1)
-def _farneback(
-    reference: bytes, current: bytes, start: bytes | None, shape: tuple[int, int]
-) -> Array:
-    """Kept, for a summed and a composed tracker of one sequence ask for the same."""
-    first, second = (
-        np.frombuffer(image, np.uint8).reshape(shape) for image in (reference, current)
-    )
-    flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
-    flow: Any = None
-    if start is not None:
-        flow = np.frombuffer(bytearray(start), np.float32).reshape(*shape, 2)
-    return cv2.calcOpticalFlowFarneback(first, second, flow, flags=flags, **_FARNEBACK)
+        key = [None if one is None else one.tobytes() for one in (ref_gray, cur_gray, start)]
+        if self._last is None or self._last[0] != key:
+            flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
+            flow = cv2.calcOpticalFlowFarneback(
+                ref_gray, cur_gray, start, flags=flags, **_FARNEBACK
+            )
+            self._last = key, flow
+        return self._last[1]
 
 
 class PreparedReference:

@@ -230,11 +230,14 @@ PAPER = "paper"
 """The paper's tracker: Farneback's flow, summed, as `farneback-paper/summed`."""
 
 
-def named_tracker(name: str, *, full: bool = True) -> FlowTracker:
+def named_tracker(
+    name: str, *, full: bool = True, shared: dict[str, FlowMethod] | None = None
+) -> FlowTracker:
     """The tracker of a name: `method`, `method/reference` or `paper`.
 
-    `fused` alone is anchored, any other method alone is composed. Raises InputError with the valid
-    names.
+    `fused` alone is anchored, any other method alone is composed. shared: methods by name, which
+    trackers that are given the same dictionary have in common; their CPU time is then no one's own.
+    Raises InputError with the valid names.
     """
     method, _, kept = ("farneback-paper/summed" if name == PAPER else name).partition("/")
     if method not in FLOW_METHODS:
@@ -246,7 +249,10 @@ def named_tracker(name: str, *, full: bool = True) -> FlowTracker:
         raise InputError(
             f"flow reference {kept!r} of {method!r}: not available; {did_you_mean(kept, known)}"
         )
-    return FlowTracker(method, reference, full=full)
+    own = FlowMethod(method)
+    return FlowTracker(
+        own if shared is None else shared.setdefault(method, own), reference, full=full
+    )
 
 
 def _why_plain(gray: Array) -> str:
