@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 78795,
+    ("deltact_fab", "lines"): 78797,
     ("deltact_fab", "files"): 594,
-    ("tests", "lines"): 46843,
+    ("tests", "lines"): 46844,
 }
 
 

@@ -183,6 +183,7 @@ def test_every_name_is_a_tracker():
         assert (static.method.name, static.reference) == (method, "static")
     paper = named_tracker("paper")
     assert (paper.method.name, paper.reference) == ("farneback-paper", "summed")
+    assert named_tracker("paper/composed").reference == "composed"
     with pytest.raises(InputError, match="flow method 'fuse': unknown; did you mean 'fused'"):
         named_tracker("fuse")
     with pytest.raises(InputError, match=r"'statik' of 'fused'.*did you mean 'static'"):

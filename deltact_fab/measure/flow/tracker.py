@@ -227,19 +227,21 @@ class FlowTracker:
 
 
 PAPER = "paper"
-"""The paper's tracker: Farneback's flow, summed, as `farneback-paper/summed`."""
+"""The paper's method, Farneback's; alone it is summed, as the paper's tracker."""
 
 
 def named_tracker(
     name: str, *, full: bool = True, shared: dict[str, FlowMethod] | None = None
 ) -> FlowTracker:
-    """The tracker of a name: `method`, `method/reference` or `paper`.
+    """The tracker of a name: `method` or `method/reference`; `paper` stands for `farneback-paper`.
 
-    `fused` alone is anchored, any other method alone is composed. shared: methods by name, which
-    trackers that are given the same dictionary have in common; their CPU time is then no one's own.
-    Raises InputError with the valid names.
+    `fused` alone is anchored, `paper` summed, any other method alone composed. shared: methods by
+    name, which trackers that are given the same dictionary have in common; their CPU time is then
+    no one's own. Raises InputError with the valid names.
     """
-    method, _, kept = ("farneback-paper/summed" if name == PAPER else name).partition("/")
+    method, _, kept = name.partition("/")
+    if method == PAPER:
+        method, kept = "farneback-paper", kept or "summed"
     if method not in FLOW_METHODS:
         methods = (PAPER, *FLOW_METHODS)
         raise InputError(f"flow method {method!r}: unknown; {did_you_mean(method, methods)}")
