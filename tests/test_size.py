@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 78797,
+    ("deltact_fab", "lines"): 78807,
     ("deltact_fab", "files"): 594,
     ("tests", "lines"): 46844,
 }
