@@ -30,10 +30,11 @@ from ..cad.parts.screw import stock_note
 from ..cad.print_orientation import SELF_SUPPORTING_DEG
 from ..cad.registry import listed, of_group
 from ..errors import InputError, MissingLibrary
+from ..extras import require
 from ..patterns.laws.patches import draw_patches
 from ..patterns.recipe import RECOMMENDED, load_recipe
 from . import first_light
-from .templating import fixed, render, save, table
+from .templating import fixed, render, require_pages, save, table
 
 VIEWER_PACKAGE = "dash-model-viewer"
 VIEWER_FILE = "model-viewer-umd.min.js"
@@ -114,8 +115,10 @@ def write(
     progress: called with (done, total, what). pictures: ready ones, instead of drawing them.
     Without the CAD kernel or the viewer the page is written without pictures or 3D view and says
     what to install. Raises InputError for a broken rule or a count below 1, MissingLibrary without
-    the extra `report`, RunFailed when a part cannot be built or the disk refuses.
+    the extra `report` or shapely, RunFailed when a part cannot be built or the disk refuses.
     """
+    require_pages()
+    require("cad", "the guide's wiring diagram", "shapely")
     tell = progress or (lambda done, total, what: None)
     lines = bom.lines(design, sensors)
     parts = listed(design=design)

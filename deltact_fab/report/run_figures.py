@@ -99,14 +99,13 @@ def _panel(axis: Axes, press: DeepestPress) -> None:
     flow, found = press.result.flow, press.result.shape
     assert flow is not None, "all that can be measured is"
     assert found is not None, "all that can be measured is"
-    at: Any = flow if found.depth is None else found.depth
     if found.depth is None:
         shape, words = np.where(found.density.reliable, found.relative, np.nan), "relative depth"
     else:
         shape, words = np.where(found.depth.known, found.depth.depth_mm, np.nan), "depth, mm"
     axis.set_facecolor("#8a8f99")  # where nothing is known
     top = np.nanmax(shape, initial=2 * maps.MIN_MM)
-    maps.shown(axis, at.x_mm, at.y_mm, np.ma.masked_invalid(shape), "magma", 0, top, words)
+    maps.shown(axis, found.x_mm, found.y_mm, np.ma.masked_invalid(shape), "magma", 0, top, words)
     every = max(1, round(maps.ARROW_MM / flow.cell_mm))
     part = np.s_[every // 2 :: every, every // 2 :: every]
     u, v = np.moveaxis(np.where(flow.known[..., None], flow.shift_mm, np.nan)[part], -1, 0)
