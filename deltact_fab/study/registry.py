@@ -74,12 +74,8 @@ STUDIES = {
         "Four objects (protocols shapes, shapes-hat), the calibrations of depth and force that "
         "they need (ball-press, and one ball of force-calibration-small), and a press of twist: "
         "five minutes on two idle cores. A smaller scale presses each object at fewer than three "
-        "places; all objects and depths stay.\n\n"
-        "With --from the presses are those of recorded runs, of any bench and any indenters.",
-        options=(
-            Option("depth", "With --from: calibration of depth, made by `calibrate-depth`."),
-            Option("force", "With --from: calibration of force, made by `analyze force`."),
-        ),
+        "places; all objects and depths stay. `analyze shape` does the same with a recorded run.",
+        takes=("scale", "seed", "rig", "grid"),
     ),
     "comparison": Study(
         "comparison",

@@ -94,6 +94,26 @@ def test_what_cannot_be_used_is_refused_and_nothing_is_written(
 
 
 @pytest.mark.slow
+def test_a_bench_without_truth_has_its_gallery_and_pressures_and_no_errors(
+    mini_run: Path, calibrations: list[Path], tmp_path: Path
+) -> None:
+    bench = tmp_path / "bench"
+    shutil.copytree(mini_run, bench)
+    shutil.rmtree(bench / "truth")
+    force, depth = calibrations
+    told = refused("analyze", "shape", bench, "--depth", force)
+    assert "force.toml" in told
+    done = called("analyze", "shape", bench, "--depth", depth, "--force", force, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "without truth its error is not known" in done.stdout
+    frames = json.loads((tmp_path / "shape.json").read_text())["frames"]
+    assert all({"found_normal_n", "normal_n", "peak_depth_mm"} <= set(one) for one in frames)
+    assert not {name for one in frames for name in one if "true" in name}
+    for name in ("shape", "force-distribution"):
+        assert (tmp_path / f"{name}.svg").stat().st_size > 10_000
+
+
+@pytest.mark.slow
 def test_a_ball_that_the_stage_had_elsewhere_is_no_calibration(
     mini_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from deltact_fab.analysis.shape import PressShape
@@ -71,15 +68,6 @@ def test_each_object_has_its_error_and_a_goal_that_the_interval_reaches_over_is_
     assert table[3]["depth_error_contact_mm"] == pytest.approx(0.4)
 
 
-def test_without_truth_there_is_no_column_of_errors() -> None:
-    result = found(seen(ring=None))
-    (table,) = result.tables
-    assert not [name for name in table.frame if "error" in name or "true" in name]
-    assert table.frame.notna().to_numpy().all()
-    assert result.headlines == ()
-    assert result.verdict[0].startswith("No truth is known")
-
-
 def test_the_force_is_held_against_the_sensor() -> None:
     presses = {
         f"p{k}": press("ring", found_normal_n=5.0 + off, normal_n=5.0, force_extrapolated=off == 1)
@@ -116,48 +104,9 @@ def test_the_scale_thins_places_and_no_object() -> None:
     [
         (StudyRequest(scale=2.0), "--scale: 2"),
         (StudyRequest(rig="grbl-bench"), "'virtual' rig"),
-        (StudyRequest(more={"depth": "d.toml", "force": None}), "--depth: only with --from"),
-        (StudyRequest(runs=(Path("x"),), scale=0.5), "--scale: does not go with --from"),
-        (StudyRequest(runs=(Path("x"),), rig="virtual"), "--rig: does not go with --from"),
     ],
 )
 def test_what_does_not_go_together_is_refused_in_one_line(asked: StudyRequest, says: str) -> None:
     with pytest.raises(InputError, match=says) as refused:
         shapes.run(asked)
     assert "\n" not in str(refused.value)
-
-
-@pytest.mark.slow
-def test_a_recorded_run_without_truth_gives_the_gallery_and_no_errors(
-    mini_run: Path, calibrations: list[Path], tmp_path: Path
-) -> None:
-    bench = tmp_path / "bench"
-    shutil.copytree(mini_run, bench)
-    shutil.rmtree(bench / "truth")
-    shutil.rmtree(bench / "analysis", ignore_errors=True)
-    force, depth = map(str, calibrations)
-    found = shapes.run(StudyRequest(runs=(bench,), more={"depth": depth, "force": force}))
-    assert [figure.name for figure in found.figures] == [
-        "shapes-gallery", "force-distribution",
-    ]  # fmt: skip
-    columns = set(found.tables[0].frame)
-    assert {"found_normal_n", "normal_n", "peak_depth_mm"} <= columns
-    assert not {name for name in columns if "error" in name or "true" in name}
-    assert found.settings["depth"] == depth
-    assert any("bench knows no truth" in one.why for one in found.left_out)
-
-    bare = shapes.run(StudyRequest(runs=(mini_run,), more={"depth": None, "force": None}))
-    assert [figure.name for figure in bare.figures] == ["shapes-gallery", "shapes-depth-error"]
-    assert "found_normal_n" not in bare.tables[0].frame
-    assert bare.headlines[0].value == pytest.approx(
-        np.mean([row["depth_error_contact_mm"] for row in bare.data["frames"]])
-    )
-    assert {one.what for one in bare.left_out} >= {"force and its distribution"}
-    for figure in (*found.figures, *bare.figures):
-        assert figure.draw().axes
-
-
-def test_a_calibration_of_another_kind_is_refused(mini_run: Path, calibrations: list[Path]) -> None:
-    force, _ = map(str, calibrations)
-    with pytest.raises(InputError, match=r"force\.toml"):
-        shapes.run(StudyRequest(runs=(mini_run,), more={"depth": force, "force": None}))

@@ -3,7 +3,7 @@
 from .ball import calibrate_depth
 from .picture import ShapeMaps
 from .press import PressShape, press_shape
-from .run import GOALS, UNCALIBRATED, ShapeResult, analyse, deepest
+from .run import GOALS, UNCALIBRATED, ShapeResult, analyse, deepest, with_traction
 
 __all__ = [
     "GOALS",
@@ -15,4 +15,5 @@ __all__ = [
     "calibrate_depth",
     "deepest",
     "press_shape",
+    "with_traction",
 ]

@@ -15,6 +15,7 @@ from ... import record
 from ...aliases import Progress
 from ...files import write_whole
 from ...jobs import each
+from ...measure.force.calibration import load_force
 from ...measure.sensor_id import require_same
 from ...measure.shape import DepthModel
 from ..frames import make_folder, recorded
@@ -37,7 +38,8 @@ class ShapeResult:
     """rows: figures of each settled frame, by name; those that are not known are left out.
 
     calibration: file of the depth's, None: the inverse's own. contact_by: how the true contact was
-    told. pictures: the deepest of each indenter.
+    told. pictures: the deepest of each indenter. field: one with tractions, by a calibration of
+    force; the most twisted, else of the first that has them.
     """
 
     rows: list[dict[str, Any]]
@@ -46,6 +48,7 @@ class ShapeResult:
     contact_by: str | None
     simulated: bool
     seed: int
+    field: ShapeMaps | None = None
 
     def means(self, indenter: str | None = None) -> dict[str, Any]:
         """Means of FIGURES over the frames that press (of one indenter), with their number."""
@@ -128,18 +131,25 @@ def deepest(pictures: Iterable[ShapeMaps | None]) -> list[ShapeMaps]:
     return list(found.values())
 
 
+def with_traction(pictures: Iterable[ShapeMaps | None]) -> ShapeMaps | None:
+    """The first picture that has a traction to be drawn."""
+    return next((p for p in pictures if p is not None and p.tractions), None)
+
+
 UNCALIBRATED = DepthModel(gain=1.0, deepest_mm=20.0)
 
 
 def analyse(
     folder: str | Path,
     depth: Path | None = None,
+    force: Path | None = None,
     progress: Progress | None = None,
 ) -> ShapeResult:
     """Every settled frame of a run; depth: a calibration of it, else the inverse's own is taken.
 
-    Raises InputError for a run that is not finished or has no images, and for a calibration that
-    is none or another sensor's.
+    force: a calibration of it, for force and pressure beside what the sensor said. Raises
+    InputError for a run that is not finished or has no images, and for a calibration that is none
+    or another sensor's.
     """
     run = record.open(folder)
     frames = recorded(run, "shape")
@@ -147,15 +157,22 @@ def analyse(
     if depth is not None:
         head, model = DepthModel.load(depth)
         require_same(head.sensor, sensor_of(run), str(depth))
+    known = None if force is None else load_force(force)
+    if known is not None:
+        require_same(known.head.sensor, sensor_of(run), str(force))
     presses = list(dict.fromkeys(frames["press"]))
-    work = partial(press_shape, str(folder), model=model)
+    work = partial(press_shape, str(folder), model=model, force=known)
     parts = each(work, presses, presses, progress=progress)
     ways = {part.contact_by for part in parts} - {None}
+    pictures = deepest(part.deepest for part in parts)
+    twisted = [part.twisted for part in parts if part.twisted is not None]
+    twisted.sort(key=lambda p: -abs(p.torque_z_nmm or 0.0))
     return ShapeResult(
         rows=[row for part in parts for row in part.rows],
-        pictures=deepest(part.deepest for part in parts),
+        pictures=pictures,
         calibration=None if depth is None else str(depth),
         contact_by=", ".join(sorted(map(str, ways))) or None,
         simulated=run.simulated,
         seed=int(run.meta["seed"]),
+        field=with_traction([*twisted, *pictures]),
     )

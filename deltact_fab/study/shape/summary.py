@@ -49,8 +49,6 @@ def result(
     return StudyResult(
         study="shapes",
         title="Shapes and force distribution",
-        answer=() if "depth_error_contact_mm" in frames
-        else ("No truth is known, so neither is the error of the depth.",),
         headlines=headlines(frames, left_out_n),
         tables=(
             ReportTable(
@@ -90,10 +88,7 @@ def by_object(frames: pd.DataFrame) -> pd.DataFrame:
 
 
 def headlines(frames: pd.DataFrame, left_out_n: float | None = None) -> tuple[Headline, ...]:
-    """Of what has a truth, or a force sensor.
-
-    Intervals are over objects, which differ more than the places of one; of one object over those.
-    """
+    """Intervals are over objects, which differ more than their places; of one over its places."""
     found: list[Headline] = []
     if "depth_error_contact_mm" in frames:
         found += _depth(frames.dropna(subset=["depth_error_contact_mm"]))
