@@ -32,7 +32,7 @@ from deltact_fab.study.request import StudyRequest
 from deltact_fab.study.shape import press as shape_press
 from deltact_fab.study.shape import simulated as shape
 
-PATTERNS, DEPTHS_MM = (1, 4, 8), (1.0, 2.0, 3.0)
+PATTERNS, DEPTHS_MM = (1, 2, 4), (1.0, 2.0, 3.0)
 
 
 class EnoughError(Exception):
@@ -103,9 +103,9 @@ def scene(depth_mm: float) -> Selection:
 
 def job(of: Selection, count: int, name: str = "") -> GridJob:
     """Its press under so many patterns; jobs of another name are other ones to the store."""
-    (whole,) = of.jobs(1)
-    patterns = dict(list(whole.given["patterns"].items())[:count])
-    given = {**whole.given, "patterns": patterns, "name": name}
+    every = [job.given for job in of.jobs()]
+    patterns = {name: recipe for one in every for name, recipe in one["patterns"].items()}
+    given = {**every[0], "patterns": dict(list(patterns.items())[:count]), "name": name}
     return GridJob(name, pattern_press.follow, given)
 
 

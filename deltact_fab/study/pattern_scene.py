@@ -124,6 +124,8 @@ def longest_step_mm(protocol: Protocol) -> float:
 PROTOCOL, RIG = "pattern-selection", "virtual"
 SCALE = 0.04
 """Default: 136 of 3600 frames an indenter, some 40 minutes on two cores with the gel solved."""
+PATTERNS = 4
+"""Of a job, at most: each takes some 80 MB, and so many share a frame's geometry well enough."""
 
 
 @dataclass(frozen=True)
@@ -173,8 +175,8 @@ class Selection:
 
     def jobs(self, workers: int = 1) -> list[GridJob]:
         """A press with some patterns each, which share its geometry; a part for every worker."""
-        gel = self.presses
-        parts = min(workers, len(self.entries))
+        gel, count = self.presses, len(self.entries)
+        parts = min(max(workers, math.ceil(count / PATTERNS)), count)
         frames = self.part.frames_an_indenter // self.part.positions
         return [
             GridJob(
