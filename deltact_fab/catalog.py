@@ -164,13 +164,14 @@ OUT_OF_LIMITS = {
 
 
 def _line(source: str, kind: type, fault: Any) -> str:
-    from .configuration import schema_at
+    from .configuration import BY_NAME, ONE_OF, schema_at
 
-    key = ".".join(str(part) for part in fault["loc"])
+    at = tuple(part for part in fault["loc"] if part not in (BY_NAME, ONE_OF, "[key]"))
+    key = ".".join(str(part) for part in at)
     where = f"{source}: {key}" if key else source
     if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        known = list(schema_at(kind, fault["loc"][:-1]).get("properties", ()))
-        hint = did_you_mean(str(fault["loc"][-1]), known) if known else "remove it"
+        known = list(schema_at(kind, at[:-1]).get("properties", ()))
+        hint = did_you_mean(str(at[-1]), known) if known else "remove it"
         return f"{where}: unknown key; {hint}"
     if fault["type"] in ("missing", "missing_argument"):
         return f"{where}: missing key"
@@ -179,8 +180,8 @@ def _line(source: str, kind: type, fault: Any) -> str:
     shown = "" if isinstance(got, dict) else f" (got {got!r})"
     limits = ""
     if fault["type"] in OUT_OF_LIMITS:
-        name = next((part for part in reversed(fault["loc"]) if isinstance(part, str)), "value")
-        limits = _limits(name, schema_at(kind, fault["loc"]))
+        name = next((part for part in reversed(at) if isinstance(part, str)), "value")
+        limits = _limits(name, schema_at(kind, at))
     return f"{where}: {message}{shown}{limits}"
 
 

@@ -18,6 +18,10 @@ from pydantic.json_schema import GenerateJsonSchema
 Place = Annotated[float, Field(ge=-10_000, le=10_000)]  # mm, of a frame or a machine
 
 
+ONE_OF, BY_NAME = "(value)", "(table)"
+"""Tags of a union of a value and a table; a place in a file does not have them."""
+
+
 class Table(BaseModel):
     """A table: no key but those that it names, no NaN, nothing changed afterwards.
 
@@ -43,6 +47,9 @@ class _Schema(GenerateJsonSchema):
 
     def nullable_schema(self, schema: Any) -> dict[str, Any]:
         return self.generate_inner(schema["schema"])
+
+    def tagged_union_schema(self, schema: Any) -> dict[str, Any]:
+        return {"anyOf": [self.generate_inner(one) for one in schema["choices"].values()]}
 
     def default_schema(self, schema: Any) -> dict[str, Any]:
         inner = self.generate_inner(schema["schema"])
@@ -77,10 +84,15 @@ def schema_at(model: Any, at: Sequence[str | int]) -> dict[str, Any]:
     """The schema of the table or value at a place in a file; empty where there is none."""
     root = node = schema_of(model)
     for part in at:
-        node = resolved(node, root)
+        node = _ways_merged(resolved(node, root))
         if isinstance(part, int):
             node = (node.get("prefixItems", [])[part:] or [node.get("items", {})])[0]
         else:
             inside = node.get("properties", {}).get(part, node.get("additionalProperties"))
             node = inside if isinstance(inside, dict) else {}
-    return resolved(node, root)
+    return _ways_merged(resolved(node, root))
+
+
+def _ways_merged(node: dict[str, Any]) -> dict[str, Any]:
+    """A value or a table: the limits of the one, the keys of the other."""
+    return {k: v for way in node.get("anyOf", ()) for k, v in way.items()} | node

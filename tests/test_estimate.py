@@ -29,11 +29,18 @@ press_feed_mm_min = 120.0
 """
 
 
-@pytest.mark.parametrize("name", ["smoke", "steps"])
+HELD = """settle_s = {press = 1.5, after = 0.5}
+rate_hz = 2.0
+hold = {s = 7.0, rate_hz = 1.0}
+retract = {rate_hz = 4.0}
+"""
+
+
+@pytest.mark.parametrize("name", ["smoke", "steps", "held"])
 @pytest.mark.parametrize("rig", ["virtual", "fisheye"])
 def test_within_5_percent_of_the_run(name: str, rig: str, tmp_path: Path) -> None:
     """Images and forces take no time of a lockstep run, so they are left out."""
-    text = STEPS
+    text = STEPS if name == "steps" else STEPS.replace("settle_s = 0.3\n", HELD)
     if name == "smoke":
         text = catalog.find("protocols", "smoke").read_text()
         text = text.replace('["image", "dots", "force", "shear"]', '["shear"]')

@@ -42,6 +42,16 @@ def settled(frames: pd.DataFrame) -> pd.DataFrame:
     return last[last["kind"].isin(PRESSING)]
 
 
+def settle_s(run: Run, kind: str) -> float:
+    """How long stops of a kind rested before their frame, by the run's protocol; 0: not at all.
+
+    kind: of the step; before and after the press it is `travel`, and the former is meant.
+    """
+    told = (run.meta["protocol"].get("capture") or {}).get("settle_s")
+    stop = "rest" if kind == "travel" else kind
+    return (told.get(stop) if isinstance(told, dict) else told) or 0.0
+
+
 def make_folder(folder: Path) -> None:
     """For what an analysis writes. Raises RunFailed where it cannot be."""
     try:

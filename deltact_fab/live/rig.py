@@ -115,10 +115,12 @@ def _carried_out(steps: Sequence[Step], devices: Devices, at_rest: bool) -> Iter
     stage.home()
     for step in steps:
         start_s = clock.now_s()
-        planned_s = stage.start_move(step.target_mm, step.feed_mm_min)
+        filmed_s = stage.start_move(step.target_mm, step.feed_mm_min) + step.hold_s
         for k in range(1, step.frames):
-            stage.listen(max(start_s + planned_s * k / step.frames - clock.now_s(), 0.0))
+            stage.listen(max(start_s + filmed_s * k / step.frames - clock.now_s(), 0.0))
             yield camera.capture()
+        if step.hold_s:
+            stage.listen(max(start_s + filmed_s - clock.now_s(), 0.0))
         stage.wait()
         if step.kind == "change":
             devices.change_indenter(step.indenter)

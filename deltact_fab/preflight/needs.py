@@ -80,13 +80,18 @@ def budget(
     run that goes on.
     """
     rows = [_feed(steps), _time(estimate), _disk(estimate, out, kept_mb)]
-    rate_hz = protocol.capture.rate_hz
-    if held_hz is not None and rate_hz is not None and "image" in protocol.channels:
+    rates_hz = protocol.capture.rates_hz()
+    if held_hz is not None and rates_hz and "image" in protocol.channels:
+        kind = max(rates_hz, key=rates_hz.__getitem__)
+        rate_hz, key = (
+            rates_hz[kind],
+            f"{kind}.rate_hz" if kind in ("hold", "retract") else "rate_hz",
+        )
         over = rate_hz > held_hz
         rows.append(
             LimitCheck(
                 "camera rate", not (over and wall_clock), "frames a second that can be kept",
-                rate_hz, held_hz, "capture.rate_hz", over and not wall_clock,
+                rate_hz, held_hz, f"capture.{key}", over and not wall_clock,
             )
         )  # fmt: skip
     return rows

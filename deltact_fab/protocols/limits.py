@@ -152,7 +152,9 @@ def estimate(
             (x, y, z), step.feed_mm_min, stage.max_feed_mm_min, stage.acceleration_mm_s2
         )
         seconds += change_s if step.kind == "change" else 0.0
-        seconds += pace.move_s + (step.settle_s + pace.frames_s if step.frames else 0.0)
+        seconds += (
+            pace.move_s + step.hold_s + (step.settle_s + pace.frames_s if step.frames else 0.0)
+        )
         here = step.target_mm
     frames = sum(s.frames for s in steps)
     px = image_px if "image" in protocol.channels else 0
@@ -250,7 +252,7 @@ def _unseen(steps: list[Step]) -> LimitCheck:
     way_mm, at = _worst(
         (math.dist(before.target_mm, step.target_mm) / max(step.frames, 1), step.id)
         for before, step in itertools.pairwise(steps)
-        if step.kind in ("press", "shear")
+        if step.kind in ("press", "shear") or (step.kind == "retract" and step.frames)
     )
     bound = MAX_BETWEEN_FRAMES_MM
     what = "travel of the tip (mm)"

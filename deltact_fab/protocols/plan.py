@@ -13,26 +13,40 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_serializer, field_validator, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    Tag,
+    field_serializer,
+    field_validator,
+    model_validator,
+)
 
 from .. import catalog
 from ..aliases import Point, Point2
-from ..configuration import Place, Table, same_as
+from ..configuration import BY_NAME, ONE_OF, Place, Table, same_as
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..levels import LEVELS, level_called
 from ..shapes import Indenter
 from ..shapes.indenter import parse as parse_indenter
 
-Kind = Literal["change", "travel", "approach", "press", "shear", "retract"]
+Kind = Literal["change", "travel", "approach", "press", "hold", "shear", "retract"]
+Stop = Literal["rest", "press", "shear", "after"]
 Length = Annotated[float, Field(ge=0.001, le=1000)]  # mm
 Feed = Annotated[float, Field(ge=0.001, le=100_000)]  # mm/min; `budget` asks for more
 Rate = Annotated[float, Field(ge=0.0001, le=1000)]  # frames a second
 Share = Annotated[float, Field(ge=0.001, le=100)]
 Mass = Annotated[float, Field(ge=0.1, le=100_000)]  # g
+Count = Annotated[int, Field(ge=1, le=1000)]
 Tilt = Annotated[float, Field(ge=-40, le=40)]  # both at once still leave a force on the face
 Seconds = Annotated[float, Field(ge=0.001, le=1e6)]
-
+Wait = Annotated[float, Field(ge=0, le=600)]
+Waits = Annotated[
+    Annotated[Wait, Tag(ONE_OF)] | Annotated[dict[Stop, Wait], Field(min_length=1), Tag(BY_NAME)],
+    Discriminator(lambda value: BY_NAME if isinstance(value, dict) else ONE_OF),
+]
+"""Of every stop alike, or of each kind of stop."""
 
 MAX_STEPS = 200_000
 """Of a protocol; the force calibration of the paper has 2435."""
@@ -78,14 +92,34 @@ class Shear(Table):
         return self.amplitude_mm or (self.amplitude_of_depth or 0.0) * depth_mm
 
 
+class Hold(Table):
+    """A rest after each press, once its stop has its frame and before any drag: the gel creeps."""
+
+    s: Annotated[float, Field(ge=0.1, le=86_400)] = Field(examples=[60.0])
+    """Seconds that the tip stays where it is."""
+    rate_hz: Rate = Field(examples=[1.0])
+    """Frames per second of it, evenly, the last one at its end; none of them is called settled."""
+
+
+class Retract(Table):
+    """The way out of the gel, filmed and felt: the gel is unloaded."""
+
+    rate_hz: Rate = Field(examples=[2.0])
+    """Frames per second of planned motion, evenly, from the last stop up to approach_gap_mm."""
+
+
 class Capture(Table):
     """What is filmed on the way, and whether a stop settles; at least one of both."""
 
     rate_hz: Rate | None = Field(default=None, examples=[1.0])
     """Frames per second of planned motion, evenly over each press and drag; none without it."""
-    settle_s: Annotated[float, Field(ge=0, le=600)] | None = Field(default=None, examples=[1.0])
+    settle_s: Waits | None = Field(default=None, examples=[1.0])
     """Between the end of a motion and the frame that is taken there, which is called settled.
-    Without it stops do not wait, and nothing but the frame before a press is settled."""
+    Without it stops do not wait, and nothing but the frame before a press is settled. By kind of
+    stop, as {press = 5.0, shear = 1.0}: before the press (rest), at a depth (press), at the end of
+    a drag (shear), after the press (after, never called settled); one without does not wait."""
+    hold: Hold | None = None
+    retract: Retract | None = None
 
     @model_validator(mode="after")
     def _something(self) -> Self:
@@ -94,6 +128,46 @@ class Capture(Table):
                 "rate_hz (film on the way) or settle_s (a settled frame at each stop) is needed"
             )
         return self
+
+    def wait_s(self, stop: Stop) -> float | None:
+        """How long a stop of this kind settles, see `Stop`; None: it does not."""
+        return self.settle_s.get(stop) if isinstance(self.settle_s, dict) else self.settle_s
+
+    def rates_hz(self) -> dict[Kind, float]:
+        """Frames per second of the kinds of steps that are filmed."""
+        asked: dict[Kind, float | None] = {
+            "press": self.rate_hz,
+            "shear": self.rate_hz,
+            "hold": self.hold.rate_hz if self.hold else None,
+            "retract": self.retract.rate_hz if self.retract else None,
+        }
+        return {kind: rate_hz for kind, rate_hz in asked.items() if rate_hz is not None}
+
+
+class Grid(Table):
+    """Places in rows and columns, in place of a list: row by row from the lowest x and y on."""
+
+    x: tuple[Place, Place] = Field(examples=[[-6.0, 6.0]])
+    """Lowest and highest x of the places, mm from the centre of the face."""
+    y: tuple[Place, Place] = Field(examples=[[-5.0, 5.0]])
+    """The same along y."""
+    n: tuple[Count, Count] = Field(examples=[[3, 3]])
+    """How many places along x and along y, evenly from lowest to highest; 1: in the middle."""
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        for name, (low, high), n in (("x", self.x, self.n[0]), ("y", self.y, self.n[1])):
+            if low > high or (low == high and n > 1):
+                raise ValueError(f"{name}: [{low:g}, {high:g}] for {n}; expected [lowest, highest]")
+        return self
+
+    def places_mm(self) -> tuple[Point2, ...]:
+        """All (x, y), to a nanometre."""
+        xs, ys = (
+            [round(low + (high - low) * (k / (n - 1) if n > 1 else 0.5), 6) for k in range(n)]
+            for (low, high), n in ((self.x, self.n[0]), (self.y, self.n[1]))
+        )
+        return tuple((x, y) for y in ys for x in xs)
 
 
 class MotionPlan(Table):
@@ -202,8 +276,9 @@ class Protocol(Table):
     indenters: tuple[str, ...] = Field(min_length=1)
     """What presses, in this order: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism,
     star, cylinder, ring, hat, with or without :SIZE_MM; or a shape of cad/indenters.toml."""
-    positions_mm: tuple[tuple[Place, Place], ...] = Field(min_length=1)
-    """Where each indenter presses: (x, y) from the centre of the face."""
+    positions_mm: tuple[tuple[Place, Place], ...] = Field(default=(), examples=[[[0.0, 0.0]]])
+    """Where each indenter presses: (x, y) from the centre of the face. Either this or grid."""
+    grid: Grid | None = Field(default=None, json_schema_extra={"instead_of": "positions_mm"})
     depths_mm: tuple[Length, ...] = ()
     """How deep each press goes, below the resting face, one stop after the other; rising."""
     weights: DeadWeights | None = Field(default=None, json_schema_extra={"instead_of": "depths_mm"})
@@ -229,6 +304,11 @@ class Protocol(Table):
 
     @model_validator(mode="after")
     def _channels_and_depths(self) -> Self:
+        if bool(self.positions_mm) == bool(self.grid):
+            raise ValueError("either positions_mm or grid is needed")
+        if self.grid is not None:  # a short form: from here on, and in a record, places are listed
+            object.__setattr__(self, "positions_mm", self.grid.places_mm())
+            object.__setattr__(self, "grid", None)
         if "dots" in self.channels and "image" not in self.channels:
             raise ValueError("channels: 'dots' needs 'image'")
         if "traction" in self.channels and "image" not in self.channels:
@@ -238,15 +318,18 @@ class Protocol(Table):
         if bool(self.depths_mm) == bool(self.weights):
             raise ValueError("either depths_mm (a stage presses) or [weights] (a hand does)")
         capture = self.capture
-        if self.weights and (self.shear or capture.rate_hz or not capture.settle_s):
+        filmed = self.shear or capture.rates_hz()
+        if self.weights and (filmed or not capture.wait_s("press")):
             raise ValueError(
-                "[weights] need capture.settle_s, and neither rate_hz nor [shear]: tilt the face"
+                "[weights] need capture.settle_s, and none of rate_hz, hold, retract and [shear]: "
+                "tilt the face"
             )
         if list(self.depths_mm) != sorted(set(self.depths_mm)):
             raise ValueError("depths_mm: strictly increasing, the gel has a history")
         legs = 0 if self.shear is None else self.shear.legs
         presses = len(self.indenters) * len(self.positions_mm)
-        if (count := presses * (4 + len(self.depths_mm) * (1 + legs))) > MAX_STEPS:
+        stops = 1 + legs + (capture.hold is not None)
+        if (count := presses * (4 + len(self.depths_mm) * stops)) > MAX_STEPS:
             raise ValueError(f"{count} steps; expected at most {MAX_STEPS}: split it")
         return self
 
@@ -263,7 +346,7 @@ class Protocol(Table):
         ways = [(0.0, 0.0, self.motion.park_mm), *(s.target_mm for s in steps)]
         seconds, t_s = [0.0], 0.0
         for (a, b), step in zip(itertools.pairwise(ways), steps, strict=True):
-            t_s += math.dist(a, b) / step.feed_mm_min * 60 + step.settle_s
+            t_s += math.dist(a, b) / step.feed_mm_min * 60 + step.hold_s + step.settle_s
             seconds.append(t_s)
         shear = self.shear and f"{self.shear.at_depth_mm(max(self.depths_mm)):g} mm at the deepest"
         rows = {
@@ -297,10 +380,12 @@ class Step:
     target_mm: Point
     feed_mm_min: float
     frames: int = 0
-    """Evenly over the move; the last one at its end, after settle_s."""
+    """Evenly over the move and hold_s; the last one at the end, after settle_s."""
     settle_s: float = 0.0
     settled: bool = False
     """Whether that last one is taken at rest, as the protocol's capture means it."""
+    hold_s: float = 0.0
+    """The tip stays for so long at the end of the move."""
 
 
 def load(name: str, by_hand: bool = False) -> tuple[Protocol, Path]:
@@ -349,45 +434,52 @@ def _press(
     protocol: Protocol, indenter: Indenter, press: str, x: float, y: float
 ) -> Iterator[Step]:
     motion, capture = protocol.motion, protocol.capture
+    rates_hz = capture.rates_hz()
     feeds = {"press": motion.press_feed_mm_min, "shear": motion.shear_feed_mm_min,
+             "hold": motion.press_feed_mm_min,
              "retract": motion.press_feed_mm_min}  # fmt: skip
     here = above = (x, y, motion.clearance_mm)
 
-    def move(leg: str, kind: Kind, target: Point, stops: bool = False) -> Step:
-        """A move from here; presses and drags are filmed. stops: with a frame at its end."""
+    def move(leg: str, kind: Kind, target: Point, stop: Stop | None = None) -> Step:
+        """A move from here, filmed where its kind is. stop: it has a frame at its end."""
         nonlocal here
         feed_mm_min = feeds.get(kind, motion.travel_feed_mm_min)
-        seconds = math.dist(here, target) / (feed_mm_min / 60)
+        hold_s = capture.hold.s if kind == "hold" and capture.hold else 0.0
+        seconds = math.dist(here, target) / (feed_mm_min / 60) + hold_s
         frames = 0
-        if kind in ("press", "shear") and capture.rate_hz is not None:
-            frames = max(1, round(seconds * capture.rate_hz))
-        elif stops:
+        if kind in rates_hz:
+            frames = max(1, round(seconds * rates_hz[kind]))
+        elif stop:
             frames = 1
         here = target
-        settled = stops and capture.settle_s is not None
-        settle_s = (capture.settle_s or 0.0) if stops else 0.0
+        wait_s = capture.wait_s(stop) if stop else None
         return Step(
-            f"{press}/{leg}", press, indenter.name, kind, target, feed_mm_min, frames, settle_s,
-            settled,
+            f"{press}/{leg}", press, indenter.name, kind, target, feed_mm_min, frames,
+            wait_s or 0.0, wait_s is not None, hold_s,
         )  # fmt: skip
 
     # Nothing touches the gel yet, whether the protocol has stops that settle or not.
-    yield replace(move("rest", "travel", above, stops=True), settled=True)
+    yield replace(move("rest", "travel", above, "rest"), settled=True)
     if protocol.weights is not None:
         for number in range(1, len(protocol.weights.masses_g) + 1):
-            yield move(f"m{number}/press", "press", (x, y, 0.0), stops=True)
-        yield replace(move("after", "travel", above, stops=True), settled=False)
+            yield move(f"m{number}/press", "press", (x, y, 0.0), "press")
+        yield replace(move("after", "travel", above, "after"), settled=False)
         return
     yield move("approach", "approach", (x, y, motion.approach_gap_mm))
     for depth in protocol.depths_mm:
         down = (x, y, -depth)
-        yield move(f"d{depth:.2f}/press", "press", down, stops=True)
+        yield move(f"d{depth:.2f}/press", "press", down, "press")
+        if capture.hold is not None:
+            yield move(f"d{depth:.2f}/hold", "hold", down)
         for leg, target in _legs(protocol.shear, down):
-            yield move(f"d{depth:.2f}/{leg}", "shear", target, stops=target != down)
-    yield move("retract", "retract", (*here[:2], motion.clearance_mm))
+            stop: Stop | None = "shear" if target != down else None
+            yield move(f"d{depth:.2f}/{leg}", "shear", target, stop)
+    # A way out is filmed as far as the way in is: above the gap there is nothing to be seen.
+    top_mm = motion.approach_gap_mm if "retract" in rates_hz else motion.clearance_mm
+    yield move("retract", "retract", (*here[:2], top_mm))
     # The face may still be on its way back: it is looked at, and never called settled.
     here = above
-    yield replace(move("after", "travel", above, stops=True), settled=False)
+    yield replace(move("after", "travel", above, "after"), settled=False)
 
 
 def _legs(shear: Shear | None, centre: Point) -> Iterator[tuple[str, Point]]:

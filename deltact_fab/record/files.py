@@ -15,7 +15,7 @@ from typing_extensions import TypedDict  # pydantic: needed before Python 3.12
 
 from .. import catalog, reading
 from ..errors import InputError
-from ..protocols.plan import Step
+from ..protocols.plan import Step, Waits
 
 FORMAT = 5
 
@@ -90,7 +90,9 @@ class _Specimen(TypedDict, total=False):
 class _Capture(TypedDict, total=False):
     mode: str | None
     rate_hz: Positive | None
-    settle_s: Annotated[float, Field(ge=0, le=1e9)] | None
+    settle_s: Waits | None
+    hold: dict[str, Positive] | None
+    retract: dict[str, Positive] | None
 
 
 class _Motion(TypedDict, total=False):

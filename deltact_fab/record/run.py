@@ -257,8 +257,10 @@ class Run:
     def _lateness(self, table: pd.DataFrame) -> dict[str, Any]:
         if "late_s" not in table:
             return {"late_s": 0.0, "late": False, "dropped": 0, "repeated": 0}
-        rate_hz = self.meta.get("protocol", {}).get("capture", {}).get("rate_hz")
-        limit_s = 0.5 / rate_hz if rate_hz else np.inf
+        capture = self.meta.get("protocol", {}).get("capture", {})
+        own = {kind: (capture.get(kind) or {}).get("rate_hz") for kind in ("hold", "retract")}
+        rates_hz = [own.get(kind, capture.get("rate_hz")) or np.nan for kind in table["kind"]]
+        limit_s = 0.5 / np.array(rates_hz)  # nothing is later than nan
         settled = self._settled(table)
         return {"late": (table["late_s"] > limit_s) & ~settled, "late_s": table["late_s"]}
 

@@ -214,7 +214,7 @@ def shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[GridJob]]:
     for name in catalog.names("protocols"):
         protocol, _ = plan.load(name, by_hand=True)
         balls = [one for one in protocol.indenters if one.startswith(BALL)]
-        settle_s, pressed = protocol.capture.settle_s, protocol.depths_mm
+        settle_s, pressed = protocol.capture.wait_s("press"), protocol.depths_mm
         felt = "force" in protocol.channels and name not in NO_BENCH
         if not (settle_s and pressed and felt and balls):
             continue

@@ -44,10 +44,12 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     forces = np.array([(0.0, 0.0, 0.0), *(knot.force_n for knot in knots)]) * presses.modulus_mpa
     moved = 0.0
     # The steps that end in contact: those that its path has a line for.
-    steps = [s for s in expand(protocol) if s.press == path.press and s.target_mm[2] < 0]
+    moves = [s for s in expand(protocol) if s.press == path.press and s.kind != "hold"]
+    steps = [s for s in moves if s.target_mm[2] < 0]
+    lines = [line for line in path.lines if line.end_mm[2] < 0]
     stops: list[dict[str, Any]] = [
         {"id": step.id, "kind": step.kind, "depth_mm": -step.target_mm[2], "rests_s": line.dwell_s}
-        for step, line in zip(steps, path.lines, strict=True)
+        for step, line in zip(steps, lines, strict=True)
     ]
     line = 0
     for n, pose in enumerate(planned, start=1):

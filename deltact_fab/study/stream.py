@@ -195,7 +195,10 @@ def looks(protocol: Protocol, path: PressPath, increments: Increments) -> list[L
         if step.press != path.press:
             continue
         start, here = here, step.target_mm
-        if here[2] > -CONTACT_EPS_MM:
+        if step.kind == "hold":
+            found += [Look(step.id, knot, knot, 0.0, here)] * step.frames
+            continue
+        if here[2] > -CONTACT_EPS_MM and not (step.kind == "retract" and step.frames):
             knot = 0
             found += [Look(step.id, 0, 0, 0.0, here)] * step.frames
             continue

@@ -30,7 +30,10 @@ class LineMove:
 
 @dataclass(frozen=True)
 class PressPath:
-    """The moves of a planned press that end in contact. press: `indenter/position`."""
+    """The moves of a planned press that end in contact, and its filmed way out of it.
+
+    press: `indenter/position`.
+    """
 
     press: str
     indenter: str
@@ -49,7 +52,10 @@ class PressPath:
 
 
 def paths(protocol: Protocol) -> list[PressPath]:
-    """The press paths of a protocol, in its order. Ways that end in the air are not in them."""
+    """The press paths of a protocol, in its order.
+
+    Ways that end in the air are not in them, but for a retract that is filmed.
+    """
     found: dict[str, PressPath] = {}
     here: Point = (0.0, 0.0, protocol.motion.park_mm)
     for step in expand(protocol):
@@ -57,7 +63,11 @@ def paths(protocol: Protocol) -> list[PressPath]:
         if step.kind == "change":
             continue
         held = found.setdefault(step.press, PressPath(step.press, step.indenter, here[:2], ()))
-        if here[2] < -CONTACT_EPS_MM:
+        if step.kind == "hold":
+            *before, last = held.lines
+            rests = replace(last, dwell_s=last.dwell_s + step.hold_s)
+            found[step.press] = replace(held, lines=(*before, rests))
+        elif here[2] < -CONTACT_EPS_MM or (step.kind == "retract" and step.frames):
             seconds = math.dist(start, here) / (step.feed_mm_min / 60)
             line = LineMove(start, here, seconds, step.settle_s)
             found[step.press] = replace(held, lines=(*held.lines, line))

@@ -65,6 +65,64 @@ def test_a_stop_is_read_once_after_settling_and_the_way_back_is_no_stop() -> Non
     assert offsets == pytest.approx([1.0, 2.0, -1.0, -2.0])
 
 
+def test_each_kind_of_stop_settles_for_its_own_time() -> None:
+    waits = {"rest": 0.5, "press": 5.0, "after": 3.0}
+    legs = {s.id.rsplit("/", 1)[1]: s for s in plan.expand(declare(capture={"settle_s": waits}))}
+    assert {name: (s.settle_s, s.settled) for name, s in legs.items() if s.frames} == {
+        "rest": (0.5, True), "press": (5.0, True), "after": (3.0, False),
+        **{f"shear-{axis}{side}": (0.0, False) for axis in "xy" for side in "+-"},
+    }  # fmt: skip
+
+
+def test_a_hold_follows_each_press_and_a_retract_is_filmed_as_far_as_the_press() -> None:
+    asked = {"rate_hz": 2.0, "hold": {"s": 6.0, "rate_hz": 1.5}, "retract": {"rate_hz": 4.0}}
+    plain = [s for s in plan.expand(declare()) if s.press == "sphere-10/p1"]
+    steps = [s for s in plan.expand(declare(capture=asked)) if s.press == "sphere-10/p1"]
+    assert [s for s in steps if s.kind not in ("hold", "retract")] == [
+        s for s in plain if s.kind != "retract"
+    ]
+    for press, hold in itertools.pairwise(steps):
+        assert (press.kind == "press") == (hold.kind == "hold")
+        if hold.kind == "hold":
+            assert (hold.target_mm, hold.hold_s, hold.frames) == (press.target_mm, 6.0, 9)
+            assert not hold.settled
+    retract = steps[-2]
+    assert retract.target_mm == (1.0, -2.0, 0.5)
+    assert retract.frames == round(1.5 / 0.5 * 4.0)
+
+
+def test_a_grid_is_a_short_form_of_positions() -> None:
+    grid = {"x": [-6.0, 6.0], "y": [1.0, 2.0], "n": [3, 2]}
+    places = [[-6.0, 1.0], [0.0, 1.0], [6.0, 1.0], [-6.0, 2.0], [0.0, 2.0], [6.0, 2.0]]
+    made = declare(positions_mm=[], grid=grid)
+    assert made == declare(positions_mm=places)
+    assert catalog.validate(Protocol, made.model_dump(mode="json"), "run.json") == made
+    middle = declare(positions_mm=[], grid={"x": [-6.0, 5.0], "y": [1.0, 1.0], "n": [1, 1]})
+    assert middle.positions_mm == ((-0.5, 1.0),)
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"positions_mm": []}, "t.toml: either positions_mm or grid is needed"),
+        ({"grid": {"x": [0, 1], "y": [0, 1], "n": [2, 2]}}, "t.toml: either positions_mm or grid"),
+        ({"grid": {"x": [1, 0], "y": [0, 1], "n": [2, 2]}}, "t.toml: grid: x: [1, 0] for 2; exp"),
+        ({"grid": {"x": [0, 1], "y": [1, 1], "n": [2, 2]}}, "t.toml: grid: y: [1, 1] for 2; exp"),
+        ({"capture": {"settle_s": {"prss": 1}}}, "t.toml: capture.settle_s.prss: Input should"),
+        ({"capture": {"settle_s": {"press": 601}}}, "capture.settle_s.press: Input should be less"),
+        ({"capture": {"settle_s": 601}}, "(got 601); 0 <= settle_s <= 600"),
+        ({"capture": {"settle_s": {}}}, "t.toml: capture.settle_s: Dictionary should have"),
+        ({"capture": {"settle_s": 1, "hold": {"s": 5}}}, "t.toml: capture.hold.rate_hz: missing"),
+        ({"capture": {"settle_s": 1, "retract": 2}}, "t.toml: capture.retract: Input should be"),
+    ],
+)
+def test_a_wrong_way_to_say_it_is_one_line(changes: dict[str, object], line: str) -> None:
+    with pytest.raises(InputError) as why:
+        declare(**changes)
+    assert line in str(why.value)
+    assert "\n" not in str(why.value)
+
+
 def test_filmed_on_the_way_and_settled_at_the_end() -> None:
     both = plan.expand(declare(capture={"rate_hz": 2.0, "settle_s": 1.5}))
     sweep = plan.expand(declare())

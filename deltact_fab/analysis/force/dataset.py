@@ -21,7 +21,7 @@ from ...measure.force import Features, make_features
 from ...measure.view import SensorView
 from ...record import Run
 from ..flows import PressFlows, flows_of
-from ..frames import PRESSING, recorded, settled, settles
+from ..frames import PRESSING, recorded, settle_s, settled, settles
 from ..view import head_of, view_of
 
 WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
@@ -40,15 +40,16 @@ def wrenches(run: Run, press: str, rows: pd.DataFrame) -> tuple[Array, Array]:
     wrench = rows[list(WRENCH)].to_numpy(float).copy()
     saturated = np.zeros(len(rows), bool)
     samples = run.force(press)
-    window_s = min(WINDOW_S, run.meta["protocol"]["capture"].get("settle_s") or 0.0)
-    if run.format == 2 or not settles(rows) or not window_s:
+    windows_s = {kind: min(WINDOW_S, settle_s(run, kind)) for kind in rows["kind"].unique()}
+    if run.format == 2 or not settles(rows) or not any(windows_s.values()):
         return wrench, saturated
     by_step = samples.groupby("step_id").indices
     values, at_s = samples[list(WRENCH)].to_numpy(float), samples["t_press_s"].to_numpy(float)
     over = samples["saturated"].to_numpy(bool)
-    for k, (step, t_s) in enumerate(zip(rows["step_id"], rows["t_press_s"], strict=True)):
+    places = zip(rows["step_id"], rows["kind"], rows["t_press_s"], strict=True)
+    for k, (step, kind, t_s) in enumerate(places):
         own = by_step.get(step, np.zeros(0, int))
-        near = own[np.abs(at_s[own] - t_s) <= window_s]
+        near = own[np.abs(at_s[own] - t_s) <= windows_s[kind]]
         if len(near) >= _FEWEST:
             wrench[k] = values[near].mean(0)
             saturated[k] = over[near].any()

@@ -10,6 +10,7 @@ import pandas as pd
 from ...aliases import Field
 from ...errors import InputError
 from ...record import Run
+from ..frames import PRESSING, settle_s
 
 BIN_S = 0.02  # samples are averaged over it: one of 1 kHz has seven times the noise
 ARRIVED_MM = 0.01  # a stage that reports this near its end has arrived
@@ -52,12 +53,12 @@ def rests(run: Run) -> list[Rest]:
 
     Raises InputError for a run without a force stream or without a stop that rests long enough.
     """
-    settle_s = (run.meta["protocol"].get("capture") or {}).get("settle_s")
-    if not settle_s:
+    longest_s = max(settle_s(run, kind) for kind in PRESSING)
+    if not longest_s:
         raise InputError(f"{run.folder}: its protocol has no settle_s: no stop rests")
     steps = run.steps()
     found: list[Rest] = []
-    for press, own in steps[steps["kind"].isin(["press", "shear"])].groupby("press", sort=False):
+    for press, own in steps[steps["kind"].isin(PRESSING)].groupby("press", sort=False):
         samples = run.force(str(press))
         if not len(samples):
             raise InputError(f"{run.folder}: press {press}: no force was recorded")
@@ -65,13 +66,13 @@ def rests(run: Run) -> list[Rest]:
         pose = run.pose(str(press))
         settled = set(run.frames(str(press)).query("settled")["step_id"])
         for step in own[own["step_id"].isin(settled)].itertuples():
-            rest = _rest(way, step, samples, pose, settle_s)
+            rest = _rest(way, step, samples, pose, settle_s(run, str(step.kind)))
             if rest is not None:
                 found.append(rest)
     if not found:
         raise InputError(
             f"{run.folder}: no stop rests for {MIN_BINS * BIN_S:g} s or more: settle_s = "
-            f"{settle_s:g}"
+            f"{longest_s:g}"
         )
     return found
 
@@ -90,7 +91,7 @@ def _binned(press: str, samples: pd.DataFrame) -> ForceHistory:
 
 
 def _rest(
-    way: ForceHistory, step: object, samples: pd.DataFrame, pose: pd.DataFrame, settle_s: float
+    way: ForceHistory, step: object, samples: pd.DataFrame, pose: pd.DataFrame, rests_s: float
 ) -> Rest | None:
     """From the first report of the stage at its end; without reports, from the plan's time."""
     row = step._asdict()  # type: ignore[attr-defined]
@@ -104,7 +105,7 @@ def _rest(
         if first == len(reports):
             return None  # it was cut short
         start_s = max(start_s, float(reports["t_press_s"].iloc[first - 1 if first else 0]))
-    first, last = np.searchsorted(way.t_s, [start_s + BIN_S, start_s + settle_s])
+    first, last = np.searchsorted(way.t_s, [start_s + BIN_S, start_s + rests_s])
     if last - first < MIN_BINS:
         return None
     return Rest(way, row["step_id"], row["kind"], -float(row["z_mm"]), slice(int(first), int(last)))

@@ -78,4 +78,4 @@ class Remaining:
 def _planned_s(steps: Sequence[Step], i: int) -> float:
     step, before = steps[i], steps[i - 1] if i else steps[i]
     way_mm = math.dist(before.target_mm, step.target_mm)
-    return way_mm / step.feed_mm_min * 60 + step.settle_s + 0.1
+    return way_mm / step.feed_mm_min * 60 + step.hold_s + step.settle_s + 0.1

@@ -1,8 +1,8 @@
 """One scheduler steps all streams: time passes only when it lets it.
 
 From the tare of a press to its end it asks the stage ten times a second where it is and takes what
-the force sensor has sent, and both at each frame. The way out of the gel is not felt: no frame is
-taken on it, and a simulated gel would have to be solved for it. Where there is a guard, it sees the
+the force sensor has sent, and both at each frame. A way out of the gel that is not filmed is not
+felt either: a simulated gel would have to be solved for it. Where there is a guard, it sees the
 force from the connection on, every GUARD_NS, in every motion but homing.
 """
 
@@ -36,9 +36,9 @@ class Lockstep(Schedule):
             self._d.force.start()
 
     def enter(self, step: Step) -> None:
-        """The force sensor rests while the tip leaves the gel."""
+        """The force sensor rests while the tip leaves the gel, unless that is filmed."""
         self._step = step
-        if step.kind == "retract" and not self._guarded:
+        if step.kind == "retract" and not step.frames and not self._guarded:
             self._feel_no_more()
         elif self.in_press and not self._felt and self._d.force is not None:
             self._felt = True

@@ -43,13 +43,14 @@ class StageMotion:
         start_ns = streams.now_ns()
         planned_s = self._stage.start_move(step.target_mm, step.feed_mm_min)
         streams.set_out(step)
-        planned_ns = to_ns(planned_s)
+        filmed_s = planned_s + step.hold_s
+        filmed_ns = to_ns(filmed_s)
         for k in range(1, step.frames):
             # Whole nanoseconds from the start of the move, so that a frame is taken at the same
             # pose at any time of day.
-            at_ns = start_ns + to_ns(planned_s * k / step.frames)
-            streams.film(FrameRequest(step, k, at_ns, start_ns, planned_ns // step.frames))
-        streams.arrive(step, start_ns + planned_ns)
+            at_ns = start_ns + to_ns(filmed_s * k / step.frames)
+            streams.film(FrameRequest(step, k, at_ns, start_ns, filmed_ns // step.frames))
+        streams.arrive(step, start_ns + filmed_ns)
         if step.kind == "change":
             self._change(step)
         if step.id.endswith("/rest"):

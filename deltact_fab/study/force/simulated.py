@@ -143,7 +143,7 @@ def scene(asked: StudyRequest) -> PressScene:
         raise InputError(
             f"{source}: channels: without {', '.join(sorted(lacking))}; both are needed"
         )
-    if protocol.capture.settle_s is None:
+    if protocol.capture.wait_s("press") is None:
         raise InputError(f"{source}: capture.settle_s: missing key; points are frames at rest")
     return PressScene.of(asked, {protocol.name: (scaled(protocol, share_of(asked.scale)), source)})
 
@@ -186,6 +186,6 @@ def settings(made: SimulatedForces) -> dict[str, str]:
         "shear": f"to +-{shear.at_depth_mm(deepest) if shear else 0:g} mm along x and y at the "
         "deepest",
         "frames": f"{told.frames}, the tip at most {told.between_frames_mm:.2g} mm further in "
-        f"each; {protocol.capture.settle_s or 0:g} s of rest before a settled one",
+        f"each; {protocol.capture.wait_s('press') or 0:g} s of rest before a settled one",
         **made.scene.settings(made.gel),
     }
