@@ -5,19 +5,40 @@ from __future__ import annotations
 import json
 import shutil
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
 
-from deltact_fab import experiment, record
+from deltact_fab import catalog, experiment, record
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.record import CLOCK_COLUMNS
 from deltact_fab.record.journal import claim
 
 OLD = Path(__file__).parent / "data" / "run-format-2"
+# As 0.2.0 left it, stopped in its second press; force at 40 Hz, no images. Its rig:
+OF_0_2 = Path(__file__).parent / "data" / "run-format-5"
+RIG = """
+kind = "virtual"
+[stage]
+origin_machine_mm = [-60.0, -60.0, -40.0]
+travel_mm = [120.0, 120.0, 60.0]
+max_feed_mm_min = [1500.0, 1500.0, 1200.0]
+acceleration_mm_s2 = [50.0, 50.0, 50.0]
+max_force_n = [60.0, 60.0, 60.0]
+[force]
+rate_hz = 40.0
+range_n = [25.0, 25.0, 35.0]
+range_nmm = [250.0, 250.0, 250.0]
+[virtual.gel]
+spacing_mm = 0.5
+press_increment_mm = 0.4
+shear_increment_mm = 0.5
+"""
 
 
 def command(*words: object) -> Result:
@@ -29,6 +50,16 @@ def copy(mini_run: Path, tmp_path: Path) -> Path:
     """A run that a test may spoil."""
     shutil.copytree(mini_run, tmp_path / "run")
     return tmp_path / "run"
+
+
+@pytest.fixture(scope="module")
+def no_images(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of today by the protocol and on the rig of the one of 0.2.0, and a note."""
+    folder = tmp_path_factory.mktemp("no-images")
+    (folder / "rig.toml").write_text(RIG)
+    of = str(OF_0_2 / "protocol.toml"), str(folder / "rig.toml")
+    experiment.run(experiment.RunRequest(*of, folder / "run", seed=3), note="the gel is new")
+    return folder / "run"
 
 
 def sql(run: Path, text: str) -> None:
@@ -106,6 +137,14 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str, str, str]] = {
         "damaged", "protocol.toml", "differs",
     ),
     "summary": (lambda r: (r / "summary.json").write_text("{}"), "differs", "summary.json", ""),
+    "lattice's value": (
+        lambda r: flip(record.lattice_file(r)), "damaged", "truth/lattice.json", "hash",
+    ),
+    "no hash": (lambda r: sql(r, "DELETE FROM files WHERE file = 'run.json'"), "damaged",
+                "run.json", "no hash"),
+    "hashed, and gone": (
+        lambda r: (r / "truth/lattice.json").unlink(), "missing", "truth/lattice.json", "",
+    ),
     "note": (lambda r: (r / "notes.jsonl").write_text("[]\n"), "damaged", "notes.jsonl", "line 1"),
 }  # fmt: skip
 
@@ -119,6 +158,84 @@ def test_what_is_wrong_is_named(copy: Path, how: str) -> None:
     first, *lines = done.output.splitlines()
     assert "DAMAGED" in first
     assert any(f"{kind}  {where}: " in line and words in line for line in lines), done.output
+
+
+def other(value: Any) -> Any:
+    """Another value of the same kind, as near as may be."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return value + 1
+    return value + "x" if isinstance(value, str) else 0 if value is None else [*value, 0]
+
+
+def damaged(data: Any) -> Iterator[str]:
+    """The text of the JSON with one value after the other changed, and all others as they were."""
+    places: list[tuple[Any, Any]] = [(data, key) for key in data]
+    while places:
+        table, key = places.pop()
+        value = table[key]
+        if isinstance(value, dict | list) and value:
+            places += [
+                (value, k) for k in (value if isinstance(value, dict) else range(len(value)))
+            ]
+            continue
+        table[key] = other(value)
+        yield json.dumps(data)
+        table[key] = value
+
+
+@pytest.mark.parametrize(
+    "name", ["run.json", "pattern.json", "summary.json", "protocol.toml", "notes.jsonl"]
+)
+def test_no_value_of_the_metadata_can_be_changed_unseen(
+    no_images: Path, tmp_path: Path, name: str
+) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(no_images, run)
+    assert record.check(run).whole
+    assert not record.check(run).unhashed
+    is_toml = name.endswith("toml")
+    given = catalog.read(run / name) if is_toml else json.loads((run / name).read_text())
+    if name == "pattern.json":
+        given["dots_mm"] = given["dots_mm"][:3]
+    count = 0
+    for text in damaged(given):
+        count += 1
+        (run / name).write_text(catalog.as_toml(json.loads(text)) if is_toml else text)
+        found = record.check(run)
+        assert any(name in f"{p.where} {p.text}" for p in found.problems), text
+    assert count > 2
+
+
+def test_a_run_of_0_2_is_read_checked_and_gone_on_with(no_images: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(OF_0_2, run)
+    found = record.check(run)
+    assert (found.format, found.whole, list(found.open)) == (5, True, ["sphere-6/p2"])
+    assert found.unhashed == ["run.json", "protocol.toml", "pattern.json"]
+    meta = json.loads((run / "run.json").read_text())
+    meta["versions"] = experiment.versions()  # else it is said which differ, and refused
+    (run / "run.json").write_text(json.dumps(meta))
+    of = str(run / "protocol.toml"), str(no_images.parent / "rig.toml")
+    assert experiment.run(experiment.RunRequest(*of, run, seed=3), resume=True)["kept_frames"] == 8
+    found = record.check(run)
+    assert (found.format, found.whole, found.whole_presses) == (5, True, 2)
+    assert "not hashed  run.json, protocol.toml, pattern.json, summary.json: " in "".join(
+        found.lines()
+    )
+    clocks = list(CLOCK_COLUMNS)
+    frames = [
+        record.open(r).frames().drop(columns=clocks, errors="ignore") for r in (run, no_images)
+    ]
+    assert frames[0].equals(frames[1])
+
+
+def test_a_run_whose_metadata_were_changed_is_not_gone_on_with(copy: Path) -> None:
+    (copy / "summary.json").unlink()
+    flip(copy / "pattern.json")
+    with pytest.raises(RunFailed, match=r"pattern\.json: differs from its hash .*put it back"):
+        record.RunWriter.resume(copy, [])
 
 
 def test_every_damaged_file_is_listed(copy: Path) -> None:

@@ -3,7 +3,8 @@
 RUN/run.json          name, seed, versions, protocol, rig, sensor, camera as it was calibrated
 RUN/protocol.toml     the protocol as it was given, byte for byte
 RUN/pattern.json      recipe and dot centres as data
-RUN/journal.sqlite    steps, frames, samples, events (WAL, synchronous=FULL)
+RUN/journal.sqlite    steps, frames, samples, events, hashes of what stands here but notes (WAL,
+                      synchronous=FULL)
 RUN/camera.flat.png   how the light falls off, where the camera file names it
 RUN/images/*          as the camera gave them, raw, PNG or JPEG XL; temporary file, fsync, rename
 RUN/truth/            written by a virtual rig only; read through `Run.truth()` in analysis only

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 import zipfile
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,17 @@ from .. import catalog
 from ..aliases import Progress
 from ..errors import DeltactFabError, InputError, RunFailed
 from ..protocols.plan import Protocol, Step, expand
+from ..shapes import SkinDimensions
 from . import notes
-from .files import frame_id_of, lattice_file, lens_file, truth_file, written
+from .files import (
+    HASHED,
+    frame_id_of,
+    lattice_file,
+    lens_file,
+    metadata,
+    truth_file,
+    written,
+)
 from .journal import being_written
 from .run import Run
 
@@ -41,7 +50,8 @@ class RunVerdict:
     presses, frames: planned; whole_presses: complete, every hash right; lost_frames: that did not
     come when they were wanted, as the run itself counted. sound: whole presses and changes of the
     indenter, by name, which `--resume` keeps. open: presses that an unfinished run has begun and
-    not completed, with the reason: no damage, `--resume` does them.
+    not completed, with the reason: no damage, `--resume` does them. unhashed: metadata that an
+    older version wrote without a hash, so that a value that was changed in them may not be seen.
     """
 
     folder: Path
@@ -56,6 +66,7 @@ class RunVerdict:
     images: int = 0
     sound: list[str] = field(default_factory=list)
     open: dict[str, str] = field(default_factory=dict)
+    unhashed: list[str] = field(default_factory=list)
     problems: list[Damage] = field(default_factory=list)
 
     @property
@@ -77,6 +88,11 @@ class RunVerdict:
         )
         for press, why in self.open.items():
             yield f"open  {press}: {why}; `run --resume` repeats it"
+        if self.unhashed:
+            yield (
+                f"not hashed  {', '.join(self.unhashed)}: written by an older version; what was "
+                "changed in them since is seen only where it does not fit the rest"
+            )
         for problem in self.problems:
             yield f"{problem.kind}  {problem.where}: {problem.text}"
 
@@ -104,22 +120,79 @@ def check(folder: Path, progress: Progress | None = None) -> RunVerdict:
     add = verdict.problems.append
     for number, note in notes.lines(folder):
         if note is None:
-            add(Damage("damaged", "notes.jsonl", f"line {number} is no note"))
+            add(Damage("damaged", "notes.jsonl", f"line {number} is no note, or was changed"))
+        elif not note["hashed"]:
+            verdict.unhashed.append(f"notes.jsonl:{number}")
     steps: list[Step] = []
     if run.format not in WITHOUT_PLAN:
         try:
             steps = _planned(run)
         except InputError as why:
             add(Damage("damaged", "protocol.toml", str(why)))
+    verdict.problems += _misread(run)
     try:
         with run.reader() as db:
             db.execute("BEGIN")  # one moment of a run that goes on
             verdict.problems += judge(run, db, steps, verdict, progress)
+            if run.finished and verdict.presses and steps:
+                verdict.problems += _summary(run, len(steps), verdict)
+            if run.format >= HASHED:
+                told = {problem.where for problem in verdict.problems}
+                verdict.problems += [d for d in unlike_hashes(run, db) if d.where not in told]
+            else:
+                verdict.unhashed += [f for end in (False, True) for f in metadata(folder, end)]
     except RunFailed as why:
         add(Damage("damaged", "journal.sqlite", str(why)))
-    if run.finished and steps:
-        verdict.problems += _summary(run, steps)
     return verdict
+
+
+def unlike_hashes(run: Run, db: sqlite3.Connection) -> Iterator[Damage]:
+    """Metadata that are not, byte for byte, what the journal of a run of today has the hashes of.
+
+    Of an unfinished run only what it began with is known.
+    """
+    hashes: dict[str, str] = dict(db.execute("SELECT file, sha256 FROM files"))
+    begun, ended = metadata(run.folder, False), metadata(run.folder, True)
+    late = {"summary.json", *ended, *(file for file in hashes if file.startswith("truth/"))}
+    for file in sorted({*begun, *ended, *hashes}):
+        if file in late and not run.finished:
+            continue
+        if file not in hashes:
+            yield Damage("damaged", file, "the journal has no hash of it")
+        elif file not in (*begun, *ended):
+            yield Damage("missing", file, "the journal has its hash")
+        elif why := _damage(run.folder / file, hashes[file]):
+            yield Damage("damaged", file, why)
+
+
+def _damage(path: Path, digest: str | None) -> str:
+    """Why a file is not the one that was hashed; empty where it is."""
+    try:
+        data = path.read_bytes()
+    except OSError as why:
+        return str(why.strerror)
+    same = hashlib.sha256(data).hexdigest() == digest
+    return "" if same else "differs from its hash in the journal"
+
+
+def _misread(run: Run) -> Iterator[Damage]:
+    """What in run.json is none of what an analysis makes of it: camera, indenters, skin.
+
+    Rig and recipe have their models in rooms that the record does not know.
+    """
+    skin = (run.meta.get("sensor") or {}).get("skin")
+    source = f"{run.folder / 'run.json'}: sensor.skin"
+    names = (run.meta.get("protocol") or {}).get("indenters", ())
+    reads: tuple[Callable[[], object], ...] = (
+        lambda: run.meta.get("camera") and run.camera,
+        lambda: [run.indenter(name) for name in names],
+        lambda: skin and catalog.validate(SkinDimensions, skin, source),
+    )
+    for read in reads:
+        try:
+            read()
+        except InputError as why:
+            yield Damage("damaged", "run.json", str(why))
 
 
 def _planned(run: Run) -> list[Step]:
@@ -255,13 +328,8 @@ def _damages(run: Run, press: str, frames: Mapping[str, FileAndHash]) -> Iterato
         if file is None:
             continue
         drawn = True
-        try:
-            data = (run.folder / file).read_bytes()
-        except OSError as why:
-            yield f"{file}: {why.strerror}"
-            continue
-        if hashlib.sha256(data).hexdigest() != digest:
-            yield f"{file}: differs from its hash in the journal"
+        if why := _damage(run.folder / file, digest):
+            yield f"{file}: {why}"
     if run.format != 2:
         for which in run.damaged_samples(press):
             yield f"its samples are damaged: {which}"
@@ -299,13 +367,17 @@ def _strays(run: Run, named: Iterable[str], plan: Iterable[str]) -> Iterator[Dam
             yield Damage("extra", str(path.relative_to(run.folder)), "no row names it")
 
 
-def _summary(run: Run, steps: Sequence[Step]) -> Iterator[Damage]:
+def _summary(run: Run, steps: int, verdict: RunVerdict) -> Iterator[Damage]:
+    """steps: as many as the plan has."""
     try:
         said = run.summary()
     except DeltactFabError as why:
         yield Damage("damaged", "summary.json", str(why))
         return
-    for key, count in (("steps", len(steps)), ("frames", sum(s.frames for s in steps))):
-        if said.get(key) != count:
-            text = f"{key} = {said.get(key)}, the protocol has {count}"
+    taken = verdict.frames - verdict.lost_frames
+    wanted = {"steps": steps, "frames": taken, "missed_frames": verdict.lost_frames}
+    wanted |= {key: run.meta[key] for key in ("simulated", "air", "seed") if key in run.meta}
+    for key, value in wanted.items():
+        if (key in said or key in ("steps", "frames")) and said.get(key) != value:
+            text = f"{key} = {said.get(key)}, the rest of the run has {value}"
             yield Damage("differs", "summary.json", text)

@@ -17,7 +17,9 @@ from .. import catalog, reading
 from ..errors import InputError
 from ..protocols.plan import Step, Waits
 
-FORMAT = 5
+FORMAT = 6
+HASHED = 6  # from this format on the metadata have their hashes in the journal
+GOES_ON = (5, FORMAT)  # formats whose unfinished runs this version goes on with
 
 
 def frame_id_of(step: Step, k: int) -> str:
@@ -56,6 +58,17 @@ def flat_file(folder: Path) -> Path:
 def notes_file(folder: Path) -> Path:
     """Where operators' notes on a run stand, a JSON object a line."""
     return folder / "notes.jsonl"
+
+
+def metadata(folder: Path, at_the_end: bool) -> list[str]:
+    """What there is in a run beside journal, images, notes and truths of presses, in its order.
+
+    at_the_end: what is known when the run ends, else what it begins with. Paths in the folder.
+    """
+    names = ["run.json", "protocol.toml", "pattern.json", flat_file(folder).name]
+    if at_the_end:
+        names = ["summary.json", *(f"truth/{at(folder).name}" for at in (lattice_file, lens_file))]
+    return [name for name in names if (folder / name).is_file()]
 
 
 def written(folder: Path) -> Iterator[Path]:
@@ -152,8 +165,20 @@ class _PatternFile(TypedDict, total=False):
 
 
 class _SummaryFile(TypedDict, total=False):
+    protocol: str
+    rig: str
+    simulated: bool
+    air: bool
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
     steps: int
     frames: int
+    missed_frames: int
+    frame_counts: dict[str, int]
+    sessions: int
+    kept_frames: int
+    redone: dict[str, str]
+    rig_seconds: Number
+    wall_seconds: Number
     notes: list[str]
     left_out: list[str]
     devices: dict[str, Any]
@@ -178,7 +203,7 @@ def kept(folder: Path, name: str) -> dict[str, Any]:
     """
     path = folder / name
     data = reading.json_object(path)
-    if name == "run.json" and (known := data.get("format")) not in (2, 3, 4, FORMAT):
+    if name == "run.json" and (known := data.get("format")) not in (2, 3, 4, *GOES_ON):
         raise InputError(f"{path}: format: {known}, this version reads 2 to {FORMAT}")
     catalog.validate(_FILES[name], data, str(path))
     found: dict[str, Any] = _wrapped(data, str(path))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import sqlite3
 from collections.abc import Iterator, Mapping
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ..errors import InputError, RunFailed
+from .files import GOES_ON, HASHED
 
 SCHEMA = """
 CREATE TABLE steps (
@@ -35,6 +37,7 @@ CREATE TABLE events (
   seq INTEGER PRIMARY KEY, kind TEXT NOT NULL, press TEXT, step_id TEXT, text TEXT NOT NULL,
   t_s REAL, wall_s REAL NOT NULL
 );
+CREATE TABLE files (file TEXT PRIMARY KEY, sha256 TEXT NOT NULL);
 """
 PRESS_TABLES = ("frames", "samples", "steps")  # whose rows belong to a press and go with it
 WALL_COLUMNS = ("wall_s",)  # the only columns in which two equal runs may differ
@@ -101,16 +104,25 @@ def insert(db: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:
     )
 
 
-def misfits(db: sqlite3.Connection, of_today: bool) -> Iterator[str]:
+def keep_hashes(db: sqlite3.Connection, files: Mapping[str, bytes]) -> None:
+    """Of files of the run by their paths in it; those of before are replaced."""
+    with db:
+        rows = [(file, hashlib.sha256(data).hexdigest()) for file, data in files.items()]
+        db.executemany("INSERT OR REPLACE INTO files (file, sha256) VALUES (?, ?)", rows)
+
+
+def misfits(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
     """What no run writes: values of another type than their column's, or out of all bounds.
 
-    SQLite stores them all the same, and only what computes with them would fail. of_today: in this
-    version's format, so that a column or the first event may be found missing.
+    SQLite stores them all the same, and only what computes with them would fail. Of a format that
+    this version goes on with, a column or the first event may be found missing as well.
     """
     have = _columns(db)
-    if of_today:
+    if run_format in GOES_ON:
         with closing(sqlite3.connect(":memory:")) as empty:
             empty.executescript(SCHEMA)
+            if run_format < HASHED:
+                empty.execute("DROP TABLE files")
             lost = sorted(_columns(empty).keys() - have.keys())
         tables = {table for table, _ in have}
         for table in sorted({table for table, _ in lost} - tables):

@@ -6,6 +6,7 @@ process that carries the run out, and is not touched any more once it has finish
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import time
@@ -37,7 +38,8 @@ def add(folder: Path, text: str) -> dict[str, Any]:
             end = file.seek(0, os.SEEK_END)
             file.seek(max(end - 1, 0))
             torn = file.read(1) not in (b"", b"\n")  # by a process that died in the middle
-            data = b"\n" * torn + json.dumps(note).encode() + b"\n"
+            line = json.dumps({**note, "sha256": _digest(note)})
+            data = b"\n" * torn + line.encode() + b"\n"
             if file.write(data) != len(data):
                 raise RunFailed(f"{path}: cannot be written: the disk is full")
             os.fsync(file.fileno())
@@ -61,7 +63,8 @@ def usable(text: str) -> str:
 def lines(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
     """Each line's number, from 1, and its note in the order of writing; None where it is damaged.
 
-    Raises RunFailed when they cannot be read.
+    With text and wall_s comes whether the line has a hash: those of 0.2.0 have none. Raises
+    RunFailed when they cannot be read.
     """
     path = notes_file(folder)
     try:
@@ -70,7 +73,14 @@ def lines(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
         raise RunFailed(f"{path}: cannot be read: {why.strerror}") from why
     for number, line in enumerate(written, start=1):
         try:
-            note = reading.json_text(line.decode(), f"{path}:{number}")
-            yield number, {"wall_s": float(note["wall_s"]), "text": str(note["text"])}
+            read = reading.json_text(line.decode(), f"{path}:{number}")
+            note = {"wall_s": float(read["wall_s"]), "text": str(read["text"])}
+            if "sha256" in read and read["sha256"] != _digest(note):
+                raise ValueError("differs from its hash")
+            yield number, {**note, "hashed": "sha256" in read}
         except (InputError, ValueError, KeyError, TypeError):
             yield number, None
+
+
+def _digest(note: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps([note["wall_s"], note["text"]]).encode()).hexdigest()

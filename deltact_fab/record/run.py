@@ -18,7 +18,7 @@ from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
 from ..shapes import Indenter
 from ..shapes.indenter import of_run
 from . import notes
-from .files import FORMAT, flat_file, kept, lattice_file
+from .files import flat_file, kept, lattice_file
 from .images import decode, encode_png
 from .journal import misfits
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
@@ -347,7 +347,7 @@ class Run:
             uri = f"{path.absolute().as_uri()}?mode=ro"
             with closing(sqlite3.connect(uri, uri=True)) as db:
                 if not self._sound:
-                    for line in misfits(db, self.format == FORMAT):
+                    for line in misfits(db, self.format):
                         raise sqlite3.DatabaseError(line)
                     self._sound = True
                 yield db

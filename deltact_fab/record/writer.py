@@ -17,13 +17,32 @@ from numpy.typing import NDArray
 
 from ..aliases import Progress
 from ..errors import InputError, RunFailed
-from ..files import making, sync_folder, write_whole
+from ..files import disk_errors, making, sync_folder, write_whole
 from ..optics import FlatField
 from ..protocols.plan import Step
-from .check import RunVerdict, judge
-from .files import FORMAT, flat_file, frame_id_of, image_file, json_bytes, truth_file, written
+from .check import RunVerdict, judge, unlike_hashes
+from .files import (
+    FORMAT,
+    GOES_ON,
+    HASHED,
+    flat_file,
+    frame_id_of,
+    image_file,
+    json_bytes,
+    metadata,
+    truth_file,
+    written,
+)
 from .images import encode, image_format, require
-from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
+from .journal import (
+    PRESS_TABLES,
+    SCHEMA,
+    claim,
+    connect,
+    insert,
+    journal_errors,
+    keep_hashes,
+)
 from .pipeline import TableRow, WriterThreads
 from .run import Run
 from .streams import Chunk, pack
@@ -48,6 +67,7 @@ class RunWriter:
         """Frames of finished steps that did not come, over all sessions."""
         self.session = 1
         self.image_format = image_format
+        self._hashes = True  # the run's format has them
         self.failed: Callable[[RunFailed], None] = lambda why: None
         """Told at once, from another thread, when the disk refuses; the next call raises it too."""
         self._step_seq = {step.id: n for n, step in enumerate(steps, start=1)}
@@ -86,15 +106,20 @@ class RunWriter:
                 if made.exists():
                     shutil.rmtree(made)  # a start that was cut off
                 (made / "images").mkdir(parents=True)
-            write_whole(made / "protocol.toml", protocol)
-            write_whole(made / "pattern.json", json_bytes(pattern))
+            given = {
+                "run.json": json_bytes({"format": FORMAT, **meta}),
+                "protocol.toml": protocol,
+                "pattern.json": json_bytes(pattern),
+            }
             if flat is not None:
-                write_whole(flat_file(made), flat.png())
+                given[flat_file(made).name] = flat.png()
+            for name, data in given.items():
+                write_whole(made / name, data)
             with journal_errors(made), closing(connect(made, new=True)) as db:
                 db.executescript(f"BEGIN;{SCHEMA}COMMIT;")
                 with db:
                     insert(db, "events", _event("session", "begun"))
-            write_whole(made / "run.json", json_bytes({"format": FORMAT, **meta}))
+                keep_hashes(db, given)
             with making(folder):
                 made.rename(folder)
                 sync_folder(folder.parent)
@@ -112,10 +137,10 @@ class RunWriter:
         """Continue an unfinished run: keep complete presses, clear away all else.
 
         Raises InputError for no run folder, one that is being written, one that cannot be written
-        and one of an older format; RunFailed for a damaged journal.
+        and one of an older format; RunFailed for a damaged journal or other metadata.
         """
         run = Run(folder)
-        if run.format != FORMAT:
+        if run.format not in GOES_ON:
             raise InputError(
                 f"{folder}: format {run.format}: it can be read, but only the version that began "
                 "it can go on with it"
@@ -124,8 +149,11 @@ class RunWriter:
             raise InputError(f"{folder}: cannot be written; a run is continued where it stands")
         require(image_format(run.meta))
         writer = cls(folder, steps, image_format(run.meta))
+        writer._hashes = run.format >= HASHED
         try:
             with journal_errors(folder):
+                for found in unlike_hashes(run, writer._db) if writer._hashes else ():
+                    raise RunFailed(f"{folder / found.where}: {found.text}; put it back")
                 verdict = RunVerdict(folder)
                 for found in judge(run, writer._db, steps, verdict, progress):
                     if found.where == "journal.sqlite":
@@ -247,14 +275,18 @@ class RunWriter:
         try:
             self._writing.flush()
             self._writing.close()
-            with journal_errors(self.folder):
+            data = json_bytes(summary)
+            with journal_errors(self.folder), disk_errors(self.folder):
+                if self._hashes:
+                    known = {f: (self.folder / f).read_bytes() for f in metadata(self.folder, True)}
+                    keep_hashes(self._db, {**known, "summary.json": data})
                 self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
                 # A finished record is read from anywhere, write-protected folders included; a
                 # reader that has it open just now keeps the log in being.
                 with suppress(sqlite3.OperationalError):
                     self._db.execute("PRAGMA journal_mode=DELETE")
                 self._db.close()
-            write_whole(self.folder / "summary.json", json_bytes(summary))
+            write_whole(self.folder / "summary.json", data)
         finally:
             self.abandon()
 
