@@ -131,3 +131,32 @@ def test_stopped_while_it_settles_there_is_no_settled_frame_and_it_goes_on(
     assert run.events().iloc[-1]["step_id"] == stop.step_id
     assert stop.frame_id not in run.frames()["frame_id"].tolist()
     assert_goes_on(files, folder, tmp_path / "r")
+
+
+def test_a_hold_and_the_way_out_are_in_images_force_and_truth(
+    files: tuple[str, str], tmp_path: Path
+) -> None:
+    text = Path(files[0]).read_text()
+    head, _, tail = text.partition("[shear]")
+    filmed = "[capture]\nsettle_s = 0.2\nhold = {s = 3.0, rate_hz = 1.0}\n"
+    asked = head.replace("[0.3, 0.6]", "[0.6]") + filmed + "retract = {rate_hz = 4.0}\n"
+    (tmp_path / "p.toml").write_text(asked + tail[tail.index("[specimen]") :])
+    request = experiment.RunRequest(str(tmp_path / "p.toml"), files[1], tmp_path / "r", seed=3)
+    experiment.run(request)
+    run = record.open(tmp_path / "r")
+    frames, truth = run.frames(), run.truth()
+    assert truth is not None
+    assert record.check(tmp_path / "r").whole
+    assert not frames["late"].any()
+    hold, out = (frames[frames["kind"] == kind] for kind in ("hold", "retract"))
+    assert np.diff(hold["t_press_s"])[:-1] == pytest.approx(1.0, abs=0.01)
+    assert hold["z_mm"].to_numpy() == pytest.approx(-0.6, abs=2e-3)
+    assert len(out) == round(1.1 / 0.5 * 4.0)
+    assert out["z_mm"].is_monotonic_increasing
+    assert out["z_mm"].iloc[-1] == pytest.approx(0.5, abs=2e-3)
+    force_n = -out["fz_n"].to_numpy()
+    assert (np.diff(force_n[out["z_mm"] < 0]) < 0).all()
+    assert np.abs(force_n[out["z_mm"] > 0]).max() < 0.1
+    sunk_mm = [np.abs(truth.displacement_mm(i)[..., 2]).max() for i in out["frame_id"]]
+    depths_mm = np.maximum(-out["z_mm"], 0.0)
+    assert sunk_mm == pytest.approx(list(depths_mm), abs=0.03)

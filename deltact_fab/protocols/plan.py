@@ -144,7 +144,7 @@ class Capture(Table):
         return {kind: rate_hz for kind, rate_hz in asked.items() if rate_hz is not None}
 
 
-class Grid(Table):
+class PlaceGrid(Table):
     """Places in rows and columns, in place of a list: row by row from the lowest x and y on."""
 
     x: tuple[Place, Place] = Field(examples=[[-6.0, 6.0]])
@@ -278,7 +278,7 @@ class Protocol(Table):
     star, cylinder, ring, hat, with or without :SIZE_MM; or a shape of cad/indenters.toml."""
     positions_mm: tuple[tuple[Place, Place], ...] = Field(default=(), examples=[[[0.0, 0.0]]])
     """Where each indenter presses: (x, y) from the centre of the face. Either this or grid."""
-    grid: Grid | None = Field(default=None, json_schema_extra={"instead_of": "positions_mm"})
+    grid: PlaceGrid | None = Field(default=None, json_schema_extra={"instead_of": "positions_mm"})
     depths_mm: tuple[Length, ...] = ()
     """How deep each press goes, below the resting face, one stop after the other; rising."""
     weights: DeadWeights | None = Field(default=None, json_schema_extra={"instead_of": "depths_mm"})
