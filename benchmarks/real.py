@@ -17,6 +17,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -83,10 +84,10 @@ class Recording:
             return None
         files = {}
         for name in names:
-            try:
+            with suppress(InputError):  # a clone may lack its largest files
                 files[name] = git(clone, "cat-file", "blob", f"{commit}:{name}")
-            except InputError:
-                continue  # a clone may lack its largest files
+        if not files:
+            raise InputError(f"{clone}: all {len(names)} files wanted are absent from the clone")
         lacks = len(names) - len(files)
         absent = f", {lacks} of {len(names)} files absent from the clone" if lacks else ""
         code = digest.of("real", package=Path(__file__).parent)
@@ -203,8 +204,7 @@ def bubble(files: Files) -> list[str]:
     force = np.array([row[3][:3] for row in told])
     if lacks := 1 + len(told) - len(files):
         raise InputError(f"demo/0: {lacks} images are absent from the clone")
-    names = (f"demo/0/expand/rgb_{i}.npy" for i in range(len(told)))
-    images = [np.load(io.BytesIO(files[name])) for name in names]
+    images = [np.load(io.BytesIO(files[f"demo/0/expand/rgb_{i}.npy"])) for i in range(len(told))]
     judge = Correlation(images[0])
     moved = np.stack([judge.update(image) for image in images])
     size_px = np.linalg.norm(moved, axis=-1)

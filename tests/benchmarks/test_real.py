@@ -70,11 +70,20 @@ def test_a_clone_is_known_by_its_files_on_any_branch_and_another_folder_is_one_l
     (folder / "one.csv").write_text(",x,y,xt,yt\n" + rows)
     git("add", ".")
     git("commit", "-m", "b")
+    held = (
+        real.git(tmp_path, "rev-parse", f"HEAD:{real.RECORDINGS[3].folder}/one.csv")
+        .decode()
+        .strip()
+    )
     git("rm", "-r", "scripts")
     git("commit", "-m", "c")
     section = real.section_of(tmp_path)
     assert "Guanlan-gkd/finger_vision_master @ " in section
     assert "| one | 1.29 | " in section
+    (blob,) = (tmp_path / ".git" / "objects").glob(f"{held[:2]}/{held[2:]}")
+    blob.unlink()
+    with pytest.raises(InputError, match="all 1 files wanted are absent"):
+        real.section_of(tmp_path)
     page = real.with_section(real.with_section("", "## Two gels"), section)
     assert page == real.with_section(page, section)
 
