@@ -14,7 +14,7 @@ import click
 
 from deltact_fab import catalog
 from deltact_fab.cli.main import main as program
-from deltact_fab.schema import KINDS, Kind, rows
+from deltact_fab.schema import KINDS, OUTPUTS, Kind, rows
 
 from . import architecture, extend_pages
 
@@ -24,7 +24,7 @@ MADE = "<!-- written by python -m benchmarks.reference -->"
 
 def pages() -> dict[str, str]:
     """The text of each page, by the name of its file."""
-    made = {f"{kind.name}.md": _keys(kind) for kind in KINDS.values()}
+    made = {f"{kind.name}.md": _keys(kind) for kind in (KINDS | OUTPUTS).values()}
     made["commands.md"] = _commands()
     made["README.md"] = _index()
     return {name: text.rstrip("\n") + "\n" for name, text in made.items()}
@@ -52,7 +52,7 @@ def _index() -> str:
         "as a JSON Schema; `deltact-fab init FOLDER` puts the schemas where an editor finds them.",
         "",
         "- [commands](commands.md): every command with its arguments and options",
-        *(f"- [{kind.name}]({kind.name}.md): {kind.about}" for kind in KINDS.values()),
+        *(f"- [{kind.name}]({kind.name}.md): {kind.about}" for kind in (KINDS | OUTPUTS).values()),
         "",
         "## Where a name is looked for",
         "",

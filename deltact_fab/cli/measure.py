@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from contextlib import ExitStack
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import INTERRUPTED
-from .options import DESIGN_NAME, PATH, RIG_NAME, Finite, seed
+from .options import DESIGN_NAME, PATH, RIG_NAME, Finite, out_folder, seed
 
 if TYPE_CHECKING:
     from ..live.outputs import Output
@@ -26,6 +27,8 @@ VIEW_HZ = 10.0
 @click.option("--camera", type=PATH, metavar="FILE", help="Camera file made by `calibrate`.")
 @click.option("--calibration", "calibrations", multiple=True, type=PATH, metavar="FILE",
               help="Calibration of depth or force; repeatable.")  # fmt: skip
+@click.option("--mm-per-px", type=Finite(min=1e-4, max=100), metavar="MM",
+              help="Scale of the resting face, where no camera file is known.")  # fmt: skip
 @click.option("--show", metavar="LIST", show_default="all that the calibrations allow",
               help="flow, observation, shape, contacts, force, traction; separated by commas."
               )  # fmt: skip
@@ -38,6 +41,14 @@ VIEW_HZ = 10.0
               show_default="as fast as possible; with --view 10",
               help="Images per second at most, unless a camera gives them.")  # fmt: skip
 @click.option("--jsonl", is_flag=True, help="Print one JSON object per image, as it comes.")
+@click.option("--follow", is_flag=True,
+              help="Go on taking images that are written into the folder SOURCE.")  # fmt: skip
+@click.option("--done", metavar="NAME", default="DONE", show_default=True,
+              help="With --follow: file in the folder that ends it.")  # fmt: skip
+@click.option("--silence", type=Finite(min=0.1), metavar="S", show_default="no limit",
+              help="With --follow: seconds without a new image that end it.")  # fmt: skip
+@out_folder("New folder for a table of the results and each image's arrays.")
+@click.option("--pictures", is_flag=True, help="With --out: keep each image too, as tracked.")
 @click.option("--view", is_flag=True, help="Show everything live on a page on this computer.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
               show_default="a free one", help="Port of that page.")  # fmt: skip
@@ -46,12 +57,18 @@ def measure(
     source: str,
     camera: Path | None,
     calibrations: tuple[Path, ...],
+    mm_per_px: float | None,
     show: str | None,
     design: str | None,
     serial: str | None,
     seed: int,
     hz: float | None,
     jsonl: bool,
+    follow: bool,
+    done: str,
+    silence: float | None,
+    out: Path | None,
+    pictures: bool,
     view: bool,
     port: int,
     as_json: bool,
@@ -62,37 +79,47 @@ def measure(
     of images; a run; or a rig. Of a real rig, such as bench.toml, only the camera is opened; a
     virtual one, virtual or virtual:PROTOCOL, simulates its images. From a camera the newest image
     is measured, and those that come meanwhile are dropped and counted; otherwise every image is
-    measured. Ctrl-C ends it.
+    measured. Ctrl-C ends it. Without a camera it measures in pixels, and a skin of markers is
+    recognised by its first image. `schema measured` names what --out keeps.
     """
     # Every BLAS reads it, when numpy is imported. The stages have the cores already.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    for flag, given in (("--done", done != "DONE"), ("--silence", silence is not None)):
+        if given and not follow:
+            raise click.UsageError(f"{flag}: only with --follow")
+    if pictures and out is None:
+        raise click.UsageError("--pictures: only with --out")
     if jsonl and as_json:
         raise click.UsageError("--jsonl, --json: one of them, as both write to stdout")
     import cv2
 
-    from ..live import open_source
-    from ..live.open import measurement_of
+    from ..live import open_session, told_once
+    from ..live.followed import Follow
+    from ..live.kept import KeptFolder, require_new
     from ..live.outputs import HealthOutput, JsonLines, PageOutput, StatusLine, Summary, about
     from ..live.page import LivePage
-    from ..live.session import Session
     from .output import echo_json
 
     cv2.setNumThreads(1)  # the flow depends on their number, and more bring nothing
-    opened = open_source(source, camera, design, serial, seed)
+    if out is not None:
+        require_new(out)
+    # As Ctrl-C, so that what a supervisor ends is kept in good order too.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with ExitStack() as stack:
-        stack.callback(opened.close)
-        wanted = None if show is None else [part.strip() for part in show.split(",")]
-        measurement = measurement_of(opened.known, calibrations, wanted)
-        page = (
-            LivePage(about(opened, "force" in measurement.include), measurement.reset, port)
-            if view
-            else None
-        )
-        session = Session(
-            opened, measurement,
+        session = open_session(
+            source, camera, calibrations,
+            None if show is None else [part.strip() for part in show.split(",")],
+            design=design, serial=serial, seed=seed, mm_per_px=mm_per_px,
+            follow=Follow(done, silence) if follow else None,
             most_hz=hz or (VIEW_HZ if view else None),
-            going=None if page is None else page.going,
         )  # fmt: skip
+        opened, measurement = session.source, session.measurement
+        stack.callback(opened.close)
+        page = None
+        if view:
+            facts = about(opened, "force" in measurement.include)
+            page = LivePage(facts, measurement.reset, port)
+            session.going = page.going
         simulated = opened.known.simulated
         outputs: list[Output] = []
         if jsonl:
@@ -111,7 +138,13 @@ def measure(
             if page is not None:
                 page.tell(health)
 
+        for line in told_once(session):
+            tell(line)
         outputs.append(HealthOutput(tell))
+        if out is not None:
+            kept = KeptFolder(out, session, pictures)
+            stack.callback(kept.close)
+            outputs.append(kept)
         status = _run(session, outputs, stay=page is not None)
     raise click.exceptions.Exit(status)
 

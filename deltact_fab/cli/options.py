@@ -107,7 +107,7 @@ PATTERN_NAME = _of("catalog", lambda catalog: catalog.names("patterns"), files=T
 PROTOCOL_NAME = _of("catalog", lambda catalog: catalog.names("protocols"), files=True)
 RIG_NAME = _of("catalog", lambda catalog: catalog.names("protocols/rigs"), files=True)
 PART_NAME = _of("cad.registry", lambda cad: [*cad.GROUPS, *(part.name for part in cad.listed())])
-KIND_NAME = _of("schema", lambda schema: schema.KINDS)
+KIND_NAME = _of("schema", lambda schema: [*schema.KINDS, *schema.OUTPUTS])
 ENGINE_NAME = _of("numerics.engines", lambda engines: engines.REGISTRY)
 
 DESIGN = click.option(

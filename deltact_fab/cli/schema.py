@@ -16,18 +16,18 @@ from .options import JSON, KIND_NAME
 def schema(kind: str | None, key: str | None, as_json: bool) -> None:
     """Every key of a kind of file: type, unit, default, limits, meaning.
 
-    KIND is protocol, virtual-rig, grbl-rig, pattern, design, indenters, cameras or parts; without
-    KIND the kinds are listed. KEY is a table such as `capture`, one of its keys such as
-    `capture.settle_s`, or the name of a key in any table. --json prints a JSON Schema, or with KEY
-    the rows.
+    KIND is protocol, virtual-rig, grbl-rig, pattern, design, indenters, cameras or parts; or
+    measured or fields, which `measure --out` writes. Without KIND the kinds are listed. KEY is a
+    table such as `capture`, one of its keys such as `capture.settle_s`, or the name of a key in any
+    table. --json prints a JSON Schema, or with KEY the rows.
     """
     from dataclasses import asdict
 
-    from ..schema import KINDS, document, kind_named, matching, rows
+    from ..schema import KINDS, OUTPUTS, document, kind_named, matching, rows
     from .output import echo_json, echo_rows
 
     if kind is None:
-        kinds = [(k.name, k.catalogue, k.about) for k in KINDS.values()]
+        kinds = [(k.name, k.catalogue, k.about) for k in (KINDS | OUTPUTS).values()]
         echo_rows(("kind", "folder", "about"), kinds, as_json)
         return
     found = kind_named(kind)

@@ -5,7 +5,12 @@ from __future__ import annotations
 from math import isnan
 from typing import Any
 
+import numpy as np
+
+from .motion import Motion
 from .session import MeasuredImage
+
+_EXTREMES = ("median", "least", "most")
 
 
 def as_dict(m: MeasuredImage, outlines: bool = False) -> dict[str, Any]:
@@ -28,7 +33,21 @@ def as_dict(m: MeasuredImage, outlines: bool = False) -> dict[str, Any]:
         "torque_nmm": None if force is None else _rounded(force.torque_nmm),
         "contacts": None if contacts is None else [_contact(c, outlines) for c in contacts],
         "dropped": m.dropped,
+        **_moved(m.motion),
     }
+
+
+def _moved(motion: Motion) -> dict[str, Any]:
+    """Lengths, and the strain's median with its extremes: 1 and 99 % of the picture."""
+    lengths = (motion.largest_px, motion.median_px, motion.largest_mm)
+    told = dict(
+        zip(("motion_px", "motion_median_px", "motion_mm"), map(_one, lengths), strict=True)
+    )
+    for name in ("area_change", "shear"):
+        values = getattr(motion.strain, name)
+        found = np.percentile(values, (50, 1, 99)) if len(values) else (None, None, None)
+        told |= {f"{name}_{k}": _one(v) for k, v in zip(_EXTREMES, found, strict=True)}
+    return told | {"markers": motion.markers, "markers_held": motion.markers_held}
 
 
 def _contact(contact: Any, outline: bool) -> dict[str, Any]:
@@ -68,6 +87,15 @@ def line(m: MeasuredImage) -> str:
     if told["force_n"] is not None:
         parts.append(f"F {_signed(told['force_n'], 2)} N")
         parts.append(f"T {_signed(told['torque_nmm'], 1)} N mm")
+    elif told["motion_px"] is not None:
+        mm, px = told["motion_mm"], told["motion_px"]
+        parts.append(f"motion {px:.2f} px" if mm is None else f"motion {mm:.3f} mm")
+    if m.result.force is None and told["shear_median"] is not None:
+        low, high = told["area_change_least"], told["area_change_most"]
+        parts.append(f"area {told['area_change_median']:+.1%} ({low:+.1%} to {high:+.1%})")
+        parts.append(f"shear {told['shear_median']:.1%} (to {told['shear_most']:.1%})")
+    if told["markers"] is not None:
+        parts.append(f"{told['markers_held']} of {told['markers']} markers")
     if told["extrapolated"]:
         parts.append("BEYOND ITS CALIBRATION")
     if told["contacts"] is not None:

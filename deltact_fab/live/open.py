@@ -27,6 +27,8 @@ from .source import KnownSensor, Source
 if TYPE_CHECKING:
     import pandas as pd
 
+    from .followed import Follow
+
 
 NAMES_A_FILE = re.compile(r"\w[\w.+-]*")  # of a serial number: others are never kept
 
@@ -78,6 +80,7 @@ def open_source(
     serial: str | None = None,
     seed: int = 0,
     rest_only: bool = False,
+    follow: Follow | None = None,
 ) -> Source:
     """Open what a name stands for, and tell it what the user knows of its sensor.
 
@@ -86,11 +89,11 @@ def open_source(
     the camera is opened. camera_file: as `deltact-fab calibrate` writes
     it. design, serial: of the sensor. They go before what the source knows. seed: of a virtual rig.
     rest_only: the images are looked at only to see what was made: where no one knows the camera,
-    the design's lens stands for it. Raises InputError for a name that is nothing of these, and
-    else where no one knows the camera.
+    the design's lens stands for it. follow: how a folder ends that is still written into. Raises
+    InputError for a name that is nothing of these.
     """
     given = None if camera_file is None else _given(camera_file, design)
-    source = _opened(name, given, design, seed)
+    source = _opened(name, given, design, seed) if follow is None else _followed(name, follow)
     try:
         own = source.known
         if given is not None:
@@ -104,11 +107,6 @@ def open_source(
             sensor = load_design(own.design or "deltact")
             lens = Rectified.of(sensor, Fisheye.of(sensor))
             own = source.known = replace(own, camera=lens, nominal=True)
-        if own.camera is None:
-            raise InputError(
-                f"{name}: which camera took these images is not known: name its file with "
-                "--camera; `deltact-fab calibrate IMAGES --board skin -o camera.toml` makes one"
-            )
     except InputError:
         source.close()
         raise
@@ -118,21 +116,25 @@ def open_source(
 def images(source: Source, rest_only: bool = False) -> Iterator[CameraFrame]:
     """The frames of an opened source, at least one, all of the size that its camera makes.
 
-    Raises InputError, one line, for another size; else as the source does.
+    Of the size of the first, where no one knows the camera. Raises InputError, one line, for
+    another size; else as the source does.
     """
-    assert source.known.camera is not None, "open_source makes sure of it"
-    wanted = raw_size_px(source.known.camera)
-    frame = None
-    for frame in source.at_rest() if rest_only else source.frames():
+    camera = source.known.camera
+    wanted = None if camera is None else raw_size_px(camera)
+    whose = "the camera of the design" if source.known.nominal else "the camera that was calibrated"
+    k = -1
+    for k, frame in enumerate(source.at_rest() if rest_only else source.frames()):
         h, w = frame.image.shape[:2]
+        if wanted is None:
+            wanted, whose = (w, h), "the first image"
         if (w, h) != wanted:
+            makes = "makes" if camera is not None else "has"
             raise InputError(
-                f"{source.name}: images of {w} x {h} px; the camera "
-                f"{'of the design' if source.known.nominal else 'that was calibrated'} makes "
+                f"{source.name}: image {k} has {w} x {h} px; {whose} {makes} "
                 f"{wanted[0]} x {wanted[1]} px"
             )
         yield frame
-    if frame is None:
+    if k < 0:
         raise RunFailed(f"{source.name}: ended before its first image")
 
 
@@ -174,10 +176,21 @@ def _opened(name: str, given: KnownSensor | None, design: str | None, seed: int)
     )
 
 
+def _followed(name: str, follow: Follow) -> Source:
+    folder = Path(name)
+    if not folder.is_dir() or (folder / "run.json").is_file():
+        wanted = "a folder that images are written into"
+        raise InputError(f"{name}: {wanted} is needed with --follow, as RUN/images of a run")
+    from .camera import FileSource
+    from .followed import FollowedFolder
+
+    return FileSource(FollowedFolder(folder, follow))
+
+
 def measurement_of(
     known: KnownSensor, files: Sequence[Path], show: Sequence[str] | None = None
 ) -> Measurement:
-    """Of the outputs named, or of all that the calibrations allow.
+    """Of the outputs named, or of all that the calibrations allow; always with what is tracked.
 
     Raises InputError, one line, for a file that is none, for another sensor's, and as Measurement.
     """

@@ -124,7 +124,7 @@ class PageOutput(Output):
             return picture.data(measured, session.view)
 
         def image() -> picture.Array:
-            return session.rectified(measured.given.image)
+            return picture.image(measured, session.rectified(measured.given.image))
 
         self._page.show(PageResult(data, image), picture.point(measured))
 
@@ -151,7 +151,8 @@ def about(source: Source, with_force: bool) -> dict[str, object]:
     if with_force:
         names, title, least = ["normal", "shear x", "shear y"], "Force on the sensor, N", 0.2
     else:
-        names, title, least = ["largest motion"], "Motion of the pattern, mm", 0.1
+        unit, least = ("px", 2.0) if source.known.in_px else ("mm", 0.1)
+        names, title = ["largest motion"], f"Motion of the pattern, {unit}"
     return {
         "source": source.name,
         "simulated": source.known.simulated,

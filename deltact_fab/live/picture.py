@@ -10,9 +10,9 @@ import numpy as np
 
 from ..aliases import Array
 from ..measure.face import FaceFlow
-from ..measure.pipeline import Result
 from ..optics import CameraModel
 from .formatting import as_dict
+from .motion import CELL_PX
 from .session import MeasuredImage
 
 ARROW_MM = 1.5
@@ -20,6 +20,7 @@ ARROW_MM = 1.5
 MAX_CELLS = 160
 """Of a map's longer side; the browser draws it smooth."""
 LOST = 255
+ARROW_PX, MIN_PX = 32.0, 1.0  # the same where lengths are in pixels
 MIN_MM = 0.05
 MIN_MPA = 2e-3
 MIN_RELATIVE = 0.02
@@ -28,9 +29,9 @@ MIN_RELATIVE = 0.02
 
 def data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
     """What the page needs of one result, as plain numbers. camera: of the tracked view."""
-    result = m.result
+    result, in_px = m.result, m.motion.in_px
     cx, cy = camera.centre_px
-    scale = camera.mm_per_px
+    scale = camera.mm_per_px  # 1 where lengths are in pixels
     told: dict[str, Any] = {
         **as_dict(m, outlines=True),
         "hz": m.hz,
@@ -38,17 +39,21 @@ def data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
             (-0.5 - cx) * scale, (camera.width_px - 0.5 - cx) * scale,
             (-0.5 - cy) * scale, (camera.height_px - 0.5 - cy) * scale,
         ],
-        "motion_mm": motion_mm(result),
+        "unit": "px" if in_px else "mm",
+        "motion": _largest(m),
         "point": point(m),
         "maps": [], "flow": None, "shear": None,
     }  # fmt: skip
     told["measured_contacts"] = told["contacts"] is not None
     told["contacts"] = told["contacts"] or []
-    if (f := result.flow) is not None:
+    f, least, arrow = result.flow, MIN_MM, ARROW_MM
+    if in_px and result.observation is not None:
+        f, least, arrow = FaceFlow.of(result.observation, camera, CELL_PX), MIN_PX, ARROW_PX
+    if f is not None:
         for contact in told["contacts"]:
             contact["seen_mm"] = _landed(contact["outline_mm"], f)
-        told["flow"] = _arrows(f.shift_mm, f.known, f.x_mm, f.y_mm, "flow", MIN_MM, 1, "mm",
-                               "of motion")  # fmt: skip
+        told["flow"] = _arrows(f.shift_mm, f.known, f.x_mm, f.y_mm, "flow", least, 1,
+                               told["unit"], "of motion", arrow)  # fmt: skip
     if (t := result.traction) is not None:
         told["shear"] = _arrows(t.traction_mpa[..., :2], None, t.x_mm, t.y_mm, "shear", MIN_MPA,
                                 1e3, "kPa", "of shear")  # fmt: skip
@@ -67,28 +72,38 @@ def point(m: MeasuredImage) -> tuple[float | None, ...]:
     """Of the traces: time; normal force and shear, else the motion; 1 where they are trusted."""
     force, t_s = m.result.force, round(m.given.t_s, 4)
     if force is None:
-        return (t_s, motion_mm(m.result), float(m.result.trusted))
+        return (t_s, _largest(m), float(m.result.trusted))
     x, y, z = (None if np.isnan(v) else round(float(v), 4) for v in force.force_n)
     trusted = float(m.result.trusted and not force.extrapolated)
     return (t_s, None if z is None else -z, x, y, trusted)
 
 
-def motion_mm(result: Result) -> float | None:
-    """Largest known motion of the pattern; None without flow, or where all of it is lost."""
-    if result.flow is None:
-        return None
-    part = slice(None, None, 4)  # it is smooth, and this runs for every result
-    shift, known = result.flow.shift_mm[part, part], result.flow.known[part, part]
-    most = np.square(shift).sum(-1).max(initial=-1.0, where=known)
-    return None if most < 0 else round(float(np.sqrt(most)), 4)
+def image(m: MeasuredImage, tracked: Array) -> Array:
+    """The image of a result as it is tracked, each marker's way from rest drawn into it."""
+    dots = m.result.markers
+    if dots is None:
+        return tracked
+    drawn = tracked.copy()
+    now = dots.position_px[dots.found]
+    rest = now - dots.displacement_px[dots.found]
+    for start, end in zip(rest.round().astype(int), now.round().astype(int), strict=True):
+        cv2.circle(drawn, end.tolist(), 3, (77, 225, 255), 1, cv2.LINE_AA)
+        cv2.arrowedLine(drawn, start.tolist(), end.tolist(), (77, 225, 255), 1, cv2.LINE_AA)
+    return drawn
+
+
+def _largest(m: MeasuredImage) -> float | None:
+    """The motion that a reader is told: in px where no scale is known, else in mm."""
+    most = m.motion.largest_px if m.motion.in_px else m.motion.largest_mm
+    return None if most is None else round(most, 4)
 
 
 def _arrows(
     vectors: Array, known: Array | None, x_mm: Array, y_mm: Array, name: str, least: float,
-    times: float, unit: str, words: str,
+    times: float, unit: str, words: str, apart: float = ARROW_MM,
 ) -> dict[str, Any]:  # fmt: skip
-    """Vectors (h, w, 2) at points ARROW_MM apart; where they are not known there is no arrow."""
-    every = max(1, round(ARROW_MM / float(x_mm[1] - x_mm[0])))
+    """Vectors (h, w, 2) at points so far apart; where they are not known there is no arrow."""
+    every = max(1, round(apart / float(x_mm[1] - x_mm[0])))
     rows, columns = (slice((n - 1) % every // 2, None, every) for n in (len(y_mm), len(x_mm)))
     part = np.array(vectors[rows, columns], np.float32)
     if known is not None:

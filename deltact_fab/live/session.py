@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..measure.pipeline import Measurement, Pipeline, Result
+from ..rig.interface import CameraFrame
+from .motion import Motion
 from .open import images
+from .recognised import Pattern
 from .source import Source
 
 RATE_S = 2.0
@@ -37,17 +40,21 @@ class MeasuredImage:
     """An image and its result; a gap in the numbers of the images is those that were dropped.
 
     hz: results a second. dropped: images and results that gave way to newer ones, so far, with
-    the images that the camera lost.
+    the images that the camera lost. motion: of the pattern in the picture.
     """
 
     given: SourceImage
     result: Result
     hz: float
     dropped: int
+    motion: Motion
 
 
 class Session:
-    """Measures all images of a source until it ends or `stop` is called."""
+    """Measures all images of a source until it ends or its results are no longer read.
+
+    going: False while nothing is to be measured; waits so many seconds for that to change.
+    """
 
     def __init__(
         self,
@@ -55,19 +62,21 @@ class Session:
         measurement: Measurement,
         *,
         most_hz: float | None = None,
-        going: Callable[[float], bool] | None = None,
+        frames: Iterator[CameraFrame] | None = None,
+        pattern: Pattern | None = None,
     ) -> None:
         """most_hz: of a source that is not live, so many images a second are measured at most.
 
-        going: False while nothing is to be measured; waits so many seconds for that to change.
+        frames: those of the source, where the first was looked at already. pattern: what it shows,
+        where the source did not know.
         """
-        self.source = source
+        self.source, self.measurement, self.pattern = source, measurement, pattern
         assert source.known.camera is not None, "open_source makes sure of it"
         self.view = source.known.camera
         """Of the images as they are tracked."""
-        self._measurement = measurement
         self._least_s = 0.0 if most_hz is None or source.live else 1 / most_hz
-        self._going = going or (lambda timeout_s: True)
+        self.going: Callable[[float], bool] = lambda timeout_s: True
+        self._frames = images(source) if frames is None else frames
         self._stopped = False
         self._error: BaseException | None = None
         self._given: deque[SourceImage] = deque()
@@ -77,7 +86,7 @@ class Session:
         """What was measured, in order. Raises what the source or the measurement raises."""
         times: deque[float] = deque()
         live = self.source.live
-        with Pipeline(self._measurement, "newest" if live else "every") as pipeline:
+        with Pipeline(self.measurement, "newest" if live else "every") as pipeline:
             feeder = threading.Thread(target=self._feed, args=(pipeline,), daemon=True)
             feeder.start()
             try:
@@ -90,7 +99,8 @@ class Session:
                     given = self._given.popleft()
                     while given.given_s != result.t_s:  # those between were dropped
                         given = self._given.popleft()
-                    yield MeasuredImage(given, result, hz, pipeline.dropped + self._lost)
+                    motion = Motion.of(result, self.view, self.source.known.in_px)
+                    yield MeasuredImage(given, result, hz, pipeline.dropped + self._lost, motion)
             finally:
                 self._stopped = True
                 feeder.join(PATIENCE_S)
@@ -99,20 +109,20 @@ class Session:
 
     def rectified(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """An image of the source as it is tracked."""
-        return self._measurement.rectified(image)
+        return self.measurement.rectified(image)
 
     def _feed(self, pipeline: Pipeline) -> None:
         """Give every image to the pipeline, which drops those that it has no time for."""
         flat = self.source.known.flat
         try:
-            for k, frame in enumerate(images(self.source)):
+            for k, frame in enumerate(self._frames):
                 began_s = time.monotonic()
                 self._lost += frame.dropped
-                while not self._going(0.1) and not self.source.live and not self._stopped:
+                while not self.going(0.1) and not self.source.live and not self._stopped:
                     pass
                 if self._stopped:
                     break
-                if not self._going(0.0):
+                if not self.going(0.0):
                     continue
                 image = frame.image if flat is None else flat.apply(self.rectified(frame.image))
                 given = SourceImage(k, frame.t_s, image, frame.t_s if self.source.live else began_s)

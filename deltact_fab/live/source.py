@@ -20,7 +20,8 @@ class KnownSensor:
     camera: the projection of the images that are tracked; its `maps` make them from those that the
     source gives. flat: how the light falls off over the tracked ones. skin: the gel's. recipe: of
     the pattern. design, serial: of the sensor. simulated: a word and the seed, where no hardware
-    was involved. nominal: the camera is the design's, for none was calibrated.
+    was involved. nominal: the camera is the design's, for none was calibrated. in_px: the camera
+    stands for none, and its millimetre is a pixel.
     """
 
     camera: CameraModel | None = None
@@ -31,6 +32,7 @@ class KnownSensor:
     serial: str | None = None
     simulated: str | None = None
     nominal: bool = False
+    in_px: bool = False
 
 
 NOTHING = KnownSensor()

@@ -1,13 +1,16 @@
-"""Every key that a lab can write: type, unit, default, limits and meaning, from the models."""
+"""Every key that a lab can write: type, unit, default, limits and meaning, from the models.
+
+And every column that it gets."""
 
 from .commented import commented
 from .document import DIALECT, described, document
-from .kinds import KINDS, Kind, kind_named
+from .kinds import KINDS, OUTPUTS, Kind, kind_named
 from .rows import KeyRow, matching, rows
 
 __all__ = [
     "DIALECT",
     "KINDS",
+    "OUTPUTS",
     "KeyRow",
     "Kind",
     "commented",

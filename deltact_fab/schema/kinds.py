@@ -1,4 +1,4 @@
-"""The kinds of files that a lab writes, and the model that reads each of them."""
+"""The kinds of files that a lab writes, with the model that reads each, and what is given out."""
 
 from __future__ import annotations
 
@@ -48,8 +48,21 @@ KINDS = {
 }
 
 
+_OUTPUTS = (
+    (
+        "measured",
+        "columns of the table of `measure --out`, a row an image",
+        "live.rows:MeasuredRow",
+    ),
+    ("fields", "arrays that `measure --out` keeps of each image", "live.rows:FieldArrays"),
+)
+OUTPUTS = {name: Kind(name, "", about, partial(_model, where)) for name, about, where in _OUTPUTS}
+"""What the program writes: no one edits them."""
+
+
 def kind_named(name: str) -> Kind:
     """Raises InputError naming the nearest kind, or all of them."""
-    if name not in KINDS:
-        raise InputError(f"schema {name!r}: no such kind of file; {did_you_mean(name, KINDS)}")
-    return KINDS[name]
+    found = KINDS | OUTPUTS
+    if name not in found:
+        raise InputError(f"schema {name!r}: no such kind of file; {did_you_mean(name, found)}")
+    return found[name]

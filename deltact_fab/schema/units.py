@@ -13,6 +13,7 @@ _UNITS = (
     ("mpa", "MPa"),
     ("ohm", "ohm"),
     ("deg", "degrees"),
+    ("mm2", "mm2"),
     ("mm", "mm"),
     ("um", "um"),
     ("px", "px"),

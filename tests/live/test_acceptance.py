@@ -156,7 +156,10 @@ def test_what_cannot_be_judged_is_one_line(tmp_path):
         (["images"], "RECIPE: missing; a name of `pattern list` or a recipe's file"),
         (["images", "dens"], "did you mean 'dense'?"),
         (["images", "dense", "--serial", "../x"], "--serial '../x': letters, digits"),
-        (["images", "dense"], "images of 64 x 48 px; the camera of the design makes 1280 x 720 px"),
+        (
+            ["images", "dense"],
+            "image 0 has 64 x 48 px; the camera of the design makes 1280 x 720 px",
+        ),
         (["images", "chessboard"], "chessboard: no dense pattern"),
         (["images", "dense", "--step", "images"], "images: not a run folder"),
     ):

@@ -115,7 +115,7 @@ def test_what_the_page_draws_is_what_was_measured(
     assert np.hypot(x - 0.5, y + 0.5) < 1
     arrows = np.frombuffer(_bytes(told["flow"]["data"]), np.float32).reshape(-1, 2)
     assert len(arrows) == len(told["flow"]["x_mm"]) * len(told["flow"]["y_mm"])
-    assert np.nanmax(np.hypot(*arrows.T)) <= told["motion_mm"] + 0.02
+    assert np.nanmax(np.hypot(*arrows.T)) <= told["motion"] + 0.02
     assert len(told["contacts"][0]["seen_mm"]) == len(told["contacts"][0]["outline_mm"])
 
 

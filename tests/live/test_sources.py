@@ -165,8 +165,6 @@ def test_each_source_that_cannot_be_used_is_one_line(
     assert "rtsp://127.0.0.1:9/none: no stream of images" in _refusal(
         "rtsp://127.0.0.1:9/none", pinhole
     )
-    assert "--camera" in _refusal(pictures)
-    assert "deltact-fab calibrate" in _refusal(pictures)
     empty = tmp_path / "empty"
     empty.mkdir()
     assert "no image in this folder" in _refusal(empty, pinhole)
@@ -176,9 +174,10 @@ def test_each_source_that_cannot_be_used_is_one_line(
     (pictures / "3.png").write_bytes(b"no image")
     assert "3.png: does not decode" in _refusal(pictures, pinhole)
     cv2.imwrite(str(pictures / "3.png"), np.zeros((40, 64, 3), np.uint8))
-    assert "images of 64 x 40 px; the camera that was calibrated makes 64 x 48 px" in _refusal(
+    assert "image 3 has 64 x 40 px; the camera that was calibrated makes 64 x 48 px" in _refusal(
         pictures, pinhole
     )
+    assert "image 3 has 64 x 40 px; the first image has 64 x 48 px" in _refusal(pictures)
     damaged = tmp_path / "run"
     shutil.copytree(mini_run, damaged)
     (damaged / "run.json").write_text("{")

@@ -19,7 +19,7 @@ from deltact_fab.configuration import Table, resolved
 from deltact_fab.errors import InputError
 from deltact_fab.lab.folder import kind_of
 from deltact_fab.patterns.laws import LAWS
-from deltact_fab.schema import KINDS, Kind, described, document, matching, rows
+from deltact_fab.schema import KINDS, OUTPUTS, Kind, described, document, matching, rows
 from deltact_fab.schema.rows import limits_of, type_of
 from deltact_fab.schema.units import unit_of
 
@@ -43,7 +43,7 @@ def shipped(kind: Kind) -> Iterator[tuple[Path, dict[str, Any]]]:
             yield file, data
 
 
-@ALL
+@pytest.mark.parametrize("kind", (KINDS | OUTPUTS).values(), ids=lambda kind: kind.name)
 def test_every_key_says_what_it_means(kind: Kind) -> None:
     found = rows(kind)
     assert len(found) >= 5
@@ -267,4 +267,6 @@ def test_the_command_prints_for_people_and_for_editors() -> None:
         in run(main, ["schema", "protocol", "settle_s"]).output
     )
     assert json.loads(run(main, ["schema", "design", "--json"]).output) == document(KINDS["design"])
-    assert {k["kind"] for k in json.loads(run(main, ["schema", "--json"]).output)} == set(KINDS)
+    listed = json.loads(run(main, ["schema", "--json"]).output)
+    assert {k["kind"] for k in listed} == set(KINDS | OUTPUTS)
+    assert "motion_px  (number; px; not set)" in run(main, ["schema", "measured"]).output

@@ -1,6 +1,7 @@
 """The measurement as a robot calls it: images in; flow, shape, force and contact out."""
 
 from .calibrated import Calibration
+from .markers import MarkerMeasurement
 from .measurement import Measurement, everything
 from .pipeline import Pipeline
 from .plan import OUTPUTS
@@ -9,6 +10,7 @@ from .result import Result
 __all__ = [
     "OUTPUTS",
     "Calibration",
+    "MarkerMeasurement",
     "Measurement",
     "Pipeline",
     "Result",

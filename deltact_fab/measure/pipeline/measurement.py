@@ -16,6 +16,7 @@ from ...errors import InputError
 from ...optics import CameraModel, Rectified
 from ...shapes import SkinDimensions
 from ..compose import sample
+from ..dots import DotTracker
 from ..flow import FlowTracker, PreparedImage, Sampled, named_tracker, to_gray
 from ..flow.fused import to_half
 from ..force import LocalFeatures, features_of
@@ -74,11 +75,13 @@ Step = Callable[["ImageTask"], None]
 
 @dataclass
 class Since:
-    """What goes on from one reference image to the next."""
+    """What goes on from one reference image to the next; markers, count: of `MarkerMeasurement`."""
 
     tracker: FlowTracker
     health: Health | None = None
     begun: bool = False
+    markers: DotTracker | None = None
+    count: int = 0
 
 
 @dataclass
@@ -215,7 +218,9 @@ def everything(
     show: Sequence[str] | None = None,
     **options: Any,
 ) -> Measurement:
-    """Of the outputs named in `show`, else of all. A calibration of force brings its own view.
+    """Of the outputs named in `show`, else of all, and of what is tracked in any case.
+
+    A calibration of force brings its own view.
 
     skin: of the sensor, where it is known. options: as of Measurement, which says what is raised.
     """
@@ -228,4 +233,5 @@ def everything(
         include.append("force")
         if isinstance(features_of(known.force, known.view, "force model"), LocalFeatures):
             include.append("traction")
-    return Measurement(view, show or include, calibrations, **options)
+    wanted = dict.fromkeys([*(show or include), "observation"])
+    return Measurement(view, tuple(wanted), calibrations, **options)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ...aliases import Array
+from ..dots import DotObservation
 from ..face import FaceFlow
 from ..flow import FlowObservation
 from ..force import TractionField, Wrench
@@ -47,7 +48,7 @@ class Result:
     health: of the sensor at the reference image, None where no calibration kept one to compare.
     flow: of the face. observation: the tracker's own words, on its half grid. contacts: the deepest
     first. force: on the sensor. traction: its distribution over the face. Each has a cover of its
-    own, of what it rests on.
+    own, of what it rests on. markers: of a skin of such; cover is then the share that is held.
     """
 
     frame: int
@@ -62,6 +63,7 @@ class Result:
     contacts: list[ContactRegion] | None = None
     force: Wrench | None = None
     traction: TractionField | None = None
+    markers: DotObservation | None = None
 
     @property
     def extrapolated(self) -> bool:

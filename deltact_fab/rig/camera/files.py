@@ -30,7 +30,7 @@ class Folder:
         """Raises InputError for a folder without images."""
         self.name = str(folder)
         self._files = sorted(
-            (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_NAMES), key=_natural
+            (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_NAMES), key=by_number
         )
         if not self._files:
             raise InputError(f"{folder}: no image in this folder ({', '.join(IMAGE_NAMES)})")
@@ -39,19 +39,26 @@ class Folder:
         """Each image (h, w, 3) BGR uint8 in order. Raises RunFailed."""
         for file in self._files:
             try:
-                data = np.frombuffer(file.read_bytes(), np.uint8)
+                data = file.read_bytes()
             except OSError as why:
                 raise RunFailed(f"{file}: cannot be read: {why.strerror}") from why
-            image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-            if image is None:
-                raise RunFailed(f"{file}: does not decode as an image")
-            yield np.asarray(image, np.uint8)
+            yield decoded(file, data)
 
     def close(self) -> None:
         """Nothing is held open."""
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
+def decoded(file: Path, data: bytes) -> Image:
+    """An image file's bytes as (h, w, 3) BGR uint8. Raises RunFailed."""
+    coded = np.frombuffer(data, np.uint8)
+    image = cv2.imdecode(coded, cv2.IMREAD_COLOR) if coded.size else None
+    if image is None:
+        raise RunFailed(f"{file}: does not decode as an image")
+    return np.asarray(image, np.uint8)
+
+
+def by_number(path: Path) -> list[tuple[int, str]]:
+    """What paths are sorted by: their names, numbers in them by size."""
     return [(int(p), "") if p.isdigit() else (-1, p) for p in re.split(r"(\d+)", path.name)]
 
 
