@@ -11,7 +11,6 @@ from ..rig.camera.files import Images, images_of
 from ..rig.camera.open import open_camera
 from ..rig.clock import WallClock
 from ..rig.interface import CameraFrame
-from .followed import FollowedFolder
 from .source import NOTHING, KnownSensor, Source
 
 
@@ -51,7 +50,7 @@ class FileSource:
 
     live = False
 
-    def __init__(self, images: Images | FollowedFolder, known: KnownSensor = NOTHING) -> None:
+    def __init__(self, images: Images, known: KnownSensor = NOTHING) -> None:
         self.name = images.name
         self.known = known
         self._images = images

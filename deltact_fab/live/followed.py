@@ -9,57 +9,52 @@ from pathlib import Path
 
 from ..aliases import Image
 from ..errors import RunFailed
-from ..rig.camera.files import ASSUMED_HZ, IMAGE_NAMES, by_number, decoded
+from ..rig.camera.files import IMAGE_NAMES, Folder, by_number, decoded
 
 POLL_S = 0.05
-STEADY_S = 0.5
-"""So long a TIFF must not grow: nothing in it says where it ends."""
-GRACE_S = 2.0
-"""So long an image that is not whole is waited for after the folder's end was told."""
-DONE = "DONE"
+STEADY_S = 0.5  # so long a TIFF must not grow: nothing in it says where it ends
+GRACE_S = 2.0  # so long an image that is not whole is waited for when the folder's end was told
 
 
 @dataclass(frozen=True)
 class Follow:
     """What ends a folder: the file `done` in it, or silence_s without a byte, None for no limit."""
 
-    done: str = DONE
+    done: str = "DONE"
     silence_s: float | None = None
 
 
-class FollowedFolder:
+class FollowedFolder(Folder):
     """Every image of a folder once it is whole, those that wait in the order of their numbers.
 
     One that is not whole is waited for, and so are those that follow it.
     """
-
-    rate_hz = ASSUMED_HZ
 
     def __init__(self, folder: Path, follow: Follow) -> None:
         self.name = str(folder)
         self._folder, self._follow = folder, follow
 
     def read(self) -> Generator[Image, None, None]:
-        """As `Folder.read`. Raises RunFailed, also for an image that never becomes whole."""
-        taken, sizes, heard_s = set[str](), dict[str, int](), time.monotonic()
+        """As Folder. Raises RunFailed, also for an image that never becomes whole."""
+        taken, size, heard_s = set[str](), 0, time.monotonic()
+        limit_s = self._follow.silence_s
         while True:
             ended = (self._folder / self._follow.done).exists()  # before what is there is listed
             waits = None
             for file in self._new(taken):
                 try:
                     data = file.read_bytes()
-                except FileNotFoundError:  # another name now: it was not the image's own
+                except FileNotFoundError:  # it has another name now: this was not its own
                     continue
-                if sizes.get(file.name) != len(data):
-                    sizes[file.name], heard_s = len(data), time.monotonic()
+                if len(data) != size:
+                    size, heard_s = len(data), time.monotonic()
                 if not _whole(file, data, time.monotonic() - heard_s):
                     waits = file
                     break
                 taken.add(file.name)
                 yield decoded(file, data)
-                heard_s = time.monotonic()
+                size, heard_s = 0, time.monotonic()
             quiet_s = time.monotonic() - heard_s
-            limit_s = self._follow.silence_s
             silent = limit_s is not None and quiet_s > limit_s
             if waits is not None and (silent or (ended and quiet_s > GRACE_S)):
                 raise RunFailed(f"{waits}: not a whole image, and nothing came for {quiet_s:.1f} s")
@@ -75,9 +70,6 @@ class FollowedFolder:
         images = (p for p in there if p.suffix.lower() in IMAGE_NAMES and p.name[0] != ".")
         return sorted(images, key=by_number)
 
-    def close(self) -> None:
-        """Nothing is held open."""
-
 
 def _whole(file: Path, data: bytes, steady_s: float) -> bool:
     """Whether a file is written to its end, which its format tells. steady_s: it did not grow."""
@@ -87,5 +79,5 @@ def _whole(file: Path, data: bytes, steady_s: float) -> bool:
     if kind in (".jpg", ".jpeg"):
         return data.rstrip(b"\0").endswith(b"\xff\xd9")
     if kind == ".bmp":
-        return len(data) >= 6 and len(data) >= int.from_bytes(data[2:6], "little") > 0
+        return len(data) > 6 and 0 < int.from_bytes(data[2:6], "little") <= len(data)
     return len(data) > 0 and steady_s > STEADY_S

@@ -44,7 +44,7 @@ def _moved(motion: Motion) -> dict[str, Any]:
         zip(("motion_px", "motion_median_px", "motion_mm"), map(_one, lengths), strict=True)
     )
     for name in ("area_change", "shear"):
-        values = getattr(motion.strain, name)
+        values = getattr(motion, name)
         found = np.percentile(values, (50, 1, 99)) if len(values) else (None, None, None)
         told |= {f"{name}_{k}": _one(v) for k, v in zip(_EXTREMES, found, strict=True)}
     return told | {"markers": motion.markers, "markers_held": motion.markers_held}

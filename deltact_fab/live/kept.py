@@ -7,7 +7,7 @@ import importlib.util
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -16,13 +16,12 @@ from ..aliases import Array
 from ..errors import InputError
 from ..files import disk_errors, making, whole, write_whole
 from ..record import encode_png
+from ..record.export.tables import parquet, shaped
 from . import picture
 from .begin import told_once
 from .outputs import Output
-from .rows import MeasuredRow
+from .rows import COLUMNS, row_of
 from .session import MeasuredImage, Session
-
-_PLAIN = {int: "int64", float: "double", bool: "bool", str: "string"}
 
 
 def require_new(folder: Path) -> None:
@@ -39,15 +38,19 @@ class KeptFolder(Output):
 
     def __init__(self, folder: Path, session: Session, pictures: bool) -> None:
         """pictures: keep each image too, as it is tracked. Raises InputError, RunFailed."""
-        require_new(folder)
         self._folder, self._session, self._pictures = folder, session, pictures
         with making(folder):
             for part in ("fields", "pictures")[: 1 + pictures]:
                 (folder / part).mkdir(parents=True, exist_ok=True)
-        write_whole(folder / "measured.json", json.dumps(_about(session), indent=1).encode())
+        known, pattern = session.source.known, session.pattern
+        self._about = {
+            "source": session.source.name, "simulated": known.simulated, "version": __version__,
+            "mm_per_px": None if known.in_px else session.view.mm_per_px,
+            "pattern": "dense" if pattern is None else pattern.kind, "told": told_once(session),
+        }  # fmt: skip
+        write_whole(folder / "measured.json", json.dumps(self._about, indent=1).encode())
         self._table = (folder / "measured.csv").open("w", encoding="utf-8", newline="")
-        self._rows = csv.writer(self._table, lineterminator="\n")
-        self._add(list(MeasuredRow.model_fields))
+        self._add([column.name for column in COLUMNS])
 
     def show(self, measured: MeasuredImage) -> None:
         """As Output. Raises RunFailed when the disk refuses."""
@@ -60,64 +63,35 @@ class KeptFolder(Output):
                 tracked = self._session.rectified(measured.given.image)
                 with whole(self._folder / shown, sync=False) as part:
                     part.write_bytes(encode_png(picture.image(measured, tracked)))
-            row = MeasuredRow.of(measured, fields, shown).model_dump()
-            self._add(["" if value is None else value for value in row.values()])
+            self._add(row_of(measured, fields, shown))
 
     def _add(self, cells: list[Any]) -> None:
-        self._rows.writerow(cells)
+        csv.writer(self._table, lineterminator="\n").writerow(cells)
         self._table.flush()
 
     def close(self) -> None:
         """There will be no more rows."""
         self._table.close()
-        if importlib.util.find_spec("pyarrow") is None:
-            return
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-        from pyarrow import csv as reader
+        if importlib.util.find_spec("pyarrow") is not None:
+            import pandas as pd
 
-        rows = self._folder / "measured.csv"
-        fields = [
-            pa.field(name, _PLAIN[(*get_args(about.annotation), about.annotation)[0]],
-                     metadata={"description": about.description or ""})
-            for name, about in MeasuredRow.model_fields.items()
-        ]  # fmt: skip
-        schema = pa.schema(fields)
-        types = reader.ConvertOptions(column_types=schema)
-        with disk_errors(self._folder), whole(rows.with_suffix(".parquet")) as part:
-            pq.write_table(reader.read_csv(rows, convert_options=types).cast(schema), part)
-        rows.unlink()
-
-
-def _about(session: Session) -> dict[str, Any]:
-    known, pattern = session.source.known, session.pattern
-    return {
-        "source": session.source.name,
-        "simulated": known.simulated,
-        "deltact-fab": __version__,
-        "columns": "deltact-fab schema measured",
-        "arrays": "deltact-fab schema fields",
-        "mm_per_px": None if known.in_px else session.view.mm_per_px,
-        "pattern": "dense" if pattern is None else pattern.kind,
-        "told": told_once(session),
-    }
+            rows = self._folder / "measured.csv"
+            table = shaped(COLUMNS, pd.read_csv(rows))
+            made = rows.with_suffix(".parquet")
+            with whole(made) as part, parquet(part, COLUMNS, self._about) as add:
+                add(table)
+            rows.unlink()
 
 
 def _arrays(m: MeasuredImage) -> Iterator[tuple[str, Array]]:
-    """By the names of FieldArrays."""
+    """By the names of `rows.ARRAYS`."""
     r = m.result
-    if r.markers is not None:
-        yield "position_px", r.markers.position_px
-        yield "displacement_px", r.markers.displacement_px
-    elif r.flow is not None:
-        yield from (("shift_mm", r.flow.shift_mm), ("known", r.flow.known),
-                    ("x_mm", r.flow.x_mm), ("y_mm", r.flow.y_mm))  # fmt: skip
-    elif r.observation is not None:
-        yield from (("flow_px", r.observation.flow_px), ("state", r.observation.state))
-    depth = r.shape.depth if r.shape is not None else None
-    for name, part in (("depth", depth), ("traction", r.traction)):
-        if part is not None:
-            unit = "mm" if name == "depth" else "mpa"
-            yield f"{name}_{unit}", getattr(part, f"{name}_{unit}")
-            yield f"{name}_x_mm", part.x_mm
-            yield f"{name}_y_mm", part.y_mm
+    parts: list[tuple[Any, str, str]] = [(r.markers, "", "position_px displacement_px")]
+    if r.flow is None:
+        parts.append((r.observation, "", "flow_px state"))
+    parts.append((r.flow, "", "shift_mm known x_mm y_mm"))
+    parts.append((r.shape and r.shape.depth, "depth_", "depth_mm x_mm y_mm"))
+    parts.append((r.traction, "traction_", "traction_mpa x_mm y_mm"))
+    for part, before, names in parts:
+        for name in names.split() if part is not None else ():
+            yield name if name.startswith(before) else before + name, getattr(part, name)

@@ -83,12 +83,10 @@ def image(m: MeasuredImage, tracked: Array) -> Array:
     dots = m.result.markers
     if dots is None:
         return tracked
-    drawn = tracked.copy()
-    now = dots.position_px[dots.found]
-    rest = now - dots.displacement_px[dots.found]
-    for start, end in zip(rest.round().astype(int), now.round().astype(int), strict=True):
-        cv2.circle(drawn, end.tolist(), 3, (77, 225, 255), 1, cv2.LINE_AA)
-        cv2.arrowedLine(drawn, start.tolist(), end.tolist(), (77, 225, 255), 1, cv2.LINE_AA)
+    drawn, ends = tracked.copy(), dots.position_px[dots.found]
+    ways = np.stack((ends - dots.displacement_px[dots.found], ends), axis=1)
+    for start, end in ways.round().astype(int).tolist():
+        cv2.arrowedLine(drawn, start, end, (77, 225, 255), 1, cv2.LINE_AA)
     return drawn
 
 

@@ -15,7 +15,7 @@ from ..measure.pipeline import Measurement, Pipeline, Result
 from ..rig.interface import CameraFrame
 from .motion import Motion
 from .open import images
-from .recognised import Pattern
+from .recognised import SeenPattern
 from .source import Source
 
 RATE_S = 2.0
@@ -63,7 +63,7 @@ class Session:
         *,
         most_hz: float | None = None,
         frames: Iterator[CameraFrame] | None = None,
-        pattern: Pattern | None = None,
+        pattern: SeenPattern | None = None,
     ) -> None:
         """most_hz: of a source that is not live, so many images a second are measured at most.
 

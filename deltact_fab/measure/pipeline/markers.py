@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import time
 
-import numpy as np
-
 from ...aliases import Array
 from ...optics import CameraModel
 from ..dots import DotTracker
@@ -36,8 +34,6 @@ class MarkerMeasurement(Measurement):
 
     def _ready(self, since: Since, image: Array) -> Array:  # type: ignore[override]
         seen = self.rectified(image)
-        if seen.ndim == 2:
-            seen = np.repeat(seen[..., None], 3, axis=-1)
         if since.markers is None:
             since.markers = DotTracker.found_in(seen)
             since.markers.update(seen)  # now, for a reference is given once

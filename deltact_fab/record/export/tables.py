@@ -134,7 +134,9 @@ def of_press(run: Run, line: TimeLine, name: str, press: str) -> pd.DataFrame:
     read = {"frames": run.frames, "force": run.force, "pose": run.pose, "steps": run.steps}[name]
     table = read(press)
     at = "t_start_s" if name == "steps" else "t_s"
-    return _shaped(name, table.assign(**{LINE: line.of_press_ns(press, table[at].to_numpy(float))}))
+    return shaped(
+        TABLES[name], table.assign(**{LINE: line.of_press_ns(press, table[at].to_numpy(float))})
+    )
 
 
 def events(run: Run, line: TimeLine) -> pd.DataFrame:
@@ -148,13 +150,13 @@ def events(run: Run, line: TimeLine) -> pd.DataFrame:
     clocks = zip(table["seq"], table["t_s"].astype(float), table["wall_s"], strict=True)
     times = [line.of_event_ns(int(seq), t_s, wall_s) for seq, t_s, wall_s in clocks]
     table = table.assign(**{LINE: np.array(times, np.int64)})
-    return _shaped("events", table.sort_values(LINE, kind="stable"))
+    return shaped(TABLES["events"], table.sort_values(LINE, kind="stable"))
 
 
-def _shaped(name: str, table: pd.DataFrame) -> pd.DataFrame:
-    """Exactly the columns of `TABLES`; what older formats did not know is empty."""
+def shaped(columns: list[TableColumn], table: pd.DataFrame) -> pd.DataFrame:
+    """Exactly these columns; what older formats did not know is empty."""
     kinds: dict[str, Any] = {
-        column.name: _KINDS.get(column.kind, column.kind) for column in TABLES[name]
+        column.name: _KINDS.get(column.kind, column.kind) for column in columns
     }
     return table.reindex(columns=list(kinds)).astype(kinds)
 
@@ -167,7 +169,7 @@ def _csv(path: Path) -> Iterator[Callable[[pd.DataFrame], None]]:
 
 
 @contextmanager
-def _parquet(
+def parquet(
     path: Path, columns: list[TableColumn], about: dict[str, Any]
 ) -> Iterator[Callable[[pd.DataFrame], None]]:
     """What adds rows to a Parquet file, a row group a press; units stand with the columns."""
@@ -201,7 +203,7 @@ def write(run: Run, folder: Path, form: str, progress: Progress) -> dict[str, in
         writers = {}
         for name, columns in TABLES.items():
             path = folder / f"{name}.{form}"
-            writer = _csv(path) if form == "csv" else _parquet(path, columns, about)
+            writer = _csv(path) if form == "csv" else parquet(path, columns, about)
             writers[name] = opened.enter_context(writer)
 
         def add(name: str, table: pd.DataFrame) -> None:
