@@ -138,8 +138,8 @@ def measure(
             if page is not None:
                 page.tell(health)
 
-        for line in told_once(session):
-            tell(line)
+        if lines := told_once(session):
+            tell("\n".join(lines))
         outputs.append(HealthOutput(tell))
         if out is not None:
             kept = KeptFolder(out, session, pictures)

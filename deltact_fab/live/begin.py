@@ -60,8 +60,8 @@ def open_session(
             camera = Pinhole(mm_per_px or 1.0, w, h, eye_distance_mm=1e3)  # stands for the lens
             known = source.known = replace(known, camera=camera, in_px=mm_per_px is None)
         if known.in_px:
-            for output in set(show or ()) - {"flow", "observation"}:
-                raise InputError(f"--show {output}: needs a scale: --mm-per-px or --camera")
+            if beyond := [one for one in show or () if one not in ("flow", "observation")]:
+                raise InputError(f"--show {beyond[0]}: needs a scale: --mm-per-px or --camera")
             show = ("observation",)
         measurement = measurement_of(known, (), show)
         pattern = recognise(measurement.rectified(first.image))

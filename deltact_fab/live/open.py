@@ -121,16 +121,15 @@ def images(source: Source, rest_only: bool = False) -> Iterator[CameraFrame]:
     """
     camera = source.known.camera
     wanted = None if camera is None else raw_size_px(camera)
-    whose = "the camera of the design" if source.known.nominal else "the camera that was calibrated"
+    whose = f"camera {'of the design' if source.known.nominal else 'that was calibrated'} makes"
     k = -1
     for k, frame in enumerate(source.at_rest() if rest_only else source.frames()):
         h, w = frame.image.shape[:2]
         if wanted is None:
-            wanted, whose = (w, h), "the first image"
+            wanted, whose = (w, h), "first image has"
         if (w, h) != wanted:
-            makes = "makes" if camera is not None else "has"
             raise InputError(
-                f"{source.name}: image {k} has {w} x {h} px; {whose} {makes} "
+                f"{source.name}: image {k} has {w} x {h} px; the {whose} "
                 f"{wanted[0]} x {wanted[1]} px"
             )
         yield frame

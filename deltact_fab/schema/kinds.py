@@ -49,11 +49,7 @@ KINDS = {
 
 
 _OUTPUTS = (
-    (
-        "measured",
-        "columns of the table of `measure --out`, a row an image",
-        "live.rows:MeasuredRow",
-    ),
+    ("measured", "columns that `measure --out` keeps of each image", "live.rows:MeasuredRow"),
     ("fields", "arrays that `measure --out` keeps of each image", "live.rows:FieldArrays"),
 )
 OUTPUTS = {name: Kind(name, "", about, partial(_model, where)) for name, about, where in _OUTPUTS}
