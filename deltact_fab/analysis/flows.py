@@ -12,6 +12,7 @@ from ..measure.face import FaceFlow
 from ..measure.flow import FlowTracker
 from ..record import Run
 from .frames import settled
+from .view import camera_of
 
 _KIND = "face-flow"
 _KEPT_BYTES = 2 << 30
@@ -34,7 +35,7 @@ def key_of(run: Run, press: str) -> str:
     text.update(digest.of("measure.flow", "measure.face", "record.run").encode())
     for seq, sha256 in zip(followed["seq"], followed["sha256"], strict=True):
         text.update(f"{sha256} {seq in set(chosen['seq'])}\n".encode())
-    text.update(repr(run.camera.as_dict()).encode())
+    text.update(repr(camera_of(run).as_dict()).encode())
     flat = run.folder / "camera.flat.png"
     text.update(flat.read_bytes() if flat.is_file() else b"")
     return text.hexdigest()
@@ -67,7 +68,7 @@ def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
     import cv2
 
     cv2.setNumThreads(1)  # the flow depends on their number
-    frames, camera = run.frames(press), run.camera
+    frames, camera = run.frames(press), camera_of(run)
     wanted = set(settled(frames)["seq"])
     tracker = FlowTracker(full=False)
     flows = []

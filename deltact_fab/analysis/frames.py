@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from ..errors import InputError, RunFailed
-from ..record import Run
+from ..record import UNKNOWN, Run
 
 PRESSING = ("press", "shear")
 """Kinds of the steps in which the face is pressed."""
@@ -34,8 +34,11 @@ def settles(frames: pd.DataFrame) -> bool:
 def settled(frames: pd.DataFrame) -> pd.DataFrame:
     """The frames of a press at which nothing moves, of the table of all its frames.
 
-    Where the protocol does not settle: the last frame of each step that presses or shears.
+    Where the protocol does not settle: the last frame of each step that presses or shears. Of an
+    imported run nobody knows, and all are taken.
     """
+    if (frames["kind"] == UNKNOWN).all():
+        return frames
     if settles(frames):
         return frames[frames["settled"]]
     last = frames.groupby("step_id", sort=False).tail(1)

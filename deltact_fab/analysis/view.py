@@ -2,32 +2,55 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import Any
 
 from .. import __version__, catalog
 from ..errors import InputError
 from ..measure.sensor_id import CalibrationSource, Head, Kind, SensorId
 from ..measure.view import SensorView
+from ..optics import CameraModel, Pinhole
 from ..record import Run
 from ..shapes import SkinDimensions
+
+
+def in_pixels(run: Run) -> bool:
+    """Whether nobody knows the camera of a run that was imported: its flow is in pixels."""
+    return run.imported and run.meta["camera"] is None
+
+
+def camera_of(run: Run) -> CameraModel:
+    """A run's camera; where it is `in_pixels` a view from afar in which a pixel is a mm.
+
+    Raises InputError for a run that was recorded without a camera.
+    """
+    if not in_pixels(run):
+        return run.camera
+    w, h = run.meta["imported"]["image_px"]
+    return Pinhole(1.0, w, h, math.inf)
 
 
 def view_of(run: Run) -> SensorView:
     """What the measurement may know of a run's sensor: no force, no truth.
 
-    Raises InputError without a camera, or where the record's skin is none.
+    `in_pixels` there is no skin. Raises InputError without a camera, or where the record's skin is
+    none.
     """
+    if in_pixels(run):
+        nothing: Any = None
+        return SensorView(camera_of(run), nothing)
     source = f"{run.folder}/run.json: sensor.skin"
     skin = catalog.validate(SkinDimensions, run.meta["sensor"]["skin"], source)
-    return SensorView(run.camera, skin, float(run.meta["protocol"]["specimen"]["poisson"]))
+    poisson = run.meta["protocol"]["specimen"].get("poisson", SensorView.poisson)
+    return SensorView(run.camera, skin, float(poisson))
 
 
 def sensor_of(run: Run) -> SensorId:
     """Which sensor a run was recorded on. Raises InputError without a camera."""
     specimen = run.meta["protocol"]["specimen"]
-    return SensorId.of(
-        run.camera, run.pattern["recipe"], specimen["design"], specimen.get("serial")
-    )
+    recipe = None if run.imported else run.pattern["recipe"]
+    return SensorId.of(camera_of(run), recipe, specimen.get("design"), specimen.get("serial"))
 
 
 def head_of(runs: Sequence[Run], kind: Kind) -> Head:

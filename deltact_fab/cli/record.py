@@ -65,6 +65,31 @@ def note(run: Path, text: str, as_json: bool) -> None:
     echo_result(added, [_note(added)], as_json)
 
 
+@record.command("import", epilog="Example: deltact-fab record import recording.toml --out bubble")
+@click.argument("recording", type=PATH, metavar="RECORDING.toml")
+@out_folder("New run folder.", required=True)
+@JSON
+def import_(recording: Path, out: Path, as_json: bool) -> None:
+    """Make a run of images, times, force and pose that were recorded elsewhere.
+
+    RECORDING.toml says where they are, in which columns and units, and which way force points.
+    Images: a folder, a video or a stack (.npy). The run is marked as imported; what nobody said
+    stays unknown. Says how much force lags the images. Nothing is written unless all is right.
+    """
+    from ..cad.design import load_design
+    from ..record import import_recording
+    from ..rig.camera.files import images_of
+    from .output import echo_result, progress
+
+    with progress("import") as bar:
+        done = import_recording(recording, out, images_of, load_design, bar)
+    samples = "".join(f", {n} samples of {name}" for name, n in done["samples"].items())
+    told = [f"{out}: {done['frames']} images imported{samples}"]
+    echo_result(
+        {"out": str(out), **done}, [*told, *(f"  {note}" for note in done["notes"])], as_json
+    )
+
+
 @record.command(epilog="Example: deltact-fab record export smoke-run --format csv --out tables")
 @RUN
 @click.option("--format", "form", required=True, type=click.Choice(["csv", "parquet", "mcap"]),
@@ -111,9 +136,10 @@ def _described(data: dict[str, Any]) -> Iterator[str]:
     )
     yield from (f"  event {kind}: {count}" for kind, count in data["events"].items())
     face = data["registration"]
-    by = face["registration"] or "the rig file, not registered"
-    at = ", ".join(f"{p:g}" for p in face["origin_machine_mm"])
-    yield f"  face at machine {at} mm, by {by}"
+    if face["origin_machine_mm"] is not None:
+        by = face["registration"] or "the rig file, not registered"
+        at = ", ".join(f"{p:g}" for p in face["origin_machine_mm"])
+        yield f"  face at machine {at} mm, by {by}"
     yield from (f"  indenter: {line}" for line in data["indenters"])
     yield from (f"  remark: {text}" for text in data["remarks"])
     yield from map(_note, data["notes"])

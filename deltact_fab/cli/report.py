@@ -21,12 +21,15 @@ def report(run: Path, out: Path | None, calibrations: tuple[Path, ...], as_json:
     from .. import record
     from ..analysis.measured import calibrations_of, measured
     from ..analysis.tracking_error import TrackingResult, analyse
-    from ..report.page import write
+    from ..report.page import write, write_imported
     from ..report.templating import require_pages
     from .output import echo_written, progress
 
     require_pages()
     folder, opened = run / "analysis", record.open(run)
+    if opened.imported:
+        echo_written(write_imported(opened, out or run / "report.html"), as_json)
+        return
     files = calibrations_of(opened, calibrations)
     if (folder / "tracking.json").is_file():
         result = TrackingResult.load(folder)

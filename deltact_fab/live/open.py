@@ -48,8 +48,8 @@ class RecordedRun:
             run.camera,
             run.flat,
             catalog.validate(SkinDimensions, skin, f"{folder}/run.json: sensor.skin"),
-            recipe=run.pattern["recipe"],
-            design=specimen["design"],
+            recipe=run.pattern.get("recipe"),
+            design=specimen.get("design"),
             serial=specimen.get("serial"),
             simulated=f"simulated, seed {run.meta['seed']}" if run.simulated else None,
         )

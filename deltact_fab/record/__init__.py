@@ -22,9 +22,10 @@ from __future__ import annotations
 from .check import check, require_whole
 from .conditions import require_same
 from .description import about
-from .files import lattice_file, lens_file, truth_file
+from .files import UNKNOWN, lattice_file, lens_file, truth_file
 from .images import decode, encode_png, image_format, rate_held_hz
 from .images import require as require_format
+from .importing import import_recording
 from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
 from .notes import add as add_note
 from .notes import usable as usable_note
@@ -36,6 +37,7 @@ from .writer import RunWriter
 __all__ = [
     "CLOCK_COLUMNS",
     "PRESS_TABLES",
+    "UNKNOWN",
     "WALL_COLUMNS",
     "Chunk",
     "Run",
@@ -47,6 +49,7 @@ __all__ = [
     "decode",
     "encode_png",
     "image_format",
+    "import_recording",
     "lattice_file",
     "lens_file",
     "open",

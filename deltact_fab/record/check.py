@@ -124,7 +124,7 @@ def check(folder: Path, progress: Progress | None = None) -> RunVerdict:
         elif not note["hashed"]:
             verdict.unhashed.append(f"notes.jsonl:{number}")
     steps: list[Step] = []
-    if run.format not in WITHOUT_PLAN:
+    if run.format not in WITHOUT_PLAN and not run.imported:
         try:
             steps = _planned(run)
         except InputError as why:
@@ -143,6 +143,8 @@ def check(folder: Path, progress: Progress | None = None) -> RunVerdict:
                 verdict.unhashed += [f for end in (False, True) for f in metadata(folder, end)]
     except RunFailed as why:
         add(Damage("damaged", "journal.sqlite", str(why)))
+    if run.imported and not verdict.problems:
+        verdict.problems += _uncounted(run)
     return verdict
 
 
@@ -381,3 +383,19 @@ def _summary(run: Run, steps: int, verdict: RunVerdict) -> Iterator[Damage]:
         if (key in said or key in ("steps", "frames")) and said.get(key) != value:
             text = f"{key} = {said.get(key)}, the rest of the run has {value}"
             yield Damage("differs", "summary.json", text)
+
+
+def _uncounted(run: Run) -> Iterator[Damage]:
+    """Where the journal of an imported run, which has no plan, differs from what was counted."""
+    said = run.summary()
+    if not said:
+        yield Damage("missing", "summary.json", "without it an import is not known to be whole")
+        return
+    with run.reader() as db:
+        found = dict(db.execute("SELECT stream, sum(n) FROM samples GROUP BY stream"))
+        found["frames"] = db.execute("SELECT count(*) FROM frames").fetchone()[0]
+    wanted = {"frames": said.get("frames"), **(said.get("samples") or {})}
+    for what, count in wanted.items():
+        if found.get(what) != count:
+            text = f"{found.get(what)} of {what}, and {count} were imported"
+            yield Damage("differs", "journal.sqlite", text)

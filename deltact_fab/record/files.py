@@ -20,6 +20,9 @@ from ..protocols.plan import Step, Waits
 FORMAT = 6
 HASHED = 6  # from this format on the metadata have their hashes in the journal
 GOES_ON = (5, FORMAT)  # formats whose unfinished runs this version goes on with
+IMPORTED, UNKNOWN = "imported", "unknown"
+"""The mark of a run that was recorded elsewhere, in run.json and pattern.json; the kind of its
+frames, and their indenter where nobody said it."""
 
 
 def frame_id_of(step: Step, k: int) -> str:
@@ -152,6 +155,7 @@ class _RunFile(TypedDict, total=False):
     air: bool
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     versions: dict[str, str]
+    imported: dict[str, Any]
 
 
 class _Recipe(TypedDict, total=False):
@@ -188,9 +192,10 @@ class Kept(dict[str, Any]):
     """A table of a kept file: a missing key is bad input, not an error of the reader."""
 
     source = ""
+    lacks = "missing key"
 
     def __missing__(self, key: str) -> Any:
-        raise InputError(f"{self.source}: {key}: missing key")
+        raise InputError(f"{self.source}: {key}: {self.lacks}")
 
 
 _FILES = {"run.json": _RunFile, "pattern.json": _PatternFile, "summary.json": _SummaryFile}
@@ -206,16 +211,17 @@ def kept(folder: Path, name: str) -> dict[str, Any]:
     if name == "run.json" and (known := data.get("format")) not in (2, 3, 4, *GOES_ON):
         raise InputError(f"{path}: format: {known}, this version reads 2 to {FORMAT}")
     catalog.validate(_FILES[name], data, str(path))
-    found: dict[str, Any] = _wrapped(data, str(path))
+    lacks = "not known of an imported run" if IMPORTED in data else Kept.lacks
+    found: dict[str, Any] = _wrapped(data, str(path), lacks)
     return found
 
 
-def _wrapped(value: Any, source: str) -> Any:
+def _wrapped(value: Any, source: str, lacks: str) -> Any:
     """The same with every table a `Kept`."""
     if isinstance(value, list):
-        return [_wrapped(one, source) for one in value]
+        return [_wrapped(one, source, lacks) for one in value]
     if not isinstance(value, dict):
         return value
-    table = Kept({key: _wrapped(one, source) for key, one in value.items()})
-    table.source = source
+    table = Kept({key: _wrapped(one, source, lacks) for key, one in value.items()})
+    table.source, table.lacks = source, lacks
     return table

@@ -18,7 +18,7 @@ from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
 from ..shapes import Indenter
 from ..shapes.indenter import of_run
 from . import notes
-from .files import flat_file, kept, lattice_file
+from .files import IMPORTED, flat_file, kept, lattice_file
 from .images import decode, encode_png
 from .journal import misfits
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
@@ -125,6 +125,11 @@ class Run:
     def camera(self) -> CameraModel:
         """The projection of the images as they are tracked. Raises InputError without a camera."""
         stored = self.meta["camera"]
+        if stored is None and self.imported:
+            raise InputError(
+                f"{self.folder}: imported without a camera; name `camera` and `design` in the "
+                "recording's file and import it again"
+            )
         if stored is None:
             raise InputError(f"{self.folder}: recorded without a camera")
         return camera_from_dict(stored, f"{self.folder}/run.json: camera")
@@ -133,6 +138,11 @@ class Run:
     def simulated(self) -> bool:
         """True when no hardware was involved."""
         return bool(self.meta["simulated"])
+
+    @property
+    def imported(self) -> bool:
+        """True of a recording made elsewhere: of it little is known (run.json: imported)."""
+        return IMPORTED in self.meta
 
     def dots_mm(self) -> NDArray[np.float64]:
         """Centres of the pattern's dots at rest, (n, 2) mm; n = 0 without dots."""
@@ -212,7 +222,8 @@ class Run:
             "folder": self.folder,
             "rig": f"{self.meta['rig']['kind']}, {'simulated' if self.simulated else 'real'}",
             "indenters": ", ".join(dict.fromkeys(frames["indenter"])),
-            "presses": f"{frames['press'].nunique()}, to {-touched['z_mm'].min():.2f} mm",
+            "presses": frames["press"].nunique(),
+            "deepest": f"{-touched['z_mm'].min():.2f} mm" if len(touched) else None,
             "frames": len(frames),
             "peak force": f"{normal_n.max():.2f} N" if known.any() else None,
             "seed": self.meta["seed"] if self.simulated else None,
@@ -288,7 +299,7 @@ class Run:
                     "t_s": chunk.origin_s + chunk.t_press_s(),
                     "t_press_s": chunk.t_press_s(),
                     **{name: chunk.values(name) for name in names},
-                    **{name: chunk.columns[name] for name in more},
+                    **{name: chunk.columns.get(name) for name in more},
                 }
             )
             for of_press, step_id, chunk in self._chunks(stream, press)

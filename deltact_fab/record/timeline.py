@@ -33,6 +33,8 @@ class TimeLine:
     offsets_ns: tuple[int, ...]
     press_session: dict[str, int]
     event_session: dict[int, int]
+    imported_ns: int | None = None
+    """Of the first image of an imported run, whose times are the recording's own."""
 
     @classmethod
     def of(cls, run: Run) -> TimeLine:
@@ -72,8 +74,11 @@ class TimeLine:
             first_s, last_s = min(first for first, _, _ in span), max(last for _, last, _ in span)
             offsets[at] = max(to_ns(span[0][2]), end_ns - to_ns(first_s))
             end_ns = offsets[at] + to_ns(last_s)
+        imported_ns = None
+        if run.imported and rows:
+            offsets, imported_ns = [0] * len(offsets), to_ns(min(row[1] for row in rows))
         presses = tuple(row[0] for row in sorted(rows, key=itemgetter(5)))
-        return cls(presses, tuple(offsets), press_session, event_session)
+        return cls(presses, tuple(offsets), press_session, event_session, imported_ns)
 
     def of_press_ns(self, press: str, t_s: NDArray[np.float64] | float) -> NDArray[np.int64]:
         """Times of the rig's clock in a press, on the line."""
@@ -83,5 +88,5 @@ class TimeLine:
     def of_event_ns(self, seq: int, t_s: float | None, wall_s: float) -> int:
         """An event's time on the line; of the day where the rig's clock did not run yet."""
         if t_s is None or math.isnan(t_s):
-            return to_ns(wall_s)
+            return to_ns(wall_s) if self.imported_ns is None else self.imported_ns
         return to_ns(t_s) + self.offsets_ns[self.event_session[seq]]

@@ -7,9 +7,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
-from .. import record
+from .. import reading, record
 from ..analysis.measured import DeepestPress, MeasuredRun
 from ..analysis.shape import ShapeResult
 from ..analysis.tracking_error import PAPER_BEST_MM, RULE, WRONG_MM, TrackingResult, percent
@@ -90,6 +91,42 @@ def write(
     return save(page, out)
 
 
+def write_imported(run: record.Run, out: Path) -> Path:
+    """Write the page of an imported run: what is known of it, what is not, its force and motion.
+
+    With the verdict of `analyze force`, where that was asked. Raises as `write` does.
+    """
+    frames, summary = run.frames(), run.summary()
+    if not summary or frames.empty:
+        raise InputError(f"{run.folder}: not whole; import it again")
+    t_s = frames["t_s"] - frames["t_s"].iloc[0]
+    figure = run_figures.force_and_motion(t_s, frames, summary["moved_px"])
+    most = frames.iloc[int(np.argmax(summary["moved_px"]))]
+    force = run.folder / "analysis" / "force.json"
+    told = reading.json_object(force) if force.is_file() else {}
+    counts = {
+        "images": f"{len(frames)} of {' x '.join(map(str, run.meta['imported']['image_px']))} px",
+        "time, s": t_s.iloc[-1],
+        **{f"samples of {name}": n for name, n in summary["samples"].items()},
+        **{f"SHA-256 of {name}": digest for name, digest in run.meta["imported"]["sha256"].items()},
+    }
+    page = render(
+        "imported.html",
+        name=run.meta["name"],
+        about=run.meta["protocol"]["description"],
+        notes=[*summary["notes"], *run.notes()["text"]],
+        verdict=told.get("verdict"),
+        doubts=told.get("left_out", []),
+        figure=figures.to_svg(figure, "force on the sensor and motion of the picture over time"),
+        pictures=[
+            _thumbnail(run, frames.iloc[0], "the first image: motion counts from it"),
+            _thumbnail(run, most, f"moved most, after {most['t_press_s']:.2f} s"),
+        ],
+        known=table(pd.DataFrame(counts.items(), columns=["what", "value"])),
+    )
+    return save(page, out)
+
+
 # What a figure shows, where its axes do not say it all.
 _SHOWN = {
     "shape": "depth, flow and contact on the face at the deepest press of each indenter",
@@ -166,14 +203,18 @@ def _percent(value: float | None) -> str:
 
 def _picture(run: record.Run, frames: pd.DataFrame, one: DeepestPress | None = None) -> Any:
     """The image of a press, else the pattern at rest, as a data URL, and its caption."""
-    import cv2
-    import numpy as np
-
     row = frames.iloc[0] if one is None else frames[frames["frame_id"] == one.frame_id].iloc[0]
+    caption = "at rest" if one is None else f"{one.indenter}, {one.depth_mm:.2f} mm deep"
+    return _thumbnail(run, row, caption)
+
+
+def _thumbnail(run: record.Run, row: pd.Series[Any], caption: str) -> dict[str, str]:
+    """The image of a frame, smaller, as a data URL, and its caption."""
+    import cv2
+
     small = cv2.resize(
         run.image(str(row["file"])), None, fx=SMALLER, fy=SMALLER, interpolation=cv2.INTER_AREA
     )
     # JPEG would smear the pattern.
     png = base64.b64encode(record.encode_png(np.asarray(small, np.uint8))).decode()
-    caption = "at rest" if one is None else f"{one.indenter}, {one.depth_mm:.2f} mm deep"
     return {"src": f"data:image/png;base64,{png}", "caption": caption}

@@ -123,6 +123,22 @@ def _panel(axis: Axes, press: DeepestPress) -> None:
     axis.grid(False)
 
 
+def force_and_motion(t_s: pd.Series[float], frames: pd.DataFrame, moved_px: list[float]) -> Figure:
+    """Of an imported run, over time: force on the sensor, and how far the picture moved."""
+    known = [name for name in FORCE if frames[name].notna().any()]
+    figure, axes = blank(9.6, 3.4, 2 if known else 1, share_y=False)
+    for axis in axes:
+        axis.set_xlabel("time since the first image, s")
+    for colour, name in zip(COLOURS, known, strict=False):
+        axes[0].plot(t_s, frames[name], color=colour, lw=1.2, label=f"$F_{name[1]}$")
+    if known:
+        axes[0].set_ylabel("force on the sensor, N")
+        legend_below(figure, axes[0])
+    axes[-1].plot(t_s, moved_px, color=SOFT, lw=1.2)
+    axes[-1].set_ylabel("mean motion of the picture, px")
+    return figure
+
+
 def force_by_frame(frames: pd.DataFrame) -> Figure:
     """Force on the sensor against the frame, a panel an indenter.
 

@@ -30,12 +30,14 @@ from ...measure.view import SensorView
 from ...protocols.plan import DeadWeights
 from ...record import Run, encode_png
 from ..frames import settled, settles
-from ..view import head_of, view_of
-from .dataset import ForceData, gather, opened, presses
+from ..view import head_of, in_pixels, view_of
+from .dataset import STRETCHES, ForceData, gather, opened, presses
 from .gel import early_labels, told_gel
 from .judge import FOLDS, figures, judge, learning_curve, score
 from .result import PAPER, ForceResult, errors_kept
 from .transfer import TransferredCalibration, transfer
+
+NO_CAMERA = "no camera is known: mm of its flow are pixels, and no calibration is written"
 
 
 def calibrate(
@@ -53,6 +55,10 @@ def calibrate(
     """
     asked = tuple(dict.fromkeys([*(names or FEATURES), PAPER]))
     runs, tables = opened(folders)
+    if blind := [str(run.folder) for run in runs if in_pixels(run)]:
+        if names and Inverse.name in names:
+            raise InputError(f"{blind[0]}: {Inverse.name} rests on the gel; {NO_CAMERA}")
+        asked = tuple(name for name in asked if name != Inverse.name)
     must = asked if names else (PAPER,)
     looked = asked if names else (*asked, *READINGS)
     source, view = str(runs[0].folder), view_of(runs[0])
@@ -149,7 +155,14 @@ def _doubts(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]:
     """What makes the points of a run worse than they could be."""
     doubts = []
     for run, frames in zip(runs, tables, strict=True):
-        if not settles(frames):
+        if run.imported:
+            doubts.append(
+                f"{run.folder}: imported: which frames are at rest is not known, all are points; "
+                f"a 'press' is one of {STRETCHES} stretches of time"
+            )
+            if in_pixels(run):
+                doubts.append(f"{run.folder}: {NO_CAMERA}")
+        elif not settles(frames):
             doubts.append(f"{run.folder}: nothing settles in it; the end of each motion is taken")
         weights = run.meta["protocol"].get("weights")
         if weights is not None:

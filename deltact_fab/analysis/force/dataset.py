@@ -8,6 +8,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,7 @@ from ...jobs import each
 from ...measure.face import FaceFlow
 from ...measure.force import Features, make_features
 from ...measure.view import SensorView
-from ...record import Run
+from ...record import UNKNOWN, Run
 from ..flows import PressFlows, flows_of
 from ..frames import PRESSING, recorded, settle_s, settled, settles
 from ..view import head_of, view_of
@@ -59,6 +60,8 @@ def wrenches(run: Run, press: str, rows: pd.DataFrame) -> tuple[Array, Array]:
     return wrench, saturated
 
 
+STRETCHES = 10
+"""In which an imported run, whose presses nobody knows, is left out in place of presses."""
 MIN_COVER = 0.7
 """Of the view, known in a frame that is taken."""
 _GEL = ("gel_model", "modulus_mpa", "poisson", "prony")
@@ -106,7 +109,9 @@ def opened(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFrame]]:
         raise InputError(f"{twice[0]}: given twice; give each run once")
     tables = [recorded(run, "force") for run in runs]
     for run, frames in zip(runs, tables, strict=True):
-        if frames[list(WRENCH)].isna().any(axis=None):
+        unread = frames[list(WRENCH)].isna()
+        # An imported run may lack components: those are not calibrated.
+        if unread.all(axis=None) if run.imported else unread.any(axis=None):
             raise InputError(
                 f"{run.folder}: no force was recorded; force needs the channel 'force'"
             )
@@ -121,7 +126,7 @@ def opened(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFrame]]:
 
 def presses(run: Run) -> list[str]:
     """The presses of a run, in order; without its table of frames, which takes long to read."""
-    steps = run.steps()
+    steps = run.frames() if run.imported else run.steps()
     return list(dict.fromkeys(steps.loc[steps["kind"] != "change", "press"]))
 
 
@@ -204,6 +209,12 @@ def points_of(
     """
     rows = settled(run.frames(press))
     wrench, saturated = wrenches(run, press, rows)
+    far = np.zeros(len(rows), bool)
+    if run.imported:  # what is not measured is never other than 0, which calibrates nothing
+        far = rows["force_skew_s"].to_numpy(float) > WINDOW_S
+        # The flow counts from the first image, and so must the force.
+        wrench -= wrench[(rows["t_press_s"] <= WINDOW_S).to_numpy()].mean(0)
+        wrench[:, np.isnan(wrench).all(axis=0)] = 0.0
     sets = [make_features(name, view) for name in names]
     followed = {every: flows_of(run, press, every) for every in {one.every for one in sets}}
     flows = next(iter(followed.values())).flows
@@ -211,6 +222,8 @@ def points_of(
     for k, flow in enumerate(flows):
         if saturated[k]:
             refused[k] = "a gauge of the force sensor was out of range"
+        elif far[k]:
+            refused[k] = f"no force within {WINDOW_S:g} s"
         elif not flow.trusted:
             refused[k] = "the flow is not trusted"
         elif flow.cover < MIN_COVER:
@@ -222,13 +235,18 @@ def points_of(
             refused[k] = refused[k] or f"{one.name} found no solution"
     taken = np.array([not why for why in refused])
     steps = run.steps()
-    first = steps[steps["press"] == press].iloc[0]  # its aim: where the press goes down
-    x_mm, y_mm = (round(float(first[name]), 3) + 0.0 for name in ("x_mm", "y_mm"))
+    within: Any = f"{label}/{press}"
+    if run.imported:
+        x_mm = y_mm = np.nan
+        within = [f"{within}/{STRETCHES * k // len(rows)}" for k in range(len(rows))]
+    else:
+        first = steps[steps["press"] == press].iloc[0]  # its aim: where the press goes down
+        x_mm, y_mm = (round(float(first[name]), 3) + 0.0 for name in ("x_mm", "y_mm"))
     table = rows[["frame_id", "indenter"]].assign(
         run=label,
-        press=f"{label}/{press}",
+        press=within,
         # Mirror images are one: a model that knows the mirror has seen the others in any of them.
-        position=f"({abs(x_mm):g}, {abs(y_mm):g})",
+        position=UNKNOWN if run.imported else f"({abs(x_mm):g}, {abs(y_mm):g})",
         x_mm=x_mm,
         y_mm=y_mm,
         cover=[flow.cover for flow in flows],

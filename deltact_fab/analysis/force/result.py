@@ -13,6 +13,7 @@ import pandas as pd
 
 from ...files import write_whole
 from ...measure.force.calibration import ForceCalibration
+from ...record import UNKNOWN
 from ..frames import make_folder
 from .dataset import ForceData
 from .gel import EarlyLabels, ToldGel
@@ -87,6 +88,8 @@ class ForceResult:
         """The verdict: which model is taken, and what it may be trusted to."""
         split = self.best.ranked_by
         text = f"{self.best.name} is taken: {_errors(self.best, self.data)}, {SPLITS[split]}"
+        if (self.data.points["position"] == UNKNOWN).all():  # of an imported run
+            return text.replace("presses", "stretches of time")
         if self.paper is not self.best:
             text += f"; the paper's model {_errors(self.paper, self.data)}"
         if split in ("press", "point"):
@@ -142,6 +145,8 @@ class ForceResult:
         text = json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
         write_whole(data, text.encode())
         write_whole(points, self.points().to_csv(index=False).encode())
+        if self.calibration.skin is None:  # of an imported run `in_pixels`
+            return [data, points]
         return [data, points, *write_calibration(self.calibration, output)]
 
 

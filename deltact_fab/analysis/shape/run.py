@@ -153,6 +153,7 @@ def analyse(
     """
     run = record.open(folder)
     frames = recorded(run, "shape")
+    _ = run.camera  # said first where there is none
     model = UNCALIBRATED
     if depth is not None:
         head, model = DepthModel.load(depth)
@@ -173,6 +174,6 @@ def analyse(
         calibration=None if depth is None else str(depth),
         contact_by=", ".join(sorted(map(str, ways))) or None,
         simulated=run.simulated,
-        seed=int(run.meta["seed"]),
+        seed=int(run.meta.get("seed", 0)),
         field=with_traction([*twisted, *pictures]),
     )

@@ -1,0 +1,270 @@
+"""Recordings made elsewhere become runs: what is known is kept, what is not is said."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner, Result
+
+from deltact_fab import experiment, record
+from deltact_fab.cli.main import main
+from deltact_fab.record.lag import lag_of, motion
+
+PROTOCOL = """
+name = "elsewhere"
+indenters = ["sphere:10"]
+positions_mm = [[0.5, -0.5]]
+depths_mm = [1.0]
+channels = ["image", "force", "shear"]
+[shear]
+amplitude_mm = 0.5
+axes = ["x"]
+[capture]
+rate_hz = 8.0
+"""
+RECORDING = """
+images = "images"
+[times]
+file = "times.csv"
+time = "t"
+[force]
+file = "force.csv"
+time = "stamp"
+time_unit = "ms"
+columns = {fx = "Fa", fy = "Fb", fz = "Fc", tx = "Ta", ty = "Tb", tz = "Tc"}
+force_unit = "mN"
+torque_unit = "N m"
+acts_on = "indenter"
+rotation = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
+[pose]
+file = "pose.csv"
+time = "t"
+columns = {x = "x", y = "y", z = "z"}
+unit = "m"
+"""
+TURN = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+WRENCH = ["fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm"]
+
+
+def command(*words: object) -> Result:
+    return CliRunner().invoke(main, [*map(str, words)])
+
+
+@pytest.fixture(scope="module")
+def elsewhere(
+    mini: tuple[Path, Path], made_once: Callable[[str, Callable[[Path], object]], Path]
+) -> Path:
+    """A recording of a virtual run, in another's units, axes and sign, and the run itself."""
+
+    def make(folder: Path) -> None:
+        folder.mkdir()
+        (folder / "p.toml").write_text(PROTOCOL)
+        run_folder = folder / "run"
+        request = experiment.RunRequest(str(folder / "p.toml"), str(mini[1]), run_folder, seed=1)
+        experiment.run(request)
+        run = record.open(run_folder)
+        frames, force, pose = run.frames(), run.force(), run.pose()
+        (folder / "images").mkdir()
+        for k, file in enumerate(frames["file"]):
+            shutil.copy(run_folder / file, folder / "images" / f"{k}.png")
+        frames[["t_s"]].rename(columns={"t_s": "t"}).to_csv(folder / "times.csv", index=False)
+        six = -force[WRENCH].to_numpy()
+        # The sensor's axes are the face's, turned: what it says is TURN' of what the face feels.
+        three, torque = six[:, :3] @ TURN * 1e3, six[:, 3:] @ TURN / 1e3
+        names = ["Fa", "Fb", "Fc", "Ta", "Tb", "Tc"]
+        table = pd.DataFrame(np.hstack([three, torque]), columns=names)
+        table.assign(stamp=1e3 * force["t_s"]).to_csv(folder / "force.csv", index=False)
+        metres = pose[["x_mm", "y_mm", "z_mm"]].to_numpy() / 1e3
+        table = pd.DataFrame(metres, columns=list("xyz")).assign(t=pose["t_s"])
+        table.to_csv(folder / "pose.csv", index=False)
+        (folder / "recording.toml").write_text(RECORDING)
+        done = command("record", "import", folder / "recording.toml", "--out", folder / "imported")
+        assert done.exit_code == 0, done.output
+
+    return made_once("elsewhere", make)
+
+
+def test_force_and_pose_come_back_in_the_faces_axes_and_units(elsewhere: Path) -> None:
+    run, truth = record.open(elsewhere / "imported"), record.open(elsewhere / "run")
+    assert run.imported
+    assert not run.simulated
+    frames, was = run.frames(), truth.frames()
+    assert len(frames) == len(was) > 50
+    assert np.abs(run.raw(frames["file"][9]) - truth.raw(was["file"][9])).max() == 0
+    pressed = (was["kind"] != "travel").to_numpy()
+    for names, within in ((WRENCH, 0.05), (["x_mm", "y_mm", "z_mm"], 0.02)):
+        off = frames[names].to_numpy() - was[names].to_numpy()
+        assert np.abs(off[pressed]).max() < within
+    assert set(frames["kind"]) | set(frames["indenter"]) == {"unknown"}
+    assert len(run.steps()) == 0
+    assert run.force()["saturated"].isna().all()
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.05, 0.1, 0.2])
+def test_a_lag_of_the_force_is_found_within_a_frame(elsewhere: Path, lag_s: float) -> None:
+    run = record.open(elsewhere / "imported")
+    frames, force, moved = run.frames(), run.force(), motion()
+    moved_px = np.array([moved(run.raw(file)) for file in frames["file"]])
+    forces = force[WRENCH[:3]].to_numpy()
+    found = lag_of(frames["t_s"].to_numpy(), moved_px, force["t_s"].to_numpy() + lag_s, forces)
+    assert found.lag_s is not None
+    assert found.between_s is not None
+    assert abs(found.lag_s - lag_s) < found.frame_s / 2
+    assert found.between_s[0] < found.lag_s < found.between_s[1]
+    assert found.between_s[1] - found.between_s[0] < 2 * found.frame_s
+
+
+def test_what_an_import_lacks_is_one_line_and_the_rest_works(
+    elsewhere: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "imported"
+    shutil.copytree(elsewhere / "imported", run)
+    assert "whole (finished)" in command("record", "check", run).output
+    assert command("record", "show", run).exit_code == 0
+    assert command("record", "export", run, "--format", "csv", "--out", run / "t").exit_code == 0
+    assert (pd.read_csv(run / "t" / "frames.csv")["fz_n"].notna()).all()
+    shutil.rmtree(run / "t")
+    done = command("analyze", "force", run)
+    assert done.exit_code == 0, done.output
+    assert "no camera is known" in done.output
+    assert not (run / "analysis" / "calibration.toml").exists()
+    assert command("report", run).exit_code == 0
+    page = (run / "report.html").read_text()
+    assert "imported" in page
+    assert "simulated" not in page
+    for words in (("analyze", "shape", run), ("analyze", "tracking", run), ("measure", run)):
+        done = command(*words)
+        assert (done.exit_code, done.output.count("\n")) == (2, 1), done.output
+        assert "imported" in done.output
+
+
+@pytest.fixture
+def few(elsewhere: Path, tmp_path: Path) -> Path:
+    """The first four images of the recording, that a test may spoil."""
+    for name in ("recording.toml", "force.csv", "pose.csv"):
+        shutil.copy(elsewhere / name, tmp_path)
+    rows = (elsewhere / "times.csv").read_text().splitlines()
+    (tmp_path / "times.csv").write_text("\n".join(rows[:5]))
+    (tmp_path / "images").mkdir()
+    for k in range(4):
+        shutil.copy(elsewhere / "images" / f"{k}.png", tmp_path / "images")
+    return tmp_path
+
+
+def edit(name: str, old: str, new: str) -> Callable[[Path], object]:
+    def spoil(folder: Path) -> None:
+        text = (folder / name).read_text()
+        assert old in text
+        (folder / name).write_text(text.replace(old, new, 1))
+
+    return spoil
+
+
+def lines(name: str, change: Callable[[list[str]], list[str]]) -> Callable[[Path], object]:
+    def spoil(folder: Path) -> None:
+        (folder / name).write_text("\n".join(change((folder / name).read_text().splitlines())))
+
+    return spoil
+
+
+TOML = "recording.toml"
+WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
+    "column": (edit(TOML, '"Fc"', '"Fz"'), r"force.csv: fz = 'Fz': no such column; .*Fa"),
+    "unit": (edit(TOML, '"mN"', '"lbf"'), r"recording.toml: force.force_unit: .*'N' or 'mN' .*lbf"),
+    "component": (edit(TOML, "fx =", "f_x ="), r"force.columns.f_x.*'fx'"),
+    "no torque unit": (edit(TOML, 'torque_unit = "N m"', ""), r"torque_unit: missing key; valid: "),
+    "mirror": (edit(TOML, "[0, 0, 1]", "[0, 0, -1]"), r"force: rotation: is a mirror"),
+    "no rotation": (edit(TOML, "[0, 0, 1]", "[0, 0.5, 1]"), r"force: rotation: is none: rows of"),
+    "half a vector": (edit(TOML, 'fx = "Fa", ', ""), r"rotation: turns three components; .*'fy'"),
+    "no times": (edit(TOML, "[times]", "[other]"), r"recording.toml: other: unknown key"),
+    "no rate": (
+        edit(TOML, '[times]\nfile = "times.csv"\ntime = "t"\n', ""),
+        r"recording.toml: rate_hz: missing key; .*images has no times",
+    ),
+    "no camera's design": (edit(TOML, "[times]", 'camera = "c"\n[times]'), r"camera: needs design"),
+    "times back": (
+        lines("times.csv", lambda r: [*r[:2], *r[:0:-1][:3]]),
+        r"times.csv: line 4: t = ",
+    ),
+    "a row less": (lines("times.csv", lambda r: r[:-1]), r"times.csv: t: 3 rows, and .* 4 images"),
+    "a row more": (lines("times.csv", lambda r: [*r, "99"]), r"times.csv: t: 5 rows, and .* 4 im"),
+    "ms are s": (edit("times.csv", "t\n", "t\n1e12\n"), r"times.csv: t: up to 1.0e\+12 s; .*'ns'"),
+    "words": (lines("force.csv", lambda r: [*r[:3], "a" + r[3]]), r"force.csv: line 4: .*= 'a"),
+    "no file": (lambda f: (f / "pose.csv").unlink(), r"pose.csv: cannot be read: No such file"),
+    "empty": (
+        lambda f: (f / "pose.csv").write_text(""),
+        r"pose.csv: not a CSV file with a line of",
+    ),
+    "image": (lambda f: (f / "images/2.png").write_bytes(b"x"), r"2.png: does not decode"),
+    "size": (
+        lambda f: (f / "images/3.png").write_bytes(
+            record.encode_png(np.zeros((9, 8, 3), np.uint8))
+        ),
+        r"image 4 is of 8 x 9 px, the first of 1280 x 720",
+    ),
+    "no images": (edit(TOML, '"images"', '"imgs"'), r"imgs: no such file or folder"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_wrong_input_is_one_line_and_writes_nothing(few: Path, what: str) -> None:
+    spoil, words = WRONG[what]
+    spoil(few)
+    before = sorted(few.rglob("*"))
+    done = command("record", "import", few / TOML, "--out", few / "out")
+    assert done.exit_code in (1, 2), done.output
+    assert done.output.count("\n") == 1, done.output
+    assert re.search(words, done.output), done.output
+    assert sorted(few.rglob("*")) == before
+
+
+def sql(text: str) -> Callable[[Path], object]:
+    def spoil(run: Path) -> None:
+        with closing(sqlite3.connect(run / "journal.sqlite")) as db, db:
+            assert db.execute(text).rowcount > 0
+
+    return spoil
+
+
+DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
+    "row": (sql("DELETE FROM frames WHERE k = 2"), "no row names it"),
+    "last row": (sql("UPDATE frames SET k = 9, file = NULL WHERE k = 4"), "no row names it"),
+    "samples": (sql("UPDATE samples SET data = substr(data, 1, 40)"), "its samples are damaged"),
+    "stream": (sql("DELETE FROM samples WHERE stream = 'pose'"), "None of pose, and"),
+    "image": (lambda r: next((r / "images").iterdir()).unlink(), "No such file"),
+    "summary": (lambda r: (r / "summary.json").unlink(), "summary.json: without it"),
+}
+
+
+@pytest.mark.parametrize("what", DAMAGED)
+def test_a_damaged_import_fails_its_check(few: Path, what: str) -> None:
+    done = command("record", "import", few / TOML, "--out", few / "out")
+    assert done.exit_code == 0, done.output
+    assert "is not told" in done.output  # four images tell no lag
+    spoil, words = DAMAGED[what]
+    spoil(few / "out")
+    done = command("record", "check", few / "out")
+    assert done.exit_code == 1
+    assert words in done.output
+
+
+def test_a_stack_and_a_rate_are_enough(tmp_path: Path) -> None:
+    images = np.random.default_rng(0).integers(0, 255, (3, 40, 60, 3), np.uint8)
+    np.save(tmp_path / "rgb.npy", images)
+    (tmp_path / TOML).write_text('images = "rgb.npy"\nrate_hz = 20\n')
+    done = command("record", "import", tmp_path / TOML, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    run = record.open(tmp_path / "out")
+    frames = run.frames()
+    assert np.allclose(frames["t_s"], [0, 0.05, 0.1])
+    assert np.array_equal(run.raw(frames["file"][1])[..., ::-1], images[1])
+    done = command("analyze", "force", tmp_path / "out")
+    assert "no force was recorded" in done.output
