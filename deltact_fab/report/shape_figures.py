@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..aliases import Array
+from ..record import UNKNOWN
 from ..shapes import Indenter
 from . import figures, maps
 from .figures import COLOURS
@@ -66,6 +67,10 @@ def _object(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> Non
     """The indenter, its tip upwards."""
     from matplotlib.colors import LightSource
 
+    if picture.indenter == UNKNOWN:
+        place.set_axis_off()
+        place.set_title("indenter unknown", fontsize="medium")
+        return
     indenter = picture.pressed
     half = 1.02 * _reach_mm(indenter)
     # Around the axis, so that the walls of what is turned come out smooth.

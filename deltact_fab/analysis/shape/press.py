@@ -27,7 +27,7 @@ from ...measure.shape import (
     relative_depth,
 )
 from ...optics import LatticeSampler
-from ...record import RunTruth
+from ...record import UNKNOWN, RunTruth
 from ...shapes import Indenter
 from ..flows import flows_of
 from ..force.field import frame_errors
@@ -126,11 +126,11 @@ def press_shape(
     for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
         found = _found(flow, finder, features, force)
         frame_id, tip_mm = str(row.frame_id), np.array([row.x_mm, row.y_mm, row.z_mm], float)
-        indenter = run.indenter(str(row.indenter))
+        indenter = None if row.indenter == UNKNOWN else run.indenter(str(row.indenter))
         measured_n = np.array([getattr(row, name) for name in FORCE], float)
         force_n = measured_n if np.isfinite(measured_n).all() else None
         true: dict[str, Any] = {}
-        if truth is not None:
+        if truth is not None and indenter is not None:
             depth_mm, contact, way = true_shape(truth, frame_id, flow, indenter, tip_mm)
             true = {"true_depth_mm": depth_mm, "true_contact": contact}
         told.append(
@@ -184,9 +184,16 @@ def _found(
     )  # fmt: skip
 
 
-def _figures(indenter: Indenter, tip_mm: Array, flow: FaceFlow, found: _Found) -> dict[str, Any]:
+def _figures(
+    indenter: Indenter | None, tip_mm: Array, flow: FaceFlow, found: _Found
+) -> dict[str, Any]:
     place_error_mm = None  # known of an indenter with one round tip that presses
-    if found.contacts and indenter.name.startswith("sphere:") and tip_mm[2] < 0:
+    if (
+        found.contacts
+        and indenter is not None
+        and indenter.name.startswith("sphere:")
+        and tip_mm[2] < 0
+    ):
         place_error_mm = float(np.linalg.norm(found.contacts[0].place_mm - tip_mm[:2]))
     return {
         "tip_depth_mm": max(0.0, -float(tip_mm[2])),
