@@ -171,7 +171,7 @@ def test_with_camera_design_and_pose_shape_and_force_are_as_of_a_run(
     assert command("analyze", "shape", run).exit_code == 0
     deepest = max(row["peak_depth_mm"] for row in json.loads(
         (run / "analysis" / "shape.json").read_text())["frames"])  # fmt: skip
-    assert deepest == pytest.approx(1.0, abs=0.25)
+    assert 0.4 < deepest < 1.0  # of 1.0 mm, uncalibrated
     done = command("analyze", "force", run, "--model", "sums")
     assert done.exit_code == 0, done.output
     force = load_force(run / "analysis" / "calibration.toml")
