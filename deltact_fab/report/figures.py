@@ -11,9 +11,11 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from itertools import pairwise
 from pathlib import Path
+from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ..extras import require
 from ..files import write_whole
@@ -55,7 +57,7 @@ def on_paper(width_in: float) -> Iterator[None]:
 
 
 def blank(width: float, height: float, panels: int = 1, share_y: bool = True, rows: int = 1) -> Any:
-    """A figure and its axes side by side, row by row, drawn without a display.
+    """A figure and its axes, row by row, drawn without a display; several have letters.
 
     width, height: inches on the page; `on_paper` keeps their ratio, but for what gets too flat.
     """
@@ -85,8 +87,24 @@ def blank(width: float, height: float, panels: int = 1, share_y: bool = True, ro
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(rows, panels, sharey=share_y, squeeze=False)
-    return figure, list(axes.flat)
+    axes = list(figure.subplots(rows, panels, sharey=share_y, squeeze=False).flat)
+    for letter, axis in zip(ascii_lowercase, axes if len(axes) > 1 else (), strict=False):
+        axis.annotate(f"({letter})", (0, 1), xytext=(-4, 4), xycoords="axes fraction",
+                      textcoords="offset points", ha="right", fontweight="bold")  # fmt: skip
+    return figure, axes
+
+
+IN_A_ROW = 3
+
+
+def panels(count: int, height: float, share_y: bool = True) -> Any:
+    """As `blank`: so many axes, IN_A_ROW at most beside each other; height: of a row."""
+    columns = min(IN_A_ROW, count)
+    rows = -(-count // columns)
+    figure, axes = blank(9.6, rows * height, columns, share_y, rows)
+    for axis in axes[count:]:
+        axis.remove()
+    return figure, axes[:count]
 
 
 def to_svg(figure: Figure, words: str = "") -> str:
@@ -155,19 +173,55 @@ def log_ticks(axis: Axes, which: str) -> None:
 MAX_LEGS = 20
 
 
-def mark_legs(axis: Axes, rows: pd.DataFrame) -> None:
-    """Name the legs of the path above the curve, where they begin."""
-    legs = [step.rsplit("/", 1)[-1] for step in rows["step_id"]]
-    if sum(a != b for a, b in pairwise(legs)) > MAX_LEGS:
+def by_frame(axis: Axes, step_ids: pd.Series[str]) -> None:
+    """Whole frames from 1 along an axis; legs of the path named above where they begin."""
+    from matplotlib.ticker import MaxNLocator
+
+    axis.set_xlabel("frame")
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    legs = step_ids.str.rsplit("/", n=1).str[-1].str.replace("shear-", "").to_numpy()
+    begins = np.flatnonzero(np.append(True, legs[1:] != legs[:-1]))
+    if len(begins) > MAX_LEGS:
         return  # no one could read them
-    for i, leg in enumerate(legs):
-        if i == 0 or leg != legs[i - 1]:
-            axis.axvline(i + 0.5, color=FAINT, lw=0.7)
-            axis.text(i + 0.8, 1.0, leg.replace("shear-", ""), transform=axis.get_xaxis_transform(),
-                      fontsize=7.5, color=SOFT, va="top", rotation=90)  # fmt: skip
+    for at in begins[1:]:
+        axis.axvline(at + 0.5, color=FAINT, lw=0.7)
+    above = axis.secondary_xaxis("top")
+    above.set_xticks(begins + 1, legs[begins], rotation=90, fontsize="small", color=SOFT)
+    above.tick_params(length=0, pad=1)
+    above.spines[:].set_visible(False)
 
 
-Box = tuple[float, float, float, float]
+FAR = 3.0  # times the highest that is drawn
+
+
+def paper_line(
+    axis: Axes, value: float, highest: float, words: str, across: tuple[float, float] | None = None,
+    about: bool = False,
+) -> None:  # fmt: skip
+    """The paper's value as a line over the axis, or across a column of it.
+
+    One far above what is drawn would flatten it: it is told above the axis. about: the paper says
+    "around".
+    """
+    if value > FAR * highest > 0:
+        x = 1.0 if across is None else sum(across) / 2
+        place = axis.transAxes if across is None else axis.get_xaxis_transform()
+        axis.text(x, 1.0, f"paper {'about ' * about}{value:g} ↑", transform=place, va="bottom",
+                  ha="right" if across is None else "center", fontsize="small",
+                  color=PAPER_COLOUR)  # fmt: skip
+        return
+    place = axis.get_yaxis_transform() if across is None else axis.transData
+    axis.plot(across or (0, 1), [value] * 2, "--" if about else "-", color=PAPER_COLOUR, lw=1.4,
+              label=words, transform=place)  # fmt: skip
+
+
+# Of a name from its mark: points to the right and up, and which of its edges lie there.
+_BESIDE = (
+    (1.0, 0.0, "left", "center"), (-1.0, 0.0, "right", "center"), (0.0, 1.0, "center", "bottom"),
+    (0.0, -1.0, "center", "top"), (0.7, 0.7, "left", "bottom"), (-0.7, 0.7, "right", "bottom"),
+    (0.7, -0.7, "left", "top"), (-0.7, -0.7, "right", "top"),
+)  # fmt: skip
+_PLACES = [(away, *place) for away in (6.0, 16.0, 28.0, 42.0, 60.0) for place in _BESIDE]
 
 
 def name_marks(
@@ -178,47 +232,28 @@ def name_marks(
     A name that finds its place farther off is joined to its mark. bold: the name to stress. Limits
     and scales of the axis are to be set before.
     """
-    figure.draw_without_rendering()  # the layout says how many points lie between two marks
-    scale, size = 72 / figure.dpi, MIN_PAGE_PT
+    from matplotlib.text import Text
+    from matplotlib.transforms import Bbox
+
+    figure.draw_without_rendering()  # lays it out
     inside = axis.get_window_extent()
-    spots = [axis.transData.transform((x, y)) * scale for x, y, _, _ in marks]
-    taken: list[Box] = [(x - 4, y - 4, x + 4, y + 4) for x, y in spots]
-    for (x, y, name, colour), (at_x, at_y) in zip(marks, spots, strict=True):
-        wide, high = 0.58 * size * len(name) * (1.06 if name == bold else 1), 1.15 * size
-        for dx, dy in _around(wide, high):
-            box = (at_x + dx, at_y + dy, at_x + dx + wide, at_y + dy + high)
-            within = inside.x0 * scale <= box[0] and box[2] <= inside.x1 * scale
-            if within and not any(
-                box[0] < x1 and x0 < box[2] and box[1] < y1 and y0 < box[3]
-                for x0, y0, x1, y1 in taken
-            ):
-                break
-        taken.append(box)
-        aside = min(max(-dx / wide, 0.0), 1.0)  # where along the name its mark is
-        far = math.hypot(dx + aside * wide, max(dy, 0.0, -dy - high)) > 1.5 * size
+    spots = axis.transData.transform([mark[:2] for mark in marks])
+    taken = [Bbox([spot - 5, spot + 5]) for spot in spots]
+    for x, y, name, colour in marks:
         line = {"arrowstyle": "-", "color": colour, "lw": 0.6, "shrinkA": 0, "shrinkB": 3}
-        line["relpos"] = (aside, 0.0 if dy > 0 else 1.0)
-        axis.annotate(
-            name,
-            (x, y),
-            xytext=(dx, dy),
-            textcoords="offset points",
-            fontsize=size,
-            fontweight="bold" if name == bold else None,
-            arrowprops=line if far else None,
-        )
-
-
-def _around(wide: float, high: float) -> Iterator[tuple[float, float]]:
-    """Places for a name round its mark in points, the nearest first: right, left, above, below."""
-    for away in (6.0, 16.0, 28.0, 42.0, 60.0):
-        yield away, -0.35 * high
-        yield -away - wide, -0.35 * high
-        for side in (1, -1):
-            up = side * away - (0.0 if side > 0 else high)
-            yield 4.0, up
-            yield -4.0 - wide, up
-            yield -wide / 2, up
+        for away, dx, dy, ha, va in _PLACES:
+            text = axis.annotate(
+                name, (x, y), xytext=(away * dx, away * dy), textcoords="offset points", ha=ha,
+                va=va, fontsize=MIN_PAGE_PT, fontweight="bold" if name == bold else None,
+                arrowprops=line if away > _PLACES[0][0] else None,
+            )  # fmt: skip
+            text.get_window_extent()  # finds its place; with its line, which may cross others
+            box = Text.get_window_extent(text)
+            free = inside.x0 <= box.x0 and box.x1 <= inside.x1 and not box.count_overlaps(taken)
+            if free or (away, dx, dy, ha, va) == _PLACES[-1]:
+                break
+            text.remove()
+        taken.append(box)
 
 
 COLUMN_IN, BOTH_COLUMNS_IN = 3.5, 7.16  # of IEEE's two-column page

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,24 +25,26 @@ ARROW_COLOUR = "#7fe0ff"
 TICKS, LABELS, HEADS = "x-small", "small", "small"
 """Sizes of letters, of those that the page or the paper has."""
 
+Window = Sequence[Sequence[float] | Array]
+"""Limits (low, high) of what is shown in x and in y."""
 
-def window_mm(picture: ShapeMaps) -> tuple[Array, Array]:
-    """Limits (low, high) of what is shown in x and in y."""
+
+def window_mm(picture: ShapeMaps) -> Window:
+    """What is shown around a press."""
     left, right, top, bottom = picture.edges_mm
-    limits = []
-    for at, low, high in zip(picture.tip_mm[:2], (left, top), (right, bottom), strict=True):
-        limits.append(np.clip([at - HALF_MM, at + HALF_MM], low, high))
-    return limits[0], limits[1]
+    limits = zip(picture.tip_mm[:2], (left, top), (right, bottom), strict=True)
+    return [np.clip([at - HALF_MM, at + HALF_MM], low, high) for at, low, high in limits]
 
 
-def frame(axis: Axes, picture: ShapeMaps, first: bool, last: bool) -> None:
+def frame(axis: Axes, window: Window, first: bool = True, last: bool = True) -> None:
     """Limits and labels of a map; first in its row, last in its column."""
-    x, y = window_mm(picture)
+    from matplotlib.ticker import MultipleLocator
+
     axis.grid(visible=False)
     axis.tick_params(labelsize=TICKS)
-    for side, low in ((axis.xaxis, x[0]), (axis.yaxis, y[0])):
-        side.set_ticks(np.arange(np.ceil(low / 5) * 5, low + 2 * HALF_MM, 5))
-    axis.set(xlim=x, ylim=y[::-1], aspect="equal")  # ticks would widen them
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_major_locator(MultipleLocator(5))
+    axis.set(xlim=window[0], ylim=window[1][::-1], aspect="equal")
     if last:
         axis.set_xlabel("x, mm", fontsize=LABELS)
     if first:
@@ -50,68 +53,57 @@ def frame(axis: Axes, picture: ShapeMaps, first: bool, last: bool) -> None:
 
 def shown(
     axis: Axes, x_mm: Array, y_mm: Array, values: Array, colours: str, low: float, high: float,
-    words: str | None,
-) -> Any:  # fmt: skip
-    """Values at points, each a cell of its own, with a bar where there are words for it."""
+    words: str, side: str = "right",
+) -> None:  # fmt: skip
+    """Values at points, each a cell of its own, with a bar at a side; those of no number blank."""
     drawn = axis.pcolormesh(
         x_mm, y_mm, values, cmap=colours, vmin=low, vmax=high, shading="nearest", rasterized=True
     )
-    if words is not None:
-        bar(axis, drawn, words)
-    return drawn
+    bar = axis.figure.colorbar(drawn, ax=axis, location=side, shrink=0.8, aspect=16, pad=0.02)
+    bar.ax.tick_params(labelsize=TICKS)
+    bar.set_label(words, fontsize=LABELS)
+    assert bar.solids is not None, "of a map"
+    bar.solids.set_edgecolor("face")  # no seams
+    bar.solids.set_rasterized(False)  # as an image it would have the id of any other panel's
 
 
-def bar(axis: Axes, drawn: Any, words: str) -> None:
-    """What the colours mean."""
-    made = axis.figure.colorbar(drawn, ax=axis, shrink=0.8, aspect=16, pad=0.02)
-    made.ax.tick_params(labelsize=TICKS)
-    made.set_label(words, fontsize=LABELS)
-    assert made.solids is not None, "of a map"
-    made.solids.set_edgecolor("face")  # no seams
-    made.solids.set_rasterized(False)  # as an image it would have the id of any other panel's
-
-
-def flow(axis: Axes, picture: ShapeMaps) -> float:
-    """The camera's image, darkened, with the flow as arrows; the longest of them, mm."""
+def flow(axis: Axes, picture: ShapeMaps) -> None:
+    """The camera's image, darkened, with the flow as arrows."""
     rgb = (picture.image[..., ::-1].astype(float) * 0.6).astype(np.uint8)
     left, right, top, bottom = picture.edges_mm
     axis.imshow(rgb, extent=(left, right, bottom, top), interpolation="antialiased")
-    size = np.hypot(*np.moveaxis(picture.shift_mm, -1, 0))[picture.known]
-    most = float(max(size.max(initial=0), MIN_MM))
-    arrows(axis, picture, picture.x_mm, picture.y_mm, picture.shift_mm, picture.known, most)
-    return most
+    known = np.where(picture.known[..., None], picture.shift_mm, np.nan)
+    most = arrows(axis, picture.x_mm, picture.y_mm, known, picture.tip_mm)
+    axis.set_title(f"flow, at most {most:.2f} mm", fontsize=HEADS)
 
 
 def arrows(
-    axis: Axes, picture: ShapeMaps, x_mm: Array, y_mm: Array, vectors: Array, known: Array | None,
-    most: float,
-) -> None:  # fmt: skip
-    """Vectors (h, w, 2) at points ARROW_MM apart around the tip; the longest is `most`."""
+    axis: Axes, x_mm: Array, y_mm: Array, vectors: Array, middle: Array, most: float | None = None
+) -> float:
+    """Vectors (h, w, 2), NaN where not known, at points ARROW_MM apart, one in the middle.
+
+    most: the longest, drawn so that arrows do not hide each other; of all where it is not given.
+    """
     from scipy.interpolate import RegularGridInterpolator
 
-    (left, right), (top, bottom) = window_mm(picture)
-    middle = picture.tip_mm[:2]
-    steps = np.arange(-HALF_MM, HALF_MM + 1e-9, ARROW_MM)
-    steps -= steps[len(steps) // 2]  # one arrow at the tip
-    x, y = (at + steps for at in middle)
-    x = x[(x > max(left, x_mm[0])) & (x < min(right, x_mm[-1]))]
-    y = y[(y > max(top, y_mm[0])) & (y < min(bottom, y_mm[-1]))]
+    if most is None:
+        most = float(np.nanmax(np.hypot(vectors[..., 0], vectors[..., 1]), initial=MIN_MM))
+    x, y = (
+        np.arange(at - ARROW_MM * ((at - side[0]) // ARROW_MM), side[-1], ARROW_MM)
+        for side, at in zip((x_mm, y_mm), middle, strict=False)
+    )
     at = np.stack(np.meshgrid(y, x, indexing="ij"), axis=-1)
     part = RegularGridInterpolator((y_mm, x_mm), vectors.astype(float))(at)
-    if known is not None:
-        sure = RegularGridInterpolator((y_mm, x_mm), known.astype(float), method="nearest")(at)
-        part[sure < 0.5] = np.nan
     part[np.hypot(part[..., 0], part[..., 1]) < 0.02 * most] = np.nan
-    axis.quiver(
-        *np.meshgrid(x, y), part[..., 0], part[..., 1], color=ARROW_COLOUR, angles="xy",
-        scale_units="xy", scale=most / (2 * ARROW_MM), width=0.008,
-    )  # fmt: skip
+    axis.quiver(x, y, part[..., 0], part[..., 1], color=ARROW_COLOUR, angles="xy", units="inches",
+                scale_units="xy", scale=most / (2 * ARROW_MM), width=0.013)  # fmt: skip
+    return most
 
 
-def found_contacts(axis: Axes, picture: ShapeMaps, colour: str = "white") -> None:
-    """Outlines of the contacts that were found."""
-    for outline in picture.outlines_mm:
-        axis.plot(*np.vstack((outline, outline[:1])).T, color=colour, lw=1.3)
+def outlines(axis: Axes, lines_mm: Iterable[Array], colour: str = "white") -> None:
+    """Outlines (n, 2) of contacts."""
+    for line_mm in lines_mm:
+        axis.plot(*np.vstack((line_mm, line_mm[:1])).T, color=colour, lw=1.3)
 
 
 def true_contact(axis: Axes, picture: ShapeMaps, colour: str, style: str = "--") -> None:
@@ -124,9 +116,9 @@ def true_contact(axis: Axes, picture: ShapeMaps, colour: str, style: str = "--")
 
 
 def solid(figure: Figure, place: Axes) -> Axes3D:
-    """Axes in space in the place of flat ones."""
+    """Axes in space in the place of flat ones, which keep their letter."""
+    place.set_axis_off()
     axis = figure.add_subplot(place.get_subplotspec(), projection="3d")
-    place.remove()
     axis.view_init(elev=35, azim=-60)
     axis.tick_params(labelsize=TICKS, pad=-3)
     return axis

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 # Where a sensor's figures are from.
 TABLE, FIGURE, OWN = "the paper's table", "the paper's figure", "own design"
 LINES_MM2_PER_CM3 = (3, 10, 30)
-FAR = 3.0  # times the highest column
 
 
 def area_against_volume(table: pd.DataFrame) -> Figure:
@@ -83,22 +82,13 @@ def stacked(
                 )
             elif any(part is None for part in column.parts_mm):
                 axis.annotate("no dots", (x, top), ha="center", va="bottom", fontsize=7.5)
-        # A line far above the columns would flatten them: it is told in words.
         highest = max([*below, *(column.high_mm or 0.0 for column in columns)])
-        label: str | None = "the paper"
-        for x, column in enumerate(columns):  # across its column; dashed where it says "around"
-            if column.paper_mm is None:
-                continue
-            if column.paper_mm > FAR * highest > 0:
-                about = "about " * column.paper_about
-                axis.annotate(f"paper {about}{column.paper_mm:g} ↑", (x, 1.0), ha="center",
-                              va="bottom", xycoords=("data", "axes fraction"), fontsize=7.5,
-                              color=figures.PAPER_COLOUR)  # fmt: skip
-                continue
-            line = "--" if column.paper_about else "-"
-            ends = [x - 0.42, x + 0.42], [column.paper_mm] * 2
-            axis.plot(*ends, line, label=label, lw=1.6, color=figures.PAPER_COLOUR)
-            label = None
+        words = "the paper"
+        for x, column in enumerate(columns):
+            if column.paper_mm is not None:
+                figures.paper_line(axis, column.paper_mm, highest, words, (x - 0.42, x + 0.42),
+                                   column.paper_about)  # fmt: skip
+                words = "_"  # the legend names it once
         axis.set_xticks(list(places), [column.label for column in columns])
         axis.set_title(title, loc="left", fontsize=9, pad=14)
         axis.set_ylabel("mean error, mm")

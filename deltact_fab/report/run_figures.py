@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import cycle
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..analysis.measured import FORCE, DeepestPress
 from ..analysis.tracking_error import PAPER_BEST_MM
 from . import figures, maps
-from .figures import COLOURS, PAPER_COLOUR, SOFT, blank, legend_below, log_ticks, mark_legs
+from .figures import COLOURS, SOFT, by_frame, legend_below, log_ticks
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,43 +19,57 @@ if TYPE_CHECKING:
 
     from ..analysis.tracking_error import TrackingResult
 
+MOST_METHODS = 4
+
+
+def _drawn(tracking: TrackingResult) -> list[tuple[str, dict[str, Any]]]:
+    """Methods whose error is known, MOST_METHODS at most, with their colours; the table has all.
+
+    The one to take, the paper's, the fastest and the most exact come first.
+    """
+    verdict = tracking.verdict
+    known = [m for m in tracking.methods if verdict.error and m[verdict.error] is not None]
+    ranks = (
+        lambda m: m["name"] != verdict.take,
+        lambda m: not m["name"].startswith("paper"),
+        lambda m: m["ms_per_frame"],
+        lambda m: m[verdict.error],
+    )
+    first = [min(known, key=rank)["name"] for rank in ranks if known]
+    names = list(dict.fromkeys(first + [m["name"] for m in known]))[:MOST_METHODS]
+    return list(zip(COLOURS, (m for m in known if m["name"] in names), strict=False))
+
 
 def error_by_step(tracking: TrackingResult) -> Figure | None:
     """The error that was judged against the frame, a panel an indenter; None without any."""
-    frames, error = tracking.frames, tracking.verdict.error
-    if error is None:
+    frames, error, drawn = tracking.frames, tracking.verdict.error, _drawn(tracking)
+    if not drawn:
         return None
-    names = [row["name"] for row in tracking.methods]
     indenters = list(dict.fromkeys(frames["indenter"]))
-    figure, axes = blank(9.6, 3.6, len(indenters))
+    figure, axes = figures.panels(len(indenters), 3.6)
     for axis, indenter in zip(axes, indenters, strict=True):
-        part = frames[frames["indenter"] == indenter]
-        for colour, name in zip(cycle(COLOURS), names, strict=False):
-            rows = part[part["method"] == name].sort_values("seq")
-            index = np.arange(1, len(rows) + 1)
-            axis.plot(index, rows[error].astype(float), color=colour, lw=1.4, label=name,
-                      ls="-" if "/" not in name else "--")  # fmt: skip
-        mark_legs(axis, part[part["method"] == names[0]].sort_values("seq"))
-        axis.set_xlabel("frame")
+        part = frames[frames["indenter"] == indenter].sort_values("seq")
+        for colour, method in drawn:
+            rows = part[part["method"] == method["name"]]
+            axis.plot(np.arange(1, len(rows) + 1), rows[error].astype(float), color=colour, lw=1.4,
+                      label=method["name"], ls="--" if "/" in method["name"] else "-")  # fmt: skip
+        by_frame(axis, part[part["method"] == tracking.methods[0]["name"]]["step_id"])
         axis.set_title(indenter, loc="left", fontweight="bold")
     axes[0].set_ylabel(f"mean error, mm\n({tracking.verdict.error_words})")
     log_ticks(axes[0], "y")
-    low, high = axes[0].get_ylim()
-    axes[0].set_ylim(low, high * (high / low) ** 0.15)  # room for the names of the legs
     legend_below(figure, axes[-1])
     return figure
 
 
 def error_by_time(tracking: TrackingResult) -> Figure | None:
     """Error against CPU time a frame, one mark a method; None without any error."""
-    verdict = tracking.verdict
-    error = verdict.error
-    if error is None:
+    verdict, drawn = tracking.verdict, _drawn(tracking)
+    if not drawn:
         return None
-    rows = [row for row in tracking.methods if row[error] is not None]
-    figure, (axis,) = blank(9.6, 4.2)
+    error = str(verdict.error)
+    figure, (axis,) = figures.blank(9.6, 4.2)
     names = []
-    for colour, row in zip(cycle(COLOURS), rows, strict=False):
+    for colour, row in drawn:
         x_ms, name = row["ms_per_frame"], row["name"]
         mark = "x" if verdict.doubts[name] else "o"
         axis.plot(x_ms, row[error], mark, color=colour, ms=8, mew=1.8)
@@ -64,10 +77,10 @@ def error_by_time(tracking: TrackingResult) -> Figure | None:
         if at_dots is not None and error != "mean_at_dots_mm":
             axis.plot(x_ms, at_dots, "s", color=colour, mfc="none", ms=6, mew=1.2)
         names.append((x_ms, row[error], name, colour))
-    axis.axhline(PAPER_BEST_MM, color=PAPER_COLOUR, lw=1.2, ls=":",
-                 label=f"paper, at the dots, real sensor: {PAPER_BEST_MM} mm")  # fmt: skip
+    figures.paper_line(axis, PAPER_BEST_MM, max(row[error] for _, row in drawn),
+                       f"paper, at the dots, real sensor: {PAPER_BEST_MM} mm")  # fmt: skip
     log_ticks(axis, "xy")
-    times = [row["ms_per_frame"] for row in rows]
+    times = [row["ms_per_frame"] for _, row in drawn]
     axis.set_xlim(min(times) / 1.6, max(times) * 2.2)
     axis.set_xlabel("CPU time a frame, ms: median, one thread")
     axis.set_ylabel(f"mean error, mm{', simulated' if tracking.simulated else ''}")
@@ -84,13 +97,10 @@ def error_by_time(tracking: TrackingResult) -> Figure | None:
 
 def deepest_presses(presses: Sequence[DeepestPress]) -> Figure:
     """A panel an indenter: depth as a map, flow as arrows, contact in white."""
-    columns = min(3, len(presses))
-    rows = -(-len(presses) // columns)
-    high = rows * (0.9 + 4.8 / columns)
-    figure, axes = blank(9.6, high, columns, share_y=False, rows=rows)
-    for axis in axes[len(presses) :]:
-        axis.set_visible(False)
-    for press, axis in zip(presses, axes, strict=False):
+    figure, axes = figures.panels(
+        len(presses), 0.9 + 4.8 / min(figures.IN_A_ROW, len(presses)), False
+    )
+    for press, axis in zip(presses, axes, strict=True):
         _panel(axis, press)
     return figure
 
@@ -104,23 +114,14 @@ def _panel(axis: Axes, press: DeepestPress) -> None:
     else:
         shape, words = np.where(found.depth.known, found.depth.depth_mm, np.nan), "depth, mm"
     axis.set_facecolor("#8a8f99")  # where nothing is known
-    top = np.nanmax(shape, initial=2 * maps.MIN_MM)
-    maps.shown(axis, found.x_mm, found.y_mm, np.ma.masked_invalid(shape), "magma", 0, top, words)
-    every = max(1, round(maps.ARROW_MM / flow.cell_mm))
-    part = np.s_[every // 2 :: every, every // 2 :: every]
-    u, v = np.moveaxis(np.where(flow.known[..., None], flow.shift_mm, np.nan)[part], -1, 0)
-    most = np.nanmax(np.hypot(u, v), initial=2 * maps.MIN_MM)
-    x, y = np.meshgrid(flow.x_mm, flow.y_mm)
-    axis.quiver(x[part], y[part], u, v, color=maps.ARROW_COLOUR, angles="xy", scale_units="xy",
-                scale=most / (1.6 * maps.ARROW_MM), width=0.005)  # fmt: skip
-    for contact in press.result.contacts or ():
-        axis.plot(*np.vstack((contact.outline_mm, contact.outline_mm[:1])).T, color="white", lw=1.4)
+    top = float(np.nanmax(shape, initial=2 * maps.MIN_MM))
+    maps.shown(axis, found.x_mm, found.y_mm, shape, "magma", 0, top, words)
+    known = np.where(flow.known[..., None], flow.shift_mm, np.nan)
+    most = maps.arrows(axis, flow.x_mm, flow.y_mm, known, np.zeros(2))
+    maps.outlines(axis, [contact.outline_mm for contact in press.result.contacts or ()])
+    maps.frame(axis, (flow.x_mm[[0, -1]], flow.y_mm[[0, -1]]))
     axis.set_title(f"{press.indenter}, {press.depth_mm:.2f} mm", loc="left", fontweight="bold")
     axis.set_xlabel(f"x, mm; arrows at most {most:.2f} mm")
-    axis.set_ylabel("y, mm")
-    axis.set_aspect("equal")
-    axis.invert_yaxis()
-    axis.grid(False)
 
 
 def force_and_motion(t_s: pd.Series[float], frames: pd.DataFrame, moved_px: list[float]) -> Figure:
@@ -147,10 +148,10 @@ def force_by_frame(frames: pd.DataFrame) -> Figure:
     """
     indenters = list(dict.fromkeys(frames["indenter"]))
     estimated = f"{FORCE[0]}_est" in frames
-    figure, axes = blank(9.6, 3.4, len(indenters))
+    figure, axes = figures.panels(len(indenters), 3.4)
     for axis, indenter in zip(axes, indenters, strict=True):
         part = frames[frames["indenter"] == indenter].reset_index(drop=True)
-        index = np.arange(len(part))
+        index = np.arange(1, len(part) + 1)
         for colour, column, label in zip(COLOURS, FORCE, ("$F_x$", "$F_y$", "$F_z$"), strict=False):
             if estimated:
                 axis.plot(index, part[column], color=colour, lw=4, alpha=0.4)
@@ -163,9 +164,8 @@ def force_by_frame(frames: pd.DataFrame) -> Figure:
             for at in beyond:  # an empty plot off the axes would leave no room for them
                 axis.plot(at, 0, "|", color=figures.DOUBT_COLOUR, ms=9, clip_on=False,
                           transform=axis.get_xaxis_transform())  # fmt: skip
-        mark_legs(axis, part)
+        by_frame(axis, part["step_id"])
         axis.set_title(indenter, loc="left", fontweight="bold")
-        axis.set_xlabel("frame")
     axes[0].set_ylabel("force on the sensor, N")
     legend_below(figure, axes[-1])
     return figure

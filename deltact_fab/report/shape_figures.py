@@ -32,7 +32,7 @@ def gallery(pictures: Sequence[ShapeMaps], note: str) -> Figure:
     As the paper's figure of four shapes has it, of the first COLUMNS.
     """
     shown = list(pictures)[:COLUMNS]
-    rows = {_object: 0.8, _image: 1.15, _density: 1.0, _surface: 0.85}
+    rows = {_object: 0.75, _flow: 1.1, _density: 1.35, _surface: 0.9}
     figure, axes = figures.blank(
         2.5 * len(shown) + 0.1, 2.0 * sum(rows.values()) + 0.4, len(shown), share_y=False,
         rows=len(rows),
@@ -96,21 +96,20 @@ def _reach_mm(indenter: Indenter) -> float:
     return float(np.hypot(x, y)[indenter.height_mm(x, y) < PART_MM].max())
 
 
-def _image(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> None:
-    most = maps.flow(axis, picture)
-    maps.frame(axis, picture, first, last=True)
-    axis.set_xlabel(f"x, mm; arrows at most {most:.2f} mm", fontsize=maps.LABELS)
+def _flow(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> None:
+    maps.flow(axis, picture)
+    maps.frame(axis, maps.window_mm(picture), first, last=False)
 
 
 def _density(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> None:
     near = _near(picture)
     limit = max(float(np.percentile(np.abs(picture.relative[near]), EXTREME)), 0.02)
     maps.shown(axis, picture.x_mm, picture.y_mm, picture.relative, "RdBu_r", -limit, limit,
-               "minus density, from rest")  # fmt: skip
+               "minus density, from rest", "bottom")  # fmt: skip
     if not picture.reliable[near].all():
         axis.contour(picture.x_mm, picture.y_mm, picture.reliable.astype(float), [0.5],
                      colors="#555555", linewidths=0.6, linestyles=":")  # fmt: skip
-    maps.frame(axis, picture, first, last=True)
+    maps.frame(axis, maps.window_mm(picture), first)
 
 
 def _surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> None:
@@ -158,12 +157,12 @@ def _error(axis: Axes, picture: ShapeMaps, first: bool) -> None:
     error = picture.depth_mm - picture.true_depth_mm
     limit = max(float(np.percentile(np.abs(error[_near(picture)]), EXTREME)), 0.02)
     maps.shown(axis, picture.x_mm, picture.y_mm, error, "PuOr", -limit, limit,
-               "measured - true depth, mm")  # fmt: skip
-    maps.found_contacts(axis, picture, "black")
+               "measured - true depth, mm", "bottom")  # fmt: skip
+    maps.outlines(axis, picture.outlines_mm, "black")
     maps.true_contact(axis, picture, COLOURS[4])
     axis.plot([], [], color=figures.INK, lw=1.3, label="contact found")
     axis.plot([], [], color=COLOURS[4], lw=1.3, ls="--", label="true contact")
-    maps.frame(axis, picture, first, last=True)
+    maps.frame(axis, maps.window_mm(picture), first)
 
 
 def _deepest(picture: ShapeMaps) -> float:
@@ -201,21 +200,21 @@ def distribution(picture: ShapeMaps, note: str) -> Figure:
     for k, (words, x_mm, y_mm, normal_kpa, shear_kpa) in enumerate(fields):
         beside, normal, across = axes[3 * k : 3 * k + 3]
         last = k == len(fields) - 1
-        (_depth if k else _flow)(beside, picture)
-        maps.frame(beside, picture, True, last)
+        (_depth if k else maps.flow)(beside, picture)
+        maps.frame(beside, maps.window_mm(picture), last=last)
         maps.shown(normal, x_mm, y_mm, normal_kpa, DARK, 0, pressure, "pressure, kPa")
         normal.set_title(f"normal force, {words}", fontsize=maps.HEADS)
         size = np.hypot(shear_kpa[..., 0], shear_kpa[..., 1])
         maps.shown(across, x_mm, y_mm, size, DARK, 0, shear, "shear, kPa")
-        maps.arrows(across, picture, x_mm, y_mm, shear_kpa, None, shear)
+        maps.arrows(across, x_mm, y_mm, shear_kpa, picture.tip_mm, shear)
         across.set_title(f"shear force, {words}", fontsize=maps.HEADS)
         for axis in (normal, across):
             axis.set_facecolor("black")  # where nothing was looked for, nothing presses
             if words == "true":
                 maps.true_contact(axis, picture, "white", "-")
             else:
-                maps.found_contacts(axis, picture)
-            maps.frame(axis, picture, False, last)
+                maps.outlines(axis, picture.outlines_mm)
+            maps.frame(axis, maps.window_mm(picture), False, last)
     return figure
 
 
@@ -225,14 +224,10 @@ def _full(values: Array) -> float:
     return float(np.percentile(some, FORCE_EXTREME)) if some.size else 0.0
 
 
-def _flow(axis: Axes, picture: ShapeMaps) -> None:
-    axis.set_title(f"flow, at most {maps.flow(axis, picture):.2f} mm", fontsize=maps.HEADS)
-
-
 def _depth(axis: Axes, picture: ShapeMaps) -> None:
     top = max(float(picture.depth_mm.max()), maps.MIN_MM)
     maps.shown(axis, picture.x_mm, picture.y_mm, picture.depth_mm, "viridis", 0, top, "depth, mm")
-    maps.found_contacts(axis, picture)
+    maps.outlines(axis, picture.outlines_mm)
     maps.true_contact(axis, picture, COLOURS[1])
     axis.set_title("depth (true contact dashed)", fontsize=maps.HEADS)
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from deltact_fab import record
@@ -116,6 +117,31 @@ def test_the_figure_crosses_out_what_cannot_be_believed(result: TrackingResult) 
     unknown = [{**good, "mean_off_dots_mm": None, "mean_at_dots_mm": None,
                 "mean_confident_mm": None, "coverage": None}]  # fmt: skip
     assert run_figures.error_by_time(replace(result, methods=unknown)) is None
+
+
+def test_charts_have_whole_frames_and_the_four_methods_that_matter(result: TrackingResult) -> None:
+    one, paper_mm = result.methods[0], 0.08
+    names = ("best", "b", "c", "d", "e", "paper", "fastest")
+    many = [
+        {**one, "name": name, "mean_off_dots_mm": 0.001 * (k + 1), "ms_per_frame": 9.0 - (k == 6)}
+        for k, name in enumerate(names)
+    ]
+    frames = pd.concat(
+        [result.frames[result.frames["method"] == one["name"]].assign(method=n) for n in names]
+    )
+    found = replace(result, methods=many, frames=frames)
+    scatter, lines = run_figures.error_by_time(found), run_figures.error_by_step(found)
+    assert scatter is not None
+    assert lines is not None
+    assert {text.get_text() for text in scatter.axes[0].texts} == {
+        "best", "b", "paper", "fastest", "paper 0.08 ↑"
+    }  # fmt: skip
+    assert scatter.axes[0].get_ylim()[1] < paper_mm  # told in words, for it is far above
+    lines.draw_without_rendering()
+    for axis in lines.axes:
+        assert {line.get_label() for line in axis.lines} >= {"best", "b", "paper", "fastest"}
+        assert all(float(tick).is_integer() for tick in axis.get_xticks())
+    assert [axis.texts[0].get_text() for axis in lines.axes] == ["(a)", "(b)"]
 
 
 def test_the_table_holds_the_computed_figures(page: str, result: TrackingResult) -> None:

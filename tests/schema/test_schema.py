@@ -242,8 +242,8 @@ def test_the_unit_is_the_end_of_the_name(key: str, unit: str) -> None:
 
 def test_a_table_a_key_and_a_name_are_found() -> None:
     kind = KINDS["protocol"]
-    assert [row.key for row in matching(kind, "capture")] == [
-        "capture", "capture.rate_hz", "capture.settle_s",
+    assert [row.key for row in matching(kind, "capture.hold")] == [
+        "capture.hold", "capture.hold.s", "capture.hold.rate_hz",
     ]  # fmt: skip
     assert [row.key for row in matching(kind, "settle_s")] == ["capture.settle_s"]
     (row,) = matching(kind, "shear.points_per_side")
