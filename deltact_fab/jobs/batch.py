@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 from ..aliases import Progress
 from ..errors import RunFailed
 from . import messages
-from .local import local, processors
+from .local import Local, processors
 
 Told = Callable[[int, Any], None]
 """Hears (index of a job, what it told)."""
@@ -38,8 +38,7 @@ class JobOutcome(Generic[R]):
 
 def at_a_time(executor: Executor | None) -> int:
     """How many jobs an executor runs at a time; None: processes of this machine."""
-    workers: int = processors() if executor is None else getattr(executor, "workers", 1)
-    return workers
+    return processors() if executor is None else int(getattr(executor, "workers", 1))
 
 
 def each(
@@ -120,7 +119,7 @@ def run(
         return
     several = min(workers or processors(), len(jobs))
     if several > 1:
-        with local(several) as own:
+        with Local(several) as own:
             _run_on(own, work, jobs, heard, told, until_failure)
         return
     with messages.listening(told) as name:

@@ -20,7 +20,7 @@ from ..errors import InputError, RunFailed
 from ..extras import require
 from . import messages
 from .batch import CannotGoOn
-from .local import Local, local, processors, take_share
+from .local import Local, processors, take_share
 
 R = TypeVar("R")
 
@@ -45,7 +45,7 @@ def executor(on: str = LOCAL, workers: int | None = None) -> Iterator[Local | Cl
     scheduler answers, or it has no worker with the code of this process.
     """
     if on == LOCAL:
-        with local(workers or processors()) as here:
+        with Local(workers or processors()) as here:
             yield here
         return
     if not on.startswith(DASK):
@@ -78,8 +78,10 @@ def cluster(address: str) -> Iterator[Cluster]:
         raise InputError(f"--on 'dask:{address}': expected dask:tcp://HOST:PORT")
     require("cluster", f"--on dask:{address}", "distributed")
     from distributed import Client
+    from distributed.utils import silence_logging_cmgr
 
-    with _quiet():
+    # What goes wrong is told by the error that ends it. The handler is all its loggers'.
+    with silence_logging_cmgr(logging.CRITICAL):
         try:
             client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, TimeoutError) as why:
@@ -98,21 +100,6 @@ def cluster(address: str) -> Iterator[Cluster]:
                 yield there
             finally:
                 there.shutdown(wait=False)
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """What goes wrong is told by the error that ends it, and by no traceback of a library's."""
-    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
-    loggers = [logging.getLogger(name) for name in (*names, "tornado.application")]
-    before = [one.level for one in loggers]
-    for one in loggers:
-        one.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        for one, level in zip(loggers, before, strict=True):
-            one.setLevel(level)
 
 
 def _badge() -> Any:

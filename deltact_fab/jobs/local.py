@@ -44,27 +44,15 @@ def processors() -> int:
     """Processors that this process may use: in a worker its share of them."""
     if _share is not None:
         return _share
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-@contextlib.contextmanager
-def local(workers: int) -> Iterator[Local]:
-    """Processes until the end of the block; on every way out none is left behind."""
-    found = Local(workers)
-    try:
-        yield found
-    finally:
-        found.close()
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Local(ThreadPoolExecutor):
     """A thread for each process, that gives it one job after the other.
 
-    A pool of one process each, because a pool of several breaks as a whole when one of them dies.
-    Processes start when there is a job for them and import what it needs. What is defined in the
-    caller's own script is not known to them.
+    On every way out of a `with` block none is left behind. A pool of one process each, because a
+    pool of several breaks as a whole when one of them dies. Processes start when there is a job for
+    them and import what it needs. What is defined in the caller's own script is not known to them.
     """
 
     def __init__(self, workers: int) -> None:
@@ -116,8 +104,8 @@ class Local(ThreadPoolExecutor):
             self._pools.append(self._mine.pool)
         return future
 
-    def close(self) -> None:
-        """End the workers at once: an idle one has nothing to lose, a busy one nothing to give."""
+    def __exit__(self, *_: object) -> None:
+        # At once: an idle worker has nothing to lose, a busy one nothing to give.
         with self._starting:
             self._closed = True
         self.shutdown(wait=False, cancel_futures=True)

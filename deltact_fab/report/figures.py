@@ -112,7 +112,7 @@ def to_svg(figure: Figure, words: str = "") -> str:
 
     It has no ground of its own and names its colours as the page's style does, so that it is dark
     on a dark page; what a colour map drew stays as it is. words: what it shows, for those who
-    cannot see it.
+    cannot see it; else what its first axes show against what.
     """
     from matplotlib.colors import to_hex
 
@@ -125,7 +125,9 @@ def to_svg(figure: Figure, words: str = "") -> str:
     text = out.getvalue()
     svg = text[text.index("<svg") :]
     svg = re.sub("|".join(_NAMED), lambda m: f"var(--{_NAMED[m[0]]}, {m[0]})", svg)
-    label = html.escape(words or _words(figure), quote=True)
+    axes = figure.axes[0]
+    against = (" ".join(label.split()) for label in (axes.get_ylabel(), axes.get_xlabel()))
+    label = html.escape(words or " against ".join(filter(None, against)) or "figure", quote=True)
     svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
     # Several figures share one page: an id must not meet its namesake in another figure.
     salt = f"f{zlib.crc32(svg.encode()):x}"
@@ -143,15 +145,6 @@ def letters(figure: Figure, least_pt: float, most_pt: float = math.inf) -> None:
         text.set_fontsize(min(max(float(text.get_fontsize()), least_pt), most_pt))
 
 
-def _words(figure: Figure) -> str:
-    """What the first axes of a figure show against what."""
-    labels = [
-        " ".join(text.split())
-        for text in (figure.axes[0].get_ylabel(), figure.axes[0].get_xlabel())
-    ]
-    return " against ".join(filter(None, labels)) or "figure"
-
-
 def legend_below(figure: Figure, axis: Axes) -> None:
     """What the marks of an axis mean, under all of them."""
     figure.legend(*axis.get_legend_handles_labels(), loc="outside lower left", ncols=3,
@@ -160,14 +153,14 @@ def legend_below(figure: Figure, axis: Axes) -> None:
 
 def log_ticks(axis: Axes, which: str) -> None:
     """Logarithmic axes that are labelled 0.01, 0.02, 0.05 and not by powers."""
-    from matplotlib.ticker import FuncFormatter, LogLocator
+    from matplotlib.ticker import LogLocator, NullLocator
 
     for letter in which:
         (axis.set_xscale if letter == "x" else axis.set_yscale)("log")
         side = axis.xaxis if letter == "x" else axis.yaxis
-        side.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))
-        side.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-        side.set_minor_locator(LogLocator(base=10, subs=()))
+        side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        side.set_major_formatter("{x:g}")
+        side.set_minor_locator(NullLocator())
 
 
 MAX_LEGS = 20
@@ -258,8 +251,6 @@ def name_marks(
 
 COLUMN_IN, BOTH_COLUMNS_IN = 3.5, 7.16  # of IEEE's two-column page
 SMALLEST_PT = 6.0
-SLACK_IN = 0.02
-MARGIN_IN = 0.03
 FORMATS = ("svg", "pdf")
 _NO_DATE = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
@@ -303,27 +294,10 @@ def as_bytes(figure: Figure, kind: str) -> bytes:
     from matplotlib.transforms import Bbox
 
     out = io.BytesIO()
-    box = None
-    if runs_over(figure):
-        width, height = figure.get_size_inches()
-        canvas = Bbox([[0.0, 0.0], [float(width), float(height)]])
-        box = Bbox.union([canvas, _tight(figure).padded(MARGIN_IN)])
+    figure.draw_without_rendering()  # lays it out
+    box = Bbox.union([Bbox([(0, 0), figure.get_size_inches()]), figure.get_tightbbox()])
     figure.savefig(out, format=kind, metadata=_NO_DATE[kind], bbox_inches=box)
     return out.getvalue()
-
-
-def runs_over(figure: Figure) -> bool:
-    """Whether anything of the figure lies outside its edges."""
-    box = _tight(figure)
-    width, height = figure.get_size_inches()
-    return bool(
-        min(box.x0, box.y0) < -SLACK_IN or box.x1 > width + SLACK_IN or box.y1 > height + SLACK_IN
-    )
-
-
-def _tight(figure: Figure):  # type: ignore[no-untyped-def]  # a matplotlib Bbox, in inches
-    figure.draw_without_rendering()  # lays it out
-    return figure.get_tightbbox()
 
 
 def _break_titles(figure: Figure) -> None:

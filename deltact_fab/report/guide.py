@@ -67,6 +67,7 @@ WIRING = {
     "name": "wiring", "total_ma": "in all, mA", "led_ma": "a LED, mA", "chip_ma": "a chip, mA",
     "resistor_mw": "heat in a resistor, mW", "note": "note",
 }  # fmt: skip
+BATCH = ["cavities filled", "part A, g", "part B, g", "mixture, ml"]
 PROCESS = {"key": "figure", "meaning": "what it is", "basis": "rests on"}
 GAPS = {"said": "the paper", "found": "what is found", "chosen": "what was chosen"}
 
@@ -137,21 +138,17 @@ def write(
         viewer=viewer() if pictures.model else Viewer(),
         bom=table(pd.DataFrame([_to_order(line) for line in lines])),
         stock_note=stock_note(design),
-        f=_figures(design, sensors),
+        q=quantities,
+        f=_figures(design),
         batches=table(
             pd.DataFrame(
-                {
-                    "cavities filled": str(count),
-                    "part A, g": fixed(batch.a_g),
-                    "part B, g": fixed(batch.b_g),
-                    "mixture, ml": fixed(batch.volume_cm3),
-                }
+                [str(count), *map(fixed, (batch.a_g, batch.b_g, batch.volume_cm3))]
                 for count in range(1, quantities.cavities(design) + 1)
                 for batch in (quantities.skins_batch(design, count),)
-            )
+            ).set_axis(BATCH, axis="columns")
         ),
         wirings=table(pd.DataFrame(map(asdict, quantities.wirings(design.light))), WIRING),
-        wiring=_data_url("image/svg+xml", wiring(design).svg().encode()),
+        wiring=_svg_url(wiring(design).svg()),
         p=DEFAULT,
         sticker=sticker(design),
         facts=DEFAULT.rows(),
@@ -200,23 +197,20 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     for done, part in enumerate(parts):
         tell(done, total, part.name)
         solids[part.name] = build_part(part, design)[0]
-        images[part.name] = _data_url(
-            "image/svg+xml", part_svg(part, design, solids[part.name]).encode()
-        )
+        images[part.name] = _svg_url(part_svg(part, design, solids[part.name]))
     tell(len(parts), total, "exploded view")
     exploded = exploded_svg(design, solids)
     steps: dict[str, str] = {}
     for step, placed in Bench(design, solids).steps():
         tell(len(parts), total, f"step {step}")
-        steps[step] = _data_url("image/svg+xml", scene_svg(f"step {step}", placed).encode())
+        steps[step] = _svg_url(scene_svg(f"step {step}", placed))
     for done, (step, layers) in enumerate(STEPS.items(), len(parts) + 1):
         tell(done, total, f"step {step}")
         view = FROM_BACK if step in FROM_BEHIND else APART
-        svg = step_svg(f"step {step}", design, layers, solids, view)
-        steps[step] = _data_url("image/svg+xml", svg.encode())
+        steps[step] = _svg_url(step_svg(f"step {step}", design, layers, solids, view))
     tell(total - 2, total, "test bench")
     tip = next((part for part in parts if part.indenter is not None), None)
-    bench = _data_url("image/svg+xml", bench_svg(design, tip, solids).encode()) if tip else ""
+    bench = _svg_url(bench_svg(design, tip, solids)) if tip else ""
     tell(total - 1, total, "3D view")
     # Meshes last: they leave triangles on the solids.
     fine = {p.name: mesh_solid(solids[p.name], VIEW_TOLERANCE_MM, p.name) for p in parts}
@@ -234,8 +228,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     ]
     model = _data_url("model/gltf-binary", glb_bytes(exploded_glb, "deltact"))
     tell(total, total, "done")
-    whole = _data_url("image/svg+xml", exploded.encode())
-    return Pictures(whole, bench, images, model, steps, ceilings)
+    return Pictures(_svg_url(exploded), bench, images, model, steps, ceilings)
 
 
 def _to_order(line: bom.BomLine) -> dict[str, str]:
@@ -334,48 +327,23 @@ def viewer() -> Viewer:
     return Viewer(script, texts.get(VIEWER_LICENCE, ""))
 
 
-def _figures(d: Design, sensors: int) -> dict[str, Any]:
-    """What the steps name, worked out for this design and number of sensors."""
-    cast = sensors + 1
-    cells = quantities.cavities(d)
-    full = quantities.skins_batch(d, cells)
-    coat = quantities.coat_batch(d, 1, 0.0)
+def _figures(d: Design) -> dict[str, Any]:
+    """What the steps name and no dimension or quantity says."""
+    screw = d.screw
+    deepest_mm = screw.length_mm + screw.tip_clearance_mm
+    full = quantities.skins_batch(d, quantities.cavities(d))
     coupon_g = d.coupon.wells * well_volume_mm3(d) / 1000 * DEFAULT.density_g_cm3
     return {
-        "cast": cast,
-        "cavities": cells,
-        "pours": quantities.pours(d, cast),
-        "full": full,
-        "skin_cm3": d.skin_volume_mm3 / 1000,
-        "coat_g": coat.total_g,
         "cup_ml": CUP_ML * math.ceil(full.volume_cm3 * DEFAULT.foam_factor / CUP_ML),
         # Half as much again: two drops, and what stays in the cup.
         "coupon_g": max(1.5 * coupon_g, DEFAULT.coat_batch_g),
-        "coat_batch": quantities.least_coat_batch(quantities.coat_batch(d, sensors)),
-        "film_mm": d.skin.film_mm(DEFAULT.film_margin_mm),
-        "primer_ml": quantities.primer_ml(d, cast),
-        "shrinkage_mm": quantities.shrinkage_mm(d),
-        "acrylic_mm": [2 * s for s in d.acrylic_half_mm],
-        "pour_mm": d.mold.base_mm + d.skin.thickness_mm,
-        "current_ma": (d.light.least_ma, d.light.most_ma),
         "brighter": quantities.resistor_for_ohm(20.0, d.light),
-        "notched": any(d.acrylic_notch_mm),
-        "post_faces": any(d.post_in_window_mm),
-        "stripped": _stripped(d),
-        "over_resistor_v": d.light.total_ma * d.light.resistor_ohm / 1000,
+        "longer_mm": [mm for mm in screw.row.stock_mm if screw.length_mm < mm <= deepest_mm],
     }
 
 
-def _stripped(d: Design) -> str:
-    """What to do about a screw that has stripped its hole in the frame."""
-    screw = d.screw
-    deepest_mm = screw.length_mm + screw.tip_clearance_mm
-    longer = [mm for mm in screw.row.stock_mm if screw.length_mm < mm <= deepest_mm]
-    new = "a new frame, or fill the hole with epoxy, let it harden and drill it again with "
-    new += f"{fixed(screw.row.pilot_mm, 2)} mm."
-    if not longer:
-        return f"no longer one that would fit is sold; {new}"
-    return f"use one of {fixed(longer[-1])} mm, {new}"
+def _svg_url(svg: str) -> str:
+    return _data_url("image/svg+xml", svg.encode())
 
 
 def _data_url(kind: str, data: bytes) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from urllib.parse import quote
@@ -25,16 +25,16 @@ PAGE = "report.html"  # of a run and of a study alike
 class Entry:
     """A row of the index. name: the folder's path below the index's.
 
-    date: UTC, to the minute, or empty. line: the verdict, or what there is. trouble: what is not in
-    order, or empty. link: from the index to its page or, where there is none, its folder.
+    link: from the index to its page or, where there is none, its folder. date: UTC, to the minute,
+    or empty. line: the verdict, or what there is. trouble: what is not in order, or empty.
     """
 
     name: str
     kind: str
-    date: str = ""
-    line: str = ""
-    trouble: str = ""
-    link: str = ""
+    link: str
+    date: str
+    line: str
+    trouble: str
     simulated: bool = False
 
 
@@ -47,14 +47,13 @@ def write(folder: Path, out: Path) -> Path:
     import pandas as pd
 
     rows = entries(folder, out.parent)
-    told = {
-        "name": [row.name for row in rows],
-        "kind": [f"{row.kind}{', simulated' * row.simulated}" for row in rows],
-        "date, UTC": [row.date for row in rows],
-        "what came out": [f"{row.trouble} {row.line}".strip() for row in rows],
-    }
+    told = [
+        (row.name, f"{row.kind}{', simulated' * row.simulated}", row.date,
+         f"{row.trouble} {row.line}".strip()) for row in rows
+    ]  # fmt: skip
     marks = ["bad" if row.trouble else "" for row in rows]
-    made = table(pd.DataFrame(told), marks=marks, links=[row.link for row in rows])
+    frame = pd.DataFrame(told, columns=["name", "kind", "date, UTC", "what came out"])
+    made = table(frame, marks=marks, links=[row.link for row in rows])
     worse = sum(map(bool, marks))
     page = render("index.html", folder=folder.resolve().name, entries=made, worse=worse)
     return save(page, out)
@@ -71,17 +70,16 @@ def entries(folder: Path, seen_from: Path) -> list[Entry]:
     for place, is_study in _places(folder):
         inside = place.relative_to(folder).as_posix()
         name = folder.resolve().name if inside == "." else inside
-        entry = Entry(name, "study" if is_study else "run")
+        page = place / PAGE
+        target = os.path.relpath(page if page.is_file() else place, seen_from)
+        link = quote(Path(target).as_posix())
         try:
-            entry = (_study if is_study else _run)(place, entry)
+            found.append((_study if is_study else _run)(place, name, link))
         except _DAMAGE as why:
             text = " ".join(str(why).split()) or type(why).__name__
             # Without the folder, which the row names already.
             line = text.replace(f"{place}/", "").replace(f"{place}: ", "")
-            entry = replace(entry, trouble="damaged:", line=line)
-        page = place / PAGE
-        target = os.path.relpath(page if page.is_file() else place, seen_from)
-        found.append(replace(entry, link=quote(Path(target).as_posix())))
+            found.append(Entry(name, "study" if is_study else "run", link, "", line, "damaged:"))
     found.sort(key=lambda entry: entry.name)
     return sorted(found, key=lambda entry: entry.date, reverse=True)
 
@@ -97,7 +95,7 @@ def _places(folder: Path) -> Iterator[tuple[Path, bool]]:
             yield Path(place), False
 
 
-def _study(place: Path, entry: Entry) -> Entry:
+def _study(place: Path, name: str, link: str) -> Entry:
     kept = study_folder.read_result(place)
     trouble = ""
     if kept.missing:
@@ -106,17 +104,12 @@ def _study(place: Path, entry: Entry) -> Entry:
         trouble = "made by other code than this:"
     elif not (place / PAGE).is_file():
         trouble = "its page is gone:"
-    return replace(
-        entry,
-        kind=f"study {kept.study}",
-        date=kept.made.replace("T", " ").removesuffix("Z"),
-        line=kept.verdict[0] if kept.verdict else "",
-        trouble=trouble,
-        simulated=kept.simulated,
-    )
+    line = kept.verdict[0] if kept.verdict else ""
+    made = kept.made.replace("T", " ").removesuffix("Z")
+    return Entry(name, f"study {kept.study}", link, made, line, trouble, kept.simulated)
 
 
-def _run(place: Path, entry: Entry) -> Entry:
+def _run(place: Path, name: str, link: str) -> Entry:
     told = record.about(record.open(place))
     begun = told["begun_s"]
     tracking = place / "analysis" / "tracking.json"
@@ -125,14 +118,10 @@ def _run(place: Path, entry: Entry) -> Entry:
     else:
         presses = "1 press" if told["presses"] == 1 else f"{told['presses']} presses"
         line = f"{told['frames']} frames in {presses}, not analysed yet"
-    return replace(
-        entry,
-        kind=f"run of {told['protocol']}",
-        date="" if begun is None else f"{datetime.fromtimestamp(begun, UTC):%Y-%m-%d %H:%M}",
-        line=line,
-        trouble="" if told["state"] == "finished" else f"{told['state']}:",
-        simulated=bool(told["simulated"]),
-    )
+    date = "" if begun is None else f"{datetime.fromtimestamp(begun, UTC):%Y-%m-%d %H:%M}"
+    trouble = "" if told["state"] == "finished" else f"{told['state']}:"
+    simulated = bool(told["simulated"])
+    return Entry(name, f"run of {told['protocol']}", link, date, line, trouble, simulated)
 
 
 # What reading a folder raises in which anything may be anything.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,10 +16,7 @@ from .templating import render, save, table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STABILITY = {
-    "case": "case", "outcome": "outcome", "expectation": "expected", "figure": "figure",
-    "bound": "bound", "unit": "unit", "note": "note",
-}  # fmt: skip
+STABILITY = ["case", "outcome", "expectation", "figure", "bound", "unit", "note"]
 SCENES = {
     "layer": "layer", "about": "what it does", "seconds": "CPU seconds saved",
     "megabytes": "MB saved", "modules": "modules not loaded", "note": "note",
@@ -44,13 +42,10 @@ def write(data: dict[str, Any], out: Path) -> Path:
                     for case, rows in by_case.items()
                 ],
                 "stability": table(
-                    pd.DataFrame(cases, columns=list(STABILITY)), STABILITY,
-                    ["bad" if r["outcome"] == "wrong" else "" for r in cases],
+                    pd.DataFrame(cases, columns=STABILITY),
+                    marks=["bad" if r["outcome"] == "wrong" else "" for r in cases],
                 ),
-                "counts": {
-                    name: sum(r["outcome"] == name for r in cases)
-                    for name in ("right", "refused", "wrong")
-                },
+                "counts": Counter(r["outcome"] for r in cases),
             }
         )  # fmt: skip
     scenes = [row for row in data["scenes"] if row["seconds"] is not None]

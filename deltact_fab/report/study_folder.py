@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from .. import catalog, digest, reading
 from ..errors import InputError, RunFailed
@@ -18,7 +16,6 @@ from .result import Headline, StudyResult
 
 PAGE, RESULT = "report.html", "result.json"
 FORMAT = "deltact-fab study 2"
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
 @dataclass(frozen=True)
@@ -67,17 +64,8 @@ def read_result(folder: str | Path) -> KeptResult:
         raise InputError(
             f"{folder}: no study ({RESULT} is missing); name a folder that `study run` wrote"
         )
-    return _kept(reading.json_object(path), path)
-
-
-def made_of(files: Mapping[str, bytes]) -> KeptResult:
-    """As `read_result`, of `contents` that are not written yet."""
-    return _kept(json.loads(files[RESULT]), Path(RESULT))
-
-
-def _kept(found: dict[str, Any], path: Path) -> KeptResult:
-    kept = found.get("format")
-    if kept != FORMAT:
+    found = reading.json_object(path)
+    if (kept := found.get("format")) != FORMAT:
         raise InputError(f"{path}: format: {kept!r}; this version reads {FORMAT!r}")
     headlines = found.get("headlines")
     if isinstance(headlines, list):  # JSON has no NaN: a value that is no number is null there
@@ -92,21 +80,14 @@ def _kept(found: dict[str, Any], path: Path) -> KeptResult:
 def contents(result: StudyResult) -> dict[str, bytes]:
     """The files of a study but its page, by name; result.json last.
 
-    Raises RunFailed for a number that JSON does not have, ValueError for a name that is no file's.
+    Raises RunFailed for a number that JSON does not have.
     """
     from ..experiment import versions
 
     made = {
         f"{table.name}.csv": table.frame.to_csv(index=False).encode() for table in result.tables
     }
-    taken = {*made, PAGE, RESULT}
-    if len(made) != len(result.tables) or taken.intersection(result.files):
-        raise ValueError(f"{result.study}: two files of one name")
     made |= {name: text.encode() for name, text in result.files.items()}
-    if odd := [
-        name for name in (*made, *(f.name for f in result.figures)) if not _NAME.fullmatch(name)
-    ]:
-        raise ValueError(f"{result.study}: no file's name: {odd[0]!r}")
     kept = {
         "format": FORMAT,
         "title": result.title,
@@ -140,17 +121,10 @@ def refuse_strange(out: Path, study: str) -> None:
         other = read_result(out).study
     except InputError:
         other = None
-    if other == study or not any(_holds(one) for one in out.iterdir()):
-        return
-    held = f"holds the study {other}" if other else f"is not empty, and no earlier {study}"
-    raise InputError(f"{out}: {held}; name another folder")
-
-
-def _holds(one: Path) -> bool:
-    """Whether something in a folder is another's."""
-    if one.name.startswith(".new-"):
-        return False
-    return not one.is_dir() or one.is_symlink() or any(one.iterdir())
+    files = (one for one in out.rglob("*") if not one.is_dir() and not one.name.startswith(".new-"))
+    if other != study and any(files):
+        held = f"holds the study {other}" if other else f"is not empty, and no earlier {study}"
+        raise InputError(f"{out}: {held}; name another folder")
 
 
 def place(files: Mapping[str, bytes], out: Path) -> None:
@@ -161,14 +135,10 @@ def place(files: Mapping[str, bytes], out: Path) -> None:
     """
     # Its list is the last to change: what is cut short here is found by the next.
     names = sorted(files, key=lambda name: name == RESULT)
-    gone = [out / name for name in _earlier(out).difference(files)]
-    write_together({out / name: files[name] for name in names}, gone, RunFailed)
-
-
-def _earlier(out: Path) -> set[str]:
-    """Files that the study of this folder wrote; none where there is none to be read."""
     try:
-        names = read_result(out).files
+        earlier = read_result(out).files
     except InputError:
-        return set()
-    return {name for name in names if isinstance(name, str) and _NAME.fullmatch(name)}
+        earlier = ()
+    # A list that was changed by hand reaches into no other folder.
+    gone = [out / name for name in earlier if name not in files and Path(name).name == name]
+    write_together({out / name: files[name] for name in names}, gone, RunFailed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,13 +23,9 @@ def prepared(one: ReportTable) -> dict[str, Any]:
     """What the template needs of a table.
 
     title, more: of the caption. hidden: how many rows are not shown.
-    Raises ValueError for a shown column that the frame has not.
+    Raises KeyError for a shown column that the frame has not.
     """
-    frame = one.frame
-    if one.shown is not None:
-        if strange := [name for name in one.shown if name not in frame]:
-            raise ValueError(f"table {one.name}: no column {strange[0]!r}")
-        frame = frame[list(one.shown)]
+    frame = one.frame if one.shown is None else one.frame[list(one.shown)]
     title, _, more = one.caption.partition(". ")
     shown = frame if len(frame) <= MAX_ROWS else frame.iloc[:FIRST_ROWS]
     return {
@@ -69,24 +66,24 @@ def write(result: StudyResult, out: Path, layer_costs: Sequence[dict[str, Any]] 
         own = ReportTable(HEADLINES, "What counts", frame)
         result = replace(result, tables=(own, *result.tables))
     files = study_folder.contents(result)
-    page = html(result, study_folder.made_of(files), layer_costs)
+    page = html(result, json.loads(files[study_folder.RESULT]), layer_costs)
     study_folder.place({study_folder.PAGE: page.encode(), **files}, out)
     return out / study_folder.PAGE
 
 
 def html(
-    result: StudyResult, kept: study_folder.KeptResult, layer_costs: Sequence[dict[str, Any]] = ()
+    result: StudyResult, kept: dict[str, Any], layer_costs: Sequence[dict[str, Any]] = ()
 ) -> str:
-    """The page. kept: what its result.json says, of versions and time."""
+    """The page. kept: its result.json, of which versions and time are taken."""
     left_out = [_with_cost(one, layer_costs) for one in result.left_out]
     told = pd.DataFrame(map(_told, result.headlines))
     marks = ["bad" if one.state == "missed" else "" for one in result.headlines]
-    settings = {**result.settings, "seed": str(result.seed), **kept.versions}
+    settings = {**result.settings, "seed": str(result.seed), **kept["versions"]}
     costs = [(one.what, one.why, one.cost) for one in left_out]
     return render(
         "study.html",
         r=result,
-        made=f"{kept.made.replace('T', ' ').removesuffix('Z')} UTC",
+        made=f"{kept['made'].replace('T', ' ').removesuffix('Z')} UTC",
         doubt=bool(result.missing) or result.state not in (None, "met"),
         figures=[
             {"svg": figures.to_svg(one.draw(), one.caption), "caption": one.caption}
