@@ -11,7 +11,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future
-from concurrent.futures import wait as futures_wait
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -170,12 +169,9 @@ class Cluster(Executor):
             raise CannotGoOn(f"the Dask cluster is gone: no worker for {GONE_S:g} s")
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As every Executor's; without wait, what has not come back is forgotten."""
-        if not wait or cancel_futures:
-            for future, _ in self._waiting:
-                future.cancel()
-        if wait:
-            futures_wait([*self._away.values(), *(future for future, _ in self._waiting)])
+        """As every Executor's, but that it never waits: what has not come back is forgotten."""
+        for future, _ in self._waiting:
+            future.cancel()
 
     def _look(self) -> int:
         """Threads of the workers with our code; a line for each other one, once."""

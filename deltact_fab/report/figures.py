@@ -295,7 +295,8 @@ def as_bytes(figure: Figure, kind: str) -> bytes:
 
     out = io.BytesIO()
     figure.draw_without_rendering()  # lays it out
-    box = Bbox.union([Bbox([(0, 0), figure.get_size_inches()]), figure.get_tightbbox()])
+    width, height = map(float, figure.get_size_inches())
+    box = Bbox.union([Bbox([[0.0, 0.0], [width, height]]), figure.get_tightbbox()])
     figure.savefig(out, format=kind, metadata=_NO_DATE[kind], bbox_inches=box)
     return out.getvalue()
 

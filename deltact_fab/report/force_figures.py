@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,16 +18,17 @@ if TYPE_CHECKING:
 def drawn(result: ForceResult) -> list[ReportFigure]:
     """The figure of a calibration, signed with where its data is from."""
 
-    def signed() -> Figure:
-        figure = predicted_against_measured(result)
-        figure.text(0.995, 0.005, result.calibration.head.origin, ha="right", fontsize=7)
-        return figure
-
     caption = "Predicted against measured force. Each point by a model fitted without it: "
-    return [ReportFigure("force-predicted", f"{caption}{SPLITS[result.best.ranked_by]}.", signed)]
+    return [
+        ReportFigure(
+            "force-predicted",
+            f"{caption}{SPLITS[result.best.ranked_by]}.",
+            partial(_predicted, result),
+        )
+    ]
 
 
-def predicted_against_measured(result: ForceResult) -> Figure:
+def _predicted(result: ForceResult) -> Figure:
     """A row a model (the paper's, the best), a panel a component, a colour an indenter."""
     models = {one.name: one for one in (result.paper, result.best)}.values()
     figure, axes = figures.blank(9.6, 3.3 * len(models), 3, share_y=False, rows=len(models))
@@ -46,4 +48,5 @@ def predicted_against_measured(result: ForceResult) -> Figure:
             axis.set_title(f"{one.name}, {name.replace('_', ' ')}", loc="left", fontweight="bold")
         row[0].set_ylabel("predicted, N")
     figures.legend_below(figure, axes[0])
+    figure.text(0.995, 0.005, result.calibration.head.origin, ha="right", fontsize=7)
     return figure

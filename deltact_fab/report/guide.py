@@ -338,6 +338,7 @@ def _figures(d: Design) -> dict[str, Any]:
         # Half as much again: two drops, and what stays in the cup.
         "coupon_g": max(1.5 * coupon_g, DEFAULT.coat_batch_g),
         "brighter": quantities.resistor_for_ohm(20.0, d.light),
+        "shrinkage_mm": quantities.shrinkage_mm(d),
         "longer_mm": [mm for mm in screw.row.stock_mm if screw.length_mm < mm <= deepest_mm],
     }
 

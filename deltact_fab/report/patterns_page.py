@@ -69,23 +69,15 @@ def write(folder: Path) -> Path:
 
 def _read(folder: Path) -> tuple[dict[str, Any], bytes]:
     """Figures and contact sheet of a series."""
-    try:
-        (folder / series.FIGURES).stat()
-        picture = (folder / series.CONTACT).read_bytes()
-    except FileNotFoundError as why:
-        raise InputError(
-            f"{folder}: no series: {Path(why.filename).name} is missing; name a folder that "
-            "`pattern series` wrote"
-        ) from why
-    except OSError as why:
-        raise InputError(f"{why.filename}: cannot be read: {why.strerror}") from why
-    data = reading.json_object(folder / series.FIGURES)
-    found = data.get("format")
-    if found != series.FORMAT:
-        raise InputError(
-            f"{folder / series.FIGURES}: format {found!r}; this version reads {series.FORMAT!r}"
-        )
-    return data, picture
+    kept, contact = (folder / name for name in (series.FIGURES, series.CONTACT))
+    for file in (kept, contact):
+        if not reading.is_file(file):
+            wanted = "name a folder that `pattern series` wrote"
+            raise InputError(f"{folder}: no series: {file.name} is missing; {wanted}")
+    data = reading.json_object(kept)
+    if (found := data.get("format")) != series.FORMAT:
+        raise InputError(f"{kept}: format {found!r}; this version reads {series.FORMAT!r}")
+    return data, contact.read_bytes()
 
 
 def _seen(row: dict[str, Any]) -> dict[str, Any]:
