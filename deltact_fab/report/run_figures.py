@@ -127,7 +127,7 @@ def _panel(axis: Axes, press: DeepestPress) -> None:
 def force_and_motion(t_s: pd.Series[float], frames: pd.DataFrame, moved_px: list[float]) -> Figure:
     """Of an imported run, over time: force on the sensor, and how far the picture moved."""
     known = [name for name in FORCE if frames[name].notna().any()]
-    figure, axes = blank(9.6, 3.4, 2 if known else 1, share_y=False)
+    figure, axes = figures.panels(2 if known else 1, 3.4, share_y=False)
     for axis in axes:
         axis.set_xlabel("time since the first image, s")
     for colour, name in zip(COLOURS, known, strict=False):
