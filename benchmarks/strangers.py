@@ -60,7 +60,7 @@ class Seen:
         return np.column_stack((self.truth[press]["force_n"], self.truth[press]["torque_nmm"]))
 
     def data(self, use: Sequence[Press], view: SensorView, early: bool = False) -> ForceData:
-        """The points of presses as `analyze force` has them.
+        """The points of presses as `calibrate force` has them.
 
         early: the labels of every second press were taken at once, and so are EARLY.share too high.
         """
@@ -148,7 +148,7 @@ def figures(seen: Seen, rounds: Sequence[Judged]) -> dict[str, Any]:
 
 
 def _gain(seen: Seen, view: SensorView, press: Press) -> float:
-    """As `calibrate-depth` finds it, of the deepest straight state of a press."""
+    """As `calibrate depth` finds it, of the deepest straight state of a press."""
     flow, tip = seen.flows[press][2], seen.truth[press]["tip_mm"][2] * [1, 1, -1]
     wanted = ball_mm(flow, view, tip, press.ball_mm / 2)
     sure = wanted > -0.4 * tip[2]

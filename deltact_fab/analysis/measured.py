@@ -85,7 +85,7 @@ def calibrations_of(run: Run, files: Sequence[Path] = ()) -> list[Path]:
     beside = (run.folder / "analysis" / name for name in ("calibration.toml", "depth.toml"))
     found = list(files) or [file for file in beside if file.is_file()]
     for file in found:
-        require_same(read_calibration(file)[0].sensor, sensor_of(run), str(file))
+        require_same(read_calibration(file)[0], sensor_of(run), str(file))
     return found
 
 
@@ -150,9 +150,9 @@ def _left_out(kinds: set[Kind], pressed: bool, frames: int) -> list[str]:
     if not pressed:
         lines.append("shape and contacts: no step of this run presses")
     elif "depth" not in kinds:
-        lines.append("contacts, and depth in mm: no calibration (`deltact-fab calibrate-depth`)")
+        lines.append("contacts, and depth in mm: no calibration (`deltact-fab calibrate depth`)")
     if "force" not in kinds:
-        lines.append("force from the flow: no calibration (`deltact-fab analyze force`)")
+        lines.append("force from the flow: no calibration (`deltact-fab calibrate force`)")
     elif frames:
         lines.append(f"force at {frames} frames: only the deepest presses of so long a run")
     return lines

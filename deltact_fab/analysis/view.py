@@ -8,7 +8,7 @@ from typing import Any
 
 from .. import __version__, catalog
 from ..errors import InputError
-from ..measure.sensor_id import CalibrationSource, Head, Kind, SensorId
+from ..measure.sensor_id import CalibrationSource, Head, Kind, SensorId, told
 from ..measure.view import SensorView
 from ..optics import CameraModel, Pinhole
 from ..record import Run
@@ -62,7 +62,7 @@ def head_of(runs: Sequence[Run], kind: Kind) -> Head:
     for run in runs[1:]:
         if unlike := sensor_of(run).unlike(first):
             raise InputError(
-                f"{run.folder}: another sensor than {runs[0].folder}: {'; '.join(unlike)}"
+                f"{run.folder}: another sensor than {runs[0].folder}: {told(unlike, 'there')}"
             )
     simulated = any(run.simulated for run in runs)
     made = CalibrationSource(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import re
 from collections.abc import Mapping
@@ -12,12 +13,27 @@ import click
 from ..errors import did_you_mean
 
 
+def command_at(path: str, ctx: click.Context) -> click.Command:
+    """A command by what is typed, as in "rig check"; its noun stands in the module of its name."""
+    noun, *names = path.split()
+    command = getattr(importlib.import_module(f"{__package__}.{noun}"), noun)
+    for name in names:
+        command = command.get_command(ctx, name)
+    assert isinstance(command, click.Command)
+    return command
+
+
+def tell_moved(old: str, now: str) -> None:
+    """One line on stderr: what was typed still works."""
+    click.echo(f"`{old}` is `deltact-fab {now}` now; the old form goes with version 0.4", err=True)
+
+
 class CommandGroup(click.Group):
     """A group whose commands stand in its help as they were added. noun: what one is called."""
 
     noun = "command"
     moved: Mapping[str, str] = MappingProxyType({})
-    """Old names of commands that are part of another one now; they go with version 0.4."""
+    """Old names of commands, each with what is typed now; they go with version 0.4."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
@@ -37,8 +53,8 @@ class CommandGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         name = args[0]
         if name in self.moved:
-            click.echo(f"`{name}` is `{self.moved[name]}` now", err=True)
-            name, args = self.moved[name], [self.moved[name], *args[1:]]
+            tell_moved(f"{ctx.command_path} {name}", self.moved[name])
+            return name, command_at(self.moved[name], ctx), args[1:]
         known = self.list_commands(ctx)
         # An option that stands where a command should is click's to refuse.
         if name not in known and not name.startswith("-") and not ctx.resilient_parsing:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import errno
-import importlib
 import sys
+from types import MappingProxyType
 
 import click
 
 from .. import __version__
 from ..errors import INTERRUPTED, DeltactFabError, MissingLibrary, one_line
-from .group import CommandGroup
+from .group import CommandGroup, command_at
 
 PROGRAM = "deltact-fab"
 
@@ -35,12 +35,11 @@ SECTIONS = {
         "record": "Recorded runs: verify, look at, annotate, export.",
     },
     "Calibrate and measure": {
-        "calibrate": "Calibrate the lens on images of boards.",
-        "calibrate-depth": "Calibrate depth on one press of a ball.",
+        "calibrate": "Calibrate lens, depth and force, one file each.",
         "measure": "Shape, force and contact, live.",
     },
     "Analyse": {
-        "analyze": "Tracking error, force and shape of recorded runs.",
+        "analyze": "Tracking error and shape of recorded runs.",
         "report": "Write one offline page about a run.",
         "study": "The paper's experiments, and better ones.",
     },
@@ -55,16 +54,13 @@ COMMANDS = {name: text for section in SECTIONS.values() for name, text in sectio
 class LazyGroup(CommandGroup):
     """A group that knows its commands' names and one-line helps without importing them."""
 
+    moved = MappingProxyType({"calibrate-depth": "calibrate depth"})
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        noun = cmd_name.replace("-", "_")
-        command = getattr(importlib.import_module(f"deltact_fab.cli.{noun}"), noun)
-        assert isinstance(command, click.Command)
-        return command
+        return command_at(cmd_name, ctx) if cmd_name in COMMANDS else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         widest = max(map(len, COMMANDS))

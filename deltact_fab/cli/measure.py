@@ -24,7 +24,7 @@ VIEW_HZ = 10.0
 
 @click.command(epilog="Example: deltact-fab measure smoke-run --view")
 @click.argument("source", type=RIG_NAME)
-@click.option("--camera", type=PATH, metavar="FILE", help="Camera file made by `calibrate`.")
+@click.option("--camera", type=PATH, metavar="FILE", help="Camera file made by `calibrate lens`.")
 @click.option("--calibration", "calibrations", multiple=True, type=PATH, metavar="FILE",
               help="Calibration of depth or force; repeatable.")  # fmt: skip
 @click.option("--mm-per-px", type=Finite(min=1e-4, max=100), metavar="MM",

@@ -38,7 +38,7 @@ def rig() -> None:
     """
 
 
-rig.moved = {"probe": "check"}
+rig.moved = {"probe": "rig check"}
 
 
 @rig.command("list")
@@ -102,7 +102,7 @@ def photograph(
     out: Path,
     as_json: bool,
 ) -> None:
-    """Photograph boards with the camera of RIG, for `calibrate`.
+    """Photograph boards with the camera of RIG, for `calibrate lens`.
 
     A real rig waits for Enter before each of the --contact images, where there is a terminal, and
     puts them into DIR/contact. A virtual rig photographs through its true lens: --board skin is the
@@ -115,7 +115,7 @@ def photograph(
     from ..errors import InputError
     from ..rig import config
     from ..virtual.photographs import take
-    from .calibrate import board_named
+    from .calibrate.lens import board_named
     from .output import echo_result
 
     bench, path = config.load(name)
@@ -255,7 +255,7 @@ def check(name: str, seconds: float, as_json: bool) -> None:
 @click.argument("recipe", required=False, type=PATTERN_NAME)
 @click.option("--serial", metavar="TEXT", help="Serial number, under which it is kept.")
 @click.option("--camera", type=PATH, metavar="FILE", show_default="the design's lens",
-              help="Camera file made by `calibrate`.")  # fmt: skip
+              help="Camera file made by `calibrate lens`.")  # fmt: skip
 @click.option("--design", type=DESIGN_NAME, metavar="DESIGN", help="Design of the sensor.")
 @click.option("--frames", type=click.IntRange(1, 10000), default=100, show_default=True,
               metavar="N", help="Images at rest to look at.")  # fmt: skip

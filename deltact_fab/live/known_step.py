@@ -54,6 +54,6 @@ def known_steps(folder: Path) -> list[JudgedRow]:
         rows.append(JudgedRow(
             f"known step, {axis}", f"{seen_mm:.3f} mm of {made_mm:.3f}{origin}",
             f"within {OFF_MM:g} mm", passed,
-            "calibrate the camera on this skin: `calibrate`; or the tip slips",
+            "calibrate the camera on this skin: `calibrate lens`; or the tip slips",
         ))  # fmt: skip
     return rows

@@ -86,7 +86,7 @@ def open_source(
 
     name: the number of a camera ("0"), its device file or address, a run, a folder of images, a
     video, a virtual rig with or without a protocol ("virtual:smoke"), or a real rig, of which only
-    the camera is opened. camera_file: as `deltact-fab calibrate` writes
+    the camera is opened. camera_file: as `deltact-fab calibrate lens` writes
     it. design, serial: of the sensor. They go before what the source knows. seed: of a virtual rig.
     rest_only: the images are looked at only to see what was made: where no one knows the camera,
     the design's lens stands for it. follow: how a folder ends that is still written into. Raises
@@ -196,7 +196,7 @@ def measurement_of(
     assert known.camera is not None, "open_source makes sure of it"
     present = SensorId.of(known.camera, known.recipe, known.design, known.serial)
     for file in files:  # more is known here than a camera, which Measurement looks at
-        require_same(read_calibration(file)[0].sensor, present, str(file))
+        require_same(read_calibration(file)[0], present, str(file))
     return everything(known.camera, known.skin, files, show, rest=accepted_rest(known))
 
 
@@ -220,7 +220,7 @@ def accepted_rest(known: KnownSensor) -> NDArray[np.uint8] | None:
     if not file.is_file():
         return None
     head, data = read_calibration(file, "acceptance")
-    require_same(head.sensor, SensorId(known.design, known.serial), str(file))
+    require_same(head, SensorId(known.design, known.serial), str(file))
     table = data.get("rest")
     kept = read_rest(file, table) if isinstance(table, dict) else None
     image = None if kept is None else cv2.imdecode(np.frombuffer(kept, np.uint8), cv2.IMREAD_COLOR)

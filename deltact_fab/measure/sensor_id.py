@@ -21,24 +21,33 @@ from ..optics import CameraModel
 SCHEMA = 1
 Kind = Literal["depth", "force", "acceptance"]
 _WRITERS: dict[str, str] = {
-    "depth": "calibrate-depth",
-    "force": "analyze force",
+    "depth": "calibrate depth",
+    "force": "calibrate force",
     "acceptance": "rig accept",
 }
+_REMEDIES: dict[str, str] = {
+    "depth": "`deltact-fab calibrate depth RUN` makes one from a press of a ball with this sensor",
+    "force": "`deltact-fab calibrate force RUN --transfer {file}` carries it over, from one to "
+    "three presses with this sensor",
+    "acceptance": "`deltact-fab rig accept` keeps this sensor's",
+}
+SHOWN = 3
+"""So many differences are told; a lens that was fitted again differs in all its numbers."""
+Description = Mapping[str, Any] | str
 
 
 @dataclass(frozen=True)
 class SensorId:
     """What identifies a sensor; None where a source of images does not know it.
 
-    pattern, camera: short digests of the pattern's recipe and of the camera as it is stored. The
-    camera's says most: no two calibrated lenses have the same numbers.
+    pattern, camera: the pattern's recipe and the camera, as they are stored; in files up to version
+    0.2 short digests of them. The camera says most: no two calibrated lenses have the same numbers.
     """
 
     design: str | None = None
     serial: str | None = None
-    pattern: str | None = None
-    camera: str | None = None
+    pattern: Description | None = None
+    camera: Description | None = None
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
 
@@ -51,17 +60,23 @@ class SensorId:
         serial: str | None = None,
     ) -> SensorId:
         """Of a camera, and what else is known."""
-        pattern = None if recipe is None else _digest(recipe)
-        return cls(design, serial, pattern, _digest(camera.as_dict()))
+        return cls(design, serial, recipe, camera.as_dict())
 
-    def unlike(self, other: SensorId) -> list[str]:
-        """What both know and differ in, a phrase each: "serial 'A1', not 'B2'"."""
-        mine, yours = asdict(self), asdict(other)
-        return [
-            f"{name} {mine[name]!r}, not {yours[name]!r}"
-            for name in mine
-            if None not in (mine[name], yours[name]) and mine[name] != yours[name]
-        ]
+    def unlike(self, other: SensorId) -> dict[str, tuple[Any, Any]]:
+        """What both know and differ in: this one's value and the other's, by key."""
+        differences: dict[str, tuple[Any, Any]] = {}
+        for name, mine in vars(self).items():
+            yours = getattr(other, name)
+            if mine is None or yours is None:
+                continue
+            if isinstance(mine, Mapping) and isinstance(yours, Mapping):
+                ours, theirs = _flat(name, mine), _flat(name, yours)
+            else:
+                ours, theirs = {name: _digest(mine)}, {name: _digest(yours)}
+            for key in {**ours, **theirs}:
+                if ours.get(key) != theirs.get(key):
+                    differences[key] = ours.get(key), theirs.get(key)
+        return differences
 
 
 @dataclass(frozen=True)
@@ -101,16 +116,32 @@ class Head:
         return catalog.as_toml({**head, **tables}, about)
 
 
-def require_same(calibrated: SensorId, present: SensorId, source: str) -> None:
+def require_same(calibration: Head, present: SensorId, source: str) -> None:
     """Refuse a calibration (of the file `source`) for another sensor than it was made on.
 
-    Raises InputError, one line that says in what the two differ.
+    Raises InputError, one line that says in what the two differ, and what to do.
     """
-    if unlike := calibrated.unlike(present):
-        raise InputError(
-            f"{source}: made on another sensor: {'; '.join(unlike)}; "
-            "`analyze force RUN --transfer FILE` carries a force calibration over"
-        )
+    unlike = present.unlike(calibration.sensor)
+    if not unlike:
+        return
+    remedy = _REMEDIES[calibration.kind].format(file=source)
+    made = "made on another sensor"
+    if all(key.startswith("camera") for key in unlike):
+        made = "made with another camera file"
+        remedy = f"measure with that one; or, if the lens was calibrated again since, {remedy}"
+    raise InputError(f"{source}: {made}: {told(unlike, 'in this file')}; {remedy}")
+
+
+def told(unlike: Mapping[str, tuple[Any, Any]], there: str) -> str:
+    """Differences in words: "serial 'B2' here, 'A1' in this file"; of many the first ones."""
+    words = []
+    for key, values in list(unlike.items())[:SHOWN]:
+        one, other = ("none" if value is None else _shown(value) for value in values)
+        if one == other:  # to the digits that are shown
+            one, other = map(repr, values)
+        words.append(f"{key} {one} here, {other} {there}")
+    more = len(unlike) - SHOWN
+    return "; ".join([*words, f"{more} more"] if more > 0 else words)
 
 
 def read_calibration(path: Path, kind: Kind | None = None) -> tuple[Head, dict[str, Any]]:
@@ -178,6 +209,20 @@ def _not_finite(value: Any) -> str | None:
     return None
 
 
-def _digest(data: Mapping[str, Any]) -> str:
+def _flat(name: str, data: Any) -> dict[str, Any]:
+    """Numbers and words by their keys, as in "camera.lens.f_px"; what a file leaves out is not."""
+    if not isinstance(data, Mapping):
+        return {} if data is None else {name: list(data) if isinstance(data, tuple) else data}
+    return {k: v for key, value in data.items() for k, v in _flat(f"{name}.{key}", value).items()}
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else repr(value)
+
+
+def _digest(data: Description) -> str:
+    """As files up to version 0.2 have it, which is kept as it is."""
+    if isinstance(data, str):
+        return data
     text = json.dumps(data, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:12]

@@ -107,7 +107,7 @@ def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -
         lines.insert(
             0,
             "WARNING: the lens is not calibrated, the design's stands for it: photograph the "
-            "chessboard skin on this rig, `deltact-fab calibrate` the raw image, and name the file "
-            "it makes as [camera] model",
+            "chessboard skin on this rig; `deltact-fab calibrate lens` makes the file to name as "
+            "[camera] model",
         )
     return lines

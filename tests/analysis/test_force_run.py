@@ -1,4 +1,4 @@
-"""`analyze force` on recorded runs: a calibration, and what is refused in one line."""
+"""`calibrate force` on recorded runs: a calibration, and what is refused in one line."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ serial = "A1"
 @pytest.mark.slow
 def test_too_few_points_are_refused_with_the_number_needed(mini_run: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done = called("analyze", "force", mini_run, "--out", out, "--model", "sums")
+    done = called("calibrate", "force", mini_run, "--out", out, "--model", "sums")
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1, done.stderr
@@ -89,7 +89,7 @@ def test_a_calibration_is_made_kept_and_carried_over(
     protocol, run, out = tmp_path / "presses.toml", tmp_path / "run", tmp_path / "out"
     protocol.write_text(PROTOCOL)
     experiment.run(experiment.RunRequest(str(protocol), str(mini[1]), run, seed=3))
-    done = called("analyze", "force", run, "--out", out, "--model", "sums", "--json")
+    done = called("calibrate", "force", run, "--out", out, "--model", "sums", "--json")
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     # One at rest and nine stops that settle, at each of two places; one ball, one run.
@@ -118,7 +118,7 @@ def test_a_calibration_is_made_kept_and_carried_over(
     files = opened.frames()["file"]
     for file in files[1:]:
         (run / file).unlink()
-    again = called("analyze", "force", run, "--out", tmp_path / "again", "--model", "sums")
+    again = called("calibrate", "force", run, "--out", tmp_path / "again", "--model", "sums")
     assert again.returncode == 0, again.stderr
     assert again.stdout.startswith(f"{told['best']} is taken: normal force to ")
     one, two = (

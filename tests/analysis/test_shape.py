@@ -1,4 +1,4 @@
-"""`calibrate-depth` and `analyze shape` on a recorded run, and what they refuse in one line."""
+"""`calibrate depth` and `analyze shape` on a recorded run, and what they refuse in one line."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_depth_is_calibrated_on_the_ball_and_shape_is_judged_by_it(
     mini_run: Path, tmp_path: Path
 ) -> None:
     file, out = tmp_path / "depth.toml", tmp_path / "out"
-    done = called("calibrate-depth", mini_run, "-o", file)
+    done = called("calibrate", "depth", mini_run, "-o", file)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Depth calibrated on a sphere of 10 mm at 1.00")
     head, model = DepthModel.load(file)
@@ -74,10 +74,10 @@ def test_what_cannot_be_used_is_refused_and_nothing_is_written(
     mini_run: Path, tmp_path: Path
 ) -> None:
     file = tmp_path / "depth.toml"
-    assert "no such folder" in refused("calibrate-depth", tmp_path / "gone", "-o", file)
+    assert "no such folder" in refused("calibrate", "depth", tmp_path / "gone", "-o", file)
     dots = without_balls(mini_run, tmp_path / "dots")
     assert "no sphere presses in this run (it has 4dots)" in refused(
-        "calibrate-depth", dots, "-o", file
+        "calibrate", "depth", dots, "-o", file
     )
     assert not file.exists()
     assert f"{file}: no such file" in refused("analyze", "shape", mini_run, "--depth", file)
@@ -87,7 +87,7 @@ def test_what_cannot_be_used_is_refused_and_nothing_is_written(
     )
     out = tmp_path / "out"
     said = refused("analyze", "shape", mini_run, "--depth", file, "--out", out)
-    assert "made on another sensor: design 'other', not 'deltact'" in said
+    assert "made on another sensor: design 'deltact' here, 'other' in this file" in said
     assert not out.exists()
     (dots / "summary.json").unlink()
     assert "not finished" in refused("analyze", "shape", dots)

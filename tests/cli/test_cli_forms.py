@@ -69,7 +69,7 @@ def help_of(path: str) -> str:
     ("path", "names"),
     [
         ("gel press", indenter.KINDS),
-        ("analyze force", FEATURES),
+        ("calibrate force", FEATURES),
         ("analyze tracking", [*FLOW_METHODS, *get_args(Reference)]),
         ("measure", OUTPUTS),
         ("numerics", REGISTRY),

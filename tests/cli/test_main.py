@@ -33,7 +33,8 @@ SUBCOMMANDS = [
     ["protocol", "check"],
     ["protocol", "show"], ["rig", "show"], ["rig", "photograph"],
     ["gel", "press"],
-    ["analyze", "tracking"], ["analyze", "force"], ["analyze", "shape"],
+    ["analyze", "tracking"], ["analyze", "shape"],
+    ["calibrate", "lens"], ["calibrate", "depth"], ["calibrate", "force"],
     ["study", "list"], ["study", "index"], ["study", "run"],
     *(["study", "run", name] for name in STUDIES),
 ]  # fmt: skip
@@ -49,6 +50,24 @@ def test_help_loads_nothing_heavy(words: list[str]) -> None:
     )
     assert "Usage: deltact-fab" in done.stdout
     assert done.stdout.rsplit("@@", 1)[1].strip() == "0"
+
+
+@pytest.mark.parametrize(
+    ("old", "now"),
+    [
+        ("calibrate .", "calibrate lens ."),
+        ("calibrate --air . --board skin", "calibrate lens --air . --board skin"),
+        ("calibrate-depth none", "calibrate depth none"),
+        ("analyze force none", "calibrate force none"),
+    ],
+)
+def test_an_old_form_does_what_the_new_one_does_and_says_so(
+    old: str, now: str, tmp_path: Path
+) -> None:
+    done, same = (called(*words.split(), cwd=tmp_path) for words in (old, now))
+    told, left = done.stderr.split("\n", 1)
+    assert f"is `deltact-fab {' '.join(now.split()[:2])}` now" in told
+    assert (left, done.returncode) == (same.stderr, 2)
 
 
 def test_every_part_command_and_pattern_command_stands_in_the_readme() -> None:

@@ -82,8 +82,8 @@ INDENTERS = {"body": {"plate_mm": 4.0}, "indenter": [{"name": "sphere:10", "quan
 RECORD = ("record check run", "record show run", "record export run --format csv --out out/x",
           "study index . -o out/index.html")  # fmt: skip
 READERS = ("report run -o out/report.html", "analyze tracking run --out out/a",
-           "analyze force run --out out/f", "analyze shape run --out out/s",
-           "calibrate-depth run -o out/depth.toml",
+           "calibrate force run --out out/f", "analyze shape run --out out/s",
+           "calibrate depth run -o out/depth.toml",
            "study run settling --from run --out out/study")  # fmt: skip
 GEL_FIT = "gel fit f.csv --indenter sphere:10 --spacing 1 --plot out/x.svg"
 KINDS: dict[str, tuple[Any, dict[str, Any], tuple[str, ...]]] = {

@@ -67,8 +67,8 @@ def test_only_what_the_outputs_need_is_run(model: ForceModel):
 @pytest.mark.parametrize(
     ("include", "says"),
     [
-        (["force"], "analyze force"),
-        (["contacts"], "calibrate-depth"),
+        (["force"], "calibrate force"),
+        (["contacts"], "calibrate depth"),
         (["forces"], "did you mean 'force'"),
     ],
 )

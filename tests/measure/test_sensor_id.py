@@ -15,7 +15,7 @@ from deltact_fab.measure.sensor_id import (
     read_calibration,
     require_same,
 )
-from deltact_fab.optics import Pinhole
+from deltact_fab.optics import Fisheye, Pinhole
 
 CAMERA = Pinhole(mm_per_px=0.0378, width_px=798, height_px=586, eye_distance_mm=12.85)
 SENSOR = SensorId.of(CAMERA, {"law": "algorithm1", "seed": 7}, "deltact", "A1")
@@ -33,11 +33,46 @@ def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:
 
 
 def test_another_sensor_is_told_by_what_both_know() -> None:
-    require_same(SENSOR, SENSOR, "c.toml")
-    require_same(SENSOR, SensorId.of(CAMERA), "c.toml")  # a bare camera knows no serial
-    other = replace(SENSOR, serial="B2", camera=SensorId.of(replace(CAMERA, mm_per_px=0.04)).camera)
-    with pytest.raises(InputError, match=r"^c.toml: .*serial 'A1', not 'B2'; camera .*--transfer"):
-        require_same(SENSOR, other, "c.toml")
+    require_same(HEAD, SENSOR, "c.toml")
+    require_same(HEAD, SensorId.of(CAMERA), "c.toml")  # a bare camera knows no serial
+    nearer = SensorId.of(replace(CAMERA, mm_per_px=0.04))
+    other = replace(SENSOR, serial="B2", pattern={"law": "iid", "seed": 7}, camera=nearer.camera)
+    with pytest.raises(InputError) as why:
+        require_same(HEAD, other, "c.toml")
+    assert str(why.value) == (
+        "c.toml: made on another sensor: serial 'B2' here, 'A1' in this file; pattern.law 'iid' "
+        "here, 'algorithm1' in this file; camera.mm_per_px 0.04 here, 0.0378 in this file; "
+        "`deltact-fab calibrate force RUN --transfer c.toml` carries it over, from one to three "
+        "presses with this sensor"
+    )
+
+
+def test_a_lens_that_was_fitted_again_is_told_by_its_numbers(tmp_path: Path) -> None:
+    """Of a file that was read again; and one of before, which kept a digest, by that."""
+    lens = Fisheye()
+    before = Head("depth", SensorId.of(lens, serial="A1"), HEAD.made)
+    path = tmp_path / "depth.toml"
+    path.write_text(before.toml({}))
+    head, _ = read_calibration(path)
+    require_same(head, SensorId.of(lens), str(path))
+    again = replace(lens, f_px=lens.f_px + 1, k2=0.01, aspect=1 + 1e-9, x0_mm=0.1)
+    with pytest.raises(InputError) as why:
+        require_same(head, SensorId.of(again), str(path))
+    f_px, k2, aspect, rest = str(why.value).partition("camera file: ")[2].split("; ", 3)
+    assert f_px == f"camera.f_px {lens.f_px + 1:.6g} here, {lens.f_px:.6g} in this file"
+    assert k2 == "camera.k2 0.01 here, 0 in this file"
+    assert aspect == "camera.aspect 1.000000001 here, 1.0 in this file"
+    assert rest.startswith("1 more; measure with that one; or, if the lens was calibrated again")
+    assert "`deltact-fab calibrate depth RUN`" in rest
+    digest = "644ff0123456"
+    old = replace(head, sensor=SensorId(camera=digest))
+    with pytest.raises(InputError, match=rf"camera '\w{{12}}' here, '{digest}' in this file"):
+        require_same(old, SensorId.of(lens), str(path))
+
+
+def test_a_file_of_version_0_2_is_known_by_its_digests() -> None:
+    old = SensorId("deltact", "A1", pattern="bfbaacc286e0", camera="ff7980730857")
+    assert not SENSOR.unlike(old)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Everything that `analyze force` prints and draws, and its files."""
+"""Everything that `calibrate force` prints and draws, and its files."""
 
 from __future__ import annotations
 

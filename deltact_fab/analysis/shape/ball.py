@@ -103,7 +103,7 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     view = view_of(run)
     if force is not None:
         held = load_force(force)
-        require_same(held.head.sensor, sensor_of(run), str(force))
+        require_same(held.head, sensor_of(run), str(force))
         view = held.view(view.camera)
     finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=MIN_MM))
     parts, depths = [], []

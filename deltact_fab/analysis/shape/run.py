@@ -157,10 +157,10 @@ def analyse(
     model = UNCALIBRATED
     if depth is not None:
         head, model = DepthModel.load(depth)
-        require_same(head.sensor, sensor_of(run), str(depth))
+        require_same(head, sensor_of(run), str(depth))
     known = None if force is None else load_force(force)
     if known is not None:
-        require_same(known.head.sensor, sensor_of(run), str(force))
+        require_same(known.head, sensor_of(run), str(force))
     presses = list(dict.fromkeys(frames["press"]))
     work = partial(press_shape, str(folder), model=model, force=known)
     parts = each(work, presses, presses, progress=progress)

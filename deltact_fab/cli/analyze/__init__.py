@@ -5,15 +5,15 @@ from __future__ import annotations
 import click
 
 from ..group import CommandGroup
-from .force import force
 from .shape import shape
 from .tracking import tracking
 
 
 @click.group(cls=CommandGroup)
 def analyze() -> None:
-    """Analyses of recorded runs: tracking error, force, shape."""
+    """Analyses of recorded runs: tracking error, shape."""
 
 
-for _command in (tracking, force, shape):
+analyze.moved = {"force": "calibrate force"}
+for _command in (tracking, shape):
     analyze.add_command(_command)

@@ -12,7 +12,7 @@ from ..options import JSON, PATH, out_folder
 @click.command(epilog="Example: deltact-fab analyze shape smoke-run --depth depth.toml")
 @click.argument("run", type=PATH)
 @click.option("--depth", type=PATH, metavar="FILE",
-              help="Calibration made by `calibrate-depth`; without it depth is relative."
+              help="Calibration made by `calibrate depth`; without it depth is relative."
               )  # fmt: skip
 @click.option("--force", type=PATH, metavar="FILE",
               help="Calibration made by `analyze force`; with it force and pressure are drawn."

@@ -24,7 +24,7 @@ FORMER = {"inverse": "inverse-placed", "paper-mirrored": "paper"}
 
 @dataclass(frozen=True)
 class ForceCalibration:
-    """What `analyze force` writes and a measurement reads.
+    """What `calibrate force` writes and a measurement reads.
 
     skin, poisson: what the features were made with. error: of each component in the paper's words
     (`normal`, `shear_x` ...), root mean squares by what was left out, for a display of forces.

@@ -54,7 +54,7 @@ class Calibrated:
                 head, found["rest"] = model.head, rest if kept is None else kept
                 whole, model = whole or model.view(camera), model.model
             if head is not None:
-                require_same(head.sensor, SensorId.of(camera), name)
+                require_same(head, SensorId.of(camera), name)
             kind = "force" if isinstance(model, ForceModel) else "depth"
             if kind in found:
                 raise InputError(f"{name}: a second calibration of {kind}; one is needed")

@@ -99,7 +99,7 @@ class Plan:
         if self._setup.depth is None:
             raise InputError(
                 f"output {output!r}: a calibration of depth is needed; `deltact-fab "
-                "calibrate-depth RUN` makes one"
+                "calibrate depth RUN` makes one"
             )
         finder = DepthFinder(self._setup.view, self._setup.depth)
         # Once for force and shape, where they were calibrated with the same gel: it is kept.
@@ -110,8 +110,8 @@ class Plan:
         model = self._setup.force
         if model is None:
             raise InputError(
-                f"output {output!r}: a calibration of force is needed; `deltact-fab analyze force "
-                "RUN` makes one"
+                f"output {output!r}: a calibration of force is needed; `deltact-fab calibrate "
+                "force RUN` makes one"
             )
         if self._made is None:
             self._made = features_of(model, self._setup.view, f"output {output!r}: force model")

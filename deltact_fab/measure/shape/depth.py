@@ -57,7 +57,7 @@ class DepthModel:
 
     @classmethod
     def load(cls, path: Path) -> tuple[Head, DepthModel]:
-        """Of a file that `calibrate-depth` wrote. Raises InputError of one line."""
+        """Of a file that `calibrate depth` wrote. Raises InputError of one line."""
         head, data = read_calibration(path, "depth")
         return head, catalog.validate(cls, data.get("depth", {}), f"{path}: depth")
 

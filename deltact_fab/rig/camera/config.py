@@ -20,7 +20,7 @@ class CameraFile(Table):
     """What is known of a camera, as it was calibrated."""
 
     model: Word
-    """A camera file, as `deltact-fab calibrate` writes it; its path counts from the rig file."""
+    """A camera file, of `deltact-fab calibrate lens`; its path counts from the rig file."""
 
 
 class CameraConfig(Table):
@@ -68,7 +68,7 @@ class CameraConfig(Table):
     """Of the images in the record, both lossless: "png" holds some 45 images of 1280 x 720 a second
     on two cores, "jxl" (extra `images`) some 120."""
     model: Word | None = Field(default=None, examples=["camera.toml"])
-    """A camera file, as `deltact-fab calibrate` writes it; without one nothing can be tracked."""
+    """A camera file, of `deltact-fab calibrate lens`; without one nothing can be tracked."""
 
     @property
     def is_device(self) -> bool:

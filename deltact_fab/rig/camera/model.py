@@ -32,7 +32,7 @@ NOTICED = 0.005
 def calibrated(path: Path, source: str = "camera.model") -> CameraModel:
     """The camera of a camera file; source: what names it in a rig file. Raises InputError."""
     if not is_file(path):
-        raise InputError(f"{source}: {path}: no such file; `deltact-fab calibrate` makes one")
+        raise InputError(f"{source}: {path}: no such file; `deltact-fab calibrate lens` makes one")
     return load_camera(path)[0]
 
 
@@ -77,7 +77,7 @@ def view_notes(view: CameraModel | None, patch_mm: float | None) -> list[str]:
     if view is None:
         return [
             "WARNING: the camera is not calibrated: its images are kept, and nothing can be "
-            "tracked in them; `deltact-fab calibrate` makes a file to name as [camera] model"
+            "tracked in them; `deltact-fab calibrate lens` makes a file to name as [camera] model"
         ]
     if not isinstance(view, Rectified):
         return []

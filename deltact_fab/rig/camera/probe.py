@@ -74,8 +74,8 @@ def _model(config: CameraConfig, folder: Path) -> BenchFinding:
     if config.model is None:
         return BenchFinding(
             False,
-            "camera.model: not calibrated, nothing can be tracked; `deltact-fab calibrate` makes "
-            "the file",
+            "camera.model: not calibrated, nothing can be tracked; `deltact-fab calibrate lens` "
+            "makes the file",
             warns=True,
         )
     path = folder / config.model

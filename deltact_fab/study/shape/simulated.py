@@ -24,7 +24,7 @@ BALL, FORCE, TWIST = "ball-press", "force-calibration-small", "twist"
 FORCE_INDENTER = "sphere:10"
 """Of the calibration of force: the one that calibrates the depth, and no object is."""
 FORCE_MODEL = "inverse-placed"
-"""Which `analyze force` takes on every run so far (docs/decisions/0026), and which says where."""
+"""Which `calibrate force` takes on every run so far (docs/decisions/0026), and which says where."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""`deltact-fab analyze force`: calibrate the force, and say what it may be trusted to."""
+"""`deltact-fab calibrate force`: fit it, and say what it may be trusted to."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _models() -> list[str]:
     return list(FEATURES)
 
 
-@click.command(epilog="Example: deltact-fab analyze force run1 run2 -o calibration.toml")
+@click.command(epilog="Example: deltact-fab calibrate force run1 run2 -o calibration.toml")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH)
 @click.option("--model", "models", multiple=True, type=Named(_models, files=False),
               metavar="MODEL", show_default="all",
@@ -41,10 +41,11 @@ def force(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Fit force models to runs of one sensor, cross-validate them, and write the best.
+    """Calibrate force on runs of one sensor: models are cross-validated, the best one is written.
 
     The points are the settled frames. Positions and indenters are left out together, which shows
-    how far a model can be trusted on what it was not fitted to; presses, points and runs too.
+    how far a model can be trusted on what it was not fitted to; presses, points and runs too. The
+    best model is shown beside the paper's; force.json has all of them.
     """
     from ...analysis.force import calibrate, carry_over, write_calibration
     from ...errors import InputError
@@ -72,7 +73,7 @@ def force(
         if as_json:
             echo_json(result.as_dict())
             return
-        _tell(result)
+        _tell(result, folder)
         left_out = result.left_out
         files += save_figures(folder, lambda: {one.name: one.draw() for one in drawn(result)})
     for line in left_out:
@@ -80,7 +81,7 @@ def force(
     click.echo("written: " + ", ".join(str(f) for f in files))
 
 
-def _tell(result: ForceResult) -> None:
+def _tell(result: ForceResult, folder: Path) -> None:
     from ...analysis.force import SPLITS
     from ..output import echo_table
 
@@ -93,11 +94,15 @@ def _tell(result: ForceResult) -> None:
         "adjusted_r2", "adjusted_r2_about_zero", "rmse_fitted",
         *(f"rmse_left_out_{split}" for split in SPLITS), "range", "percent_of_range",
     )  # fmt: skip
+    others = {one.name for one in result.judged} - {result.best.name, result.paper.name}
     rows = [
         (row["model"], f"{row['component']}, {row['unit']}", *(row.get(key) for key in keys))
         for row in result.rows()
+        if row["model"] not in others
     ]
     echo_table(head, rows, names=2)
+    if others:
+        click.echo(f"\nalso fitted: {', '.join(sorted(others))}; see {folder / 'force.json'}")
     click.echo(
         f"\nRMSE on the {len(result.data)} points fitted to, and on what was left out (unseen: "
         "position and indenter together; press, point: a fifth); "

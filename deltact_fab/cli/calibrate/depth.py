@@ -1,4 +1,4 @@
-"""`deltact-fab calibrate-depth`: depth in mm from one press of a ball."""
+"""`deltact-fab calibrate depth`: depth in mm from one press of a ball."""
 
 from __future__ import annotations
 
@@ -6,29 +6,27 @@ from pathlib import Path
 
 import click
 
-from .options import JSON, PATH, out_file
+from ..options import JSON, PATH, out_file
 
 
-@click.command(
-    "calibrate-depth", epilog="Example: deltact-fab calibrate-depth ball-run -o depth.toml"
-)
+@click.command(epilog="Example: deltact-fab calibrate depth ball-run -o depth.toml")
 @click.argument("run", type=PATH)
 @click.option("--force", type=PATH, metavar="FILE", show_default="the design's gel",
               help="Calibration of force whose gel is taken, so that a measurement with both is "
               "as fast as with one.")  # fmt: skip
 @out_file("Calibration to write.", default=Path("depth.toml"), show_default=True)
 @JSON
-def calibrate_depth(run: Path, force: Path | None, out: Path, as_json: bool) -> None:
+def depth(run: Path, force: Path | None, out: Path, as_json: bool) -> None:
     """Calibrate depth on RUN, in which a ball of known diameter presses the face.
 
     It uses the images, the positions of the stage and the diameter of the ball. The protocol
     `ball-press` makes such a run.
     """
-    from ..analysis.shape import calibrate_depth as calibrated
-    from ..files import write_whole
-    from .output import echo_json
+    from ...analysis.shape import calibrate_depth
+    from ...files import write_whole
+    from ..output import echo_json
 
-    made = calibrated(run, force)
+    made = calibrate_depth(run, force)
     write_whole(out, made.toml().encode())
     if as_json:
         echo_json({**made.as_dict(), "file": str(out)})

@@ -1,4 +1,4 @@
-"""`deltact-fab calibrate`: the lens from images of boards."""
+"""`deltact-fab calibrate lens`: the lens from images of boards."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import DESIGN, JSON, PATH, out_file
+from ..options import DESIGN, JSON, PATH, out_file
 
 if TYPE_CHECKING:
-    from ..measure.lens import Calibration, Checkerboard
+    from ...measure.lens import Calibration, Checkerboard
 
 
-@click.command(epilog="Example: deltact-fab calibrate photos/contact --board skin -o camera.toml")
+@click.command(
+    epilog="Example: deltact-fab calibrate lens photos/contact --board skin -o camera.toml"
+)
 @click.argument("images", nargs=-1, type=PATH)
 @click.option("--board", required=True, metavar="skin|NXxNYxMM", help="Board that IMAGES show.")
 @click.option("--air", multiple=True, type=PATH, metavar="PATH",
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 @DESIGN
 @out_file("Camera file to write, .toml.", required=True)
 @JSON
-def calibrate(
+def lens(
     images: tuple[Path, ...],
     board: str,
     air: tuple[Path, ...],
@@ -49,10 +51,10 @@ def calibrate(
     calibration below the face; on their own they leave the face undetermined. The thicknesses of
     --design are what is assumed beforehand.
     """
-    from ..cad.design import load_design
-    from ..files import write_whole
-    from ..measure.lens import calibrate, flat_field
-    from .output import echo_json
+    from ...cad.design import load_design
+    from ...files import write_whole
+    from ...measure.lens import calibrate, flat_field
+    from ..output import echo_json
 
     wanted = board_named(board, "--board")
     held = None if air_board is None else board_named(air_board, "--air-board")
@@ -77,8 +79,8 @@ def calibrate(
 
 def board_named(words: str, option: str) -> Checkerboard:
     """A board by its numbers, or the catalogue's chessboard skin."""
-    from ..measure.lens import Checkerboard
-    from ..patterns import load_recipe
+    from ...measure.lens import Checkerboard
+    from ...patterns import load_recipe
 
     if words != "skin":
         return Checkerboard.parse(words, option)
@@ -89,8 +91,8 @@ def board_named(words: str, option: str) -> Checkerboard:
 
 def _files(names: tuple[Path, ...]) -> list[Path]:
     """Files as they are named, and the images in the folders among them."""
-    from ..errors import InputError
-    from ..rig.camera.files import IMAGE_NAMES
+    from ...errors import InputError
+    from ...rig.camera.files import IMAGE_NAMES
 
     files: list[Path] = []
     for name in names:
@@ -102,7 +104,7 @@ def _files(names: tuple[Path, ...]) -> list[Path]:
 
 
 def _tell(found: Calibration) -> None:
-    from .output import echo_table
+    from ..output import echo_table
 
     said = found.as_dict()
     rows = [

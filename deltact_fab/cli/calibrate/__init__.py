@@ -1,0 +1,36 @@
+"""`deltact-fab calibrate`: what turns images into millimetres and newtons, one file each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ..group import CommandGroup, tell_moved
+from .depth import depth
+from .force import force
+from .lens import lens
+
+
+class _Calibrate(CommandGroup):
+    """Until version 0.4 the images of a lens may stand where its name does now."""
+
+    noun = "calibration"
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        first = args[0]
+        if first not in self.commands and (first.startswith("-") or Path(first).exists()):
+            tell_moved(ctx.command_path, "calibrate lens")
+            args = ["lens", *args]
+        return super().resolve_command(ctx, args)
+
+
+@click.group(cls=_Calibrate, context_settings={"ignore_unknown_options": True})
+def calibrate() -> None:
+    """Calibrations of a sensor, in this order: lens, depth, force. Each is one file."""
+
+
+for _command in (lens, depth, force):
+    calibrate.add_command(_command)
