@@ -6,12 +6,15 @@ python -m benchmarks.reference    writes the pages, and with them those of `arch
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
+import typing
 from collections.abc import Iterator
 from pathlib import Path
 
 import click
 
+import deltact_fab
 from deltact_fab import catalog
 from deltact_fab.cli.main import main as program
 from deltact_fab.schema import KINDS, OUTPUTS, Kind, rows
@@ -26,6 +29,7 @@ def pages() -> dict[str, str]:
     """The text of each page, by the name of its file."""
     made = {f"{kind.name}.md": _keys(kind) for kind in (KINDS | OUTPUTS).values()}
     made["commands.md"] = _commands()
+    made["python.md"] = _python()
     made["README.md"] = _index()
     return {name: text.rstrip("\n") + "\n" for name, text in made.items()}
 
@@ -52,6 +56,7 @@ def _index() -> str:
         "as a JSON Schema; `deltact-fab init FOLDER` puts the schemas where an editor finds them.",
         "",
         "- [commands](commands.md): every command with its arguments and options",
+        "- [Python](python.md): what `import deltact_fab as dt` has",
         *(f"- [{kind.name}]({kind.name}.md): {kind.about}" for kind in (KINDS | OUTPUTS).values()),
         "",
         "## Where a name is looked for",
@@ -129,6 +134,42 @@ def _commands() -> str:
             cells = (f"`{names}`", " ".join(said.split()))
             lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines)
+
+
+def _python() -> str:
+    """Directives alone: sphinx takes the text from the docstrings."""
+    named = {name: getattr(deltact_fab, name) for name in deltact_fab.__all__ if name[0] != "_"}
+    results: dict[str, None] = {}
+    lines = ["# Python", MADE, "", *_from_docstrings("module", "deltact_fab")]
+    for name, one in named.items():
+        lines += [f"## dt.{name}", ""]
+        if inspect.isclass(one):  # by its own name: sphinx says of another one only that it is one
+            lines += _from_docstrings("class", f"{one.__module__}.{one.__qualname__}")
+        else:
+            lines += _from_docstrings("function", f"deltact_fab.{name}")
+        _add_results(typing.get_type_hints(getattr(one, "result", one))["return"], results)
+    lines += ["## What they return", ""]
+    for name in results:
+        lines += _from_docstrings("class", name)
+    return "\n".join(lines)
+
+
+def _from_docstrings(kind: str, name: str) -> list[str]:
+    members = ["   :members:", "   :inherited-members:"] if kind == "class" else []
+    return ["```{eval-rst}", f".. auto{kind}:: {name}", *members, "```", ""]
+
+
+def _add_results(hint: typing.Any, found: dict[str, None]) -> None:
+    """The package's classes in a type, and those of a measurement's fields."""
+    for part in typing.get_args(hint):
+        _add_results(part, found)
+    home = getattr(hint, "__module__", "")
+    name = f"{home}.{getattr(hint, '__qualname__', '')}"
+    if home.startswith("deltact_fab") and name not in found:
+        found[name] = None
+        if dataclasses.is_dataclass(hint) and home.split(".")[1] in ("live", "measure"):
+            for inner in typing.get_type_hints(hint).values():
+                _add_results(inner, found)
 
 
 def _help(command: click.Command) -> str:

@@ -1,3 +1,50 @@
-"""Fabrication and experiment-design toolchain for the DelTact tactile sensor."""
+"""Fabrication and experiment-design toolchain for the DelTact tactile sensor.
 
-__version__ = "0.2.0"
+`import deltact_fab as dt` is enough for most scripts. Each name of `__all__` is loaded when it is
+first used. Nothing inside the package imports from here.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from .version import VERSION as __version__
+
+if TYPE_CHECKING:
+    from .cad.build import build_named as build_part
+    from .live.loop import LiveMeasurement as Live
+    from .live.loop import measure_source, track
+    from .patterns import make as make_pattern
+    from .record import open as load_run
+else:
+    _HOMES = {
+        "Live": ("live.loop", "LiveMeasurement"),
+        "build_part": ("cad.build", "build_named"),
+        "load_run": ("record", "open"),
+        "make_pattern": ("patterns", "make"),
+        "measure_source": ("live.loop", "measure_source"),
+        "track": ("live.loop", "track"),
+    }
+
+    def __getattr__(name: str) -> object:
+        from importlib import import_module
+
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        module, there = _HOMES[name]
+        globals()[name] = getattr(import_module(f".{module}", __name__), there)
+        return globals()[name]
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})
+
+
+__all__ = [
+    "Live",
+    "__version__",
+    "build_part",
+    "load_run",
+    "make_pattern",
+    "measure_source",
+    "track",
+]

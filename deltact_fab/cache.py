@@ -22,8 +22,9 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from . import __version__, digest
+from . import digest
 from .files import whole
+from .version import VERSION
 
 FOLDER_VARIABLE = "DELTACT_FAB_CACHE"
 _ABANDONED_S = 3600.0
@@ -71,7 +72,7 @@ def plain(value: Any) -> Any:
 @functools.cache
 def _versions(libraries: tuple[str, ...]) -> dict[str, str]:
     found = {
-        "deltact-fab": __version__,
+        "deltact-fab": VERSION,
         "machine": platform.machine(),
         "zlib": zlib.ZLIB_RUNTIME_VERSION,
     }

@@ -11,10 +11,14 @@ project = "deltact-fab"
 author = "the deltact-fab authors"
 release = metadata.version("deltact-fab")
 
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["evidence/studies"]
 nitpicky = True
+nitpick_ignore_regex = [("py:.*", ".*")]  # types of other packages, and of ours that have no page
+default_role = "code"
+autodoc_member_order = "bysource"
+python_use_unqualified_type_names = True
 myst_heading_anchors = 3
 
 html_theme = "furo"

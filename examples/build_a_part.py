@@ -8,19 +8,15 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from deltact_fab.cad.build import build_part
-from deltact_fab.cad.design import load_design
+import deltact_fab as dt
 from deltact_fab.cad.export import export_parts
-from deltact_fab.cad.registry import find
 
 
 def main(out: Path) -> tuple[float, float]:
     """Volume of a skin 14 mm thick (mm3): of the solid, and by its closed form."""
-    design = load_design("deltact", changes=["skin.thickness_mm=14"])
-    part = find("skin")
-    _, measured = build_part(part, design)
-    export_parts(design, [part], ("step", "stl"), 0.05, out, cached=False)
-    return measured.volume_mm3, design.skin_volume_mm3
+    skin = dt.build_part("skin", changes=["skin.thickness_mm=14"])
+    export_parts(skin.design, [skin.part], ("step", "stl"), 0.05, out, cached=False)
+    return skin.volume_mm3, skin.design.skin_volume_mm3
 
 
 if __name__ == "__main__":

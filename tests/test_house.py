@@ -138,6 +138,18 @@ def test_no_private_name_is_used_in_another_file(sources: Sources) -> None:
     assert sorted(sources.foreign_private()) == []
 
 
+def test_nothing_inside_the_package_imports_its_face(sources: Sources) -> None:
+    """`import deltact_fab as dt` is for users: it names the package's top, which names the rest."""
+    found = [
+        f"{module}: {name}"
+        for module, names in sources.imports.items()
+        for home, name in names.values()
+        if home == "deltact_fab" and f"{home}.{name}" not in sources.trees
+        if module.startswith(home)
+    ]
+    assert found == []
+
+
 def test_what_the_package_defines_is_used_there_or_documented(sources: Sources) -> None:
     """What tests alone use belongs to the tests."""
     docs = " ".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))

@@ -6,13 +6,14 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from .. import __version__, catalog
+from .. import catalog
 from ..errors import InputError
 from ..measure.sensor_id import CalibrationSource, Head, Kind, SensorId, told
 from ..measure.view import SensorView
 from ..optics import CameraModel, Pinhole
 from ..record import Run
 from ..shapes import SkinDimensions
+from ..version import VERSION
 
 
 def in_pixels(run: Run) -> bool:
@@ -68,7 +69,7 @@ def head_of(runs: Sequence[Run], kind: Kind) -> Head:
     made = CalibrationSource(
         runs=tuple(run.folder.resolve().name for run in runs),
         simulated=simulated,
-        version=__version__,
+        version=VERSION,
         seed=int(runs[0].meta["seed"]) if simulated else None,
     )
     return Head(kind, first, made)

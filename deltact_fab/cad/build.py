@@ -2,13 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 from . import feasibility
+from .design import load_design
 from .dimensions import Design
 from .kernel import guarded
 from .part import Part
+from .registry import find
 from .solid_gate import SolidProperties, gate
+
+
+@dataclass(frozen=True)
+class BuiltPart(SolidProperties):
+    """A part, the design that it was built of, and its cadquery Solid in mm."""
+
+    part: Part
+    design: Design
+    solid: Any
+
+
+def build_named(name: str, design: str = "deltact", changes: Iterable[str] = ()) -> BuiltPart:
+    """Build a part of a design, both by name ("skin", "indenter-sphere-10"); a design also by path.
+
+    changes: of the design, as in "skin.thickness_mm=14". Raises InputError for names and keys that
+    are none, and as `build_part`; MissingLibrary without the extra `cad`.
+    """
+    part, sizes = find(name), load_design(design, changes)
+    solid, measured = build_part(part, sizes)
+    return BuiltPart(**vars(measured), part=part, design=sizes, solid=solid)
 
 
 def build_part(part: Part, design: Design) -> tuple[Any, SolidProperties]:

@@ -8,8 +8,8 @@ from types import MappingProxyType
 
 import click
 
-from .. import __version__
 from ..errors import INTERRUPTED, DeltactFabError, MissingLibrary, one_line
+from ..version import VERSION
 from .group import CommandGroup, command_at
 
 PROGRAM = "deltact-fab"
@@ -76,7 +76,7 @@ class LazyGroup(CommandGroup):
     "2 bad input, 130 interrupted.",
 )
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-@click.version_option(__version__, prog_name=PROGRAM)
+@click.version_option(VERSION, prog_name=PROGRAM)
 def main(debug: bool) -> None:
     """Make DelTact tactile sensors, and design and run the experiments that qualify them."""
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from .. import __version__, catalog, record
+from .. import catalog, record
 from ..aliases import Progress
 from ..errors import InputError
 from ..patterns.dots import centres_mm
@@ -26,6 +26,7 @@ from ..rig.run.live import Live
 from ..rig.run.runner import Runner
 from ..rig.weights import WeightsBench
 from ..shapes import indenter
+from ..version import VERSION
 from .request import RunRequest
 
 if TYPE_CHECKING:
@@ -249,7 +250,7 @@ def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
     """Versions that can change a number: ours, Python's and those of packages."""
     from importlib.metadata import PackageNotFoundError, version
 
-    found = {"deltact-fab": __version__, "python": platform.python_version()}
+    found = {"deltact-fab": VERSION, "python": platform.python_version()}
     for name in packages:
         try:
             found[name] = version(name)

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__, catalog
+from .. import catalog
 from ..cad.check.electric import EVEN_SHARE, lit
 from ..cad.dimensions import Design
 from ..errors import InputError, SensorError
@@ -36,6 +36,7 @@ from ..patterns import load_recipe
 from ..patterns.recipe import PatternRecipe
 from ..patterns.verify import Image, JudgedRow
 from ..record import encode_png
+from ..version import VERSION
 from .open import images
 from .print_in_view import RIM_PX, SCALES, PrintInView, aligned, luma
 from .source import KnownSensor, Source
@@ -151,7 +152,7 @@ def save(accepted: Accepted, known: KnownSensor, seed: int, out: Path) -> None:
         raise InputError(f"{accepted.source}: not accepted: there is nothing to keep")
     head = Head(
         "acceptance", SensorId(known.design, known.serial),
-        CalibrationSource((accepted.source,), known.simulated is not None, __version__,
+        CalibrationSource((accepted.source,), known.simulated is not None, VERSION,
                           seed if known.simulated else None),
     )  # fmt: skip
     image, rest = out.with_suffix(".rest.png"), encode_png(accepted.raw)

@@ -92,7 +92,7 @@ def open_source(
     the design's lens stands for it. follow: how a folder ends that is still written into. Raises
     InputError for a name that is nothing of these.
     """
-    given = None if camera_file is None else _given(camera_file, design)
+    given = None if camera_file is None else known_of(camera_file, design)
     source = _opened(name, given, design, seed) if follow is None else _followed(name, follow)
     try:
         own = source.known
@@ -137,7 +137,7 @@ def images(source: Source, rest_only: bool = False) -> Iterator[CameraFrame]:
         raise RunFailed(f"{source.name}: ended before its first image")
 
 
-def _given(camera_file: Path, design: str | None) -> KnownSensor:
+def known_of(camera_file: Path, design: str | None = None) -> KnownSensor:
     """What a camera file and a design say. Raises InputError."""
     sensor = load_design(design or "deltact")
     camera, _ = load_camera(camera_file)

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__, reading
+from .. import reading
 from ..errors import InputError
 from ..units import MM_PER_INCH
+from ..version import VERSION
 from . import dots
 from .recipe import PatternRecipe, recipe_from
 
@@ -147,7 +148,7 @@ def _text(
 ) -> dict[str, str]:
     """For a person, and for `read_recipe` and `read_dots`."""
     values = {
-        "Software": f"deltact-fab {__version__}",
+        "Software": f"deltact-fab {VERSION}",
         "law": recipe.law,
         "d_mm": recipe.patch_mm,
         "r": recipe.r,

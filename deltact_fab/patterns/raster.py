@@ -26,7 +26,7 @@ from .cell_grid import CellGrid, edges_mm
 from .code import patches_hash
 from .laws import chessboard
 from .laws.patches import draw_patches
-from .recipe import PatternRecipe
+from .recipe import PatternRecipe, load_recipe
 
 DEFAULT_DPI = 1200.0
 MAX_SIDE_PX = 8000
@@ -175,13 +175,15 @@ def albedo(
 
 
 def make(
-    recipe: PatternRecipe,
-    path: Path,
+    recipe: PatternRecipe | str,
+    path: Path | str,
     dpi: float | None = None,
     sensor: SensorDimensions | None = None,
     check_view: bool = True,
 ) -> PatternFiles:
     """Write the sticker as PNG, and the centres of its dots beside it as NAME.dots.csv.
+
+    recipe: also a name of the catalogue, or a recipe's file.
 
     One image pixel is one patch, unless dpi is given or the sticker has dots or no patches: then
     it is a raster, at DEFAULT_DPI unless told, or the nearest dpi that shows it. The PNG's text
@@ -194,6 +196,7 @@ def make(
     Raises InputError when the dots leave the sensor's view or a chessboard does not fill it, or a
     file cannot be written; then both places are as they were.
     """
+    recipe, path = load_recipe(recipe) if isinstance(recipe, str) else recipe, Path(path)
     check_place(path, "name a file in it, as in out.png")
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: the pattern is a PNG: end the name in .png")

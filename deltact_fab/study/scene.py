@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from .. import __version__
 from ..cad.design import load_design
 from ..errors import InputError
 from ..gel.level import Reach
@@ -25,6 +24,7 @@ from ..report.result import LeftOut
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
+from ..version import VERSION
 from ..virtual.presses import Presses
 from ..virtual.rig import VirtualKind
 from . import press_jobs
@@ -122,7 +122,7 @@ class PressScene:
         view, specimen = self.view(name), self.protocols[name].specimen
         recipe = self.recipe.model_dump(mode="json")
         sensor = SensorId.of(view.camera, recipe, specimen.design, specimen.serial)
-        source = CalibrationSource((name,), True, __version__, self.seed)
+        source = CalibrationSource((name,), True, VERSION, self.seed)
         return ForceCalibration(
             Head("force", sensor, source), model, view.skin, view.poisson, error
         )

@@ -99,8 +99,14 @@ def test_the_tour_runs_in_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     outputs = [out for cell in notebook.cells for out in cell.get("outputs", [])]
     cards = [out["data"]["text/html"] for out in outputs if "text/html" in out.get("data", {})]
     assert [re.search(r"<b>([^<]*)</b>", html)[1].split()[0] for html in cards] == [
-        "skin-frame", "Pattern", "Press", "Protocol", "Run",
+        "Pattern", "skin-frame", "Press", "Protocol", "Run",
     ]  # fmt: skip
-    said = re.findall(r"[\d.]+(?= N)", "".join(out.get("text", "") for out in outputs))
-    measured_n, predicted_n = map(float, said)
+    said = "".join(out.get("text", "") for out in outputs)
+    told = re.search(r"measured ([\d.]+) N, predicted ([\d.]+) N", said)
+    assert told is not None
+    measured_n, predicted_n = map(float, told.groups())
     assert measured_n == pytest.approx(predicted_n, rel=0.05)
+    live = re.findall(r"([\d.]+) N, ([\d.]+) mm, \d+ ms", said)
+    normal_n, depth_mm = (max(map(float, column)) for column in zip(*live, strict=True))
+    assert normal_n == pytest.approx(measured_n, abs=0.3)
+    assert depth_mm == pytest.approx(0.6, abs=0.15)

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
-from ... import __version__
 from ...aliases import Point2
 from ...pdf import Document, glyphs, width_em
 from ...units import POINTS_PER_MM
+from ...version import VERSION
 
 Rect = tuple[float, float, float, float]  # left, top, right, bottom
 
@@ -277,7 +277,7 @@ class DrawingPage:
         content = [f"{scale:.6f} 0 0 {-scale:.6f} 0 {height:.6f} cm 0 G 0 g 1 j"]
         content += [line for mark in self.broken() for line in _as_pdf(mark)]
         file.page([side * scale for side in self.size_mm], "\n".join(content))
-        return file.finish(self.title, f"deltact-fab {__version__}")
+        return file.finish(self.title, f"deltact-fab {VERSION}")
 
 
 def _as_svg(mark: Mark) -> str:

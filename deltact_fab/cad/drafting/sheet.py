@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ... import __version__
+from ...version import VERSION
 from .page import LARGE_MM, SMALL_MM, DrawingPage, Rect, text_width_mm
 from .title import TitleBlock
 
@@ -56,7 +56,7 @@ def draw_frame(page: DrawingPage, title: Title) -> None:
         [(66, "Owner", lab.owner), (44, "Drawn by", lab.drawn_by),
          (46, "Approved by", lab.approved_by), (24, "Document", title.document)],
         [(90, "Title", title.name), (60, "Belongs to", title.group),
-         (30, "Made by", f"deltact-fab {__version__}")],
+         (30, "Made by", f"deltact-fab {VERSION}")],
         [(90, "Drawing number", lab.number_of(title.name)), (20, "Revision", lab.revision),
          (40, "Date of issue", lab.date), (30, "Sheet", "1 of 1")],
     ]  # fmt: skip

@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import __version__, catalog
+from ... import catalog
 from ...aliases import Progress
 from ...errors import InputError
 from ...files import disk_errors, making, whole
+from ...version import VERSION
 from ..code import encode
 from ..quality.measure import MM_PER_PX, measure
 from ..recipe import DEFAULT_SEED, PatternRecipe, recipe_from
@@ -176,7 +177,7 @@ def write(
         rows = [_row(e, job, figures) for e, (figures, _) in zip(chosen, judged, strict=True)]
         data = {
             "format": FORMAT,
-            "version": __version__,
+            "version": VERSION,
             "seed": seed,
             "dpi": dpi,
             "paper": paper,

@@ -29,11 +29,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from ... import __version__
 from ...aliases import Progress
 from ...errors import InputError, did_you_mean
 from ...files import check_place, write_together
 from ...shapes import SensorDimensions
+from ...version import VERSION
 from ..cell_grid import CellGrid
 from ..code import encode
 from ..raster import check_seen
@@ -231,7 +231,7 @@ def write(
         marks += page_marks.footer(sheet, page_marks.signature(page, pages))
         if kind == "pdf":
             pdf.page(marks)
-    software = f"deltact-fab {__version__}"
+    software = f"deltact-fab {VERSION}"
     unique = tuple(dict.fromkeys(codes))
     if kind == "pdf":
         content = pdf.finish("Pattern stickers", software, unique)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ... import __version__
+from ...version import VERSION
 from .layout import HEAD_PT, LEFT_BAND_MM, MARGIN_MM, REGISTER_MM, Sheet, line_mm
 from .marks import FilledRectangle, Mark, width_mm, wrapped
 
@@ -49,7 +49,7 @@ def instructions(sheet: Sheet, paper: str, transfer: str) -> list[str]:
 def signature(page: int, pages: int) -> str:
     """The footer."""
     return (
-        f"deltact-fab {__version__}, page {page + 1} of {pages}. The text of a QR code regenerates "
+        f"deltact-fab {VERSION}, page {page + 1} of {pages}. The text of a QR code regenerates "
         "its pattern: deltact-fab pattern from CODE -o FILE"
     )
 

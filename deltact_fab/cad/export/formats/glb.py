@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .... import __version__
 from ....aliases import Point
+from ....version import VERSION
 from ...mesh import Mesh
 
 _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -108,7 +108,7 @@ def glb_bytes(parts: Sequence[GlbPart], name: str) -> bytes:
             nodes[0]["children"].append(len(nodes))
             nodes.append(node)
     document = {
-        "asset": {"version": "2.0", "generator": f"deltact-fab {__version__}"},
+        "asset": {"version": "2.0", "generator": f"deltact-fab {VERSION}"},
         "scene": 0,
         "scenes": [{"name": name, "nodes": [0]}],
         "nodes": nodes,

@@ -10,9 +10,9 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
-from .... import __version__
 from ....aliases import Point
 from ....errors import RunFailed
+from ....version import VERSION
 
 
 def part_bytes(solid: Any, name: str) -> bytes:
@@ -103,7 +103,7 @@ def _written(writer: Any, name: str) -> bytes:
     header.SetTimeStamp(Text("1970-01-01T00:00:00"))
     header.SetAuthorValue(1, Text("deltact-fab"))
     header.SetOrganizationValue(1, Text("deltact-fab"))
-    header.SetOriginatingSystem(Text(f"deltact-fab {__version__}"))
+    header.SetOriginatingSystem(Text(f"deltact-fab {VERSION}"))
     header.SetAuthorisation(Text(""))
     stream = io.BytesIO()
     if writer.WriteStream(stream) != IFSelect_RetDone:

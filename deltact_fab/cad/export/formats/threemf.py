@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
-from .... import __version__
+from ....version import VERSION
 from ...mesh import Mesh
 
 _DATE = (1980, 1, 1, 0, 0, 0)  # the earliest a zip can state
@@ -91,7 +91,7 @@ def plate_bytes(
     model = f"""<?xml version="1.0" encoding="UTF-8"?>
 <model unit="millimeter" xml:lang="en" xmlns="{_CORE}">
 <metadata name="Title">{escape(name)}</metadata>
-<metadata name="Application">deltact-fab {__version__}</metadata>
+<metadata name="Application">deltact-fab {VERSION}</metadata>
 <resources>
 <basematerials id="1"><base name={quoteattr(material)} displaycolor="{shade}"/></basematerials>
 {objects}
