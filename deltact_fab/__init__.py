@@ -1,7 +1,6 @@
 """Fabrication and experiment-design toolchain for the DelTact tactile sensor.
 
-`import deltact_fab as dt` is enough for most scripts. Each name of `__all__` is loaded when it is
-first used. Nothing inside the package imports from here.
+`import deltact_fab as dt` is enough for most scripts; a name is loaded when it is first used.
 """
 
 from __future__ import annotations
@@ -32,19 +31,12 @@ else:
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         module, there = _HOMES[name]
-        globals()[name] = getattr(import_module(f".{module}", __name__), there)
-        return globals()[name]
+        return globals().setdefault(name, getattr(import_module(f".{module}", __name__), there))
 
     def __dir__() -> list[str]:
         return sorted({*globals(), *__all__})
 
 
-__all__ = [
-    "Live",
-    "__version__",
-    "build_part",
-    "load_run",
-    "make_pattern",
-    "measure_source",
-    "track",
-]
+__all__ = [  # noqa: RUF022
+    "__version__", "make_pattern", "build_part", "load_run", "track", "measure_source", "Live",
+]  # fmt: skip

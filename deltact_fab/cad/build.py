@@ -27,8 +27,8 @@ class BuiltPart(SolidProperties):
 def build_named(name: str, design: str = "deltact", changes: Iterable[str] = ()) -> BuiltPart:
     """Build a part of a design, both by name ("skin", "indenter-sphere-10"); a design also by path.
 
-    changes: of the design, as in "skin.thickness_mm=14". Raises InputError for names and keys that
-    are none, and as `build_part`; MissingLibrary without the extra `cad`.
+    changes: of the design, as in "skin.thickness_mm=14". Raises as `find`, `load_design` and
+    `build_part` do.
     """
     part, sizes = find(name), load_design(design, changes)
     solid, measured = build_part(part, sizes)

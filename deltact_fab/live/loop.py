@@ -49,16 +49,9 @@ def measure_source(
 
 
 def track(
-    source: str | Path,
-    camera: str | Path | None = None,
-    *,
-    design: str | None = None,
-    seed: int = 0,
+    source: str | Path, camera: str | Path | None = None, design: str | None = None, seed: int = 0
 ) -> Iterator[MeasuredImage]:
-    """Follow the pattern through the images of a source: the flow alone, in `result.flow`.
-
-    All else as in `measure_source`.
-    """
+    """Follow the pattern through the images of a source as `measure_source`: its flow alone."""
     return measure_source(source, show=("flow",), camera=camera, design=design, seed=seed)
 
 
@@ -78,10 +71,9 @@ class LiveMeasurement(Pipeline):
         design: str | None = None,
         serial: str | None = None,
     ) -> None:
-        """sensor: its camera's file, or a run that was recorded with this camera.
+        """sensor: its camera's file, or a run that was recorded with it; else as `measure_source`.
 
-        calibrations, show, design, serial: as in `measure_source`. Raises InputError for a file
-        that is none or another sensor's.
+        Raises InputError for a file that is none or another sensor's.
         """
         cv2.setNumThreads(1)
         if Path(sensor).is_dir():
@@ -94,10 +86,9 @@ class LiveMeasurement(Pipeline):
 
     def submit(self, image: Array, t_s: float | None = None) -> None:
         """As Pipeline; under even light, where the sensor's flat field is known."""
-        flat = self._flat
-        super().submit(
-            image if flat is None else flat.apply(self.measurement.rectified(image)), t_s
-        )
+        if self._flat is not None:
+            image = self._flat.apply(self.measurement.rectified(image))
+        super().submit(image, t_s)
 
     def reset(self) -> None:
         """The next image is the new face at rest: whenever nothing touches the sensor."""

@@ -25,12 +25,8 @@ _WRITERS: dict[str, str] = {
     "force": "calibrate force",
     "acceptance": "rig accept",
 }
-_REMEDIES: dict[str, str] = {
-    "depth": "`deltact-fab calibrate depth RUN` makes one from a press of a ball with this sensor",
-    "force": "`deltact-fab calibrate force RUN --transfer {file}` carries it over, from one to "
-    "three presses with this sensor",
-    "acceptance": "`deltact-fab rig accept` keeps this sensor's",
-}
+_ANEW = {"depth": " RUN", "force": " RUN --transfer {}", "acceptance": " SOURCE RECIPE"}
+"""What is typed for another sensor: one to three presses are enough in RUN."""
 SHOWN = 3
 """So many differences are told; a lens that was fitted again differs in all its numbers."""
 Description = Mapping[str, Any] | str
@@ -69,10 +65,9 @@ class SensorId:
             yours = getattr(other, name)
             if mine is None or yours is None:
                 continue
-            if isinstance(mine, Mapping) and isinstance(yours, Mapping):
-                ours, theirs = _flat(name, mine), _flat(name, yours)
-            else:
-                ours, theirs = {name: _digest(mine)}, {name: _digest(yours)}
+            if isinstance(mine, str) or isinstance(yours, str):
+                mine, yours = _digest(mine), _digest(yours)
+            ours, theirs = _flat(name, mine), _flat(name, yours)
             for key in {**ours, **theirs}:
                 if ours.get(key) != theirs.get(key):
                     differences[key] = ours.get(key), theirs.get(key)
@@ -121,22 +116,21 @@ def require_same(calibration: Head, present: SensorId, source: str) -> None:
 
     Raises InputError, one line that says in what the two differ, and what to do.
     """
-    unlike = present.unlike(calibration.sensor)
-    if not unlike:
+    if not (unlike := present.unlike(calibration.sensor)):
         return
-    remedy = _REMEDIES[calibration.kind].format(file=source)
-    made = "made on another sensor"
+    words = _WRITERS[calibration.kind] + _ANEW[calibration.kind].format(source)
+    made, remedy = "on another sensor", f"`deltact-fab {words}` makes one for this sensor"
     if all(key.startswith("camera") for key in unlike):
-        made = "made with another camera file"
+        made = "with another camera file"
         remedy = f"measure with that one; or, if the lens was calibrated again since, {remedy}"
-    raise InputError(f"{source}: {made}: {told(unlike, 'in this file')}; {remedy}")
+    raise InputError(f"{source}: made {made}: {told(unlike, 'in this file')}; {remedy}")
 
 
 def told(unlike: Mapping[str, tuple[Any, Any]], there: str) -> str:
     """Differences in words: "serial 'B2' here, 'A1' in this file"; of many the first ones."""
     words = []
     for key, values in list(unlike.items())[:SHOWN]:
-        one, other = ("none" if value is None else _shown(value) for value in values)
+        one, other = (f"{v:.6g}" if isinstance(v, float) else repr(v) for v in values)
         if one == other:  # to the digits that are shown
             one, other = map(repr, values)
         words.append(f"{key} {one} here, {other} {there}")
@@ -214,10 +208,6 @@ def _flat(name: str, data: Any) -> dict[str, Any]:
     if not isinstance(data, Mapping):
         return {} if data is None else {name: list(data) if isinstance(data, tuple) else data}
     return {k: v for key, value in data.items() for k, v in _flat(f"{name}.{key}", value).items()}
-
-
-def _shown(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else repr(value)
 
 
 def _digest(data: Description) -> str:

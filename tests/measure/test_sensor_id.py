@@ -42,8 +42,7 @@ def test_another_sensor_is_told_by_what_both_know() -> None:
     assert str(why.value) == (
         "c.toml: made on another sensor: serial 'B2' here, 'A1' in this file; pattern.law 'iid' "
         "here, 'algorithm1' in this file; camera.mm_per_px 0.04 here, 0.0378 in this file; "
-        "`deltact-fab calibrate force RUN --transfer c.toml` carries it over, from one to three "
-        "presses with this sensor"
+        "`deltact-fab calibrate force RUN --transfer c.toml` makes one for this sensor"
     )
 
 
@@ -63,7 +62,7 @@ def test_a_lens_that_was_fitted_again_is_told_by_its_numbers(tmp_path: Path) -> 
     assert k2 == "camera.k2 0.01 here, 0 in this file"
     assert aspect == "camera.aspect 1.000000001 here, 1.0 in this file"
     assert rest.startswith("1 more; measure with that one; or, if the lens was calibrated again")
-    assert "`deltact-fab calibrate depth RUN`" in rest
+    assert "`deltact-fab calibrate depth RUN` makes one for this sensor" in rest
     digest = "644ff0123456"
     old = replace(head, sensor=SensorId(camera=digest))
     with pytest.raises(InputError, match=rf"camera '\w{{12}}' here, '{digest}' in this file"):

@@ -9,11 +9,9 @@ from .shape import shape
 from .tracking import tracking
 
 
-@click.group(cls=CommandGroup)
+@click.group(cls=CommandGroup, commands=[tracking, shape])
 def analyze() -> None:
     """Analyses of recorded runs: tracking error, shape."""
 
 
 analyze.moved = {"force": "calibrate force"}
-for _command in (tracking, shape):
-    analyze.add_command(_command)
