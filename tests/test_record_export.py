@@ -92,7 +92,7 @@ def test_mcap_has_every_message_at_its_time(run: Run, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_mcap_is_in_order_and_says_what_it_is(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "run.mcap"
-    export(run, "mcap", out)
+    export([run], "mcap", out)
     with out.open("rb") as file:
         reader = make_reader(file)
         times = [m.log_time for _, _, m in reader.iter_messages(log_time_order=False)]
@@ -112,7 +112,7 @@ def test_mcap_is_in_order_and_says_what_it_is(run: Run, tmp_path: Path) -> None:
 @pytest.mark.parametrize("form", ["csv", "parquet"])
 def test_tables_come_back_as_the_record_has_them(run: Run, tmp_path: Path, form: str) -> None:
     out = tmp_path / "out"
-    rows = export(run, form, out)
+    rows = export([run], form, out)
     read = pd.read_csv if form == "csv" else pd.read_parquet
     wanted = {
         "frames": run.frames(), "force": run.force(), "pose": run.pose(), "steps": run.steps()
@@ -137,7 +137,7 @@ def test_tables_come_back_as_the_record_has_them(run: Run, tmp_path: Path, form:
 
 
 def test_parquet_has_units_and_the_run_with_it(run: Run, tmp_path: Path) -> None:
-    export(run, "parquet", tmp_path / "out")
+    export([run], "parquet", tmp_path / "out")
     file = pq.ParquetFile(tmp_path / "out" / "force.parquet")
     schema = file.schema_arrow
     assert schema.field("fx_n").metadata[b"unit"] == b"N"
@@ -153,13 +153,13 @@ def test_parquet_has_units_and_the_run_with_it(run: Run, tmp_path: Path) -> None
 def test_a_run_of_an_old_format_and_one_cut_off_are_exported(
     run: Run, tmp_path: Path, form: str
 ) -> None:
-    assert sum(export(record.open(OLD), form, tmp_path / "old").values()) > 6
+    assert sum(export([record.open(OLD)], form, tmp_path / "old").values()) > 6
     cut = tmp_path / "cut"
     shutil.copytree(run.folder, cut)
     (cut / "summary.json").unlink()
     with closing(sqlite3.connect(cut / "journal.sqlite")) as db, db:
         db.execute("DELETE FROM steps WHERE step_id LIKE '4dots/p1/%'")
-    rows = export(record.open(cut), form, tmp_path / "out")
+    rows = export([record.open(cut)], form, tmp_path / "out")
     assert rows.get("frames", rows.get("/camera/frame")) == len(run.frames())
 
 
@@ -170,17 +170,17 @@ def test_nothing_stays_of_an_export_that_fails(run: Run, tmp_path: Path, form: s
     with closing(sqlite3.connect(spoilt / "journal.sqlite")) as db, db:
         db.execute("UPDATE samples SET data = x'00' WHERE stream = 'pose' AND press = '4dots/p1'")
     with pytest.raises(RunFailed, match="damaged"):
-        export(record.open(spoilt), form, tmp_path / "out")
+        export([record.open(spoilt)], form, tmp_path / "out")
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
     (tmp_path / "out").mkdir()
     with pytest.raises(InputError, match="already there"):
-        export(run, form, tmp_path / "out")
+        export([run], form, tmp_path / "out")
     with pytest.raises(InputError, match="no such folder"):
-        export(run, form, tmp_path / "none" / "out")
+        export([run], form, tmp_path / "none" / "out")
     if os.geteuid() != 0:
         (tmp_path / "out").chmod(0o500)
         with pytest.raises(RunFailed, match="cannot be written"):
-            export(run, form, tmp_path / "out" / "x")
+            export([run], form, tmp_path / "out" / "x")
 
 
 def jxl_run(folder: Path) -> tuple[Run, np.ndarray]:
@@ -202,7 +202,7 @@ def jxl_run(folder: Path) -> tuple[Run, np.ndarray]:
 def test_jpeg_xl_becomes_png_with_the_same_pixels(tmp_path: Path) -> None:
     run, image = jxl_run(tmp_path / "run")
     assert run.frames()["file"].iloc[0].endswith(".jxl")
-    export(run, "mcap", tmp_path / "out.mcap")
+    export([run], "mcap", tmp_path / "out.mcap")
     [(_, message)] = messages(tmp_path / "out.mcap")["/camera/image"]
     assert message["format"] == "png"
     data = np.frombuffer(base64.b64decode(message["data"]), np.uint8)
@@ -231,7 +231,7 @@ def test_the_time_line_is_one_over_sessions(
     assert spans["4dots/p1"].max() <= spans["sphere-10/p1"].min()  # though it comes later
     begun = resumed.events()["wall_s"].min()
     assert 0 <= spans["sphere-10/change"].min() / 1e9 - begun < 600
-    export(resumed, "mcap", tmp_path / "out")
+    export([resumed], "mcap", tmp_path / "out")
     times = [t for found in messages(tmp_path / "out").values() for t, _ in found]
     assert min(times) / 1e9 >= begun - 1e-3
 
@@ -248,6 +248,6 @@ def test_a_chunk_keeps_its_nanoseconds(tmp_path: Path) -> None:
     writer.event("homed", "", up_s)
     writer.step(step, 1.0, up_s, up_s + 1, [Chunk("pose", up_s, columns)])
     writer.close({})
-    export(record.open(tmp_path / "run"), "mcap", tmp_path / "out")
+    export([record.open(tmp_path / "run")], "mcap", tmp_path / "out")
     times = np.array([t for t, _ in messages(tmp_path / "out")["/stage/pose"]])
     assert np.abs(np.diff(times) - 1_000_001).max() <= 4

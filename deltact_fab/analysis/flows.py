@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from .. import cache, digest
+from ..aliases import Array
 from ..measure.face import FaceFlow
 from ..measure.flow import FlowTracker
 from ..record import Run
@@ -16,6 +18,8 @@ from .view import camera_of
 
 _KIND = "face-flow"
 _KEPT_BYTES = 2 << 30
+EVERY_PX = 4
+"""Pixels between points of a flow that is given on."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,15 @@ def flows_of(run: Run, press: str, every: int) -> PressFlows:
         cache.put(_KIND, key, held, _KEPT_BYTES)
     each = zip(held["shift"], held["known"], held["trusted"], strict=True)
     return PressFlows([FaceFlow(s, k, held["x_mm"], held["y_mm"], t) for s, k, t in each], of)
+
+
+def follower(run: Run) -> Callable[[Array], FaceFlow]:
+    """What follows the images of a press, each as `Run.image` gives it, from its first one on."""
+    import cv2
+
+    cv2.setNumThreads(1)  # the flow depends on their number
+    tracker = FlowTracker(full=False)
+    return lambda image: FaceFlow.of(tracker.update(image), run.camera, every=EVERY_PX)
 
 
 def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:

@@ -91,20 +91,30 @@ def import_(recording: Path, out: Path, as_json: bool) -> None:
 
 
 @record.command(epilog="Example: deltact-fab record export smoke-run --format csv --out tables")
-@RUN
-@click.option("--format", "form", required=True, type=click.Choice(["csv", "parquet", "mcap"]),
+@click.argument("runs", metavar="RUN...", type=PATH, nargs=-1, required=True)
+@click.option("--format", "form", required=True,
+              type=click.Choice(["csv", "parquet", "mcap", "lerobot", "zarr"]),
               help="Format to write.")  # fmt: skip
-@out_folder("New folder for csv or parquet.", "folder")
+@out_folder("New folder for csv, parquet, lerobot or zarr.", "folder")
 @out_file("New file for mcap.", "file")
+@click.option("--deformation/--no-deformation", default=True, show_default=True,
+              help="In a dataset, the measured motion of the face, which takes most of the time."
+              )  # fmt: skip
 @JSON
-def export(run: Path, form: str, folder: Path | None, file: Path | None, as_json: bool) -> None:
-    """Write RUN as CSV, Parquet or MCAP.
+def export(
+    runs: tuple[Path, ...], form: str, folder: Path | None, file: Path | None, deformation: bool,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Write RUN as CSV, Parquet or MCAP, or one or more as a dataset of LeRobot or Zarr.
 
     csv and parquet give tables of frames, force, pose, steps and events, without images; the names
     of the columns have the units. mcap gives one file for Foxglove with images, pose (m), wrench
     (N, N m) and events on one time line over all sessions, and every image is verified against its
-    hash. Parquet and MCAP need the extra `export`.
+    hash. lerobot gives a LeRobotDataset 3.0, an episode a press: video of the images (lossy) and of
+    the measured deformation, and pose, wrench, contact and action as float32. zarr gives the same
+    as exact arrays, and all samples of force and pose. All but csv need the extra `export`.
     """
+    from ..analysis.flows import follower
     from ..record import open as open_run
     from ..record.export import export as write
     from .output import echo_result, progress
@@ -114,7 +124,8 @@ def export(run: Path, form: str, folder: Path | None, file: Path | None, as_json
         right = "-o FILE" if form == "mcap" else "--out DIR"
         raise click.UsageError(f"--format {form}: {right} says where it goes")
     with progress("export") as bar:
-        rows = write(open_run(run), form, out, bar)
+        opened = [open_run(run) for run in runs]
+        rows = write(opened, form, out, bar, follower if deformation else None)
     told = f"{out}: " + ", ".join(f"{n} {name}" for name, n in rows.items())
     echo_result({"out": str(out), "format": form, "rows": rows}, [told], as_json)
 

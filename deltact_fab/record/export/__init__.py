@@ -1,7 +1,11 @@
-"""A run in the formats of others: CSV, Parquet, MCAP. Press by press, whole or not at all."""
+"""Runs in the formats of others. Press by press, whole or not at all.
+
+CSV, Parquet and MCAP are of one run; a dataset of LeRobot or Zarr may be of several.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from ...aliases import Progress
@@ -9,29 +13,54 @@ from ...errors import InputError
 from ...extras import require
 from ...files import disk_errors, whole
 from ..run import Run
+from .episodes import Follow
 
-FORMATS = {"csv": (), "parquet": ("pyarrow",), "mcap": ("mcap",)}
+FORMATS = {
+    "csv": (),
+    "parquet": ("pyarrow",),
+    "mcap": ("mcap",),
+    "lerobot": ("av", "pyarrow"),
+    "zarr": ("zarr",),
+}
 """Each with what it is written with, where that is a package of the extra `export`."""
+DATASETS = ("lerobot", "zarr")
 
 
-def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> dict[str, int]:
-    """Write a run to `out`, a new folder (csv, parquet) or file (mcap); return rows by table.
+def export(
+    runs: Sequence[Run],
+    form: str,
+    out: Path,
+    progress: Progress | None = None,
+    follow: Follow | None = None,
+) -> dict[str, int]:
+    """Write runs to `out`, a new file (mcap) or folder; return rows by table.
 
-    form: one of FORMATS. Of a run that was cut off, what it has. Raises InputError where `out` is
-    there already or has no folder, MissingLibrary without the extra `export`, RunFailed for a
-    damaged run and a full disk.
+    form: one of FORMATS; more than one run for DATASETS only, as is `follow`: what measures the
+    motion of the face, None to leave it out. Of a run that was cut off, what it has. Raises
+    InputError where `out` is there already or has no folder, MissingLibrary without the extra
+    `export`, RunFailed for a damaged run and a full disk.
     """
     require("export", f"--format {form}", *FORMATS[form])
     if out.exists():
         raise InputError(f"{out}: already there; name a new one")
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out.parent}: no such folder")
+    if form not in DATASETS and len(runs) > 1:
+        raise InputError(f"--format {form}: one run at a time; {', '.join(DATASETS)} take several")
     report = progress or (lambda done, total, what: None)
     with disk_errors(out), whole(out) as made:
         if form == "mcap":
             from .foxglove import write
 
-            return write(run, made, report)
+            return write(runs[0], made, report)
+        if form == "lerobot":
+            from .lerobot import write as write_lerobot
+
+            return write_lerobot(runs, made, follow, report)
+        if form == "zarr":
+            from .arrays import write as write_arrays
+
+            return write_arrays(runs, made, follow, report)
         from .tables import write as write_tables
 
-        return write_tables(run, made, form, report)
+        return write_tables(runs[0], made, form, report)
