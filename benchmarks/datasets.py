@@ -2,7 +2,8 @@
 
 python -m benchmarks.datasets FOLDER [--lerobot PYTHON]
 
-Makes a run of 1000 small frames in FOLDER, exports it as Zarr and LeRobot, and reads both again.
+Makes a run of 1000 small frames in FOLDER, exports it as Zarr and LeRobot, and reads both again;
+a FOLDER that is there already is only read.
 PYTHON: of an environment that has lerobot, which brings torch and has no place beside this one.
 Zarr must give every number and pixel back; LeRobot every number to float32, every frame at its time
 and the motion to its levels; how far the lossy image is off is printed.
@@ -95,12 +96,15 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--lerobot", type=Path, help="python of an environment with lerobot")
     asked = parser.parse_args()
-    asked.folder.mkdir(parents=True)
-    make_run(asked.folder / "run")
+    if not asked.folder.exists():
+        asked.folder.mkdir(parents=True)
+        make_run(asked.folder / "run")
+        for form in ("zarr", "lerobot"):
+            made = record.open(asked.folder / "run")
+            print(form, export([made], form, asked.folder / form, None, follower))
+        peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        print(f"peak memory {peak_mb:.0f} MB")
     run = record.open(asked.folder / "run")
-    for form in ("zarr", "lerobot"):
-        print(form, export([run], form, asked.folder / form, None, follower))
-    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
     held: Any = zarr.open_group(asked.folder / "zarr", mode="r")
     frames = run.frames()
     images, shifts = held["image"], held["shift_mm"]
@@ -111,7 +115,7 @@ def main() -> None:
             wanted = frames[list(columns)].to_numpy().reshape(held[name].shape)
             assert np.array_equal(held[name][:], wanted, equal_nan=True), name
     assert np.array_equal(held["force/wrench"][:], run.force()[list(FORCE)].to_numpy())
-    print(f"zarr: {len(images)} frames, {len(held['force/wrench'])} samples, all exact")
+    print(f"zarr: {images.shape[0]} frames, {held['force/wrench'].shape[0]} samples, all exact")
     if asked.lerobot is None:
         print("lerobot: not read, no --lerobot")
         return
@@ -119,7 +123,7 @@ def main() -> None:
     keys = [key for key, _ in FIELDS.values()] + ["timestamp", "frame_index", "episode_index"]
     words = [asked.folder / "lerobot", out, json.dumps(keys), json.dumps([RAW, MOTION])]
     subprocess.run([asked.lerobot, "-c", READ, *map(str, words)], check=True)
-    read = np.load(out)
+    read = dict(np.load(out))  # at once: each look-up would read the file again
     for name, (key, _) in FIELDS.items():
         wanted = held[name][:]
         single = wanted.astype(np.float32) if wanted.dtype == np.float64 else wanted
@@ -127,10 +131,10 @@ def main() -> None:
     assert np.array_equal(read["timestamp"], np.float32(read["frame_index"] / RATE_HZ))
     assert np.array_equal(read["episode_index"], held["press_index"][:])
     off = 0.0
-    for at in range(len(images)):
+    for at in range(images.shape[0]):
         motion = SimpleNamespace(shift_mm=shifts[at], known=held["known"][at])
         assert np.array_equal(read[MOTION][at], levels(motion)), at
-        off += float(np.mean((read[RAW][at].astype(float) - images[at]) ** 2)) / len(images)
+        off += float(np.mean((read[RAW][at].astype(float) - images[at]) ** 2)) / images.shape[0]
     psnr_db = 10 * np.log10(255**2 / off)
     print(f"lerobot: {len(read['timestamp'])} frames of {int(read['episodes'])} episodes; numbers "
           f"exact to float32, motion to its levels, image {psnr_db:.1f} dB")  # fmt: skip
