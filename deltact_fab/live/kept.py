@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..aliases import Array
 from ..errors import InputError
 from ..files import disk_errors, making, whole, write_whole
 from ..record import encode_png
 from ..record.export.tables import parquet, shaped
+from ..version import __version__
 from . import picture
 from .begin import told_once
 from .outputs import Output

@@ -16,13 +16,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from .. import __version__, catalog
+from .. import catalog
 from ..aliases import Array, Image, Progress
 from ..errors import InputError
 from ..files import disk_errors, whole
 from ..optics import Fisheye, FlatField, Rectified, load_camera
 from ..protocols.plan import Step
 from ..shapes.sensor import SensorDimensions
+from ..version import __version__
 from .files import IMPORTED, UNKNOWN
 from .lag import lag_of, motion
 from .recording import Recording, Samples, force_of, pose_of, read
