@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..files import disk_errors, making, whole, write_whole
 from ..record import encode_png
 from ..record.export.tables import parquet, shaped
-from ..version import __version__
+from ..version import VERSION
 from . import picture
 from .begin import told_once
 from .outputs import Output
@@ -44,7 +44,7 @@ class KeptFolder(Output):
                 (folder / part).mkdir(parents=True, exist_ok=True)
         known, pattern = session.source.known, session.pattern
         self._about = {
-            "source": session.source.name, "simulated": known.simulated, "version": __version__,
+            "source": session.source.name, "simulated": known.simulated, "version": VERSION,
             "mm_per_px": None if known.in_px else session.view.mm_per_px,
             "pattern": "dense" if pattern is None else pattern.kind, "told": told_once(session),
         }  # fmt: skip

@@ -23,7 +23,7 @@ from ..files import disk_errors, whole
 from ..optics import Fisheye, FlatField, Rectified, load_camera
 from ..protocols.plan import Step
 from ..shapes.sensor import SensorDimensions
-from ..version import __version__
+from ..version import VERSION
 from .files import IMPORTED, UNKNOWN
 from .lag import lag_of, motion
 from .recording import Recording, Samples, force_of, pose_of, read
@@ -148,7 +148,7 @@ def _meta(said: Recording, folder: Path, size: tuple[int, ...]) -> dict[str, Any
         "rig_name": IMPORTED,
         "rig": {"kind": IMPORTED},
         "simulated": False,
-        "versions": {"deltact-fab": __version__},
+        "versions": {"deltact-fab": VERSION},
     }
 
 
