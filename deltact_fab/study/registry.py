@@ -116,11 +116,9 @@ STUDIES = {
     "settling": Study(
         "settling",
         "How long to wait at a stop before the force is steady.",
-        about="On a simulated gel whose relaxation is assumed, or given by --prony. For your own "
-        "gel, record the protocol `settling` and pass the run with --from, which fits its "
-        "relaxation.",
-        takes=("scale", "rig", "from", "grid"),
-        scale=1.0,
+        about="Of a gel whose relaxation is assumed, or given by --prony. For your own gel, record "
+        "the protocol `settling` and pass the run with --from, which fits its relaxation.",
+        takes=("from", "grid"),
         options=(
             Option(
                 "prony",

@@ -1,11 +1,10 @@
-"""Stops of a press: how much too high the force at each still is, solved, recorded or judged.
+"""Stops of a press on an elastic gel, and by the closed form what a series leaves at each.
 
 `follow` is a job, kept under the hash of this module: no words or figures belong into it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,8 @@ from ..shapes import SkinDimensions
 from ..virtual.paths import poses
 from ..virtual.presses import Presses
 
+GEL = GelConfig(spacing_mm=0.8, press_increment_mm=0.2, shear_increment_mm=0.5)
+"""Half or twice as fine changes waits by less than 1 %."""
 PERCENTS = (5, 2, 1, 0.5)  # of the steady force: bounds whose waits are told
 BOUND = 2  # of them, that of the headlines
 AXES = {"press": [2], "shear": [0, 1]}  # the forces that a stop was made for
@@ -26,82 +27,43 @@ WAITS_S = np.geomspace(0.05, 600.0, 33)
 
 
 def follow(given: dict[str, Any]) -> dict[str, Any]:
-    """One press of a protocol knot by knot.
+    """The first press of a protocol, knot by knot.
 
-    given: protocol, gel (resolution) and skin as data, press. Result: t_s (n + 1,) since first
-    touch, force_n (n + 1, 3), moved_mm: how far a point of the face moves in plane, at most, while
-    the tip rests (0 without fields); stops: of each line of motion that ends in contact id, kind,
-    depth_mm, rests_s and the knots `arrived` and `left` at the ends of its rest; of the solver
-    flags and dofs.
+    given: protocol and skin as data. Result: t_s (n + 1,) since first touch, force_n (n + 1, 3);
+    stops: of each that rests id, kind, depth_mm and the knot `arrived`.
     """
     protocol = Protocol.model_validate(given["protocol"])
-    skin = SkinDimensions(**given["skin"])
-    presses = Presses(protocol, skin, GelConfig.model_validate(given["gel"]))
-    path = next(path for path in presses.paths if path.press == given["press"])
-    solver = presses.of(path).solver
-    knots = solver.solve_all()
-    planned = poses(path, presses.increments, presses.relaxing_s)
-    forces = np.array([(0.0, 0.0, 0.0), *(knot.force_n for knot in knots)]) * presses.modulus_mpa
-    moved = 0.0
-    # The steps that end in contact: those that its path has a line for.
-    moves = [s for s in expand(protocol) if s.press == path.press and s.kind != "hold"]
-    steps = [s for s in moves if s.target_mm[2] < 0]
-    lines = [line for line in path.lines if line.end_mm[2] < 0]
-    stops: list[dict[str, Any]] = [
-        {"id": step.id, "kind": step.kind, "depth_mm": -step.target_mm[2], "rests_s": line.dwell_s}
-        for step, line in zip(steps, lines, strict=True)
-    ]
-    line = 0
-    for n, pose in enumerate(planned, start=1):
-        if pose.part == 1.0:
-            stops[line] |= {"arrived": n, "left": n}
-            line += 1
-        elif pose.part == 0.0:
-            stops[line - 1]["left"] = n
-            start, now = (knots[at - 1].displacement_mm for at in (stops[line - 1]["arrived"], n))
-            if start is not None and now is not None:
-                off = now.astype(float) - start
-                moved = max(moved, float(np.hypot(off[..., 0], off[..., 1]).max()))
+    presses = Presses(protocol, SkinDimensions(**given["skin"]), GEL)
+    path = presses.paths[0]
+    knots = presses.of(path).solver.solve_all()
+    planned = poses(path, presses.increments)
+    arrived = [n for n, pose in enumerate(planned, start=1) if pose.part == 1.0]
+    # The moves that end in contact; a filmed way out of it comes last and is no stop.
+    own = [s for s in expand(protocol) if s.press == path.press and s.kind != "hold"]
+    steps = [step for step in own if step.target_mm[2] < 0]
     return {
-        "t_s": np.concatenate([[0.0], np.cumsum([pose.seconds for pose in planned])]),
-        "force_n": forces,
-        "moved_mm": moved,
-        "stops": stops,
-        "flags": solver.flags,
-        "dofs": solver.dofs,
-    }
+        "t_s": np.cumsum([0.0, *(pose.seconds for pose in planned)]),
+        "force_n": np.array([(0.0, 0.0, 0.0), *(k.force_n for k in knots)]) * presses.modulus_mpa,
+        "stops": [
+            {"id": step.id, "kind": step.kind, "depth_mm": -step.target_mm[2], "arrived": n}
+            for step, n in zip(steps, arrived, strict=False) if step.settle_s > 0
+        ],
+    }  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class Stop:
-    """One stop: how far its force is off the steady one, in the forces that it was made for.
+def left(way: dict[str, Any], series: Series, wait_s: Field) -> tuple[Field, Field]:
+    """Of the stops the steady force (s, 3), and what it has too much (s, m, 3).
 
-    kind: press or shear. group: what errs together, the press and drags of a depth. steady_n: size
-    of the steady force. excess_n (n,) at wait_s (n,) since the tip came to rest, as solved or
-    measured; series_n (n,): the same by the closed form, or by the fit. fade_s, fade_n (m,): the
-    excess that waits are read from: the solved one, or the series where samples have noise.
+    way: of `follow`. wait_s (m,): rising, since the tip came to rest; each rest ends with the last.
     """
-
-    name: str
-    kind: str
-    depth_mm: float
-    group: str
-    steady_n: float
-    wait_s: Field
-    excess_n: Field
-    series_n: Field
-    fade_s: Field
-    fade_n: Field
-
-    def row(self) -> dict[str, Any]:
-        """Of the table: waits in seconds until the force stays within each bound; nan: unknown."""
-        return {
-            "stop": self.name, "kind": self.kind, "depth_mm": self.depth_mm, "group": self.group,
-            "steady_n": self.steady_n, "at_once_n": float(self.excess_n[0]),
-            "at_once_percent": float(100 * self.excess_n[0] / self.steady_n),
-            **{f"wait_{p:g}_percent_s": time_to(self.fade_s, self.fade_n, p * self.steady_n / 100)
-               for p in PERCENTS},
-        }  # fmt: skip
+    t, force, m = way["t_s"], way["force_n"], len(wait_s)
+    at = np.array([stop["arrived"] for stop in way["stops"]])
+    late = t + wait_s[-1] * np.searchsorted(at, np.arange(len(t)))
+    where = np.repeat(at + 1, m)
+    times = np.insert(late, where, (late[at, None] + wait_s).ravel())
+    held = np.insert(force, where, np.repeat(force[at], m, axis=0), axis=0)
+    rests = (at + 1 + m * np.arange(len(at)))[:, None] + np.arange(m)
+    return force[at], series.excess(times, held)[rests]
 
 
 def size(force_n: Field, kind: str) -> Field:
@@ -109,50 +71,14 @@ def size(force_n: Field, kind: str) -> Field:
     return np.asarray(np.linalg.norm(force_n[..., AXES[kind]], axis=-1))
 
 
-def simulated(found: dict[str, Any], elastic: dict[str, Any], series: Series) -> list[Stop]:
-    """The stops of a press on the viscous gel, with the closed form on the elastic one beside.
-
-    found, elastic: of `follow`, of one and the same way with rests and without.
-    """
-    told = series.excess(found["t_s"], slow_force(found, elastic))
-    stops = []
-    for stop in found["stops"]:
-        at, kind = slice(stop["arrived"], stop["left"] + 1), stop["kind"]
-        if stop["arrived"] == stop["left"]:
-            continue
-        force, wait_s = found["force_n"][at], found["t_s"][at] - found["t_s"][at.start]
-        excess = size(force - force[-1], kind)
-        stops.append(
-            Stop(
-                stop["id"], kind, stop["depth_mm"], f"{stop['depth_mm']:g} mm",
-                float(size(force[-1], kind)), wait_s, excess, size(told[at], kind), wait_s, excess,
-            )
-        )  # fmt: skip
-    return stops
-
-
-def slow_force(found: dict[str, Any], elastic: dict[str, Any]) -> Field:
-    """The elastic gel's force (n, 3) at the knots of a way with rests."""
-    moving = np.ones(len(found["t_s"]), bool)
-    for stop in found["stops"]:
-        moving[stop["arrived"] + 1 : stop["left"] + 1] = False
-    return np.asarray(elastic["force_n"][np.cumsum(moving) - 1])
-
-
-def judged(elastic: dict[str, Any], series: Series, settle_s: float) -> dict[str, float]:
+def judged(way: dict[str, Any], series: Series, settle_s: float) -> dict[str, float]:
     """What a protocol's stops are off by in the closed form, each after a rest of settle_s.
 
-    elastic: of `follow`, the way as it is driven, whose `rests_s` say which stops are taken.
     common: the factor that all stops share, which a calibration takes into its coefficients;
     scatter_n: what is left of it, rms, which it cannot.
     """
-    at = np.array([stop["arrived"] for stop in elastic["stops"] if stop["rests_s"] > 0])
-    t, force = elastic["t_s"], elastic["force_n"]
-    late = t + settle_s * np.searchsorted(at, np.arange(len(t)))
-    times = np.insert(late, at + 1, late[at] + settle_s)
-    ends = at + 1 + np.arange(len(at))
-    excess = series.excess(times, np.insert(force, at + 1, force[at], axis=0))[ends]
-    steady = force[at]
+    steady, after = left(way, series, np.array([settle_s]))
+    excess = after[:, 0]
     off, whole = np.linalg.norm(excess, axis=1), np.linalg.norm(steady, axis=1)
     row = {"settle_s": settle_s, "worst_n": float(off.max()),
            "worst_percent": float(100 * (off / whole).max())}  # fmt: skip
@@ -166,7 +92,7 @@ def judged(elastic: dict[str, Any], series: Series, settle_s: float) -> dict[str
     return row
 
 
-def enough_s(elastic: dict[str, Any], series: Series) -> float:
+def enough_s(way: dict[str, Any], series: Series) -> float:
     """settle_s from which on no stop of a protocol is off by more than BOUND; nan: none tried."""
-    worst = [judged(elastic, series, float(wait))["worst_percent"] for wait in WAITS_S]
+    worst = [judged(way, series, float(wait))["worst_percent"] for wait in WAITS_S]
     return time_to(WAITS_S, worst, BOUND)

@@ -109,7 +109,6 @@ STILL_RESTS = 0.5  # a branch over this x the longest rest is poorly determined
 class RelaxationFit:
     """series: what was found. rms_n: of the residual. steady_n (rests, 3): each rest's end.
 
-    arrived_n (rests, k, 3): what the force has too much, by branch, when the tip comes to rest.
     unsure: times of branches so slow that the rests are too short to tell them well. blocks_n: as
     rms_n, of the blocks that it was fitted to.
     """
@@ -117,14 +116,8 @@ class RelaxationFit:
     series: Series
     rms_n: float
     steady_n: Field
-    arrived_n: Field
     unsure: tuple[float, ...]
     blocks_n: float
-
-    def left_n(self, rest: int, wait_s: ArrayLike) -> Field:
-        """(n, 3): what the force of a rest still has too much, wait_s (n,) into it."""
-        wait = np.asarray(wait_s, float)[:, None]
-        return np.asarray(np.exp(-wait / np.array(self.series.times_s)) @ self.arrived_n[rest])
 
 
 def fit(rests: Sequence[Rest]) -> RelaxationFit:
@@ -179,13 +172,13 @@ def _from(rests: Sequence[Rest], times_s: Sequence[float]) -> RelaxationFit | No
     if found.status <= 0:
         return None
     series = _series(found.x)
-    steady, arrived, off = _told(rests, series)
+    steady, off = _told(rests, series)
     rms, blocks = (
         float(np.sqrt(np.mean(np.concatenate([of(part).ravel() for part in off]) ** 2)))
         for of in (np.asarray, _blocks)
     )
     unsure = tuple(tau for tau in series.times_s if tau > STILL_RESTS * longest)
-    return RelaxationFit(series, rms, np.array(steady), np.array(arrived), unsure, blocks)
+    return RelaxationFit(series, rms, np.array(steady), unsure, blocks)
 
 
 def _blocks(misfit_n: Field) -> Field:
@@ -203,10 +196,10 @@ def _series(p: Field) -> Series:
     return Series(tuple(shares.tolist()), tuple(taus.tolist()))
 
 
-def _told(rests: Sequence[Rest], series: Series) -> tuple[list[Field], list[Field], list[Field]]:
-    """Of every rest: its steady force (3,), what branches (k, 3) have at first, misfit (n, 3)."""
+def _told(rests: Sequence[Rest], series: Series) -> tuple[list[Field], list[Field]]:
+    """Of every rest: its steady force (3,), misfit (n, 3)."""
     slow: dict[int, Field] = {}
-    steady, arrived, off = [], [], []
+    steady, off = [], []
     for rest in rests:
         if id(rest.way) not in slow:
             slow[id(rest.way)] = _branches(rest.way, series)
@@ -214,9 +207,8 @@ def _told(rests: Sequence[Rest], series: Series) -> tuple[list[Field], list[Fiel
         own = np.exp(-rest.wait_s[:, None] / np.array(series.times_s)) @ first
         end = (rest.force_n - own).mean(axis=0)
         steady.append(end)
-        arrived.append(first)
         off.append(rest.force_n - own - end)
-    return steady, arrived, off
+    return steady, off
 
 
 def _branches(way: ForceHistory, series: Series) -> Field:
