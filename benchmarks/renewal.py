@@ -19,11 +19,11 @@ from deltact_fab.measure.flow import RENEW_SHARE, FlowMethod, FlowTracker, Refer
 from deltact_fab.measure.flow.renewed import photometric_error, unrelated_difference
 from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.patterns.series.job import recipes
+from deltact_fab.shapes import SensorDimensions
 from deltact_fab.study.pattern_scene import Selection
-from deltact_fab.study.request import StudyRequest
-from deltact_fab.study.search.drag import FIELD_PX, at_rest, view_of
-from deltact_fab.study.search.imager import bench_of
+from deltact_fab.study.request import StudyRequest, virtual_rig
 from deltact_fab.study.stream import PressStream, StreamTruth
+from deltact_fab.virtual.drawing import noise_of, printed, resting
 
 SHARES = (0.25, 0.5, 0.75)
 SHOWN = ("d0p05-r0p5", "d0p075-r0p6", "d0p1-r0p5", "d0p15-r0p3", "d0p2-r0p1")
@@ -33,13 +33,11 @@ def seen() -> Iterator[tuple[str, float, float]]:
     """Of each pattern of the paper: the rule's threshold, and the most that it can see, in grey
     levels of the virtual rig's camera.
     """
-    bench = bench_of("virtual", {})
-    view = view_of(bench, FIELD_PX)
+    config, geometry = virtual_rig("virtual")[0], resting(SensorDimensions())
 
     def at_rest_of(recipe: PatternRecipe, seed: int) -> Image:
-        rng = np.random.default_rng(seed)
-        picture = view.picture(view.printed(recipe, bench.printer, rng))
-        return to_gray(picture.expose(at_rest(view).at_px, rng))
+        picture = printed(config.virtual, recipe, geometry, seed)
+        return to_gray(picture.render(None, noise_of(seed, 0)))
 
     for entry in recipes():
         own = at_rest_of(entry.recipe, 1)

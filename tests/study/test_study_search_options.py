@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 import pytest
 
 from deltact_fab.errors import InputError
 from deltact_fab.patterns.raster import checked_mm_per_px
+from deltact_fab.patterns.recipe import RECOMMENDED, load_recipe
 from deltact_fab.protocols import plan
 from deltact_fab.study.search.candidates import (
     MAX_PX,
     MIN_DOTS,
+    PAPER,
     candidates,
+    name_of,
     shortened,
-    size_of,
     thinned,
 )
-from deltact_fab.study.search.imager import PatternImager, bench_of
+from deltact_fab.study.search.drag import FIELD_PX, view_of
+from deltact_fab.study.search.imager import bench_of
 
 
 def test_the_rig_file_is_the_default_and_options_win() -> None:
@@ -26,9 +28,12 @@ def test_the_rig_file_is_the_default_and_options_win() -> None:
         bench_of("virtual", {"dpi": None}),
         bench_of("virtual", {"dpi": 600, "blur_px": 1.1}),
     )
-    assert (plain.printer.dpi, plain.sensor.blur_px, plain.mm_per_px) == (1200, 0.6, 0.0378)
-    assert (asked.printer.dpi, asked.sensor.blur_px) == (600, 1.1)
-    assert asked.printer.levels == plain.printer.levels
+    (rig, sensor), (other, _) = plain, asked
+    assert (rig.virtual.printer.dpi, rig.virtual.camera.blur_px) == (1200, 0.6)
+    assert sensor.optics.mm_per_px == 0.0378
+    assert (other.virtual.printer.dpi, other.virtual.camera.blur_px) == (600, 1.1)
+    assert other.virtual.printer.levels == rig.virtual.printer.levels
+    assert (rig.virtual.lens, rig.camera) == (None, None)
 
 
 @pytest.mark.parametrize(
@@ -63,11 +68,9 @@ def test_a_real_rig_has_no_printer() -> None:
 def test_candidates_can_be_printed_and_seen(dpi: int, mm_per_px: float) -> None:
     mm_per_dot = 25.4 / dpi
     found = candidates(mm_per_dot, mm_per_px)
-    assert len({c.name for c in found}) == len(found)
-    assert [c.name for c in found if c.is_paper] == ["algorithm1 d 0.075 r 0.6"]
-    for c in found:
-        recipe = c.recipe(3)
-        if not c.is_paper:
+    assert name_of(found[PAPER]) == PAPER
+    for name, recipe in found.items():
+        if name != PAPER:
             assert recipe.patch_mm is not None
             assert (
                 MIN_DOTS * mm_per_dot <= recipe.patch_mm * (1 + 1e-9) <= 1.01 * MAX_PX * mm_per_px
@@ -80,30 +83,24 @@ def test_the_usual_bench_has_some_tens_of_candidates() -> None:
     assert 30 <= len(candidates(25.4 / 1200, 0.0378)) <= 60
 
 
-def test_a_bench_is_plain_data_and_back() -> None:
-    bench = bench_of("virtual", {"mm_per_px": 0.03})
-    assert PatternImager.from_dict(asdict(bench)) == bench
-
-
 def test_the_view_is_the_sensors_whatever_the_scale() -> None:
     for mm_per_px in (0.0378, 0.02, 0.061):
-        bench = bench_of("virtual", {"mm_per_px": mm_per_px})
-        view, part = bench.view(), bench.view(100_000)
-        assert view.width_px * mm_per_px == pytest.approx(30.16, abs=2 * mm_per_px)
-        assert part.width_px * part.height_px <= 100_000
-        assert view.width_px % 2 == view.height_px % 2 == part.width_px % 2 == 0
-        assert bench.design().optics.mm_per_px == mm_per_px
+        _, sensor = bench_of("virtual", {"mm_per_px": mm_per_px})
+        part, whole = view_of(sensor), sensor.optics
+        assert whole.mm_per_px == part.mm_per_px == mm_per_px
+        assert whole.view_mm[0] == pytest.approx(30.16, abs=2 * mm_per_px)
+        assert part.width_px * part.height_px <= FIELD_PX
+        assert part.width_px % 2 == part.height_px % 2 == whole.image_width_px % 2 == 0
 
 
-def test_fewer_candidates_still_hold_the_papers() -> None:
+def test_fewer_candidates_still_hold_the_papers_and_the_recommended() -> None:
     whole = candidates(25.4 / 1200, 0.0378)
-    for scale in (0.02, 0.3, 1.0):
-        size = size_of(scale, len(whole))
-        among = thinned(whole, size.candidates, ())
-        assert len(among) == size.candidates
-        assert any(c.is_paper for c in among)
-        assert {c.family for c in among} == {c.family for c in whole}
-        assert size.held_out >= 2
+    kept = (PAPER, name_of(load_recipe(RECOMMENDED)))
+    for count in (10, 20, len(whole)):
+        among = thinned(whole, count, kept)
+        assert len(among) == count
+        assert set(kept) <= set(among)
+        assert {one.law for one in among.values()} == {one.law for one in whole.values()}
 
 
 def test_a_shorter_drag_keeps_the_step_between_frames() -> None:

@@ -1,4 +1,4 @@
-"""The patterns that are compared: families of a law over sizes that can be printed and seen.
+"""The patterns that are compared: a law each over sizes that can be printed and seen.
 
 All in colour. A printer makes grey of one ink, which the model of three does not hold, and the
 tracker takes the colours that it does not follow as its second witness.
@@ -7,10 +7,9 @@ tracker takes the colours that it does not follow as its second witness.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
-from ...patterns.recipe import PatternRecipe
+from ...patterns.recipe import DEFAULT_SEED, PatternRecipe
 from ...protocols.plan import Protocol
 
 SIZES_MM = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6)
@@ -24,98 +23,50 @@ SCALES = ((1, 2), (1, 2, 4), (1, 2, 4, 8))
 MAX_OCTAVE_MM, MAX_RANDOM_MM = 0.2, 0.3
 """The one's coarse blocks give what larger patches would; of the other, larger ones are worse:
 where neighbours happen to be alike, there is nothing to follow."""
-PAPER = {"law": "algorithm1", "patch_mm": 0.075, "r": 0.6}
+PAPER = "algorithm1 d 0.075 r 0.6"
 """The paper's choice; it is always among the candidates."""
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A pattern but for its seed. family: what it shares its law with, for leaving one out."""
-
-    name: str
-    family: str
-    keys: tuple[tuple[str, Any], ...]
-
-    def recipe(self, seed: int) -> PatternRecipe:
-        """It, drawn with a seed; no marker dots."""
-        return PatternRecipe(seed=seed, **dict(self.keys))
-
-    def plain(self, seed: int) -> dict[str, Any]:
-        """Its recipe as plain data."""
-        return self.recipe(seed).model_dump(mode="json", exclude_none=True)
-
-    @property
-    def is_paper(self) -> bool:
-        """Whether it is the paper's choice."""
-        return dict(self.keys) == PAPER
+def name_of(recipe: PatternRecipe) -> str:
+    """Law and sizes of a pattern."""
+    if recipe.scales_mm:
+        return f"{recipe.law} {'/'.join(f'{scale:g}' for scale in recipe.scales_mm)}"
+    r = "" if recipe.r is None else f" r {recipe.r:g}"
+    return f"{recipe.law} d {recipe.patch_mm:g}{r}"
 
 
-def candidates(mm_per_dot: float, mm_per_px: float) -> list[Candidate]:
-    """All of them that a printer of that pitch can print and a camera of that scale can see."""
+def candidates(mm_per_dot: float, mm_per_px: float) -> dict[str, PatternRecipe]:
+    """All of them, by name, that a printer of that pitch can print and a camera can see."""
     least_mm = max(MIN_DOTS * mm_per_dot * (1 - 1e-9), MIN_PX * mm_per_px / (1 + 1e-9))
-    return [
-        candidate
-        for candidate in _all()
-        if least_mm <= dict(candidate.keys)["patch_mm"] <= MAX_PX * mm_per_px or candidate.is_paper
-    ]
+    return {
+        name: recipe
+        for recipe in _all()
+        if least_mm <= (recipe.patch_mm or 0.0) <= MAX_PX * mm_per_px or name_of(recipe) == PAPER
+        for name in (name_of(recipe),)
+    }
 
 
-def _all() -> Iterator[Candidate]:
+def _all() -> Iterator[PatternRecipe]:
     for d in SIZES_MM:
+        own: dict[str, Any] = {"seed": DEFAULT_SEED, "patch_mm": d}
         for r in R:
-            yield _made(f"algorithm1 d {d:g} r {r:g}", "Algorithm 1",
-                        law="algorithm1", patch_mm=d, r=r)  # fmt: skip
+            yield PatternRecipe(law="algorithm1", r=r, **own)
         for law in ("iid", "binary") if d <= MAX_RANDOM_MM else ():
-            yield _made(f"{law} d {d:g}", law, law=law, patch_mm=d)
+            yield PatternRecipe(law=law, **own)
         for blocks in SCALES if d <= MAX_OCTAVE_MM else ():
             scales = tuple(round(d * side, 9) for side in blocks)
-            words = "/".join(f"{scale:g}" for scale in scales)
-            yield _made(f"octave {words}", "octave", law="octave", patch_mm=d, scales_mm=scales)
-
-
-def _made(name: str, family: str, **keys: Any) -> Candidate:
-    return Candidate(name, family, tuple(keys.items()))
-
-
-MIN_CANDIDATES = 8
-
-
-@dataclass(frozen=True)
-class Size:
-    """candidates: how many; seeds, held_out: of the search and of what confirms it.
-
-    finalists: patterns that are confirmed. drag: share of the protocol's shear.
-    """
-
-    candidates: int
-    seeds: int
-    held_out: int
-    finalists: int
-    drag: float
-
-
-def size_of(scale: float, whole: int) -> Size:
-    """At scale 1: all candidates with 2 seeds; 4 finalists with 5 held-out seeds."""
-    return Size(
-        candidates=min(whole, max(MIN_CANDIDATES, round(scale * whole))),
-        seeds=max(1, round(2 * scale)),
-        held_out=max(2, round(5 * scale)),
-        finalists=max(2, round(4 * scale)),
-        drag=scale,
-    )
+            yield PatternRecipe(law="octave", scales_mm=scales, **own)
 
 
 def thinned(
-    among: list[Candidate], count: int, kept: tuple[dict[str, object], ...]
-) -> list[Candidate]:
-    """This many of them, evenly over families; the paper's and those in kept are among them."""
-    must = [i for i, c in enumerate(among) if dict(c.keys) in (PAPER, *kept)]
-    by_family = sorted(range(len(among)), key=lambda i: among[i].family)
-    free = [i for i in by_family if i not in must]
-    wanted = max(0, count - len(must))
+    among: dict[str, PatternRecipe], count: int, kept: tuple[str, ...]
+) -> dict[str, PatternRecipe]:
+    """This many of them, evenly over laws; those in kept are among them."""
+    free = sorted((name for name in among if name not in kept), key=lambda name: among[name].law)
+    wanted = max(0, count - sum(name in among for name in kept))
     step = len(free) / wanted if wanted else 1.0
     some = {free[int(k * step)] for k in range(wanted)}
-    return [c for i, c in enumerate(among) if i in some or i in must]
+    return {name: recipe for name, recipe in among.items() if name in some or name in kept}
 
 
 def shortened(protocol: Protocol, share: float) -> Protocol:

@@ -6,31 +6,29 @@ and serves every pattern.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ...aliases import Field, Float, Image
-from ...analysis.tracking_error.tally import MOVING_MM, Mean
+from ...analysis.tracking_error.dots import Marks
+from ...analysis.tracking_error.follow import Follower, TrackingPlan
+from ...analysis.tracking_error.truth import TrueFrame, seen_by
+from ...catalog import validate
 from ...errors import SensorError
-from ...imaging import ImageSensor, Printer
-from ...measure.flow import FlowObservation, named_tracker
-from ...optics import Pinhole, SurfaceLattice, axes_mm
-from ...patterns.raster import albedo
-from ...patterns.recipe import PatternRecipe
-from ...virtual.picture import MARGIN_PX, FrameRenderer, Geometry, Texture
-from .imager import PatternImager
+from ...experiment.session import pattern_of
+from ...optics import Pinhole, SeenFace, SurfaceLattice, axes_mm
+from ...patterns.recipe import recipe_from
+from ...rig.config import VirtualConfig
+from ...shapes import SensorDimensions
+from ...virtual.drawing import noise_of, printed
+from ...virtual.picture import MARGIN_PX, Geometry
 
-BEYOND_MM = 1.0
-"""Printed around what moves into the view: spread and misplaced ink come from there too."""
 LATTICE_MM = 0.3
-
 DRAG_MM = 2.4
 """The largest motion of the drag, STEP_MM a frame: 12 frames, which many steps divide."""
 STEP_MM = 0.2
@@ -41,82 +39,53 @@ indenter that is dragged: where it comes back, a pattern that repeats itself is 
 With a width of 3 mm that never happens, and the order of patterns is not that on the gel."""
 WAVES = ((1.5, 0.015), (2.5, 0.03), (4.0, 0.06))
 """Wavelength and amplitude (mm) of smooth waves on top: a slope of .06 to .09 each."""
+FIELD_PX = 200_000
+"""Pixels of the middle of the view, which is what is drawn."""
+SHOWN_MM = 3.0
+"""Side of the square of the resting face that a picture shows."""
+TRACKER = "fused"
+MAX_LOSS = 2.0
+"""Times the error of short steps: beyond it a step counts as not bridged."""
 
 
-class FaceSampling(NamedTuple):
-    """What pixels see of the face (h + 2, w + 2, 2), and where rest pixels go (h, w, 2), px."""
+class DragFrame(NamedTuple):
+    """What pixels see of the face (h + 2, w + 2, 2), px, and what is true of them."""
 
     at_px: Float
-    truth_px: Float
+    truth: TrueFrame
 
 
-@dataclass(frozen=True)
-class CameraView:
-    """A camera and its sensor; it keeps what was solved for a motion, for any print."""
-
-    camera: Pinhole
-    sensor: ImageSensor
-
-    def printed(self, recipe: PatternRecipe, printer: Printer, rng: np.random.Generator) -> Texture:
-        """The part of the print that can come into view."""
-        reach_mm = DRAG_MM + BEYOND_MM
-        height, width = (
-            round((side_px * self.camera.mm_per_px + 2 * reach_mm) / printer.mm_per_dot)
-            for side_px in (self.camera.height_px, self.camera.width_px)
-        )
-        colours = albedo(recipe, printer.mm_per_dot, (height, width))
-        return Texture(printer.print_(colours, rng), printer.mm_per_dot)
-
-    def picture(self, texture: Texture) -> FrameRenderer:
-        """What draws a print."""
-        return FrameRenderer(geometry(self), texture, self.sensor)
+def view_of(sensor: SensorDimensions) -> Pinhole:
+    """The middle of the sensor's view, with at most FIELD_PX pixels, even ones for the mosaic."""
+    whole = Pinhole.of(sensor)
+    part = min(1.0, (FIELD_PX / (whole.width_px * whole.height_px)) ** 0.5)
+    width_px, height_px = (2 * int(part * n / 2) for n in (whole.width_px, whole.height_px))
+    return replace(whole, width_px=width_px, height_px=height_px)
 
 
-def lattice(camera: Pinhole) -> SurfaceLattice:
-    """Nodes over the view and its margin."""
-    x_mm, y_mm = axes_mm(camera, MARGIN_PX + 1)
+@lru_cache(maxsize=2)
+def geometry(view: Pinhole) -> tuple[Geometry, SurfaceLattice]:
+    """What draws displacements on a lattice over the view and its margin."""
+    x_mm, y_mm = axes_mm(view, MARGIN_PX + 1)
     nx, ny = (int(np.ceil((a[-1] - a[0]) / LATTICE_MM)) + 1 for a in (x_mm, y_mm))
-    return SurfaceLattice(float(x_mm[0]), float(y_mm[0]), LATTICE_MM, nx, ny)
+    lattice = SurfaceLattice(float(x_mm[0]), float(y_mm[0]), LATTICE_MM, nx, ny)
+    return Geometry(view, lattice), lattice
 
 
 @lru_cache(maxsize=2)
-def geometry(view: CameraView) -> Geometry:
-    """Of displacements on the lattice."""
-    return Geometry(view.camera, lattice(view.camera))
-
-
-def _drawn(view: CameraView, fields_mm: Sequence[Field]) -> list[FaceSampling]:
-    seen = geometry(view)
-    inner = slice(MARGIN_PX, -MARGIN_PX)
-    return [
-        FaceSampling(seen.material_px(u), np.ascontiguousarray(seen.forward_px(u)[inner, inner]))
-        for u in fields_mm
-    ]
-
-
-def _grid(view: CameraView) -> tuple[Field, Field]:
-    return np.meshgrid(*lattice(view.camera).axes_mm())
-
-
-@lru_cache(maxsize=2)
-def at_rest(view: CameraView) -> FaceSampling:
-    """No motion."""
-    x, _ = _grid(view)
-    return _drawn(view, [np.zeros((*x.shape, 3))])[0]
-
-
-@lru_cache(maxsize=2)
-def dragged(view: CameraView, seed: int) -> list[FaceSampling]:
-    """Frames of a press that is dragged and goes back, with waves on the skin.
-
-    In steps of STEP_MM; the first half and one more, OUTWARD, lead to the largest motion.
-    """
-    rng = np.random.default_rng([seed, 22])
-    x, y = _grid(view)
-    whole = drag_mm(x, y, rng)
+def dragged(view: Pinhole, seed: int) -> list[DragFrame]:
+    """Frames of a press that is dragged away, with waves on the skin, in steps of STEP_MM."""
+    drawing, lattice = geometry(view)
+    seen, in_view = SeenFace(view, lattice), seen_by(view)
+    whole = drag_mm(*np.meshgrid(*lattice.axes_mm()), np.random.default_rng([seed, 22]))
     whole *= DRAG_MM / np.hypot(whole[..., 0], whole[..., 1]).max()
-    shares = [k / OUTWARD for k in (*range(1, OUTWARD + 1), *range(OUTWARD - 1, 0, -1))]
-    return _drawn(view, [whole * share for share in shares])
+    return [
+        DragFrame(
+            drawing.material_px(u_mm),
+            TrueFrame.of(*seen.both(u_mm), np.ones_like(in_view), in_view, view.mm_per_px),
+        )
+        for u_mm in (whole * (k / OUTWARD) for k in range(1, OUTWARD + 1))
+    ]
 
 
 def drag_mm(x: Field, y: Field, rng: np.random.Generator) -> Field:
@@ -134,74 +103,55 @@ def drag_mm(x: Field, y: Field, rng: np.random.Generator) -> Field:
     return np.asarray(u)
 
 
-def view_of(bench: PatternImager, field_px: int) -> CameraView:
-    """The middle of the bench's view, with at most this many pixels."""
-    return CameraView(bench.view(field_px), bench.sensor)
-
-
-FIELD_PX = 200_000
-TRACKER = "fused"
-MAX_LOSS = 2.0
-"""Times the error of short steps: beyond it a step counts as not bridged."""
-
-Vectors = NDArray[Any]
-
-
 def probe(given: dict[str, Any]) -> dict[str, Any]:
-    """given: bench, recipe (plain data), seed (of print, noise and drag), field_px.
+    """given: rig, sensor, recipe (plain data), seed (of print, noise and drag).
 
-    Returns plain data: `error_mm` and `coverage` of the drag there and back, and `bridged_mm`, the
-    longest step in which it is followed as well as in short ones. A pattern in which nothing can be
-    tracked has `refused`, saying why.
+    Returns `error_mm` and `coverage` of the drag there and back, and `bridged_mm`, the longest step
+    in which it is followed as well as in short ones; `seen` (side, side, 3), RGB of the resting
+    face. A pattern in which nothing can be tracked has `refused`, saying why.
     """
     cv2.setNumThreads(1)  # DIS splits the image by thread
-    bench = PatternImager.from_dict(given["bench"])
-    recipe = PatternRecipe.model_validate_json(json.dumps(given["recipe"]))
-    view = view_of(bench, given["field_px"])
-    rng = np.random.default_rng([given["seed"], 5])
-    picture = view.picture(view.printed(recipe, bench.printer, rng))
-    rest = picture.expose(at_rest(view).at_px, rng)
+    config = validate(VirtualConfig, given["rig"], "rig")
+    recipe, seed = recipe_from(given["recipe"], "recipe"), given["seed"]
+    view = view_of(validate(SensorDimensions, given["sensor"], "sensor"))
+    marks, drawing = Marks.of(view, pattern_of(recipe)), geometry(view)[0]
+    picture, noise = printed(config.virtual, recipe, drawing, seed), noise_of(seed, 0)
+    there = dragged(view, seed)
+    rest = picture.expose(drawing.material_px(None), noise)
+    truths = [frame.truth for frame in (*there, *there[-2::-1])]
+    images = [picture.expose(frame.at_px, noise) for frame in (*there, *there[-2::-1])]
     try:
-        return _of_drag(picture, view, rest, given["seed"], rng)
+        whole = _followed(marks, rest, images, truths)[0]
+        last_mm = {
+            stride: _followed(marks, rest, images[stride - 1 : OUTWARD : stride],
+                              truths[stride - 1 : OUTWARD : stride])[1]
+            for stride in strides(OUTWARD)
+        }  # fmt: skip
     except SensorError as why:  # no texture anywhere
         return {"refused": str(why)}
-
-
-def _of_drag(
-    picture: FrameRenderer, view: CameraView, rest: Image, seed: int, rng: np.random.Generator
-) -> dict[str, Any]:
-    """The drag there and back, and the way there in ever fewer frames."""
-    frames = dragged(view, seed)
-    images = [picture.expose(drawn.at_px, rng) for drawn in frames]
-    scale = view.camera.mm_per_px
-    tracker = named_tracker(TRACKER)
-    tracker.update(rest)
-    off, sure = Mean(), Mean()
-    for image, drawn in zip(images, frames, strict=True):
-        moving, off_mm, confident = _judged(tracker.update(image), drawn, scale)
-        off.take(off_mm[moving])
-        sure.take(off_mm[moving & confident])
-    leaps = {}
-    for stride in strides(OUTWARD):
-        tracker = named_tracker(TRACKER)
-        tracker.update(rest)
-        for image in images[stride - 1 : OUTWARD : stride]:
-            seen = tracker.update(image)
-        moving, off_mm, _ = _judged(seen, frames[OUTWARD - 1], scale)
-        leaps[stride] = float(off_mm[moving].mean())
     return {
-        "error_mm": off.value,
-        "coverage": sure.n / off.n,
-        "bridged_mm": STEP_MM * bridged(leaps),
+        "error_mm": whole["mean_off_dots_mm"],
+        "coverage": whole["coverage"],
+        "bridged_mm": STEP_MM * bridged(last_mm),
+        "seen": _middle(rest, view.mm_per_px),
     }
 
 
-def _judged(
-    seen: FlowObservation, drawn: FaceSampling, mm_per_px: float
-) -> tuple[NDArray[np.bool_], Vectors, NDArray[np.bool_]]:
-    """Which pixels (h, w) move, the error (h, w) mm, and where the tracker is confident."""
-    off_mm = np.hypot(*np.moveaxis(seen.flow_px - drawn.truth_px, -1, 0)) * mm_per_px
-    return moving_px(drawn.truth_px, mm_per_px), off_mm, seen.confident
+def _followed(
+    marks: Marks, rest: Image, images: Sequence[Image], truths: Sequence[TrueFrame]
+) -> tuple[dict[str, Any], float]:
+    """Figures of all frames, and the mean error of the last one, mm."""
+    follower = Follower(TrackingPlan((TRACKER,), False, ()), marks)
+    follower.take(rest, None)
+    said = [follower.take(*frame) for frame in zip(images, truths, strict=True)]
+    return follower.tallies[TRACKER].figures(), said[-1][TRACKER]["mean_off_dots_mm"]
+
+
+def _middle(image: Image, mm_per_px: float) -> Image:
+    """The middle of an image (h, w, 3) BGR, SHOWN_MM a side, as RGB."""
+    half, (row, column) = round(SHOWN_MM / mm_per_px / 2), np.array(image.shape[:2]) // 2
+    part = image[row - half : row + half, column - half : column + half, ::-1]
+    return np.ascontiguousarray(part)
 
 
 def strides(n: int) -> list[int]:
@@ -217,13 +167,3 @@ def bridged(errors: dict[int, float]) -> int:
             break
         longest = stride
     return longest
-
-
-def moving_px(truth_px: Vectors, mm_per_px: float) -> NDArray[np.bool_]:
-    """Pixels (h, w) that move by MOVING_MM or more and stay in view."""
-    h, w = truth_px.shape[:2]
-    x, y = np.arange(w) + truth_px[..., 0], np.arange(h)[:, None] + truth_px[..., 1]
-    seen = (x >= 0) & (x <= w - 1) & (y >= 0) & (y <= h - 1)
-    return np.asarray(
-        seen & (np.hypot(truth_px[..., 0], truth_px[..., 1]) * mm_per_px >= MOVING_MM)
-    )
