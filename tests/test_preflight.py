@@ -101,7 +101,7 @@ def test_a_real_rig_refuses_each_limit_in_one_line(
     assert len(rows) == 1
     with pytest.raises(InputError) as caught:
         require(rows, limits.source)
-    for word in ["4dots at (0, 0) mm, 1.2 mm deep", "my-bench.toml: ", "twice", *words]:
+    for word in ["4dots at (0, 0) mm, 1 mm deep", "my-bench.toml: ", "twice", *words]:
         assert word in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -142,7 +142,7 @@ def test_checks_have_a_row_a_limit_and_fail_on_a_real_rig_only(
     assert over.figure == pytest.approx(2 * max(p.normal_n for p in peaks), abs=0.05)
     assert (over.ok, over.warns) == (simulated, simulated)
     assert "[stage] max_force_n" in over.line()
-    assert over.where == "4dots at (0, 0) mm, 1.2 mm deep"
+    assert over.where == "4dots at (0, 0) mm, 1 mm deep"
     assert over.line().startswith("WARN" if simulated else "FAIL")
     missing = preflight.checks(peaks, replace(weak, stage_n=None))[0]
     assert (missing.ok, missing.warns) == (simulated, simulated)
