@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 78807,
-    ("deltact_fab", "files"): 594,
-    ("tests", "lines"): 46844,
+    ("deltact_fab", "lines"): 80620,
+    ("deltact_fab", "files"): 610,
+    ("tests", "lines"): 47910,
 }
 
 

@@ -208,7 +208,7 @@ def test_what_is_kept_of_it_has_one_order_in_every_process() -> None:
 def test_smoke_is_what_the_issue_asks_for() -> None:
     protocol, _ = plan.load("smoke")
     assert protocol.indenters == ("sphere:10", "4dots")
-    assert protocol.depths_mm == (1.2,)
+    assert protocol.depths_mm == (1.0,)
     assert protocol.specimen.friction == 0.5
     assert protocol.shear is not None
     assert protocol.shear.amplitude_mm == 3.0
