@@ -9,10 +9,10 @@ from pathlib import Path
 import cv2
 
 from ..aliases import Array
-from ..errors import InputError
 from ..measure.pipeline import Pipeline
+from .begin import open_session
 from .open import known_of, measurement_of, open_source
-from .session import MeasuredImage, Session
+from .session import MeasuredImage
 
 
 def measure_source(
@@ -24,6 +24,7 @@ def measure_source(
     design: str | None = None,
     serial: str | None = None,
     seed: int = 0,
+    mm_per_px: float | None = None,
     most_hz: float | None = None,
 ) -> Iterator[MeasuredImage]:
     """Measure the images of a source as they come; the first must show the face at rest.
@@ -32,20 +33,18 @@ def measure_source(
     run, or a rig, as `deltact-fab measure` takes it. From a camera the newest image is measured;
     of anything else every one. calibrations: files of depth and force. show: the outputs, None: all
     that the calibrations allow. camera: its file; design, serial: of the sensor, where the source
-    does not say. seed: of a virtual rig. most_hz: images a second, of what is no camera.
+    does not say. seed: of a virtual rig. mm_per_px: of the resting face, where no camera is known;
+    with neither, lengths are in pixels. most_hz: images a second, of what is no camera.
 
     Raises InputError at once for what cannot be opened or is another sensor's; while it goes on, as
     the source and the measurement do.
     """
     cv2.setNumThreads(1)  # the flow depends on their number
-    file = None if camera is None else Path(camera)
-    opened = open_source(str(source), file, design, serial, seed)
-    try:
-        measurement = measurement_of(opened.known, [Path(file) for file in calibrations], show)
-    except InputError:
-        opened.close()
-        raise
-    return Session(opened, measurement, most_hz=most_hz).results()
+    return open_session(
+        str(source), None if camera is None else Path(camera),
+        [Path(file) for file in calibrations], show,
+        design=design, serial=serial, seed=seed, mm_per_px=mm_per_px, most_hz=most_hz,
+    ).results()  # fmt: skip
 
 
 def track(
