@@ -85,7 +85,7 @@ def told_once(session: Session) -> list[str]:
     if session.source.known.in_px:
         lines.append(
             "in pixels, as no camera is known: --mm-per-px gives lengths on the face in mm; a "
-            "camera file (`deltact-fab calibrate`, --camera) takes the lens out, and with it "
+            "camera file (`deltact-fab calibrate lens`, --camera) takes the lens out, and with it "
             "calibrations give depth, contacts and force"
         )
     return lines

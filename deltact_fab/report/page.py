@@ -94,7 +94,7 @@ def write(
 def write_imported(run: record.Run, out: Path) -> Path:
     """Write the page of an imported run: what is known of it, what is not, its force and motion.
 
-    With the verdict of `analyze force`, where that was asked. Raises as `write` does.
+    With the verdict of `calibrate force`, where that was asked. Raises as `write` does.
     """
     frames, summary = run.frames(), run.summary()
     if not summary or frames.empty:

@@ -15,7 +15,7 @@ from ..options import JSON, PATH, out_folder
               help="Calibration made by `calibrate depth`; without it depth is relative."
               )  # fmt: skip
 @click.option("--force", type=PATH, metavar="FILE",
-              help="Calibration made by `analyze force`; with it force and pressure are drawn."
+              help="Calibration made by `calibrate force`; with it force and pressure are drawn."
               )  # fmt: skip
 @out_folder("Folder for the results.", show_default="RUN/analysis")
 @JSON
