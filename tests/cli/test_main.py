@@ -172,7 +172,7 @@ def test_an_unknown_key_names_file_key_and_the_right_one(tmp_path: Path) -> None
 def test_a_local_file_shadows_the_shipped_one(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
     (tmp_path / "protocols").mkdir()
-    (tmp_path / "protocols" / "smoke.toml").write_text(text.replace("[1.2]", "[0.7]"))
+    (tmp_path / "protocols" / "smoke.toml").write_text(text.replace("[1.0]", "[0.7]"))
     done = called("protocol", "show", "smoke", "--json", cwd=tmp_path)
     steps = json.loads(done.stdout)["steps"]
     assert min(s["target_mm"][2] for s in steps) == -0.7
@@ -181,7 +181,7 @@ def test_a_local_file_shadows_the_shipped_one(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_check_that_fails_is_exit_1(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
-    (tmp_path / "p.toml").write_text(text.replace("[1.2]", "[11.5]"))
+    (tmp_path / "p.toml").write_text(text.replace("[1.0]", "[11.5]"))
     done = called("protocol", "check", "p.toml", cwd=tmp_path)
     assert done.returncode == 1
     assert "FAIL  depth against the gel: depth (mm) 11.5 (limit 11)" in done.stdout
@@ -190,7 +190,7 @@ def test_a_check_that_fails_is_exit_1(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_linear_level_refuses_a_depth_and_names_the_level_that_would_do(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
-    text = text.replace("[1.2]", "[3.5]").replace('"sphere:10", "4dots"', '"sphere:10"')
+    text = text.replace("[1.0]", "[3.5]").replace('"sphere:10", "4dots"', '"sphere:10"')
     (tmp_path / "p.toml").write_text(text)
     done = called("run", "p.toml", "--out", "r", cwd=tmp_path)
     assert done.returncode == 2

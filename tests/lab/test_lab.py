@@ -59,7 +59,7 @@ def test_the_folder_holds_the_shipped_files_as_they_are(mine: Path) -> None:
 
 def test_inside_it_its_files_come_first(mine: Path) -> None:
     file = mine / "protocols" / "smoke.toml"
-    file.write_text(file.read_text().replace("depths_mm = [1.2]", "depths_mm = [1.1]"))
+    file.write_text(file.read_text().replace("depths_mm = [1.0]", "depths_mm = [1.1]"))
     shown = json.loads(run("protocol", "show", "smoke", "--json").stdout)
     assert any(step["id"].endswith("d1.10/press") for step in shown["steps"])
     rig = mine / "protocols" / "rigs" / "virtual.toml"
