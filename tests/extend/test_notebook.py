@@ -71,7 +71,7 @@ def test_a_run_shows_its_peak_and_its_deepest_image(mini_run: Path) -> None:
     shown = run._repr_html_()
     told = rows(shown)
     assert told["rig"] == "virtual, simulated"
-    assert told["presses"] == "2, to 1.00 mm"
+    assert (told["presses"], told["deepest"]) == ("2", "1.00 mm")
     assert told["peak force"] == f"{-run.frames()['fz_n'].min():.2f} N"
     assert "data:image/png" in shown
 

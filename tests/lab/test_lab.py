@@ -129,7 +129,7 @@ def test_a_new_protocol_is_the_one_it_began_as(here: Path, source: str) -> None:
 def test_what_stands_in_comments_is_what_holds_without_it(here: Path) -> None:
     """All defaults uncommented make the same protocol, pattern and design."""
     protocol = lab.protocol("own", "force-calibration").read_text()
-    examples = r"(?m)^#(amplitude_mm|amplitude_of_depth|rate_hz|settle_s|serial) = .*\n"
+    examples = r"(?m)^#(amplitude_mm|amplitude_of_depth|rate_hz|s|settle_s|serial) = .*\n"
     full = uncommented(re.sub(examples, "", protocol))
     assert catalog.validate(plan.Protocol, tomllib.loads(full), "f") == plan.load("own")[0]
     assert full.count(" = ") > 20

@@ -65,7 +65,7 @@ def test_travel_in_the_machine_frame() -> None:
     high = dataclasses.replace(BOX, frame=StageFrame((-60.0, -60.0, -19.0)))
     found = row(limits.check(protocol(), SENSOR, high), "machine z")
     assert not found.ok  # parked 20 mm above a face that is 19 mm below the top
-    low = dataclasses.replace(BOX, frame=StageFrame((-60.0, -60.0, -59.0)))
+    low = dataclasses.replace(BOX, frame=StageFrame((-60.0, -60.0, -59.1)))
     assert not row(limits.check(protocol(), SENSOR, low), "machine -z").ok
 
 

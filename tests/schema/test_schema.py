@@ -263,7 +263,7 @@ def test_a_slip_of_the_pen_is_told() -> None:
 def test_the_command_prints_for_people_and_for_editors() -> None:
     run = CliRunner().invoke
     assert (
-        "capture.settle_s  (number; s; 0 to 600; not set)"
+        "capture.settle_s  (number or table of number by name; s; 0 to 600; not set)"
         in run(main, ["schema", "protocol", "settle_s"]).output
     )
     assert json.loads(run(main, ["schema", "design", "--json"]).output) == document(KINDS["design"])
