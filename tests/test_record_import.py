@@ -10,6 +10,7 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -298,3 +299,19 @@ def test_a_stack_and_a_rate_are_enough(tmp_path: Path) -> None:
     assert np.allclose(frames["t_s"], [0, 0.05, 0.1])
     assert np.array_equal(run.raw(frames["file"][1])[..., ::-1], images[1])
     assert "no force was recorded" in refusal("analyze", "force", tmp_path / "out")
+
+
+def test_force_is_not_calibrated_on_what_a_tracker_fills_in_between_markers(tmp_path: Path) -> None:
+    face = np.full((240, 320, 3), 150, np.uint8)
+    for x in range(25, 320, 30):
+        for y in range(24, 240, 32):
+            cv2.circle(face, (x, y), 5, (40, 40, 40), -1, cv2.LINE_AA)
+    np.save(tmp_path / "rgb.npy", np.stack([np.roll(face, k, 1) for k in range(12)]))
+    stamps = pd.DataFrame({"t": np.arange(-1, 3, 0.01)})
+    stamps.assign(f=np.maximum(stamps["t"], 0)).to_csv(tmp_path / "f.csv", index=False)
+    force = '[force]\nfile = "f.csv"\ntime = "t"\ncolumns = {fz = "f"}\nforce_unit = "N"\n'
+    about = f'images = "rgb.npy"\nrate_hz = 20\n{force}acts_on = "indenter"\n'
+    (tmp_path / TOML).write_text(about)
+    done = command("record", "import", tmp_path / TOML, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert "no dense pattern: 70 markers" in refusal("calibrate", "force", tmp_path / "out")

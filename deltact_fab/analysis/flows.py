@@ -10,8 +10,10 @@ import numpy as np
 
 from .. import cache, digest
 from ..aliases import Array
+from ..errors import InputError
 from ..measure.face import FaceFlow
 from ..measure.flow import FlowTracker
+from ..measure.recognised import recognise
 from ..record import Run
 from .frames import settled
 from .view import camera_of
@@ -49,7 +51,8 @@ def flows_of(run: Run, press: str, every: int) -> PressFlows:
     """The face's flow at each settled frame of a press, from its first frame on.
 
     every: pixels between points. Frames on the way are followed and not kept. Raises RunFailed for
-    an image that cannot be read, SensorError for a first one without a pattern.
+    an image that cannot be read, SensorError for a first one without a pattern, InputError for an
+    imported run that shows none, or markers.
     """
     of = key_of(run, press)
     key = {"of": of, "every_px": every}
@@ -84,6 +87,9 @@ def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
     frames, camera = run.frames(press), camera_of(run)
     wanted = set(settled(frames)["seq"])
     tracker = FlowTracker(full=False)
+    if run.imported and (lacks := recognise(run.image(str(frames["file"].iloc[0]))).lacks):
+        # The tracker would fill in what lies between markers, and call it trusted.
+        raise InputError(f"{run.folder}: {lacks}; force and shape follow a dense one")
     flows = []
     for row in frames.itertuples():
         if row.seq > max(wanted):

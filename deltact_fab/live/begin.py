@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..measure.flow.confidence import TEXTURED_SHARE
 from ..measure.pipeline import MarkerMeasurement
+from ..measure.recognised import recognise
 from ..optics import Pinhole
 from .open import images, measurement_of, open_source
-from .recognised import recognise
 from .session import Session
 
 if TYPE_CHECKING:
@@ -76,12 +75,8 @@ def open_session(
 
 def told_once(session: Session) -> list[str]:
     """What a reader must know of a session's results, a line each."""
-    pattern, lines = session.pattern, []
-    if pattern is not None and pattern.kind == "markers":
-        lines = [f"no dense pattern: {pattern.markers} markers"]
-    elif pattern is not None and pattern.kind == "nothing":
-        lines = [f"no pattern: {pattern.detail_share:.0%} of the first image has detail to follow, "
-                 f"{TEXTURED_SHARE:.0%} are needed: nothing is trusted"]  # fmt: skip
+    pattern = session.pattern
+    lines = [pattern.lacks] if pattern is not None and pattern.lacks else []
     if session.source.known.in_px:
         lines.append(
             "in pixels, as no camera is known: --mm-per-px gives lengths on the face in mm; a "

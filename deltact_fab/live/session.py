@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..measure.pipeline import Measurement, Pipeline, Result
+from ..measure.recognised import SeenPattern
 from ..rig.interface import CameraFrame
 from .motion import Motion
 from .open import images
-from .recognised import SeenPattern
 from .source import Source
 
 RATE_S = 2.0

@@ -13,10 +13,10 @@ import numpy as np
 
 from ..aliases import Array
 from ..errors import SensorError
-from ..measure.dots import FoundDots, find_dots
-from ..measure.flow import to_gray
-from ..measure.flow.confidence import FINE_PX, TEXTURED_SHARE, ConfidenceEstimator
-from ..measure.flow.fused import Plane
+from .dots import FoundDots, find_dots
+from .flow import to_gray
+from .flow.confidence import FINE_PX, TEXTURED_SHARE, ConfidenceEstimator
+from .flow.fused import Plane
 
 PLAIN = 0.1
 """Detail between dots, over their contrast, up to which they are markers. Images of three real
@@ -33,6 +33,18 @@ class SeenPattern:
     detail_share: float
     markers: int = 0
     between: float = np.inf
+
+    @property
+    def lacks(self) -> str:
+        """What a reader who expects a dense pattern must know; empty where there is one."""
+        if self.kind == "markers":
+            return f"no dense pattern: {self.markers} markers"
+        if self.kind == "nothing":
+            return (
+                f"no pattern: {self.detail_share:.0%} of the first image has detail to follow, "
+                f"{TEXTURED_SHARE:.0%} are needed: nothing is trusted"
+            )
+        return ""
 
 
 def recognise(image: Array) -> SeenPattern:
