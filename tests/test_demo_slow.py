@@ -115,6 +115,8 @@ def rows(run: Path) -> dict[str, list[tuple[Any, ...]]]:
     with sqlite3.connect(f"file:{run / 'journal.sqlite'}?mode=ro", uri=True) as journal:
         tables = journal.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
         for (table,) in tables:
+            if table == "files":  # hashes, that of the summary among them, which has wall times
+                continue
             names = [column[1] for column in journal.execute(f"PRAGMA table_info({table})")]
             keep = ", ".join(name for name in names if name not in WALL_COLUMNS)
             found[table] = journal.execute(f"SELECT {keep} FROM {table} ORDER BY seq").fetchall()

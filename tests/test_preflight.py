@@ -218,8 +218,8 @@ def test_shear_and_moments_are_never_less_than_the_linear_drag(smoke: Protocol) 
     for peak in _peaks(smoke):
         face = FreeBlock(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
         contact = LinearContact(face, parse(peak.indenter))
-        *_, pressed = follow(contact, contact.rest(), (0.0, 0.0, 1.2), 0.6)
-        for state in follow(contact, pressed, (3.0, 0.0, 1.2), 0.75):
+        *_, pressed = follow(contact, contact.rest(), (0.0, 0.0, 1.0), 0.5)
+        for state in follow(contact, pressed, (3.0, 0.0, 1.0), 0.75):
             assert abs(state.force_n[0]) <= peak.tangential_n
             assert -state.force_n[2] <= peak.normal_n <= -1.2 * state.force_n[2]
             assert peak.moment_nmm is not None

@@ -59,7 +59,7 @@ def imported(*folders: str) -> dict[str, str]:
         if isinstance(node, ast.ImportFrom) and not node.level and node.module:
             names = [node.module]
         if isinstance(node, ast.Call) and called(node) == "importorskip":
-            names = [ast.literal_eval(node.args[0])]
+            names = [one.value for one in node.args[:1] if isinstance(one, ast.Constant)]
         for top in {name.partition(".")[0] for name in names} - sys.stdlib_module_names - OWN:
             for package in packages.get(top, [top]):
                 found[named(package)] = str(path.relative_to(ROOT))
