@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
     ("deltact_fab", "lines"): 80623,
     ("deltact_fab", "files"): 610,
-    ("tests", "lines"): 47930,
+    ("tests", "lines"): 47932,
 }
 
 
