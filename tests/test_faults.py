@@ -201,12 +201,12 @@ def test_a_disk_without_room_for_the_folder(
     ("limit", "culprit"),
     [
         (20_000, "journal.sqlite"),  # as the folder is made
-        (45_000, ".png"),
+        (45_000, ".png|journal.sqlite"),
         (
             60_000,
             ".npz|journal.sqlite",
         ),  # the truth of a press; on a slow machine the journal's log
-        (90_000, "journal.sqlite"),  # in the middle of the run
+        (90_000, ".npz|journal.sqlite"),  # in the middle of the run
     ],
 )
 def test_a_file_that_may_not_grow(
