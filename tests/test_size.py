@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 80623,
+    ("deltact_fab", "lines"): 80631,
     ("deltact_fab", "files"): 610,
     ("tests", "lines"): 47932,
 }

@@ -114,8 +114,8 @@ def export(
     the measured deformation, and pose, wrench, contact and action as float32. zarr gives the same
     as exact arrays, and all samples of force and pose. All but csv need the extra `export`.
     """
-    from ..analysis.flows import follower
     from ..record import open as open_run
+    from ..record.export import DATASETS
     from ..record.export import export as write
     from .output import echo_result, progress
 
@@ -125,7 +125,12 @@ def export(
         raise click.UsageError(f"--format {form}: {right} says where it goes")
     with progress("export") as bar:
         opened = [open_run(run) for run in runs]
-        rows = write(opened, form, out, bar, follower if deformation else None)
+        if deformation and form in DATASETS:
+            from ..analysis.flows import follower
+
+            rows = write(opened, form, out, bar, follower)
+        else:
+            rows = write(opened, form, out, bar)
     told = f"{out}: " + ", ".join(f"{n} {name}" for name, n in rows.items())
     echo_result({"out": str(out), "format": form, "rows": rows}, [told], as_json)
 

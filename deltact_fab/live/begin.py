@@ -8,8 +8,8 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import InputError
-from ..measure.pipeline import MarkerMeasurement
+from ..errors import InputError, did_you_mean
+from ..measure.pipeline import OUTPUTS, MarkerMeasurement
 from ..measure.recognised import recognise
 from ..optics import Pinhole
 from .open import images, measurement_of, open_source
@@ -60,7 +60,10 @@ def open_session(
             known = source.known = replace(known, camera=camera, in_px=mm_per_px is None)
         if known.in_px:
             if beyond := [one for one in show or () if one not in ("flow", "observation")]:
-                raise InputError(f"--show {beyond[0]}: needs a scale: --mm-per-px or --camera")
+                why = "needs a scale: --mm-per-px or --camera"
+                if beyond[0] not in OUTPUTS:
+                    why = f"unknown; {did_you_mean(beyond[0], OUTPUTS)}"
+                raise InputError(f"--show {beyond[0]}: {why}")
             show = ("observation",)
         measurement = measurement_of(known, (), show)
         pattern = recognise(measurement.rectified(first.image))
