@@ -109,4 +109,5 @@ def test_the_tour_runs_in_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     live = re.findall(r"([\d.]+) N, ([\d.]+) mm, \d+ ms", said)
     normal_n, depth_mm = (max(map(float, column)) for column in zip(*live, strict=True))
     assert normal_n == pytest.approx(measured_n, abs=0.3)
-    assert depth_mm == pytest.approx(0.6, abs=0.25)  # the highest point of all images, sheared too
+    # The highest of all images: .56 mm for the press itself, .79 where the shear goes outwards.
+    assert depth_mm == pytest.approx(0.6, abs=0.25)
