@@ -14,7 +14,7 @@ RUN/summary.json      written last: its presence says that the run is finished
 The folder appears whole, by one rename. Rows are committed in batches, each after its files
 (`pipeline`). A press is complete when its last step is journalled; what else it leaves (images,
 truth) is on the disk before that, and the samples of a step's streams come with its row. See
-docs/decisions/0005-resume.md, 0012-streams.md and 0032-runner.md.
+docs/decisions/0005-resume.md and 0032-runner.md.
 """
 
 from __future__ import annotations

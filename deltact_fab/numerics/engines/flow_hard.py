@@ -26,7 +26,7 @@ SILENT = 0.005  # share of the view that may be confident of an unrelated image
 # Of a frame that is trusted: share of the confident pixels that may be off by more than 1 px.
 WRONG = 0.005
 # The same of a long motion, where the goal is none at all. On the coarse pattern some pixels where
-# the motion squeezes areas to half are off by up to 1.5 px (decision 0016).
+# the motion squeezes areas to half are off by up to 1.5 px (decision 0061).
 FAR_WRONG = {"far": 0.0015, "far, fine": 0.0}
 
 
