@@ -35,7 +35,7 @@ def photographed(true: Fisheye, seed: int, skin: bool, air: int) -> Calibration:
 
 
 SKIN_ALONE_PX = {0.0: 0.1, 3.0: 1.0, 6.0: 2.5}
-"""One image of the face does not tell air gap and law of the lens apart (decision 0062)."""
+"""One image of the face does not tell air gap and law of the lens apart (decision 0019)."""
 
 
 def misses(
