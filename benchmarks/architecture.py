@@ -1,6 +1,6 @@
-"""What docs/architecture.md and docs/decisions/README.md take from the code and from the records.
+"""What docs/architecture.md takes from the code.
 
-python -m benchmarks.reference    writes the diagram, the table of packages and the index.
+python -m benchmarks.reference    writes the diagram and the table of packages.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 DIAGRAM = DOCS / "architecture.svg"
 PAGE = DOCS / "architecture.md"
-RECORDS = DOCS / "decisions"
 PACKAGE = "deltact_fab"
 
 # The lowest package that is about the sensor. Everything may use what stands beside and below it in
@@ -344,26 +343,9 @@ def packages() -> str:
     return "\n".join(lines)
 
 
-def records() -> dict[str, str]:
-    """Title of each decision record, by the name of its file."""
-    return {
-        file.name: file.read_text().partition("\n")[0].removeprefix("# ")
-        for file in sorted(RECORDS.glob("[0-9]*.md"))
-    }
-
-
-def index() -> str:
-    """A line for each decision record."""
-    return "\n".join(f"- [{title}]({name})" for name, title in records().items())
-
-
 def pages() -> dict[Path, str]:
     """The text of each file as it should be."""
-    return {
-        DIAGRAM: diagram(),
-        PAGE: _filled(PAGE, "packages", packages()),
-        RECORDS / "README.md": _filled(RECORDS / "README.md", "index", index()),
-    }
+    return {DIAGRAM: diagram(), PAGE: _filled(PAGE, "packages", packages())}
 
 
 def _filled(file: Path, block: str, text: str) -> str:

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
     ("deltact_fab", "lines"): 80631,
     ("deltact_fab", "files"): 610,
-    ("tests", "lines"): 47932,
+    ("tests", "lines"): 47930,
 }
 
 
