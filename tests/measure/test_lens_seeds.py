@@ -1,4 +1,4 @@
-"""Calibration against the true lens, from rendered images: decision 0019 has the table."""
+"""Calibration against the true lens, from rendered images: docs/evidence/lens.md has the table."""
 
 from __future__ import annotations
 
