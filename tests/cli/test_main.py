@@ -70,22 +70,6 @@ def test_an_old_form_does_what_the_new_one_does_and_says_so(
     assert (left, done.returncode) == (same.stderr, 2)
 
 
-def test_every_part_command_and_pattern_command_stands_in_the_readme() -> None:
-    from deltact_fab.cli.cad import cad
-    from deltact_fab.cli.pattern import pattern
-
-    readme = (Path(__file__).parents[2] / "README.md").read_text()
-    for group in (cad, pattern):
-        for name in group.commands:
-            assert f"{group.name} {name}" in readme or f"`{name}`" in readme, name
-
-
-def test_every_command_stands_in_the_readme() -> None:
-    readme = (Path(__file__).parents[2] / "README.md").read_text()
-    for name in COMMANDS:
-        assert f"deltact-fab {name}" in readme, name
-
-
 @pytest.mark.parametrize(
     ("words", "says"),
     [
