@@ -17,18 +17,23 @@ COMMAND = (
 
 
 def page(found: dict[str, Any]) -> str:
-    """found: as `Rehearsal.as_dict`."""
+    """found: as `Rehearsal.as_dict`. Rows: the faults that let the tip go lower, or lost a row."""
+    told = [c for c in found["cells"] if c["deeper_mm"] > 0 or c["wrong"]]
+    told += [c for c in found["cells"] if c not in told and c["fault"] == "kill -9"]
+    others = [c for c in found["cells"] if c not in told]
+    silent = [c["fault"] for c in others if c["outcome"] == "success"]
+    stopped = [c["fault"] for c in others if c["outcome"] != "success"]
     rows = [
         f"| {c['fault']} | {c['moment']} | {c['outcome']} | "
         + ("-" if c["travel_mm"] is None else f"{c['travel_mm']:.2f}")
         + f" | {c['deeper_mm']:.2f} | {c['wrong'] or 'the same record'} |"
-        for c in found["cells"]
+        for c in told
     ]
     return "\n".join(
         [
             "# What each fault does",
             "",
-            f"Made by {COMMAND}:",
+            f"Made by {COMMAND}; OUT/rehearsal.json has every fault and its line:",
             "the real host, force client, guard, camera, runner and writer on a simulated board in",
             "lockstep; `--thorough` strikes each fault at each moment. Travel counts from when the",
             "fault had come to the host, or from the stop byte after a time-out.",
@@ -39,6 +44,9 @@ def page(found: dict[str, Any]) -> str:
             "| fault | when | what the operator reads | travel, mm | lower, mm | with --resume |",
             "|---|---|---|---|---|---|",
             *rows,
+            "",
+            f"Stopped with one line, the tip no lower: {'; '.join(stopped)}.",
+            f"Gone on to the end: {'; '.join(silent)}.",
             "",
         ]
     )

@@ -57,7 +57,8 @@ def page(studies: list[dict[str, Any]]) -> str:
         "",
         "Written by `python -m benchmarks.studies` from the results of `deltact-fab study run`; do "
         "not edit. Intervals are of 95 %. What is simulated says so; nothing here was measured on "
-        "a real sensor.",
+        "a real sensor. Settings, versions and remarks of each figure: the JSON of its name in "
+        f"`{KEPT.relative_to(ROOT)}`.",
         "",
     ]
     for study in studies:
@@ -102,9 +103,6 @@ def _section(study: dict[str, Any]) -> list[str]:
         lines += [*_table(study["headlines"]), ""]
     if study["missing"]:
         lines += [f"Missing: {', '.join(study['missing'])}.", ""]
-    if study["settings"]:
-        told = "; ".join(f"{name}: {value}" for name, value in study["settings"].items())
-        lines += [f"Made with: {told}.", ""]
     return lines
 
 
@@ -112,8 +110,7 @@ def _table(headlines: list[dict[str, Any]]) -> list[str]:
     columns = ["figure", "value", "95 % interval", "over"]
     with_paper = any(h["paper"] is not None for h in headlines)
     with_goal = any(h["goal"] is not None for h in headlines)
-    with_remark = any(h["remark"] for h in headlines)
-    columns += ["paper"] * with_paper + ["goal"] * with_goal + ["remark"] * with_remark
+    columns += ["paper"] * with_paper + ["goal"] * with_goal
     rows = []
     for h in headlines:
         row = [h["what"], _number(h["value"], h["unit"]), _interval(h), h["over"]]
@@ -121,8 +118,6 @@ def _table(headlines: list[dict[str, Any]]) -> list[str]:
             row.append(_number(h["paper"], h["unit"]))
         if with_goal:
             row.append(_goal(h))
-        if with_remark:
-            row.append(h["remark"])
         rows.append("| " + " | ".join(_cell(cell) for cell in row) + " |")
     return ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns), *rows]
 
