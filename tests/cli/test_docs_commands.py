@@ -56,8 +56,3 @@ def test_every_command_that_is_shown_exists(page: Path) -> None:
 def test_commands_are_found_on_the_pages() -> None:
     assert all(shown(page) for page in PAGES if page.parent.name == "tutorials")
     assert sum(len(shown(page)) for page in PAGES) > 150
-
-
-def test_an_option_that_is_none_is_found() -> None:
-    with pytest.raises(click.UsageError):
-        main.make_parser(click.Context(main)).parse_args(["--no-such-option"])
