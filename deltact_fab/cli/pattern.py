@@ -214,16 +214,14 @@ def quality(
     if as_json:
         echo_json([{"recipe": name, "simulated": True, **asdict(q)} for name, q in rows])
         return
-    columns = ("recipe", "", "gradient", "SSSIG", "contrast level 0", "level 3", "level 4",
-               "checkerboard", "anisotropy", "streaks", "peak", "peak_mm")  # fmt: skip
-    table = []
-    for name, q in rows:
-        for when, f in (("designed", q.designed), ("photographed", q.photographed)):
-            board = None if f.checkerboard is None else sum(f.checkerboard) / len(f.checkerboard)
-            table.append(
-                (name, when, f.mean_gradient, f.sssig, f.contrast[0], f.contrast[3],
-                 f.contrast[4], board, f.anisotropy, f.streaks, f.peak, f.peak_mm)
-            )  # fmt: skip
+    columns = ("recipe", "", "gradient", "SSSIG", "contrast level 0", "level 3", "level 4", "peak",
+               "peak_mm")  # fmt: skip
+    table = [
+        (name, when, f.mean_gradient, f.sssig, f.contrast[0], f.contrast[3], f.contrast[4], f.peak,
+         f.peak_mm)
+        for name, q in rows
+        for when, f in (("designed", q.designed), ("photographed", q.photographed))
+    ]  # fmt: skip
     echo_table(columns, table, names=2)
     click.echo("")
     echo_table(
@@ -277,11 +275,10 @@ PAPER = click.option(
               help="Resolution of the printer.")  # fmt: skip
 @click.option("--copies", type=int, default=1, show_default=True, metavar="N",
               help="Copies of each sticker.")  # fmt: skip
-@click.option("--whole-dots", is_flag=True, help="Round d to a whole number of printer dots.")
 @SCALE_X
 @SCALE_Y
 @PRINTER
-@out_file("File to write: .pdf, .png or .tif.", required=True)
+@out_file("PDF to write.", required=True)
 @JSON
 def sheet(
     recipes: tuple[str, ...],
@@ -289,7 +286,6 @@ def sheet(
     dpi: float,
     transfer: Literal["face-down", "slide"],
     copies: int,
-    whole_dots: bool,
     scale_x: float | None,
     scale_y: float | None,
     printer: Path | None,
@@ -330,7 +326,6 @@ def sheet(
             dpi=dpi,
             transfer=transfer,
             copies=copies,
-            whole_dots=whole_dots,
             scale=_scales(scale_x, scale_y, scale),
             sensor=sensor,
             progress=tell,

@@ -2,13 +2,12 @@
 
 from .dots import centres_csv, centres_mm, check_inside
 from .laws.patches import draw_patches
-from .metadata import DotTable, read_dots, read_recipe
+from .metadata import read_recipe
 from .raster import PatternFiles, albedo, make, raster
 from .recipe import DotGrid, PatternRecipe, load_recipe, recipe_from, recipe_from_options
 
 __all__ = [
     "DotGrid",
-    "DotTable",
     "PatternFiles",
     "PatternRecipe",
     "albedo",
@@ -19,7 +18,6 @@ __all__ = [
     "load_recipe",
     "make",
     "raster",
-    "read_dots",
     "read_recipe",
     "recipe_from",
     "recipe_from_options",

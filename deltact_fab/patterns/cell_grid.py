@@ -57,33 +57,6 @@ class CellGrid:
         return int(self.rows_px[-1])
 
     @property
-    def dots_per_cell(self) -> float:
-        """Printer dots along the shorter side of a cell."""
-        return min(
-            size_mm / count / pitch_mm
-            for size_mm, count, pitch_mm in zip(
-                self.size_mm, self.cells.shape[1::-1], self.pitch_mm, strict=True
-            )
-        )
-
-    def by_cells(self, least_dots: float) -> bool:
-        """Whether to embed one pixel a cell: from so many printer dots a cell, and no markers."""
-        # A patch rounded to a picometre can be a hair below the whole dots that were meant
-        return self.grid is None and self.dots_per_cell >= least_dots * (1 - 1e-6)
-
-    @property
-    def rounding_mm(self) -> float:
-        """Bound of what a printer adds that rounds each exact edge to one of the dots beside it."""
-        worst_mm = 0.0
-        for axis, pitch_mm in enumerate(self.pitch_mm):
-            count = self.cells.shape[1 - axis]
-            edges_px = np.arange(count + 1) / count * (self.size_mm[axis] / pitch_mm)
-            off_px = float(np.abs(edges_px - np.rint(edges_px)).max())
-            # The inset decides edges that lie on a dot's edge; any other may go either way
-            worst_mm = max(worst_mm, (off_px if off_px < 1e-3 else 1.0) * pitch_mm)
-        return worst_mm
-
-    @property
     def snap_error_mm(self) -> float:
         """Largest distance of a snapped edge from its true place about the centre, in mm."""
         worst_mm = 0.0
@@ -106,10 +79,6 @@ class CellGrid:
         """All rows as printed, some at a time."""
         for first in range(0, self.height_px, BAND_ROWS):
             yield self.rows(first, min(first + BAND_ROWS, self.height_px))
-
-    def small(self) -> NDArray[np.uint8]:
-        """The cells as printed, one pixel each."""
-        return np.ascontiguousarray(self.cells[:, ::-1] if self.mirrored else self.cells)
 
     def _stamp(self, band: NDArray[np.uint8], first: int, stop: int) -> None:
         """Ink every printer dot whose centre lies in a marker; no blending."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,6 @@ from .. import reading
 from ..errors import InputError
 from ..units import MM_PER_INCH
 from ..version import VERSION
-from . import dots
 from .recipe import PatternRecipe, recipe_from
 
 ZLIB_LEVEL = 6
@@ -29,17 +27,6 @@ FRAME = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class DotTable:
-    """The dots of an image. centres_mm, centres_px: (n, 2) x and y, in the order of the CSV."""
-
-    centres_mm: NDArray[np.float64]
-    centres_px: NDArray[np.float64]
-    diameter_mm: float
-    diameter_px: float
-    colour: str
-
-
 def png(
     image: NDArray[np.uint8],
     recipe: PatternRecipe,
@@ -49,7 +36,7 @@ def png(
 ) -> bytes:
     """A pattern's PNG; table: the CSV of its dots.
 
-    A table beyond MAX_TABLE_BYTES is left out: the recipe gives it again, and its hash proves it.
+    A table beyond MAX_TABLE_BYTES is left out but for its hash; the recipe gives it again.
 
     pHYs holds whole pixels per metre, so the size in it is right to 0.5 px/m; the text is exact.
     """
@@ -78,65 +65,22 @@ def png(
 
 def read_recipe(path: Path) -> PatternRecipe:
     """The recipe that a PNG of `make` carries. Raises InputError when there is none."""
-    return _recipe(path, _read(path)[0])
-
-
-def read_dots(path: Path) -> DotTable:
-    """Where the dots are that a PNG of `make` carries, in mm and in px of that image.
-
-    Raises InputError when it has none, was resized or cropped, or its table is another's.
-    """
-    text, size_px = _read(path)
-    recipe = _recipe(path, text)
-    if recipe.dots is None:
-        raise InputError(f"{path}: its pattern has no dots")
-    try:
-        mm_per_px, width_px, height_px = (
-            float(text[key]) for key in ("mm_per_px", "width_px", "height_px")
-        )
-    except (KeyError, ValueError) as why:
-        raise InputError(f"{path}: does not say its scale and size: {why}") from why
-    if (height_px, width_px) != size_px:
-        raise InputError(
-            f"{path}: was made {width_px:g} x {height_px:g} px and is {size_px[1]} x {size_px[0]}: "
-            "it was resized or cropped; use the original"
-        )
-    table = dots.centres_csv(recipe.dots, mm_per_px, size_px)
-    left_out = "dots_csv" not in text and len(table) > MAX_TABLE_BYTES
-    same_hash = text.get("dots_sha256") == hashlib.sha256(table).hexdigest()
-    if not (same_hash if left_out else text.get("dots_csv", "").encode() == table):
-        raise InputError(f"{path}: its table of dots is not that of its recipe; make it again")
-    xy_mm = dots.centres_mm(recipe.dots)
-    return DotTable(
-        centres_mm=xy_mm,
-        centres_px=dots.to_px(xy_mm, mm_per_px, size_px),
-        diameter_mm=recipe.dots.diameter_mm,
-        diameter_px=recipe.dots.diameter_mm / mm_per_px,
-        colour=recipe.dots.colour,
-    )
-
-
-def _read(path: Path) -> tuple[dict[str, str], tuple[int, int]]:
-    """Text and (height, width) of a PNG."""
     import warnings
 
     from PIL import Image, UnidentifiedImageError
 
     try:
         with warnings.catch_warnings():
-            # Large sheets are ours; what is beyond a sheet's size raises the error below
+            # Large rasters are ours; what is beyond their size raises the error below
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(path, formats=["PNG"]) as image:
-                return dict(getattr(image, "text", {})), (image.height, image.width)
+                text = dict(getattr(image, "text", {}))
     except Image.DecompressionBombError as why:
         raise InputError(f"{path}: has more pixels than any file of 'pattern'") from why
     except FileNotFoundError as why:
         raise InputError(f"{path}: no such file") from why
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as why:
         raise InputError(f"{path}: not a readable PNG") from why
-
-
-def _recipe(path: Path, text: dict[str, str]) -> PatternRecipe:
     if "recipe" not in text:
         raise InputError(f"{path}: carries no recipe; only files of 'pattern make' do")
     source = f"{path}: recipe"
@@ -146,7 +90,7 @@ def _recipe(path: Path, text: dict[str, str]) -> PatternRecipe:
 def _text(
     recipe: PatternRecipe, mm_per_px: float, dpi: float | None, size_px: tuple[int, ...]
 ) -> dict[str, str]:
-    """For a person, and for `read_recipe` and `read_dots`."""
+    """For a person, and for `read_recipe`."""
     values = {
         "Software": f"deltact-fab {VERSION}",
         "law": recipe.law,

@@ -29,10 +29,8 @@ from .laws.patches import draw_patches
 from .recipe import PatternRecipe, load_recipe
 
 DEFAULT_DPI = 1200.0
-MAX_SIDE_PX = 8000
-"""Side of the largest raster: about 0.5 GB of memory while it is written."""
-MAX_PRINTED_SIDE_PX = 11_000
-"""The same for a sticker that a sheet printed: a sheet writes up to 120 million printer dots."""
+MAX_SIDE_PX = 11_000
+"""Side of the largest raster, as of a sticker on a sheet: about 1 GB of memory while written."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,8 @@ def raster(recipe: PatternRecipe, dpi: float) -> NDArray[np.uint8]:
 
     Raises InputError for a resolution that loses the patches or makes too large an image.
     """
-    return raster_window(recipe, dpi, _side_px(recipe, checked_mm_per_px(recipe, dpi)))
+    side_px = round(recipe.printed_mm / checked_mm_per_px(recipe, dpi))
+    return raster_window(recipe, dpi, side_px)
 
 
 def raster_window(recipe: PatternRecipe, dpi: float, side_px: int) -> NDArray[np.uint8]:
@@ -127,10 +126,6 @@ def raster_window(recipe: PatternRecipe, dpi: float, side_px: int) -> NDArray[np
     low_px = max(0, (whole.height_px - side_px) // 2)
     high_px = whole.height_px - low_px
     return whole.rows(low_px, high_px)[:, low_px:high_px]
-
-
-def _side_px(recipe: PatternRecipe, mm_per_px: float) -> int:
-    return round(recipe.printed_mm / mm_per_px)
 
 
 def albedo(
@@ -190,8 +185,7 @@ def make(
     holds the recipe and the dots (`metadata`), its pHYs chunk the size. Equal recipe, resolution
     and versions give equal bytes.
 
-    check_view: False for a sticker that exists, whatever this sensor sees of it; then the raster
-    may also be as large as a sheet's.
+    check_view: False for a sticker that exists, whatever this sensor sees of it.
 
     Raises InputError when the dots leave the sensor's view or a chessboard does not fill it, or a
     file cannot be written; then both places are as they were.
@@ -207,15 +201,14 @@ def make(
     if check_view:
         check_seen(recipe, view_mm)
     corners = chessboard.inner_corners(recipe, view_mm) if recipe.law == "chessboard" else None
-    most_px = MAX_SIDE_PX if check_view else MAX_PRINTED_SIDE_PX
     if dpi is None and (recipe.dots is not None or recipe.patch_mm is None):
-        least, largest = _dpi_range(recipe, MAX_SIDE_PX)
+        least, largest = _dpi_range(recipe)
         dpi = float(max(least, min(DEFAULT_DPI, largest)))
     if dpi is None:
         image, mm_per_px = draw_patches(recipe), recipe.patch_mm or recipe.printed_mm
     else:
-        mm_per_px = checked_mm_per_px(recipe, dpi, most_px=most_px)
-        image = raster_window(recipe, dpi, _side_px(recipe, mm_per_px))
+        mm_per_px = checked_mm_per_px(recipe, dpi)
+        image = raster(recipe, dpi)
     size_px = (image.shape[0], image.shape[1])
     table = None if recipe.dots is None else dots.centres_csv(recipe.dots, mm_per_px, size_px)
     table_hash = None if table is None else hashlib.sha256(table).hexdigest()
@@ -249,21 +242,19 @@ def check_seen(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
         chessboard.check_covers(recipe, view_mm)
 
 
-def checked_mm_per_px(
-    recipe: PatternRecipe, dpi: float, whole: bool = True, most_px: int = MAX_SIDE_PX
-) -> float:
+def checked_mm_per_px(recipe: PatternRecipe, dpi: float, whole: bool = True) -> float:
     """Side of a printer dot; InputError when it is too coarse, or the whole sticker too large.
 
-    most_px: pixels along a side that are not too large; whole=False has no such limit.
+    whole: False where only a part is drawn, which has no limit of its own.
     """
     if not (math.isfinite(dpi) and dpi > 0):
         raise InputError(f"dpi: {dpi:g} must be above 0, as in 1200")
-    least, largest = _dpi_range(recipe, most_px)
+    least, largest = _dpi_range(recipe)
     right = f"use {least} to {largest}" if whole else f"use {least} or more"
     if whole and least > largest:
         right = (
             f"no resolution can: {least} dpi would show it, and {largest} dpi is the most at which "
-            f"{recipe.printed_mm:g} mm are {most_px} pixels a side"
+            f"{recipe.printed_mm:g} mm is {MAX_SIDE_PX} pixels a side"
         )
     for limit_mm, name in finest_mm(recipe):
         if MM_PER_INCH / dpi > limit_mm * (1 + 1e-9):
@@ -272,10 +263,10 @@ def checked_mm_per_px(
                 f"{name} ({limit_mm:g} mm); {right}"
             )
     side_px = recipe.printed_mm * dpi / MM_PER_INCH
-    if side_px < 1 or (whole and side_px > most_px * (1 + 1e-9)):
+    if side_px < 1 or (whole and side_px > MAX_SIDE_PX * (1 + 1e-9)):
         raise InputError(
             f"dpi: {recipe.printed_mm:g} mm at {dpi:g} dpi is {side_px:.4g} pixels a side; at most "
-            f"{most_px}; {right}"
+            f"{MAX_SIDE_PX}; {right}"
         )
     return MM_PER_INCH / dpi
 
@@ -290,11 +281,11 @@ def finest_mm(recipe: PatternRecipe) -> list[tuple[float, str]]:
     return [(limit_mm, name) for limit_mm, name in limits if limit_mm]
 
 
-def _dpi_range(recipe: PatternRecipe, most_px: int) -> tuple[int, int]:
-    """Least and largest whole dpi; empty when the finest detail needs more than most_px a side."""
+def _dpi_range(recipe: PatternRecipe) -> tuple[int, int]:
+    """Least and largest whole dpi; empty when the finest detail needs more than MAX_SIDE_PX."""
     least_mm = min([recipe.printed_mm, *(limit_mm for limit_mm, _ in finest_mm(recipe))])
     least = math.ceil(MM_PER_INCH / least_mm * (1 - 1e-9))
-    return least, math.floor(most_px * MM_PER_INCH / recipe.printed_mm * (1 + 1e-9))
+    return least, math.floor(MAX_SIDE_PX * MM_PER_INCH / recipe.printed_mm * (1 + 1e-9))
 
 
 def cell_means(

@@ -29,12 +29,12 @@ def ready() -> Callable[[Path], Path]:
 
 
 def write(folder: Path) -> Path:
-    """Write patterns.html into the folder of a series, from its quality.json and contact sheet.
+    """Write patterns.html into the folder of a series, from its quality.json and views.
 
     Raises InputError for a folder that holds no series, MissingLibrary without the extra `report`,
     RunFailed when the disk refuses.
     """
-    data, picture = _read(folder)
+    data = _read(folder)
     rows = data["patterns"]
     seen = [row for row in rows if row["quality"]["seen"]]
     models = (("printer", data["printer"]), ("camera", data["sensor"]))
@@ -48,9 +48,9 @@ def write(folder: Path) -> Path:
         s=data,
         rows=rows,
         chart=figures.to_svg(draw(rows)),
-        contact="data:image/png;base64," + base64.b64encode(picture).decode(),
-        # Half size: a camera pixel is two of the sheet's, and one of the screen's
-        contact_px=int.from_bytes(picture[16:20], "big") // 2,  # ISO/IEC 15948, 11.2.2
+        sizes_mm=sorted({row["d_mm"] for row in rows}),
+        factors=sorted({row["r"] for row in rows}),
+        views={(row["d_mm"], row["r"]): _view(folder, row["name"]) for row in rows},
         rounds=series.GRIDS,
         seen=seen,
         # What the camera does not see has the gradient of halftone and noise, not its own.
@@ -67,17 +67,24 @@ def write(folder: Path) -> Path:
     return save(page, folder / series.PAGE)
 
 
-def _read(folder: Path) -> tuple[dict[str, Any], bytes]:
-    """Figures and contact sheet of a series."""
-    kept, contact = (folder / name for name in (series.FIGURES, series.CONTACT))
-    for file in (kept, contact):
-        if not reading.is_file(file):
-            wanted = "name a folder that `pattern series` wrote"
-            raise InputError(f"{folder}: no series: {file.name} is missing; {wanted}")
+def _read(folder: Path) -> dict[str, Any]:
+    """The figures of a series."""
+    kept = folder / series.FIGURES
+    if not reading.is_file(kept):
+        wanted = "name a folder that `pattern series` wrote"
+        raise InputError(f"{folder}: no series: {kept.name} is missing; {wanted}")
     data = reading.json_object(kept)
     if (found := data.get("format")) != series.FORMAT:
         raise InputError(f"{kept}: format {found!r}; this version reads {series.FORMAT!r}")
-    return data, contact.read_bytes()
+    return data
+
+
+def _view(folder: Path, name: str) -> str:
+    """A pattern's view, as a data URL."""
+    file = folder / series.VIEWS / f"{name}.png"
+    if not reading.is_file(file):
+        raise InputError(f"{folder}: no series: {series.VIEWS}/{file.name} is missing")
+    return "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode()
 
 
 def _seen(row: dict[str, Any]) -> dict[str, Any]:

@@ -99,7 +99,7 @@ def test_an_old_form_does_what_the_new_one_does_and_says_so(
         (["cad", "bom", "--sensors", "0"], "sensors"),
         (["cad", "guide", "--design", "deltakt"], "did you mean 'deltact'?"),
         (["pattern", "quality", "dens"], "did you mean 'dense'?"),
-        (["pattern", "sheet", "dense", "-o", "x.jpg"], "end the name in .pdf, .png or .tif"),
+        (["pattern", "sheet", "dense", "-o", "x.jpg"], "end the name in .pdf"),
         (["pattern", "sheet", "dense", "--scale-x", "1.5", "-o", "x.pdf"], "scale x: 1.5"),
         (["pattern", "from", "DELTACT1/NONSENSE", "-o", "x.png"], "code"),
         (["pattern", "series", "--out", "."], "folder"),

@@ -120,10 +120,11 @@ def test_the_table_holds_every_pattern_as_the_camera_sees_it(
         ], rel=1e-3)  # fmt: skip
 
 
-def test_the_contact_sheet_is_in_it_unchanged(report: series.SeriesReport, seen: Seen) -> None:
-    (picture,) = (link for link in seen.fetched if link.startswith("data:image/png"))
-    held = base64.b64decode(picture.partition(",")[2])
-    assert held == (report.out / "contact-sheet.png").read_bytes()
+def test_the_views_are_in_it_unchanged(report: series.SeriesReport, seen: Seen) -> None:
+    shown = [link for link in seen.fetched if link.startswith("data:image/png")]
+    held = {base64.b64decode(picture.partition(",")[2]) for picture in shown}
+    assert held == {file.read_bytes() for file in (report.out / "views").iterdir()}
+    assert len(shown) == len(report.figures["patterns"])
 
 
 def test_the_same_folder_gives_the_same_page(report: series.SeriesReport, page: str) -> None:
@@ -157,7 +158,6 @@ def test_a_folder_without_a_series_is_one_line(
 ) -> None:
     if content is not None:
         (tmp_path / "quality.json").write_text(content)
-        (tmp_path / "contact-sheet.png").write_bytes(b"")
     with pytest.raises(InputError) as caught:
         patterns_page.write(tmp_path)
     assert said in str(caught.value)

@@ -1,7 +1,7 @@
 """Figures of one image of a pattern: how much there is to track, and what could be mistaken.
 
-Of grey (ITU-R BT.601 luma), as the paper's tracker sees it, but for the checkerboard share; the
-default tracker follows green, the larger part of it.
+Of grey (ITU-R BT.601 luma), as the paper's tracker sees it; the default tracker follows green, the
+larger part of it.
 Mean intensity gradient: Pan, Lu, Xie, Opt. Lasers Eng. 48 (2010) 469. SSSIG: Pan, Xie, Wang, Qian,
 Asundi, Opt. Express 16 (2008) 7037. Both predict how noise of the image becomes noise of a small
 motion; contrast on coarse levels of the pyramid tells whether a large motion is found at all.
@@ -33,8 +33,6 @@ PEAK_SHARE = 0.8
 Patches of 2.6 camera pixels have one of .88 there: pixels that cut them otherwise differ."""
 PEAK_WITHIN = 0.25
 """Lags up to this share of the shorter side: longer ones have little overlap and much noise."""
-STREAK_PATCHES = 8
-"""One patch on, the streaks of r = .15 do not stand out yet; they are many patches long."""
 SHIFT_PX = 2.0
 """Misplaced ink moves a colour by less."""
 
@@ -51,13 +49,6 @@ class Figures:
     """The same of the poorest subset: 0 where there is nothing to track."""
     contrast: tuple[float, ...]
     """Standard deviation at pyramid levels 0..5, each half the one before (2 x 2 means)."""
-    checkerboard: tuple[float, float, float] | None
-    """Share of the variance of R, G, B that a pure patch checkerboard explains; None: no patches"""
-    anisotropy: float
-    """Of the gradient's structure tensor: 0 alike in all directions, 1 stripes."""
-    streaks: float | None
-    """Autocorrelation 1..8 patches along one diagonal less that along the other; None: as above.
-    Algorithm 1 at r of about .05 to .2 makes diagonal streaks: its scan runs one way."""
     peak: float
     """Secondary peak of the autocorrelation, the nearest of four fifths of the highest: 1 is an
     exact copy; 0: there is none."""
@@ -65,16 +56,10 @@ class Figures:
     """How far away: a motion near it can be mistaken for none. None: there is no peak."""
 
 
-def figures(
-    image: Array, mm_per_px: float, patch_mm: float | None, checkerboard: Array | None
-) -> Figures:
-    """All figures of an image (h, w, 3) RGB in 0..255; h, w at least 64.
-
-    checkerboard: (h, w) image of the pure patch checkerboard, for a pattern of patches.
-    """
+def figures(image: Array, mm_per_px: float) -> Figures:
+    """All figures of an image (h, w, 3) RGB in 0..255; h, w at least 64."""
     shade = grey(image)
     gx, gy = gradient(shade)
-    rho = autocorrelation(shade)
     height, peak_px = secondary_peak(autocorrelation(shade, STEPS), STEPS)
     least, mean = sssig(gx, gy)
     return Figures(
@@ -82,9 +67,6 @@ def figures(
         sssig=mean,
         sssig_least=least,
         contrast=contrast(shade),
-        checkerboard=None if checkerboard is None else checkerboard_share(image, checkerboard),
-        anisotropy=anisotropy(gx, gy),
-        streaks=None if patch_mm is None else streaks(rho, patch_mm / mm_per_px),
         peak=height,
         peak_mm=None if peak_px is None else peak_px * mm_per_px,
     )
@@ -122,13 +104,6 @@ def contrast(shade: Field) -> tuple[float, ...]:
             shade = even.reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3))
         out.append(float(shade.std()))
     return tuple(out)
-
-
-def anisotropy(gx: Field, gy: Field) -> float:
-    """(l1 - l2) / (l1 + l2), l the eigenvalues of the mean structure tensor; 0 without gradient."""
-    xx, yy, xy = (gx * gx).mean(), (gy * gy).mean(), (gx * gy).mean()
-    total = xx + yy
-    return 0.0 if total == 0 else float(np.hypot(xx - yy, 2 * xy) / total)
 
 
 def autocorrelation(shade: Field, steps: int = 1) -> Field:
@@ -226,30 +201,6 @@ def _vertex(three: Field) -> float:
     left, middle, right = (float(v) for v in three)
     bend = left - 2 * middle + right
     return 0.0 if abs(bend) < 1e-9 else max(-0.5, min(0.5, (left - right) / (2 * bend)))
-
-
-def streaks(rho: Field, patch_px: float) -> float:
-    """Mean of rho(+k d, +k d) - rho(+k d, -k d), d a patch, k = 1..8 as far as the lags go."""
-    reach = len(rho) // 2
-    lags = [k * patch_px for k in range(1, STREAK_PATCHES + 1) if k * patch_px <= reach]
-    return math.fsum(
-        _between(rho, reach + lag, reach + lag) - _between(rho, reach + lag, reach - lag)
-        for lag in lags or [float(reach)]
-    ) / max(len(lags), 1)
-
-
-def _between(values: Field, row: float, column: float) -> float:
-    i, j = min(int(row), len(values) - 2), min(int(column), len(values) - 2)
-    a, b = row - i, column - j
-    upper = values[i, j] * (1 - b) + values[i, j + 1] * b
-    lower = values[i + 1, j] * (1 - b) + values[i + 1, j + 1] * b
-    return float(upper * (1 - a) + lower * a)
-
-
-def checkerboard_share(image: Array, checkerboard: Array) -> tuple[float, float, float]:
-    """Share of each channel's variance that the checkerboard explains (squared correlation)."""
-    red, green, blue = (agreement(image[..., c], checkerboard) ** 2 for c in range(3))
-    return red, green, blue
 
 
 def agreement(image: Array, template: Array) -> float:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...aliases import Array
 from ...errors import InputError
@@ -105,7 +104,6 @@ def measure(
     at, coded = _middle(image), _middle(coded)
     print_contrast = kept(coded, at, at if patches is None else patches)
     camera_contrast = kept(photo, designed, image if patches is None else patches)
-    board = None if recipe.patch_mm is None else _checkerboard(recipe, mm_per_px, size_px)
     feature_mm = recipe.patch_mm
     if feature_mm is None and recipe.dots is not None:
         feature_mm = recipe.dots.diameter_mm
@@ -121,8 +119,8 @@ def measure(
         camera_contrast=camera_contrast,
         printable=rastered and (print_contrast is None or print_contrast >= PRINTED_SHARE),
         seen=camera_contrast is not None and camera_contrast >= SEEN_SHARE,
-        designed=figures(designed, mm_per_px, recipe.patch_mm, board),
-        photographed=figures(photo, mm_per_px, recipe.patch_mm, board),
+        designed=figures(designed, mm_per_px),
+        photographed=figures(photo, mm_per_px),
     )
 
 
@@ -157,16 +155,6 @@ def field_px(
             f"{MIN_SIDE_PX} px a side, so a sticker of {least_mm:.3g} mm"
         )
     return height_px, width_px
-
-
-def _checkerboard(
-    recipe: PatternRecipe, mm_per_px: float, size_px: tuple[int, int]
-) -> NDArray[np.float32]:
-    """The pure patch checkerboard of a recipe's patches in camera pixels, (h, w)."""
-    board = PatternRecipe(
-        law="chessboard", seed=0, size_mm=recipe.size_mm, patch_mm=recipe.patch_mm
-    )
-    return albedo(board, mm_per_px, size_px)[..., 0]
 
 
 def _middle(image: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The paper's two selections as recipes, one print job, figures and a contact sheet."""
+"""The paper's two selections as recipes, one print job, figures and views."""
 
 from .job import SeriesEntry, SeriesReport, recipes, write
 

@@ -3,21 +3,21 @@
 DIR/
   recipes/d0p075-r0p6.toml ...   what every command takes as a RECIPE
   series.pdf                     one sticker of each
-  contact-sheet.png              each as the camera would see it
+  views/d0p075-r0p6.png ...      the middle of each as the camera would see it, pixel by pixel
   quality.csv  quality.json      every figure, as designed and as seen
   patterns.html                  where a page is asked for
 """
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ... import catalog
 from ...aliases import Progress
@@ -26,9 +26,12 @@ from ...files import disk_errors, making, whole
 from ...version import VERSION
 from ..code import encode
 from ..quality.measure import MM_PER_PX, measure
+from ..quality.photo import photograph, sent
 from ..recipe import DEFAULT_SEED, PatternRecipe, recipe_from
 from ..sheet import job as sheet
-from . import contact
+
+if TYPE_CHECKING:
+    from ...imaging import ImageSensor, Printer
 
 GRIDS = (
     ((0.1, 0.15, 0.2), (0.1, 0.3, 0.5)),
@@ -46,10 +49,11 @@ PAPER_ERROR_MM = {(0.1, 0.5): 0.11, (0.075, 0.6): 0.08}
 PAPER_ABOUT_MM = {0.05: 0.5}
 """By d, of whichever r: "around 0.5 mm". The paper gives the others as columns of a chart only."""
 
-FORMAT = "deltact-fab pattern series 2"
+VIEW_MM = 6.0
+FORMAT = "deltact-fab pattern series 3"
 RECIPES = "recipes"
 SHEET = "series.pdf"
-CONTACT = "contact-sheet.png"
+VIEWS = "views"
 FIGURES = "quality.json"
 TABLE = "quality.csv"
 PAGE = "patterns.html"
@@ -153,8 +157,9 @@ def write(
     from ...imaging import ImageSensor, Printer
 
     chosen = recipes(seed, with_dots) if entries is None else list(entries)
+    printer, sensor = Printer(dpi=dpi), ImageSensor()
     tell = progress or (lambda done, total, what: None)
-    total = len(chosen) + 2
+    total = len(chosen) + 1
     with making(out):
         inside = Path.cwd().is_relative_to(out.absolute())
         if out.exists() and (inside or not out.is_dir() or any(out.iterdir())):
@@ -168,13 +173,16 @@ def write(
         job = sheet.write(
             [e.recipe for e in chosen], folder / SHEET, paper=paper, dpi=dpi, transfer=transfer
         )
-        judged = []
+        (folder / VIEWS).mkdir()
+        rows = []
         for k, entry in enumerate(chosen, 1):
             tell(k, total, entry.name)
-            judged.append(_judge(entry, dpi, seed))
-        tell(total - 1, total, CONTACT)
-        (folder / CONTACT).write_bytes(_contact(chosen, [view for _, view in judged], dpi, seed))
-        rows = [_row(e, job, figures) for e, (figures, _) in zip(chosen, judged, strict=True)]
+            # Dots are the same on every pattern; on coarse levels their contrast would hide its own
+            bare = entry.recipe.model_copy(update={"dots": None})
+            figures = asdict(measure(bare, printer, sensor, MM_PER_PX, seed))
+            rows.append(_row(entry, job, _rounded(figures)))
+            view = _view(entry.recipe, printer, sensor, seed)
+            (folder / VIEWS / f"{entry.name}.png").write_bytes(view)
         data = {
             "format": FORMAT,
             "version": VERSION,
@@ -184,8 +192,8 @@ def write(
             "transfer": transfer,
             "pages": job.pages,
             "mm_per_px": MM_PER_PX,
-            "printer": asdict(Printer(dpi=dpi)),
-            "sensor": asdict(ImageSensor()),
+            "printer": asdict(printer),
+            "sensor": asdict(sensor),
             "patterns": rows,
         }
         text = json.dumps(data, indent=1, allow_nan=False) + "\n"
@@ -198,15 +206,21 @@ def write(
     return SeriesReport(out, tuple(out / name for name in written), job.pages, data)
 
 
-def _judge(entry: SeriesEntry, dpi: int, seed: int) -> tuple[dict[str, Any], NDArray[np.uint8]]:
-    """A pattern's figures and its view for the contact sheet."""
-    from ...imaging import ImageSensor, Printer
+def _view(recipe: PatternRecipe, printer: Printer, sensor: ImageSensor, seed: int) -> bytes:
+    """The middle of the camera's image of a sticker at rest, simulated, as PNG.
 
-    printer, sensor = Printer(dpi=dpi), ImageSensor()
-    # Dots are the same on every pattern, and on coarse levels their contrast would hide its own.
-    bare = entry.recipe.model_copy(update={"dots": None})
-    figures = asdict(measure(bare, printer, sensor, MM_PER_PX, seed))
-    return _rounded(figures), contact.view(entry.recipe, printer, sensor, seed)
+    VIEW_MM wide, or what the sticker has of it. seed: of halftone, misregistration and noise.
+    """
+    from PIL import Image
+
+    side_px = 2 * round(min(VIEW_MM, recipe.printed_mm) / MM_PER_PX / 2)
+    rng = np.random.default_rng([seed, 1])
+    values = sent(recipe, printer.dpi, (side_px * MM_PER_PX,) * 2)
+    printed = printer.print_(values.astype(np.float32) / np.float32(255), rng)
+    seen = photograph(printed, printer.mm_per_dot, sensor, MM_PER_PX, (side_px, side_px), rng)
+    file = io.BytesIO()
+    Image.fromarray(seen).save(file, "PNG")
+    return file.getvalue()
 
 
 def _rounded(value: Any) -> Any:
@@ -237,30 +251,6 @@ def _row(entry: SeriesEntry, job: sheet.SheetReport, figures: dict[str, Any]) ->
         "code": code,
         "quality": figures,
     }
-
-
-def _contact(
-    entries: Sequence[SeriesEntry], pictures: Sequence[NDArray[np.uint8]], dpi: int, seed: int
-) -> bytes:
-    views = [
-        contact.Tile(
-            entry.recipe.patch_mm or 0.0,
-            entry.recipe.r or 0.0,
-            picture,
-            entry.paper_says and f"paper: {entry.paper_says}",
-        )
-        for entry, picture in zip(entries, pictures, strict=True)
-    ]
-    return contact.png(
-        views,
-        MM_PER_PX,
-        "Pattern series as the camera would see it, simulated",
-        (
-            f"Seed {seed}. Printer ({dpi} dpi) and camera are models with assumed values; "
-            "nothing here was measured.",
-            "paper: mean tracking error of that pattern in the paper, on a real sensor.",
-        ),
-    )
 
 
 def _write_recipes(folder: Path, entries: Sequence[SeriesEntry]) -> None:

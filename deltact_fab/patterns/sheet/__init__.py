@@ -1,5 +1,4 @@
-"""Print jobs: job.py is the way in; stickers and page marks are marks on a page, pdf and page_image
-write them."""
+"""Print jobs: job.py is the way in; stickers and page marks make marks, pdf writes them."""
 
 from .job import SheetReport, Sticker, write
 

@@ -23,7 +23,6 @@ rulers measure 100 mm, and what they lack multiplies the correction.
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -38,31 +37,26 @@ from ..cell_grid import CellGrid
 from ..code import encode
 from ..raster import check_seen
 from ..recipe import PatternRecipe
-from . import layout, page_image, page_marks, stickers
+from . import layout, page_marks, stickers
 from .layout import Sheet, StickerCell
 from .marks import Mark
-from .pdf import INSET_MM, MIN_DOTS, Pdf
+from .pdf import INSET_MM, Pdf
 
 Transfer = Literal["face-down", "slide"]
 
 TRANSFERS = ("face-down", "slide")
-KINDS = {".pdf": "pdf", ".png": "png", ".tif": "tiff", ".tiff": "tiff"}
 DPI_RANGE = (100.0, 9600.0)
 SCALE_RANGE = (0.9, 1.1)
 MAX_STICKERS = 2000
-MAX_PATCHES_IN_ALL = 100_000_000
-"""Of different recipes; three bytes each are in memory while a job is written."""
 
 
 @dataclass(frozen=True)
 class Sticker:
     """A printed sticker. x_mm, y_mm: its top left corner from the page's, on the real print.
 
-    embedding: `patches`, one pixel a patch at exact millimetres, or `dots`, one pixel a printer
-    dot. edge_error_mm: the worst patch edge in the file, from its true place. print_error_mm: the
-    worst one on the printer's dots; with `patches` the printer rounds, by at most a dot.
-    file_side_mm: what the file's picture measures in (x, y) on the real print; with `dots` it is
-    whole printer dots. side_error_mm: that less side_mm, which is n d.
+    file_side_mm: the side of the picture in the file, (x, y) on the real print, in whole printer
+    dots. side_error_mm: that less side_mm, which is n d. print_error_mm: of the worst patch edge,
+    from its true place about the sticker's centre.
     """
 
     page: int
@@ -71,18 +65,15 @@ class Sticker:
     side_mm: float
     file_side_mm: tuple[float, float]
     side_error_mm: tuple[float, float]
-    embedding: str
     dots_per_patch: float | None
-    edge_error_mm: float
     print_error_mm: float
-    asked_patch_mm: float | None
     patch_mm: float | None
     code: str
 
 
 @dataclass(frozen=True)
 class SheetReport:
-    """What `write` wrote. edge_error_mm, print_error_mm: the worst of all stickers."""
+    """What `write` wrote. print_error_mm: the worst of all stickers."""
 
     out: Path
     paper: str
@@ -91,7 +82,6 @@ class SheetReport:
     scale: tuple[float, float]
     pages: int
     stickers: tuple[Sticker, ...]
-    edge_error_mm: float
     print_error_mm: float
     bytes: int
     sha256: str
@@ -109,34 +99,22 @@ class SheetReport:
         said = [
             f"{self.out}: {pages} of {self.paper} at {self.dpi:g} dpi, {count}, "
             f"{self.bytes / 1e6:.2f} MB",
-            f"  transfer {self.transfer}: {mirrored}; the F's corner is (-x, -y)",
+            f"  transfer {self.transfer}: {mirrored}; the F marks the corner (-x, -y)",
         ]
         if self.scale != (1.0, 1.0):
             said.append(f"  stretched by {self.scale[0]:g} in x and {self.scale[1]:g} in y")
-        shown = set()
-        for s in self.stickers:
-            if s.code in shown:
-                continue
-            shown.add(s.code)
-            said.append(f"  {s.code}")
-            if s.asked_patch_mm != s.patch_mm:
-                said.append(
-                    f"    whole printer dots: d is {s.patch_mm:.4g} mm, not {s.asked_patch_mm:g}; "
-                    f"the sticker is {s.side_mm:.5g} mm"
-                )
-            patch = "" if s.dots_per_patch is None else f"{s.dots_per_patch:.3g} dots a patch, "
-            how = "a pixel a patch" if s.embedding == "patches" else "a pixel a printer dot"
-            said.append(
-                f"    {patch}{how}: edges within {1000 * s.edge_error_mm:.2g} um in the file, "
-                f"{1000 * s.print_error_mm:.3g} um in print"
-            )
+        for s in {s.code: s for s in self.stickers}.values():
+            patch = "" if s.dots_per_patch is None else f"{s.dots_per_patch:.3g} dots per patch, "
             sides = dict.fromkeys(
                 f"{side_mm:.5f} mm ({1000 * off_mm:+.1f} um)"
                 for side_mm, off_mm in zip(s.file_side_mm, s.side_error_mm, strict=True)
             )
-            said.append(f"    side {s.side_mm:.6g} mm, in the file {' x '.join(sides)}")
-        said.append(f"  sha256 {self.sha256}")
-        return said
+            said += [
+                f"  {s.code}",
+                f"    {patch}edges within {1000 * s.print_error_mm:.3g} um",
+                f"    side {s.side_mm:.6g} mm, in the file {' x '.join(sides)}",
+            ]
+        return [*said, f"  sha256 {self.sha256}"]
 
 
 def write(
@@ -147,22 +125,21 @@ def write(
     dpi: float = 1200.0,
     transfer: Transfer = "face-down",
     copies: int = 1,
-    whole_dots: bool = False,
     scale: tuple[float, float] = (1.0, 1.0),
     sensor: SensorDimensions | None = None,
     progress: Progress | None = None,
 ) -> SheetReport:
-    """Write the stickers as .pdf (any number of pages), .png or .tif (one page) by out's ending.
+    """Write the stickers as a PDF, on as many pages as they need.
 
-    whole_dots: d becomes the nearest whole number of printer dots, and the sheet says so; n follows
-    from the asked side. scale: 100 / what the ruler in (x, y) measures, times the scale of the
-    sheet it is on. A PDF takes one pixel a patch from MIN_DOTS printer dots a patch on.
+    scale: 100 / what the ruler in (x, y) measures, times the scale of the sheet it is on.
     Memory is bounded by the compressed file; equal arguments and versions give equal bytes.
 
-    Raises InputError for anything that cannot be printed as asked, or that the sensor's camera
+    Raises InputError for anything that cannot be printed as requested, or that the sensor's camera
     cannot use (`raster.check_seen`): nothing is written then.
     """
-    kind = _checked_out(out)
+    check_place(out, "name a file in it, as in sheet.pdf")
+    if out.suffix.lower() != ".pdf":
+        raise InputError(f"{out}: a sheet is a PDF: end the name in .pdf")
     paper = _paper(paper)
     sheet = _checked_sheet(paper, dpi, transfer, scale)
     if not recipes:
@@ -172,74 +149,39 @@ def write(
             f"copies: {copies} of {len(recipes)} recipes; at least 1, and at most {MAX_STICKERS} "
             "stickers in all"
         )
-    patches = sum(recipe.n**2 for recipe in dict.fromkeys(recipes))
-    if patches > MAX_PATCHES_IN_ALL:
-        raise InputError(
-            f"{len(recipes)} recipes have {patches / 1e6:.0f} million patches; at most "
-            f"{MAX_PATCHES_IN_ALL // 10**6} million on one job: split it"
-        )
-    least = MIN_DOTS
-    if kind != "pdf":
-        page_image.check_size(sheet.page_px, dpi)
-        least = math.inf  # a page's image is in printer dots
     tell = progress or (lambda done, total, what: None)
     sensor = sensor or SensorDimensions()
-    view_mm, film_mm = sensor.optics.view_mm, sensor.skin.film_mm()
     total = len(recipes) + 1
-    cells: list[StickerCell] = []
-    codes: list[str] = []
-    printed: list[PatternRecipe] = []
-    for k, asked in enumerate(recipes):
+    cells: dict[PatternRecipe, StickerCell] = {}
+    for k, recipe in enumerate(recipes):
         tell(k, total, f"sticker {k + 1}")
-        recipe = stickers.whole_dots(asked, sheet) if whole_dots else asked
+        if recipe in cells:
+            continue
         try:
-            check_seen(recipe, view_mm)
+            check_seen(recipe, sensor.optics.view_mm)
         except InputError as why:
             raise InputError(f"{stickers.name(recipe)}: {why}") from why
-        codes.append(encode(recipe))
-        printed.append(recipe)
-        same = recipes.index(asked)
-        cells.append(
-            cells[same]
-            if same < k
-            else stickers.cell(recipe, asked, codes[-1], sheet, transfer == "slide", least, film_mm)
-        )
-    order = [k for k in range(len(recipes)) for _ in range(copies)]
-    names = [stickers.name(printed[k]) for k in order]
-    head, top_mm = page_marks.header(sheet, page_marks.instructions(sheet, paper, transfer))
-    places = layout.placed(sheet, [cells[k] for k in order], names, top_mm)
-    pages = places[-1].page + 1
-    if kind != "pdf" and pages > 1:
-        raise InputError(
-            f"{out}: {len(order)} stickers take {pages} pages of {paper}, and an image holds one; "
-            "write a .pdf"
+        cells[recipe] = stickers.cell(
+            recipe, encode(recipe), sheet, transfer == "slide", sensor.skin.film_mm()
         )
     tell(len(recipes), total, "file")
-    inset_mm = INSET_MM if kind == "pdf" else 0.0
-    pdf = Pdf(sheet.page_px, dpi, least)
+    order = [recipe for recipe in recipes for _ in range(copies)]
+    names = [stickers.name(recipe) for recipe in order]
+    head, top_mm = page_marks.header(sheet, page_marks.instructions(sheet, paper, transfer))
+    places = layout.placed(sheet, [cells[recipe] for recipe in order], names, top_mm)
+    pages = places[-1].page + 1
+    pdf = Pdf(sheet.page_px, dpi)
     found: list[Sticker] = []
     for page in range(pages):
         marks: list[Mark] = list(head)
         for place in (p for p in places if p.page == page):
-            k = order[place.cell]
-            on_page, picture = stickers.put(sheet, cells[k], place.x_mm, place.y_mm)
+            recipe = order[place.cell]
+            on_page, picture = stickers.put(sheet, cells[recipe], place.x_mm, place.y_mm)
             marks += on_page
-            by_cells = picture.by_cells(least)
-            found.append(
-                _sticker(page, picture, by_cells, inset_mm, scale, printed[k], recipes[k], codes[k])
-            )
-        marks += page_marks.footer(sheet, page_marks.signature(page, pages))
-        if kind == "pdf":
-            pdf.page(marks)
-    software = f"deltact-fab {VERSION}"
-    unique = tuple(dict.fromkeys(codes))
-    if kind == "pdf":
-        content = pdf.finish("Pattern stickers", software, unique)
-    elif kind == "png":
-        text = {"Software": software, "codes": "\n".join(unique)}
-        content = page_image.png(sheet.page_px, dpi, marks, text)
-    else:
-        content = page_image.tiff(sheet.page_px, dpi, marks, software)
+            found.append(_sticker(page, picture, scale, recipe))
+        pdf.page([*marks, *page_marks.footer(sheet, page_marks.signature(page, pages))])
+    codes = tuple(cell.sticker.key for cell in cells.values())
+    content = pdf.finish("Pattern stickers", f"deltact-fab {VERSION}", codes)
     write_together({out: content})
     tell(total, total, "file")
     return SheetReport(
@@ -250,22 +192,11 @@ def write(
         scale=scale,
         pages=pages,
         stickers=tuple(found),
-        edge_error_mm=max(s.edge_error_mm for s in found),
         print_error_mm=max(s.print_error_mm for s in found),
         bytes=len(content),
         sha256=hashlib.sha256(content).hexdigest(),
-        codes=unique,
+        codes=codes,
     )
-
-
-def _checked_out(out: Path) -> str:
-    kind = KINDS.get(out.suffix.lower())
-    check_place(out, "name a file in it, as in sheet.pdf")
-    if kind is None:
-        raise InputError(
-            f"{out}: a sheet is a PDF, PNG or TIFF: end the name in .pdf, .png or .tif"
-        )
-    return kind
 
 
 def _paper(name: str) -> str:
@@ -293,20 +224,12 @@ def _checked_sheet(paper: str, dpi: float, transfer: str, scale: tuple[float, fl
 
 
 def _sticker(
-    page: int,
-    picture: CellGrid,
-    by_cells: bool,
-    inset_mm: float,
-    scale: tuple[float, float],
-    recipe: PatternRecipe,
-    asked: PatternRecipe,
-    code: str,
+    page: int, picture: CellGrid, scale: tuple[float, float], recipe: PatternRecipe
 ) -> Sticker:
-    snap_mm = picture.snap_error_mm
     pitch_x_mm, pitch_y_mm = picture.pitch_mm
     side_mm = recipe.printed_mm
     across_mm, down_mm = (
-        (side_mm if by_cells else side_px * pitch_mm) - 2 * inset_mm / stretch
+        side_px * pitch_mm - 2 * INSET_MM / stretch
         for side_px, pitch_mm, stretch in zip(
             (picture.width_px, picture.height_px), picture.pitch_mm, scale, strict=True
         )
@@ -318,11 +241,8 @@ def _sticker(
         side_mm=side_mm,
         file_side_mm=(round(across_mm, 9), round(down_mm, 9)),
         side_error_mm=(round(across_mm - side_mm, 9), round(down_mm - side_mm, 9)),
-        embedding="patches" if by_cells else "dots",
-        dots_per_patch=None if recipe.patch_mm is None else picture.dots_per_cell,
-        edge_error_mm=inset_mm if by_cells else snap_mm + inset_mm,
-        print_error_mm=picture.rounding_mm if by_cells else snap_mm,
-        asked_patch_mm=asked.patch_mm,
+        dots_per_patch=recipe.patch_mm and recipe.patch_mm / max(picture.pitch_mm),
+        print_error_mm=picture.snap_error_mm + INSET_MM,
         patch_mm=recipe.patch_mm,
-        code=code,
+        code=picture.key,
     )

@@ -7,10 +7,6 @@ so that every edge is sharp on the printer and no rounding adds up.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ...pdf import width_em
 from ...units import POINTS_PER_MM
@@ -56,13 +52,3 @@ def wrapped(words: list[str], room_mm: float, size_pt: float, between: str = "  
         else:
             lines.append(word)
     return lines
-
-
-def printable(text: str) -> str:
-    """The text with every character that the font table lacks shown as `?`."""
-    return "".join(c if 32 <= ord(c) <= 126 else "?" for c in text)
-
-
-def grey_bytes(band: NDArray[Any]) -> NDArray[np.uint8]:
-    """(rows, width) grey to (rows, width, 3); RGB stays."""
-    return np.asarray(band if band.ndim == 3 else band[..., None].repeat(3, axis=2), np.uint8)

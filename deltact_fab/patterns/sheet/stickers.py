@@ -11,42 +11,13 @@ from ...errors import InputError
 from ..cell_grid import CellGrid
 from ..laws.patches import draw_patches
 from ..raster import finest_mm
-from ..recipe import PatternRecipe, recipe_from
+from ..recipe import PatternRecipe
 from . import layout, page_marks
 from .layout import Sheet, StickerCell
-from .marks import Mark, printable, wrapped
+from .marks import Mark, wrapped
 
 MAX_STICKER_PX = 120_000_000
 """Largest raster of a sticker: some seconds; bands keep its memory small at any size."""
-
-WORTH_SAYING_MM = 5e-5
-
-
-def whole_dots(recipe: PatternRecipe, sheet: Sheet) -> PatternRecipe:
-    """The recipe with d, and every length that is counted in d, at whole printer dots.
-
-    Raises InputError for a printer dot that is oblong, or too coarse.
-    """
-    if recipe.patch_mm is None:
-        return recipe
-    pitch_x_mm, pitch_y_mm = sheet.pitch_mm
-    if pitch_x_mm != pitch_y_mm:
-        raise InputError(
-            f"whole dots: the scales {sheet.scale[0]:g} and {sheet.scale[1]:g} make a printer dot "
-            "oblong, and a square patch cannot be whole dots both ways; use one scale"
-        )
-    check_dots(recipe, sheet)
-    count = round(recipe.patch_mm / pitch_x_mm)
-    if count * pitch_x_mm > recipe.size_mm:
-        count = math.floor(recipe.size_mm / pitch_x_mm)  # or no patch would fit the side
-    # A picometre: 2000 patches add up to a nanometre
-    patch_mm = round(count * pitch_x_mm, 9)
-    data = recipe.model_dump(mode="json", exclude_none=True)
-    data["patch_mm"] = patch_mm
-    if "scales_mm" in data:
-        gain = patch_mm / recipe.patch_mm
-        data["scales_mm"] = [round(v * gain, 9) for v in data["scales_mm"]]
-    return recipe_from(data, "whole dots")
 
 
 def check_dots(recipe: PatternRecipe, sheet: Sheet) -> None:
@@ -62,13 +33,7 @@ def check_dots(recipe: PatternRecipe, sheet: Sheet) -> None:
 
 
 def cell(
-    recipe: PatternRecipe,
-    asked: PatternRecipe,
-    code: str,
-    sheet: Sheet,
-    mirrored: bool,
-    least_dots: float,
-    film_mm: tuple[float, float],
+    recipe: PatternRecipe, code: str, sheet: Sheet, mirrored: bool, film_mm: tuple[float, float]
 ) -> StickerCell:
     """The sticker without a place. Raises InputError when the printer cannot show it."""
     check_dots(recipe, sheet)
@@ -84,51 +49,31 @@ def cell(
         grid=recipe.dots,
     )
     area_px = sticker.width_px * sticker.height_px
-    if area_px > MAX_STICKER_PX and not sticker.by_cells(least_dots):
+    if area_px > MAX_STICKER_PX:
         most = math.floor(sheet.dpi * math.sqrt(MAX_STICKER_PX / area_px))
         raise InputError(
-            f"{name(recipe)}: {side_mm:g} mm at {sheet.dpi:g} dpi are {sticker.width_px} x "
+            f"{name(recipe)}: {side_mm:g} mm at {sheet.dpi:g} dpi is {sticker.width_px} x "
             f"{sticker.height_px} printer dots, more than {MAX_STICKER_PX // 10**6} million; use "
             f"at most {most} dpi"
         )
-    facts = _facts(recipe, asked, code, sticker, least_dots)
-    label = wrapped(facts, layout.LABEL_MM, layout.TEXT_PT)
+    label = wrapped(_facts(recipe, code), layout.LABEL_MM, layout.TEXT_PT)
     return StickerCell(side_mm, film_mm, sticker, _qr(code, sheet), tuple(label), mirrored)
 
 
-def _facts(
-    recipe: PatternRecipe, asked: PatternRecipe, code: str, sticker: CellGrid, least_dots: float
-) -> list[str]:
+def _facts(recipe: PatternRecipe, code: str) -> list[str]:
     """What the label says, in pieces that stay together."""
-    data = recipe.model_dump(mode="json", exclude_none=True)
-    facts = [data.pop("law")]
-    patch_mm = data.pop("patch_mm", None)
-    if patch_mm is not None:
-        facts.append(f"d {patch_mm:.6g} mm")
-    if "r" in data:
-        facts.append(f"r {data.pop('r')!r}".removesuffix(".0"))
-    if data.pop("channels", 3) == 1:
-        facts.append("grey")
-    if patch_mm is not None:
-        facts.append(f"n {recipe.n} x {recipe.n}")
-    facts.append(f"seed {data.pop('seed')}")
-    del data["size_mm"]
-    facts.append(f"{recipe.printed_mm:.6g} mm")
-    if recipe.dots is not None:
-        grid = recipe.dots
-        del data["dots"]
+    facts = [recipe.law]
+    if recipe.patch_mm is not None:
+        facts += [f"d {recipe.patch_mm:.6g} mm", f"n {recipe.n} x {recipe.n}"]
+    if recipe.r is not None:
+        facts.append(f"r {recipe.r!r}".removesuffix(".0"))
+    facts += ["grey"] * (recipe.channels == 1)
+    for key, values in (("scales", recipe.scales_mm), ("weights", recipe.weights)):
+        facts += [f"{key} {', '.join(f'{v:.4g}' for v in values)}"] if values else []
+    facts += [f"seed {recipe.seed}", f"{recipe.printed_mm:.6g} mm"]
+    if (grid := recipe.dots) is not None:
         facts += [f"{grid.columns} x {grid.rows} dots", f"{grid.diameter_mm:g} mm {grid.colour}"]
-    for key, value in data.items():
-        shown = [f"{v:.4g}" for v in value] if isinstance(value, list) else [str(value)]
-        facts += [f"{key} {shown[0]}", *shown[1:]]
-    if asked != recipe:
-        facts.append(f"whole dots: d asked {asked.patch_mm:g}")
-    if patch_mm is not None:
-        facts.append(f"{sticker.dots_per_cell:.3g} dots a patch")
-        if not sticker.by_cells(least_dots) and sticker.snap_error_mm >= WORTH_SAYING_MM:
-            facts.append(f"edges to {1000 * sticker.snap_error_mm:.1f} um")
-    facts.append(f"patches {code.rsplit('/', 1)[1].split('-')[0].lower()}")
-    return [printable(fact) for fact in facts]
+    return [*facts, f"patches {code.rsplit('/', 1)[1].split('-')[0].lower()}"]
 
 
 def _qr(code: str, sheet: Sheet) -> CellGrid:
