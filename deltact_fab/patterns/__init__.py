@@ -1,10 +1,16 @@
 """Patterns: a recipe becomes patches, dots, a printer's file and a virtual sticker's colours."""
 
 from .dots import centres_csv, centres_mm, check_inside
-from .laws.patches import draw_patches
 from .metadata import read_recipe
 from .raster import PatternFiles, albedo, make, raster
-from .recipe import DotGrid, PatternRecipe, load_recipe, recipe_from, recipe_from_options
+from .recipe import (
+    DotGrid,
+    PatternRecipe,
+    draw_patches,
+    load_recipe,
+    recipe_from,
+    recipe_from_options,
+)
 
 __all__ = [
     "DotGrid",

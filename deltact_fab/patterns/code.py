@@ -18,8 +18,7 @@ import re
 from typing import Any
 
 from ..errors import InputError
-from .laws.patches import draw_patches
-from .recipe import PatternRecipe, recipe_from
+from .recipe import PatternRecipe, draw_patches, recipe_from
 
 PREFIX = "DELTACT1"
 HASH_DIGITS = 12

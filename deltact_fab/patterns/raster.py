@@ -25,8 +25,7 @@ from . import dots, metadata
 from .cell_grid import CellGrid, edges_mm
 from .code import patches_hash
 from .laws import chessboard
-from .laws.patches import draw_patches
-from .recipe import PatternRecipe, load_recipe
+from .recipe import PatternRecipe, draw_patches, load_recipe
 
 DEFAULT_DPI = 1200.0
 MAX_SIDE_PX = 11_000

@@ -9,6 +9,8 @@ import itertools
 import math
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from .. import catalog
@@ -218,7 +220,7 @@ class PatternRecipe(Table, strict=True):
 
     def _repr_html_(self) -> str:
         """For a notebook: its keys, and the sticker as the camera sees it."""
-        from ..notebook import card
+        from ..notebook import card, image
 
         dots = self.dots and f"{self.dots.columns} x {self.dots.rows} of {self.dots.diameter_mm:g}"
         rows = {
@@ -229,39 +231,39 @@ class PatternRecipe(Table, strict=True):
             "dots": dots and f"{dots} mm",
             "seed": self.seed,
         }
-        return card("Pattern", rows, self._picture())
+        return card("Pattern", rows, image(self._picture()))
 
-    def _picture(self) -> str:
-        """Patches as pixels, dots as circles, as an SVG."""
-        import base64
+    def _picture(self) -> bytes:
+        """Patches and dots as a PNG, to look at."""
         import io
 
-        from PIL import Image
+        from PIL import Image, ImageDraw
 
-        drawn = LAWS[self.law].draw(self)
-        data = io.BytesIO()
-        Image.fromarray(drawn[..., 0] if drawn.shape[2] == 1 else drawn).save(data, "PNG")
-        half, circles = self.printed_mm / 2, ""
+        side_px = 440
+        picture = Image.fromarray(draw_patches(self)).resize((side_px,) * 2, Image.Resampling.BOX)
         if (grid := self.dots) is not None:
-            circles = "".join(
-                f"<circle cx='{x:g}' cy='{y:g}' r='{grid.diameter_mm / 2:g}'/>"
-                for x in _places(grid.columns, grid.pitch_x_mm, grid.offset_x_mm)
-                for y in _places(grid.rows, grid.pitch_y_mm, grid.offset_y_mm)
-            )
-            circles = f"<g fill='{grid.colour}'>{circles}</g>"
-        side = f"{2 * half:g}"
-        return (
-            f"<svg width='220' height='220' viewBox='{-half:g} {-half:g} {side} {side}'>"
-            f"<image x='{-half:g}' y='{-half:g}' width='{side}' height='{side}' "
-            "style='image-rendering:pixelated' "
-            f"href='data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}'/>"
-            f"{circles}</svg>"
-        )
+            pen, per_mm = ImageDraw.Draw(picture), side_px / self.printed_mm
+            corner_mm = [
+                o - h + self.printed_mm / 2
+                for o, h in zip(grid.offset_mm, grid.half_mm, strict=True)
+            ]
+            side = grid.diameter_mm * per_mm
+            for row, column in itertools.product(range(grid.rows), range(grid.columns)):
+                x = (corner_mm[0] + column * grid.pitch_x_mm) * per_mm
+                y = (corner_mm[1] + row * grid.pitch_y_mm) * per_mm
+                pen.ellipse((x, y, x + side, y + side), grid.colour)
+        data = io.BytesIO()
+        picture.save(data, "PNG")
+        return data.getvalue()
 
 
-def _places(count: int, pitch_mm: float, offset_mm: float) -> list[float]:
-    """Of a row of dots, from its centre."""
-    return [(i - (count - 1) / 2) * pitch_mm + offset_mm for i in range(count)]
+def draw_patches(recipe: PatternRecipe) -> NDArray[np.uint8]:
+    """The patches of a recipe, (n, n, 3) uint8 RGB; row 0, column 0 is the corner at (-x, -y).
+
+    Clear film is one white patch: no ink, and the white layer behind it shows.
+    """
+    drawn = LAWS[recipe.law].draw(recipe)
+    return np.ascontiguousarray(np.broadcast_to(drawn, (recipe.n, recipe.n, 3)))
 
 
 def _whole_patches(size_mm: float, patch_mm: float) -> int:

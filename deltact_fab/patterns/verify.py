@@ -28,9 +28,10 @@ from ..errors import InputError
 from ..imaging import Printer
 from ..shapes.bounded import Bounded, number
 from ..units import MM_PER_INCH
+from .dots import centres_mm, to_px
 from .quality.measure import PRINTED_SHARE, kept
 from .raster import albedo
-from .recipe import PatternRecipe
+from .recipe import PatternRecipe, draw_patches
 
 Image = NDArray[np.float32]
 PX_A_PATCH = 4.0
@@ -185,7 +186,9 @@ def verify(
     best: _Placed | None = None
     part = np.zeros((1, 1, 3), np.float32)
     for corners in _squares(scan, recipe, dpi):
-        low, high = _with_room(corners, scan.shape[:2])
+        room = 0.1 * np.ptp(corners, axis=0)
+        low = np.maximum(corners.min(axis=0) - room, 0).astype(int)
+        high = (corners.max(axis=0) + room + 1).astype(int)
         held = scan[low[1] : high[1], low[0] : high[0]].astype(np.float32) / np.float32(255)
         placed = _placed(held, recipe, corners - low)
         if placed is not None and (best is None or placed.agreement > best.agreement):
@@ -207,16 +210,6 @@ class _Placed:
     to_px: NDArray[np.float64]
     mirrored: bool
     agreement: float
-
-
-def _with_room(
-    corners: NDArray[np.float64], shape: tuple[int, ...]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The part of a scan (x, y) that holds a square, with a tenth of its side around it."""
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    room = 0.1 * (high - low)
-    most = np.array([shape[1], shape[0]])
-    return np.maximum(low - room, 0).astype(int), np.minimum(high + room + 1, most).astype(int)
 
 
 def _read(scan: NDArray[np.uint8]) -> str:
@@ -480,8 +473,6 @@ def _gain(seen: NDArray[Any], drawn: NDArray[Any]) -> float:
 
 def _in_order(seen: Image, recipe: PatternRecipe) -> float | None:
     """Share of neighbouring patches of which the lighter one is the lighter one, a colour each."""
-    from .laws.patches import draw_patches
-
     if recipe.patch_mm is None or recipe.n < 3:
         return None
     patches = draw_patches(recipe).astype(np.float32)
@@ -517,30 +508,19 @@ def _gaps(seen: Image, drawn: Image, recipe: PatternRecipe) -> tuple[tuple[float
 
 def _dots(seen: Image, recipe: PatternRecipe) -> tuple[int, int] | None:
     """Marker dots that stand out from what is around them, and how many there should be."""
-    from .dots import centres_mm
-
     if recipe.dots is None:
         return None
     step = recipe.printed_mm / len(seen)
+    reach = math.ceil(1.4 * recipe.dots.diameter_mm / step)
+    far = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) * step
     radius = recipe.dots.diameter_mm / 2
-    rgb = np.array(recipe.dots.rgb) / 255
-    y, x = np.mgrid[: len(seen), : len(seen)] * step + (step - recipe.printed_mm) / 2
-    lightness = np.abs(seen - rgb).mean(axis=2)
-    found = 0
-    centres = centres_mm(recipe.dots).reshape(-1, 2)
-    for at_x, at_y in centres:
-        rows = slice(*_around(at_y, 3 * radius, step, recipe.printed_mm, len(seen)))
-        columns = slice(*_around(at_x, 3 * radius, step, recipe.printed_mm, len(seen)))
-        far = np.hypot(x[rows, columns] - at_x, y[rows, columns] - at_y)
-        inside, beside = far < 0.7 * radius, (far > 1.4 * radius) & (far < 2.8 * radius)
-        near = lightness[rows, columns]
-        found += bool(near[inside].mean() < DOT_SHARE * near[beside].mean())
-    return found, len(centres)
-
-
-def _around(at: float, reach: float, step: float, whole: float, side: int) -> tuple[int, int]:
-    low = round((at - reach + whole / 2) / step)
-    return max(0, low), min(side, low + round(2 * reach / step))
+    off = np.abs(seen - np.array(recipe.dots.rgb) / 255).mean(axis=2)
+    inside, beside = (
+        cv2.filter2D(off, -1, where / where.sum())
+        for where in (far < 0.7 * radius, (far > 1.4 * radius) & (far < 2.8 * radius))
+    )
+    x, y = np.rint(to_px(centres_mm(recipe.dots), step, off.shape)).astype(int).T
+    return int((inside[y, x] < DOT_SHARE * beside[y, x]).sum()), len(x)
 
 
 def _spread_um(recipe: PatternRecipe, share: float) -> float:

@@ -31,8 +31,7 @@ from ..cad.print_orientation import SELF_SUPPORTING_DEG
 from ..cad.registry import listed, of_group
 from ..errors import InputError, MissingLibrary
 from ..extras import require
-from ..patterns.laws.patches import draw_patches
-from ..patterns.recipe import RECOMMENDED, load_recipe
+from ..patterns.recipe import RECOMMENDED, draw_patches, load_recipe
 from . import first_light
 from .templating import fixed, render, require_pages, save, table
 

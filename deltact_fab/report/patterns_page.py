@@ -103,7 +103,7 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
         "contrast at level 3": round(seen["contrast"][3], 1),
         "contrast at level 4": round(seen["contrast"][4], 1),
         "second peak": round(seen["peak"], 2),
-        "at, mm": round(seen["peak_mm"], 2),
+        "at, mm": seen["peak_mm"] and round(seen["peak_mm"], 2),
         "camera px a patch": round(quality["px_a_patch"], 2),
         "left on the print, %": round(100 * quality["print_contrast"]),
         "left in the camera, %": round(100 * quality["camera_contrast"]),

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from deltact_fab import record
@@ -47,8 +50,12 @@ def test_a_pattern_shows_its_patches_and_dots() -> None:
     recipe = PatternRecipe(law="iid", seed=1, patch_mm=0.5, dots={"columns": 3, "rows": 2})
     shown = recipe._repr_html_()
     assert rows(shown)["patches"] == "70 x 70 of 0.5 mm"
-    assert shown.count("<circle") == 6
-    assert "cx='-2.2' cy='-0.8'" in shown
+    png = base64.b64decode(re.search("base64,([^']+)", shown)[1])
+    white = (cv2.imdecode(np.frombuffer(png, np.uint8), 0) == 255).astype(np.uint8)
+    _, _, _, middles = cv2.connectedComponentsWithStats(white)
+    mm = (middles[1:] + 0.5) * 35 / 440 - 17.5
+    assert np.sort(mm[:, 0]) == pytest.approx([-2.2, -2.2, 0, 0, 2.2, 2.2], abs=0.1)
+    assert np.sort(mm[:, 1]) == pytest.approx([-0.8] * 3 + [0.8] * 3, abs=0.1)
 
 
 def test_a_protocol_shows_what_it_does() -> None:

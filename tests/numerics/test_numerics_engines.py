@@ -14,7 +14,7 @@ from deltact_fab.gel.linear.contact import LinearContact
 from deltact_fab.numerics.engine import Case, Engine
 from deltact_fab.numerics.engines import REGISTRY, load
 from deltact_fab.numerics.stability import judge
-from deltact_fab.patterns.laws import patches
+from deltact_fab.patterns.laws import algorithm1 as patches
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 

@@ -77,7 +77,7 @@ def test_white_noise():
     assert found.mean_gradient == pytest.approx(20 * math.sqrt(math.pi) / 2, rel=0.01)
     assert found.sssig == pytest.approx(SUBSET_PX**2 * 20**2 / 2, rel=0.01)
     assert found.sssig_least < found.sssig
-    assert found.peak < 0.02
+    assert (found.peak, found.peak_mm) == (0, None)
 
 
 def test_an_image_of_one_value():
@@ -111,26 +111,13 @@ def test_the_nearest_copy_of_a_fine_pattern_is_one_diagonal_away(d, r):
     recipe = recipe_from(board, "x") if r is None else dense(d, r)
     found = measure(recipe, mm_per_px=0.0378, view_mm=VIEW_MM)
     assert found.designed.peak_mm == pytest.approx(d * math.sqrt(2), rel=0.03)
-    assert found.designed.peak > 0.85
+    assert found.designed.peak > 0.84
 
 
-@pytest.mark.parametrize("steps", [2, 4, 5])
-def test_the_autocorrelation_between_pixels(steps):
-    """A sine of 20.3 px: a cosine between pixels as well; whole pixels keep their values."""
+def test_the_autocorrelation_of_a_sine_is_a_cosine():
     shade = np.tile(np.sin(2 * np.pi * np.arange(203) / 20.3), (180, 1))
-    coarse, fine = autocorrelation(shade), autocorrelation(shade, steps)
-    assert fine.shape == (2 * 45 * steps + 1,) * 2
-    assert fine[::steps, ::steps] == pytest.approx(coarse, abs=1e-9)
-    lags_px = np.arange(-45 * steps, 45 * steps + 1) / steps
-    assert fine[45 * steps] == pytest.approx(np.cos(2 * np.pi * lags_px / 20.3), abs=0.03)
-
-
-def test_the_ringing_of_noise_is_no_copy():
-    """Interpolated noise has an autocorrelation of .128 at 2.46 px, which is of no pattern."""
-    rho = autocorrelation(noise(300, 300), 4)
-    middle = len(rho) // 2
-    assert rho[middle, middle + 10] == pytest.approx(0.128, abs=0.02)
-    assert secondary_peak(rho, 4)[0] < 0.03
+    lags_px = np.arange(-45, 46)
+    assert autocorrelation(shade)[45] == pytest.approx(np.cos(2 * np.pi * lags_px / 20.3), abs=0.03)
 
 
 def test_pyramid_of_odd_sides_drops_the_odd_row():

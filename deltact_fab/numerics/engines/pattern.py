@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Field
-from ...patterns.laws import patches
+from ...patterns.laws import algorithm1 as patches
 from ...patterns.recipe import recipe_from_options
 from ..engine import Case, CurveSetting, Engine, Work
 

@@ -2,7 +2,7 @@
 
 The printed algorithm redraws a patch until each channel differs from the left and upper neighbours
 by at least s = sqrt(r). It never ends when a channel of the first patch lies in (1 - s, s), where
-no second value is far enough: for r > 0.25 that happens with `hang_probability`. Here the first
+no second value is far enough: for r > 0.25 with probability 1 - (2 (1 - s))^3. Here the first
 patch is drawn from [0, 1 - s] u [s, 1]. After that nothing can stick: the diagonal neighbour's
 value is s away from both the left and the upper one, so it is always allowed.
 
@@ -42,12 +42,6 @@ def step_levels(r: float, levels: int = FILE_LEVELS) -> int:
     """
     squared = math.ceil(Fraction(repr(float(r))) * (levels - 1) ** 2)
     return math.isqrt(squared - 1) + 1 if squared > 0 else 0
-
-
-def hang_probability(r: float) -> float:
-    """Chance that the printed algorithm never ends: 1 - (2 (1 - sqrt r))^3 for r > 1/4, else 0."""
-    s = math.sqrt(r)
-    return 1 - (2 * (1 - s)) ** 3 if s > 0.5 else 0.0
 
 
 def fill(uniforms: Uniforms, r: float, levels: int = FILE_LEVELS) -> Levels:

@@ -19,7 +19,7 @@ from ...discover import entries, modules_in
 from ...errors import did_you_mean
 from .law import KEYS, Law
 
-LAWS: dict[str, Law] = entries(modules_in(__package__, besides=("law", "patches", "table")), "LAWS")
+LAWS: dict[str, Law] = entries(modules_in(__package__, besides=("law", "table")), "LAWS")
 
 
 def check_law(name: str) -> str:

@@ -11,10 +11,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...aliases import Array, Field
 
@@ -24,10 +22,9 @@ SUBSET_PX = 15
 LEVELS = 6
 STEPS = 4
 """Lags a camera pixel: between whole pixels the top of a fine pattern's nearest copy is lost."""
-RINGING = 0.5
-"""Largest share of a peak that may be the main lobe's ringing, which interpolation brings in."""
 LOBE = 0.1
-"""Autocorrelation that ends the main lobe: a peak counts once it is separated by a lower value."""
+"""Autocorrelation that ends the main lobe. A lower peak is none: noise of single pixels, which the
+spline makes ring, has one of .07."""
 PEAK_SHARE = 0.8
 """A regular pattern has a lattice of like peaks: the nearest is the one that is mistaken first.
 Patches of 2.6 camera pixels have one of .88 there: pixels that cut them otherwise differ."""
@@ -60,7 +57,7 @@ def figures(image: Array, mm_per_px: float) -> Figures:
     """All figures of an image (h, w, 3) RGB in 0..255; h, w at least 64."""
     shade = grey(image)
     gx, gy = gradient(shade)
-    height, peak_px = secondary_peak(autocorrelation(shade, STEPS), STEPS)
+    height, peak_px = secondary_peak(autocorrelation(shade))
     least, mean = sssig(gx, gy)
     return Figures(
         mean_gradient=float(np.hypot(gx, gy).mean()),
@@ -106,72 +103,42 @@ def contrast(shade: Field) -> tuple[float, ...]:
     return tuple(out)
 
 
-def autocorrelation(shade: Field, steps: int = 1) -> Field:
+def autocorrelation(shade: Field) -> Field:
     """Normalised autocorrelation, (2k + 1, 2k + 1), lags -k..k, k a quarter of the shorter side.
 
-    steps: lags a pixel (then k is as many times larger), by Fourier interpolation. Each lag is
-    divided by its own overlap. All zero for an image of one value but at lag 0, 1.
+    Each lag is divided by its own overlap. All zero for an image of one value but at lag 0, 1.
     """
     from scipy import fft
 
     reach = int(min(shade.shape) * PEAK_WITHIN)
-    lags = np.arange(-reach * steps, reach * steps + 1)
+    lags = np.arange(-reach, reach + 1)
     centred = shade - shade.mean()
     at_rest = float((centred**2).mean())
     if at_rest < 1e-12:
         return np.equal.outer(lags, -lags) * (lags == 0).astype(np.float64)
-    rows, columns = (_odd_length(length + reach) for length in shade.shape)
-    power = np.abs(fft.rfft2(centred, (rows, columns))) ** 2
-    apart_px = np.abs(lags) / steps
-    overlap = np.outer(shade.shape[0] - apart_px, shade.shape[1] - apart_px)
-    return np.asarray(_finer(power, columns, lags, steps) / overlap / at_rest)
+    size = [fft.next_fast_len(length + reach, real=True) for length in shade.shape]
+    power = np.abs(fft.rfft2(centred, size)) ** 2
+    overlap = np.outer(shade.shape[0] - np.abs(lags), shade.shape[1] - np.abs(lags))
+    return np.asarray(fft.irfft2(power, size)[np.ix_(lags, lags)] / overlap / at_rest)
 
 
-def _odd_length(length: int) -> int:
-    """A length that transforms fast and has no Nyquist frequency, whose sign is not defined."""
-    from scipy import fft
-
-    found = int(fft.next_fast_len(length, real=True))
-    while found % 2 == 0:
-        found = int(fft.next_fast_len(found + 1, real=True))
-    return found
-
-
-def _finer(spectrum: NDArray[Any], columns: int, at: NDArray[Any], steps: int) -> Field:
-    """The image of a `rfft2` of odd sides, `steps` times as fine, at the indices `at` of both axes.
-
-    One axis after the other: what is not asked for is left out before the second.
-    """
-    from scipy import fft
-
-    rows = len(spectrum)
-    positive = rows // 2 + 1
-    tall = np.zeros((steps * rows, spectrum.shape[1]), spectrum.dtype)
-    tall[:positive] = spectrum[:positive]
-    tall[positive - rows :] = spectrum[positive:]
-    band = fft.ifft(tall, axis=0)[at]
-    return np.asarray(fft.irfft(band, steps * columns, axis=1)[:, at] * steps**2)
-
-
-def secondary_peak(rho: Field, steps: int = 1) -> tuple[float, float | None]:
-    """Height and distance (px) of the secondary peak of `autocorrelation(shade, steps)`.
+def secondary_peak(rho: Field) -> tuple[float, float | None]:
+    """Height and distance (px) of the secondary peak of an `autocorrelation`.
 
     The nearest local maximum outside the main lobe that has PEAK_SHARE of the highest one; (0,
-    None) when there is none. The main lobe is what hangs together with lag 0 above LOBE; a maximum
-    that is its ringing is none. The place is refined by a parabola.
+    None) when there is none. The main lobe is what hangs together with lag 0 above LOBE. Between
+    whole lags rho is a spline of fifth order; the place is refined by a parabola.
     """
     from scipy import ndimage
 
-    reach = len(rho) // 2
+    reach = len(rho) // 2 * STEPS
+    rho = ndimage.zoom(rho, (2 * reach + 1) / len(rho), order=5)
     lobes, _ = ndimage.label(rho > LOBE)
-    main = lobes == lobes[reach, reach]
     # The outermost lags have no neighbours: a slope would pass for a maximum there
     inside = np.zeros(rho.shape, bool)
     inside[1:-1, 1:-1] = True
-    inside &= ~main
-    inside &= (rho == ndimage.maximum_filter(rho, 3)) & (rho > 0)
-    if steps > 1:
-        inside &= _ringing(rho, main, steps) <= RINGING * rho
+    inside &= lobes != lobes[reach, reach]
+    inside &= (rho == ndimage.maximum_filter(rho, 3)) & (rho > LOBE)
     if not inside.any():
         return 0.0, None
     tops = np.argwhere(inside)
@@ -179,21 +146,8 @@ def secondary_peak(rho: Field, steps: int = 1) -> tuple[float, float | None]:
     tops = tops[heights >= PEAK_SHARE * heights.max()]
     row, column = min(tops.tolist(), key=lambda top: math.dist(top, (reach, reach)))
     at = (_vertex(rho[row - 1 : row + 2, column]), _vertex(rho[row, column - 1 : column + 2]))
-    distance = math.hypot(row + at[0] - reach, column + at[1] - reach) / steps
+    distance = math.hypot(row + at[0] - reach, column + at[1] - reach) / STEPS
     return float(min(rho[row, column], 1.0)), distance
-
-
-def _ringing(rho: Field, main: NDArray[np.bool_], steps: int) -> Field:
-    """What interpolation makes of the main lobe alone: noise of single pixels rings, copies none.
-
-    Of the values at whole pixels; those in between are made from them.
-    """
-    from scipy import fft
-
-    alone = np.where(main, rho, 0)[::steps, ::steps]
-    length = _odd_length(2 * len(alone))
-    spectrum = fft.rfft2(alone, (length, length))
-    return _finer(spectrum, length, np.arange(len(rho)), steps)
 
 
 def _vertex(three: Field) -> float:

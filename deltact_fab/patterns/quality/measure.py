@@ -18,9 +18,8 @@ from ...aliases import Array
 from ...errors import InputError
 from ...shapes import SensorDimensions
 from ...units import MM_PER_INCH
-from ..laws.patches import draw_patches
 from ..raster import albedo
-from ..recipe import PatternRecipe
+from ..recipe import PatternRecipe, draw_patches
 from .figures import Figures, agreement, figures
 from .photo import has_raster, photograph, sent
 

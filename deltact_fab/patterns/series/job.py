@@ -271,15 +271,9 @@ def _csv(rows: Sequence[dict[str, Any]]) -> bytes:
     """One row a pattern; a figure's column is its path inside `quality`, joined by dots."""
     import pandas as pd
 
-    def opened(value: Any) -> Any:
-        """Lists as tables of their places."""
-        if isinstance(value, list | tuple):
-            value = {str(k): inner for k, inner in enumerate(value)}
-        return {k: opened(v) for k, v in value.items()} if isinstance(value, dict) else value
-
-    flat = [
-        {**row, "rounds": " ".join(map(str, row["rounds"])), **opened(row["quality"])}
-        for row in rows
-    ]
-    table = pd.json_normalize([{k: v for k, v in row.items() if k != "quality"} for row in flat])
+    table = pd.json_normalize(
+        [{**row, "rounds": " ".join(map(str, row["rounds"]))} for row in rows]
+    ).rename(columns=lambda name: name.removeprefix("quality."))
+    for key in [key for key in table if isinstance(table[key][0], list)]:
+        table = table.join(pd.DataFrame(table.pop(key).tolist()).add_prefix(f"{key}."))
     return bytes(table.to_csv(index=False, lineterminator="\n").encode())

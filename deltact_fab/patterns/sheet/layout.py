@@ -2,7 +2,7 @@
 
 A page, as it is read:
 
-    (+)  header: how to print, which transfer                      (+)   registration marks
+         header: how to print, which transfer
          |....|....| ruler in x, 100 mm
          [K][C][M][Y][R]...   inks, pairs, greys
      _   .           ..           .            corners of the film, where it is cut
@@ -11,7 +11,7 @@ A page, as it is read:
      |     '-----'      '-----'
      |   '           ''           '
      _    [QR] law, d, r ...                   never mirrored
-    (+)  footer                                                    (+)
+         footer
 
 Everything is placed at whole printer dots. With a scale correction the lengths here are those that
 the paper will have; the file's are longer by the scale.
@@ -43,7 +43,7 @@ PAPERS = {
 TEXT_PT = 6.0
 HEAD_PT = 7.0
 LEADING = 1.2
-REGISTER_MM = 6.0
+FOOTER_MM = 6.0
 LEFT_BAND_MM = 10.0
 MARGIN_MM = 8.0
 """Left blank around a page."""
@@ -174,7 +174,7 @@ def placed(
     """
     width, height = sheet.size_mm
     left = MARGIN_MM + LEFT_BAND_MM
-    right, bottom = width - MARGIN_MM, height - MARGIN_MM - REGISTER_MM
+    right, bottom = width - MARGIN_MM, height - MARGIN_MM - FOOTER_MM
     places: list[Place] = []
     page, x_mm, y_mm, row_mm = 0, left, top_mm, 0.0
     for i, cell in enumerate(cells):

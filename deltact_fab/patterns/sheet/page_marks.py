@@ -1,6 +1,6 @@
 """What every page has besides stickers: how to print it, and what tells whether it was.
 
-Registration marks, rulers, colour patches, the film's corners, and a sticker's ticks and corner.
+Rulers, colour patches, the film's corners, and a sticker's ticks and corner.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...version import VERSION
-from .layout import HEAD_PT, LEFT_BAND_MM, MARGIN_MM, REGISTER_MM, Sheet, line_mm
+from .layout import HEAD_PT, LEFT_BAND_MM, MARGIN_MM, Sheet, line_mm
 from .marks import FilledRectangle, Mark, width_mm, wrapped
 
 RULER_MM = 100.0
@@ -55,14 +55,10 @@ def signature(page: int, pages: int) -> str:
 
 
 def header(sheet: Sheet, lines: Sequence[str]) -> tuple[list[Mark], float]:
-    """Registration marks, header, rulers, colour patches; and where the stickers begin (y, mm)."""
-    width, height = sheet.size_mm
+    """Header, rulers, colour patches; and where the stickers begin (y, mm)."""
     left = MARGIN_MM + LEFT_BAND_MM
-    room_mm = width - MARGIN_MM - REGISTER_MM - 2 - left
+    room_mm = sheet.size_mm[0] - MARGIN_MM - left
     marks: list[Mark] = []
-    for x_mm in (MARGIN_MM, width - MARGIN_MM - REGISTER_MM):
-        for y_mm in (MARGIN_MM, height - MARGIN_MM - REGISTER_MM):
-            marks += _register(sheet, x_mm, y_mm)
     y_mm = MARGIN_MM
     for line in lines:
         for part in wrapped(line.split(" "), room_mm, HEAD_PT, " "):
@@ -78,7 +74,7 @@ def header(sheet: Sheet, lines: Sequence[str]) -> tuple[list[Mark], float]:
 
 
 def footer(sheet: Sheet, text: str) -> list[Mark]:
-    """A line between the lower registration marks."""
+    """A line along the lower margin."""
     y_mm = sheet.size_mm[1] - MARGIN_MM - 1.0
     return [sheet.words(MARGIN_MM + LEFT_BAND_MM, y_mm, text)]
 
@@ -135,19 +131,6 @@ def edge_ticks(sheet: Sheet, x_px: int, y_px: int, width_px: int, height_px: int
         for x in (x_px - gap_x - long_x, x_px + width_px + gap_x):
             out.append(FilledRectangle(x, y - thick_y // 2, long_x, thick_y))
     return out
-
-
-def _register(sheet: Sheet, x_mm: float, y_mm: float) -> list[Mark]:
-    """A cross with two black quarters: its centre is found to a fraction of a line's width."""
-    half = REGISTER_MM / 2
-    quarter = REGISTER_MM / 4
-    x, y = x_mm + half, y_mm + half
-    return [
-        sheet.box(x_mm, y - LINE_MM / 2, REGISTER_MM, LINE_MM),
-        sheet.box(x - LINE_MM / 2, y_mm, LINE_MM, REGISTER_MM),
-        sheet.box(x - quarter, y - quarter, quarter, quarter),
-        sheet.box(x, y, quarter, quarter),
-    ]
 
 
 def _ruler_x(sheet: Sheet, x_mm: float, y_mm: float) -> list[Mark]:

@@ -9,9 +9,8 @@ import numpy as np
 
 from ...errors import InputError
 from ..cell_grid import CellGrid
-from ..laws.patches import draw_patches
 from ..raster import finest_mm
-from ..recipe import PatternRecipe
+from ..recipe import PatternRecipe, draw_patches
 from . import layout, page_marks
 from .layout import Sheet, StickerCell
 from .marks import Mark, wrapped
