@@ -31,6 +31,7 @@ from ..cad.print_orientation import SELF_SUPPORTING_DEG
 from ..cad.registry import listed, of_group
 from ..errors import InputError, MissingLibrary
 from ..extras import require
+from ..patterns.quality import measure
 from ..patterns.recipe import RECOMMENDED, draw_patches, load_recipe
 from . import first_light
 from .templating import fixed, render, require_pages, save, table
@@ -42,6 +43,7 @@ VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
 LAYER_MM = 0.05
 PLACED_MM = 1.0  # by which a sticker is larger than the view, for a hand that places it
 SHOWN_MM = 120.0  # width of the pattern's picture on the page
+QUALITY_PX = 100  # of the view, in which it is measured whether the camera sees the pattern
 CUP_ML = 50  # cups are sold in steps of it
 
 _BOARD = ("camera-screw", "camera", "camera-holder")
@@ -254,12 +256,14 @@ def _to_order(line: bom.BomLine) -> dict[str, str]:
 class PatternToPrint:
     """The pattern to print for a design: its side, and what the camera sees of it.
 
-    file: the recipe, where it is no shipped one. image: a data URL, one pixel a patch; enlarged: by
+    file: the recipe, where it is no shipped one. seen: by the design's camera, as
+    `pattern quality` says. image: a data URL, one pixel a patch; enlarged: by
     how much it is larger on the page. pairs: a good and a spoiled print and sensor of it.
     """
 
     size_mm: float
     file: str
+    seen: bool
     image: str
     enlarged: float
     pairs: dict[str, list[str]]
@@ -289,7 +293,9 @@ def sticker(design: Design) -> PatternToPrint:
         of: [_data_url("image/jpeg", one) for one in pair]
         for of, pair in first_light.pairs(design, recipe).items()
     }
-    return PatternToPrint(recipe.size_mm, file, image, SHOWN_MM / view_mm[0], pairs)
+    mm_per_px = design.optics.mm_per_px
+    resolved = measure(recipe, mm_per_px=mm_per_px, view_mm=(QUALITY_PX * mm_per_px,) * 2).seen
+    return PatternToPrint(recipe.size_mm, file, resolved, image, SHOWN_MM / view_mm[0], pairs)
 
 
 def _plates(design: Design, parts: Sequence[Part]) -> list[tuple[str, dict[str, int]]]:

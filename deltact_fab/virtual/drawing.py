@@ -65,10 +65,16 @@ def resting(sensor: SensorDimensions) -> Geometry:
 def printed(
     simulator: SimulatorConfig, recipe: PatternRecipe, geometry: Geometry, seed: int
 ) -> FrameRenderer:
-    """The gel with that pattern as the rig's printer made it, before the rig's camera."""
+    """The gel with that pattern as the rig's printer made it, before the rig's camera.
+
+    Where a sticker is smaller than the view the camera sees bare film beside it.
+    """
     printer = Printer(**simulator.printer.model_dump())
+    camera = geometry.camera
+    view_mm = max(camera.width_px, camera.height_px) * camera.mm_per_px
+    side_px = math.ceil(max(recipe.printed_mm, view_mm) / printer.mm_per_dot - 1e-9)
     rng = np.random.default_rng(np.random.SeedSequence([seed, 3]))
-    values = printer.print_(albedo(recipe, printer.mm_per_dot), rng)
+    values = printer.print_(albedo(recipe, printer.mm_per_dot, (side_px, side_px)), rng)
     exposure = ImageSensor(**simulator.camera.model_dump())
     return FrameRenderer(geometry, Texture(values, printer.mm_per_dot), exposure)
 

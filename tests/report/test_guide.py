@@ -298,7 +298,8 @@ def test_where_it_cannot_be_written_it_says_so(tmp_path: Path) -> None:
 
 
 def test_the_sticker_is_the_design_s_own() -> None:
-    assert guide.sticker(load_design()).file == ""
+    shipped = guide.sticker(load_design())
+    assert (shipped.file, shipped.seen) == ("", True)
     wide = load_design("large-60x50")
     own = guide.sticker(wide)
     recipe = recipe_from(tomllib.loads(own.file), "recommended-large.toml")

@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 from deltact_fab.errors import SolverError
 from deltact_fab.imaging import ImageSensor
 from deltact_fab.optics import LatticeSampler, Pinhole, PointSampler, SurfaceLattice
+from deltact_fab.patterns import recipe_from_options
+from deltact_fab.rig.simulator import SimulatorConfig
+from deltact_fab.shapes import SensorDimensions
+from deltact_fab.virtual.drawing import printed, resting
 from deltact_fab.virtual.picture import FrameRenderer, Geometry, Texture
 
 CAMERA = Pinhole(0.0378, 160, 120, 12.85)
@@ -136,3 +140,13 @@ def test_a_face_turned_over_is_refused_not_drawn() -> None:
     picture = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
     with pytest.raises(SolverError, match="see no point of the surface"):
         picture.render(mirrored, np.random.default_rng(0))
+
+
+def test_beside_a_small_sticker_is_bare_film_and_no_stripe() -> None:
+    small = recipe_from_options(None, 0.4, 0.6, size_mm=12.0)
+    face = resting(SensorDimensions())
+    image = printed(SimulatorConfig(), small, face, 1).render(None, np.random.default_rng(0))
+    inside, beside = image[250:350, 350:450], image[250:350, :100]
+    assert inside.std() > 50
+    assert beside.std() < 10
+    assert beside.mean() > 180
