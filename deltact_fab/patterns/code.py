@@ -83,7 +83,7 @@ def decode(text: str) -> PatternRecipe:
     found = patches_hash(recipe)
     if found != drawn:
         raise InputError(
-            f"code {shown}: asks for patches {drawn.upper()} and this version draws "
+            f"code {shown}: names patches {drawn.upper()} and this version draws "
             f"{found.upper()}: it was made by another version"
         )
     return recipe

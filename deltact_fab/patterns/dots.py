@@ -39,7 +39,7 @@ def check_inside(grid: DotGrid, view_mm: tuple[float, float]) -> None:
             free_mm = side_mm / 2 - half_mm
             if free_mm >= 0:
                 raise InputError(
-                    f"dots: offset_{axis}_mm: {offset_mm:g} takes them out of the camera's "
+                    f"dots: offset_{axis}_mm: {offset_mm:g} moves them out of the camera's "
                     f"{side_mm:.2f} mm; at most {np.floor(free_mm * 100) / 100:g} either way"
                 )
             room_mm = side_mm - grid.diameter_mm
@@ -49,7 +49,7 @@ def check_inside(grid: DotGrid, view_mm: tuple[float, float]) -> None:
                 else "fewer or smaller dots"
             )
             raise InputError(
-                f"dots: {count} along {axis} take {2 * half_mm:g} mm and the camera sees "
+                f"dots: {count} along {axis} span {2 * half_mm:g} mm and the camera sees "
                 f"{side_mm:.2f} mm; {largest} keeps them in view"
             )
 

@@ -79,7 +79,7 @@ class PatternFiles:
         r = self.recipe
         said = [f"{self.image}: {r.law}, {r.printed_mm:g} x {r.printed_mm:g} mm"]
         if r.patch_mm is not None:
-            asked = "" if r.printed_mm == r.size_mm else f" ({r.size_mm:g} mm were asked for)"
+            asked = "" if r.printed_mm == r.size_mm else f" ({r.size_mm:g} mm requested)"
             said[0] += asked
             what = [f"{r.n} x {r.n} whole patches", f"d {r.patch_mm:g} mm"]
             if r.r is not None:

@@ -95,7 +95,7 @@ class PatternRecipe(Table, strict=True):
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     """Of the draw: the same seed makes the same pattern."""
     size_mm: Annotated[float, Field(ge=1, le=300)] = 35.0
-    """Side of the sticker that is asked for; whole patches may make less than a patch less."""
+    """Requested side of the sticker; whole patches may make it up to a patch smaller."""
     patch_mm: Annotated[
         Annotated[float, Field(gt=0, le=300)] | None,
         Field(validate_default=True, examples=[0.4]),
@@ -203,7 +203,7 @@ class PatternRecipe(Table, strict=True):
                 x_mm, y_mm = dots.offset_mm
                 centre = f" about ({x_mm:g}, {y_mm:g}) mm" if x_mm or y_mm else ""
                 raise ValueError(
-                    f"the grid takes {wide_mm:g} x {high_mm:g} mm{centre} and must fit on the "
+                    f"the grid covers {wide_mm:g} x {high_mm:g} mm{centre} and must fit on the "
                     f"printed {printed_mm:g} mm"
                 )
         return dots
@@ -289,7 +289,7 @@ def load_recipe(name: str) -> PatternRecipe:
 
 DEFAULT_SEED = 7
 RECOMMENDED = "recommended"
-"""The pattern to print where nobody knows better: its file says for what printer and camera."""
+"""The pattern to print by default: its file names the printer and the camera it is for."""
 
 
 def recipe_from_options(

@@ -2,8 +2,8 @@
 
 The sticker is found in a scan as a dark or textured square on the film, each of its eight ways
 round is correlated with the recipe, and the best one is refined tile by tile: where the tiles lie
-tells scale, shear and the place of each ink, what they hold tells contrast, order and gaps. A
-flatbed's dpi is the measure of scale; a photograph has none, and tells none.
+gives scale, shear and the place of each ink; their content gives contrast, order and gaps. Scale is
+measured by the flatbed's dpi; a photograph has none.
 
 What the scan's pixels average is taken from the recipe too; a lens or a film out of focus counts as
 the printer's blur.
@@ -125,13 +125,13 @@ class Verified:
         return {"passed": self.passed, **asdict(self)}
 
     def printer(self) -> KnownPrinter:
-        """What the print tells of its printer.
+        """What the print shows about its printer.
 
         Raises InputError for a photograph, and for a print that is not the recipe's.
         """
         found = self.found
         if found is None or found.scale is None:
-            raise InputError(f"{self.scan}: tells no scale: a flatbed scan with its dpi does")
+            raise InputError(f"{self.scan}: has no scale: use a flatbed scan with its dpi")
         if found.halved:
             raise InputError(f"{self.scan}: {HALVED}")
         x, y = (was / is_ for was, is_ in zip(self.scaled, found.scale, strict=True))
@@ -174,14 +174,14 @@ def verify(
     mirrored: bool = False,
     scaled: tuple[float, float] = (1.0, 1.0),
 ) -> Verified:
-    """Hold a scan or photograph of a print against its recipe.
+    """Compare a scan or photograph of a print with its recipe.
 
-    dpi: of the scan, instead of the file's. mirrored: what the transfer asks for (`slide`). scaled:
+    dpi: of the scan, instead of the file's. mirrored: what the transfer requires (`slide`). scaled:
     by which the sheet was stretched already. Raises InputError for a file that cannot be used and
     for a recipe of one colour.
     """
     if recipe.patch_mm is None and recipe.dots is None:
-        raise InputError(f"{recipe.law}: one colour all over: there is nothing to compare")
+        raise InputError(f"{recipe.law}: one uniform colour: there is nothing to compare")
     scan, dpi, halved = load_scan(path, dpi)
     best: _Placed | None = None
     part = np.zeros((1, 1, 3), np.float32)
@@ -546,10 +546,10 @@ def _rows(
     way = {False: "not mirrored", True: "mirrored"}
     yield JudgedRow(
         "mirror", way[found.mirrored], way[mirrored], found.mirrored == mirrored,
-        "print with the other --transfer, or say which one it is",
+        "print with the other --transfer, or name the one that was used",
     )  # fmt: skip
     if found.scale is None:
-        what = "not told by a photograph: a flatbed scan with its dpi does"
+        what = "unknown from a photograph; scan it on a flatbed"
         yield JudgedRow("scale and shear", what, "not judged", True)
     else:
         for axis, scale, was in zip("xy", found.scale, scaled, strict=True):
@@ -560,20 +560,20 @@ def _rows(
             )  # fmt: skip
         yield JudgedRow(
             "shear", f"{found.shear:.4f}", f"<= {SHEAR_OFF:g}", found.shear <= SHEAR_OFF,
-            "the paper went in at an angle, or the scan is of a bent film",
+            "the paper was fed at an angle, or the film was not flat on the scanner",
         )  # fmt: skip
     if found.in_order is not None:
         yield JudgedRow(
             "patches resolved", f"{100 * found.in_order:.1f} % of neighbours in order",
             f">= {100 * IN_ORDER:g} %", found.in_order >= IN_ORDER,
-            "a larger patch, or a printer of more dots an inch",
+            "use a larger patch or a printer with a higher resolution",
         )  # fmt: skip
     if found.halved:
         yield JudgedRow("contrast and inks", HALVED, "not judged", True)
     else:
         yield JudgedRow(
             "contrast kept", f"{found.kept:.2f}", f">= {PRINTED_SHARE:g} of the recipe's",
-            found.kept >= PRINTED_SHARE, "finest setting, matt film, a larger patch",
+            found.kept >= PRINTED_SHARE, "use the finest setting, matt film, or a larger patch",
         )  # fmt: skip
         weakest = min(found.contrast) / max(max(found.contrast), 1e-9)
         shown = ", ".join(f"{c:.2f}" for c in found.contrast)
@@ -596,5 +596,5 @@ def _rows(
         there, whole = found.dots
         yield JudgedRow(
             "marker dots", f"{there} of {whole}", "all", there == whole,
-            "white is where no ink is: look at the film there",
+            "a white dot is bare film: look for ink or dirt there",
         )  # fmt: skip

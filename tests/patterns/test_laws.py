@@ -263,7 +263,7 @@ def test_any_law_carries_dots_but_clear_film(law):
     [
         ("octav", {}, "law: no such law; did you mean 'octave'? (got 'octav')"),
         ("noise", {}, "law: no such law; valid: algorithm1, binary, chessboard, dot-matrix, iid,"),
-        ("iid", {"r": 0.1}, "r: law 'iid' does not use it: remove it (it takes patch_mm, channels"),
+        ("iid", {"r": 0.1}, "r: law 'iid' does not use it: remove it (it uses patch_mm, channels"),
         ("iid", {"patch_mm": None}, "patch_mm: law 'iid' needs it"),
         ("binary", {"scales_mm": [0.1]}, "scales_mm: law 'binary' does not use it: remove it"),
         ("chessboard", {"channels": 1}, "channels: law 'chessboard' does not use it: remove it"),
@@ -281,7 +281,7 @@ def test_any_law_carries_dots_but_clear_film(law):
         ("octave", {"weights": [1, 1, 0]}, "weights.2: Input should be greater than or equal to"),
         ("octave", {"scales_mm": ["a"]}, "scales_mm.0: "),
         ("iid", {"dots": {"offset_x_mm": 2.0, "columns": 1, "rows": 1}},
-         "dots: the grid takes 0.6 x 0.6 mm about (2, 0) mm and must fit on the printed 4 mm"),
+         "dots: the grid covers 0.6 x 0.6 mm about (2, 0) mm and must fit on the printed 4 mm"),
     ],
 )  # fmt: skip
 def test_what_a_law_refuses(law, more, said):

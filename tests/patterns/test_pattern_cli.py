@@ -42,7 +42,7 @@ def test_make_a_named_recipe_and_show_it(run):
     code, out, _ = run("make dense -o x.png")
     assert code == 0
     assert "466 x 466 whole patches, d 0.075 mm, r 0.6, seed 7" in out
-    assert "34.95 x 34.95 mm (35 mm were asked for)" in out
+    assert "34.95 x 34.95 mm (35 mm requested)" in out
     code, out, _ = run("show x.png --json")
     assert code == 0
     assert json.loads(out)["patch_mm"] == 0.075

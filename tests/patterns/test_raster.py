@@ -175,9 +175,9 @@ def test_the_table_in_the_image_says_where_every_dot_is(tmp_path, dpi):
 def test_a_set_off_grid_stays_in_view_and_on_the_sticker():
     view_mm = SensorDimensions().optics.view_mm
     check_inside(DotGrid(offset_x_mm=1.58), view_mm)
-    with pytest.raises(InputError, match=r"offset_x_mm: 1.59 takes them out .* at most 1.58 "):
+    with pytest.raises(InputError, match=r"offset_x_mm: 1.59 moves them out .* at most 1.58 "):
         check_inside(DotGrid(offset_x_mm=1.59), view_mm)
-    with pytest.raises(InputError, match=r"offset_y_mm: -2 takes them out"):
+    with pytest.raises(InputError, match=r"offset_y_mm: -2 moves them out"):
         check_inside(DotGrid(offset_y_mm=-2.0), view_mm)
 
 

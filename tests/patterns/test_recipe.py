@@ -56,9 +56,9 @@ def test_whole_patches(size_mm, patch_mm, n):
         ({"dots": {"offset_x_mm": float("inf")}}, "p.toml: dots.offset_x_mm: "),
         (
             {"dots": {"offset_x_mm": -4.01}},
-            "p.toml: dots: the grid takes 27 x 19.8 mm about (-4.01, 0) mm and must fit",
+            "p.toml: dots: the grid covers 27 x 19.8 mm about (-4.01, 0) mm and must fit",
         ),
-        ({"dots": {}, "size_mm": 20.0}, "p.toml: dots: the grid takes 27 x 19.8 mm"),
+        ({"dots": {}, "size_mm": 20.0}, "p.toml: dots: the grid covers 27 x 19.8 mm"),
     ],
 )
 def test_a_bad_recipe_is_one_line_with_file_and_key(change, said):

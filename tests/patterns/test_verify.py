@@ -77,7 +77,7 @@ def test_a_hand_held_photograph_is_judged_but_for_its_scale(tmp_path):
     done = verify(spoiled.save(photo, tmp_path / "photo.jpg"), RECIPE)
     assert done.passed
     assert done.found.scale is None
-    with pytest.raises(InputError, match="tells no scale: a flatbed scan with its dpi does"):
+    with pytest.raises(InputError, match="has no scale: use a flatbed scan with its dpi"):
         done.printer()
 
 
@@ -115,7 +115,7 @@ def test_what_is_no_scan_is_one_line(tmp_path):
     with pytest.raises(InputError, match="--dpi -3: expected 50 to 9600"):
         verify(tmp_path / "a.png", RECIPE, -3.0)
     clear = PatternRecipe(law="transparent", seed=1)
-    with pytest.raises(InputError, match="one colour all over"):
+    with pytest.raises(InputError, match="one uniform colour"):
         verify(tmp_path / "a.png", clear)
     blank = spoiled.save(np.full((900, 900, 3), 240, np.uint8), tmp_path / "c.png", DPI)
     assert not verify(blank, RECIPE).passed

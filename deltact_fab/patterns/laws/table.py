@@ -41,4 +41,4 @@ def check_key(name: str, key: str, is_given: bool) -> None:
         if not law.has_patches:
             raise ValueError(f"law {name!r} has no patches: remove it")
         takes = ", ".join(k for k in KEYS if k in law.needs + law.may)
-        raise ValueError(f"law {name!r} does not use it: remove it (it takes {takes})")
+        raise ValueError(f"law {name!r} does not use it: remove it (it uses {takes})")

@@ -185,7 +185,7 @@ def placed(
             )
             raise InputError(
                 f"{names[i]}: {cell.side_mm:g} mm do not fit on the paper with marks and label; "
-                f"it has room for {max(0, math.floor(side_mm))} mm: take a larger --paper"
+                f"it has room for {max(0, math.floor(side_mm))} mm: use a larger --paper"
             )
         if x_mm + wide_mm > right + 1e-9:
             x_mm, y_mm, row_mm = left, y_mm + row_mm, 0.0
