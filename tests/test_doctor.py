@@ -30,7 +30,7 @@ def test_requirements_are_read() -> None:
 @pytest.mark.parametrize(
     ("name", "module"),
     [("Pillow", "PIL"), ("pyserial", "serial"), ("opencv-contrib-python-headless", "cv2"),
-     ("numpy", "numpy"), ("dash-model-viewer", "dash_model_viewer")],
+     ("numpy", "numpy"), ("import-linter", "importlinter")],
 )  # fmt: skip
 def test_the_name_of_the_import_is_the_package_s_own(name: str, module: str) -> None:
     assert doctor.module_of(metadata.distribution(name)) == module

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-import importlib.metadata
+import io
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from typing import Any
 
 import pandas as pd
 
-from .. import catalog
+from .. import catalog, extras
 from ..aliases import Progress
 from ..cad.design import load_indenters
 from ..cad.dimensions import Design
@@ -30,16 +30,14 @@ from ..cad.parts.screw import stock_note
 from ..cad.print_orientation import SELF_SUPPORTING_DEG
 from ..cad.registry import listed, of_group
 from ..errors import InputError, MissingLibrary
-from ..extras import require
 from ..patterns.quality import measure
 from ..patterns.recipe import RECOMMENDED, draw_patches, load_recipe
 from . import first_light
 from .templating import fixed, render, require_pages, save, table
 
-VIEWER_PACKAGE = "dash-model-viewer"
-VIEWER_FILE = "model-viewer-umd.min.js"
-VIEWER_LICENCE = "model-viewer-LICENSE"
 VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
+VIEW_DOWN_DEG, VIEW_ROUND_DEG, VIEW_AWAY = -20.0, 35.0, 1.25  # the last in diagonals of the model
+DARKEST = 0.2  # of a colour in the view: its one lamp leaves black parts without edges
 LAYER_MM = 0.05
 PLACED_MM = 1.0  # by which a sticker is larger than the view, for a hand that places it
 SHOWN_MM = 120.0  # width of the pattern's picture on the page
@@ -77,7 +75,8 @@ GAPS = {"said": "the paper", "found": "what is found", "chosen": "what was chose
 class Pictures:
     """What the kernel adds to the page; empty without it, and `note` says why.
 
-    Data URLs: exploded, bench, parts (by name) and steps (by number) are SVG, model is a GLB.
+    Data URLs: exploded, bench, parts (by name) and steps (by number), all SVG. model: a page of its
+    own in which the exploded sensor is turned.
     ceilings: what of a printed part hangs as it lies on the platform, in words, by name.
     """
 
@@ -95,15 +94,6 @@ class Pictures:
         return self.steps.get(WHOLE, "")
 
 
-@dataclass(frozen=True)
-class Viewer:
-    """The script that turns the model, and its licence; empty where it is not installed."""
-
-    script: str = ""
-    licence: str = ""
-    note: str = ""
-
-
 def write(
     design: Design,
     out: Path,
@@ -115,12 +105,12 @@ def write(
     """Write the guide of a design to one self-contained file; no part of it is fetched.
 
     progress: called with (done, total, what). pictures: ready ones, instead of drawing them.
-    Without the CAD kernel or the viewer the page is written without pictures or 3D view and says
-    what to install. Raises InputError for a broken rule or a count below 1, MissingLibrary without
+    Without the CAD kernel the page is written without pictures and 3D view and says what to
+    install. Raises InputError for a broken rule or a count below 1, MissingLibrary without
     the extra `report` or shapely, RunFailed when a part cannot be built or the disk refuses.
     """
     require_pages()
-    require("cad", "the guide's wiring diagram", "shapely")
+    extras.require("cad", "the guide's wiring diagram", "shapely")
     tell = progress or (lambda done, total, what: None)
     lines = bom.lines(design, sensors)
     parts = listed(design=design)
@@ -136,7 +126,6 @@ def write(
         parts=parts,
         layer_mm=LAYER_MM,
         pictures=pictures,
-        viewer=viewer() if pictures.model else Viewer(),
         bom=table(pd.DataFrame([_to_order(line) for line in lines])),
         stock_note=stock_note(design),
         q=quantities,
@@ -192,6 +181,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     from ..cad.overhangs import laid, stand
 
     require()
+    extras.require("cad", "the guide's 3D view", "trimesh")
     total = len(parts) + len(STEPS) + 3
     solids: dict[str, Any] = {}
     images: dict[str, str] = {}
@@ -222,12 +212,12 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     }
     exploded_glb = [
         replace(
-            drawn(fine[part.name], part.name, part.colour),
+            drawn(fine[part.name], part.name, _lit(part.colour)),
             places_mm=tuple((x, y, z + part.explode_mm) for x, y, z in part.places(design)),
         )
         for part in of_group("sensor", design)
     ]
-    model = _data_url("model/gltf-binary", glb_bytes(exploded_glb, "deltact"))
+    model = turntable(glb_bytes(exploded_glb, "deltact"))
     tell(total, total, "done")
     return Pictures(_svg_url(exploded), bench, images, model, steps, ceilings)
 
@@ -271,8 +261,6 @@ class PatternToPrint:
 
 def sticker(design: Design) -> PatternToPrint:
     """The recommended pattern, as large as the design's view needs it."""
-    import io
-
     from PIL import Image
 
     recipe, view_mm = load_recipe(RECOMMENDED), design.optics.view_mm
@@ -311,25 +299,22 @@ def _plates(design: Design, parts: Sequence[Part]) -> list[tuple[str, dict[str, 
     ]
 
 
-def viewer() -> Viewer:
-    """The bundle of `<model-viewer>` out of its package, which is read and never imported."""
-    texts: dict[str, str] = {}
-    try:
-        files = importlib.metadata.files(VIEWER_PACKAGE) or []
-    except importlib.metadata.PackageNotFoundError:
-        files = []
-    for file in files:
-        if file.name in (VIEWER_FILE, VIEWER_LICENCE):
-            path = Path(str(file.locate()))
-            if path.is_file():
-                texts[file.name] = path.read_text(encoding="utf-8")
-    if VIEWER_FILE not in texts:
-        return Viewer(
-            note=f"No 3D view: {VIEWER_PACKAGE} is not installed; pip install 'deltact-fab[cad]'"
-        )
-    # What would end or hide the rest of the page; in a string of the script it means the same.
-    script = texts[VIEWER_FILE].replace("</script", "<\\/script").replace("<!--", "<\\!--")
-    return Viewer(script, texts.get(VIEWER_LICENCE, ""))
+def turntable(glb: bytes) -> str:
+    """A page in which a model is turned: three.js (MIT) around it, as trimesh carries it."""
+    from trimesh import load_scene
+    from trimesh.scene import Camera
+    from trimesh.viewer.notebook import scene_to_html
+
+    scene = load_scene(io.BytesIO(glb), file_type="glb")
+    angles = (math.radians(VIEW_DOWN_DEG), math.radians(VIEW_ROUND_DEG), 0.0)
+    scene.camera = Camera("camera", fov=(60, 45))  # unnamed it gets another name each time
+    scene.set_camera(angles, distance=VIEW_AWAY * scene.scale)
+    return str(scene_to_html(scene))
+
+
+def _lit(colour: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    red, green, blue, alpha = colour
+    return max(red, DARKEST), max(green, DARKEST), max(blue, DARKEST), alpha
 
 
 def _figures(d: Design) -> dict[str, Any]:

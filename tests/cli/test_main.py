@@ -14,7 +14,7 @@ from deltact_fab import catalog
 from deltact_fab.cli.main import COMMANDS, entry
 from deltact_fab.study.registry import STUDIES
 
-HEAVY = ("cadquery", "OCP", "scipy.sparse", "plotly", "matplotlib", "pandas", "cv2", "numpy",
+HEAVY = ("cadquery", "OCP", "scipy.sparse", "matplotlib", "pandas", "cv2", "numpy",
          "serial", "pydantic", "numba")  # fmt: skip
 ASK = """
 import sys

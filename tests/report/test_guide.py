@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import importlib.metadata
 import io
 import json
 import re
@@ -11,11 +10,13 @@ import tomllib
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from deltact_fab.cad import kernel
 from deltact_fab.cad.design import load_design
+from deltact_fab.cad.export.formats.glb import GlbPart, glb_bytes
 from deltact_fab.cad.parts.mold import RELEASE_AGENT
 from deltact_fab.cad.registry import find, listed
 from deltact_fab.errors import InputError, MissingLibrary
@@ -28,7 +29,7 @@ DRAWN = Pictures(
     SVG,
     SVG,
     {part.name: SVG for part in listed()},
-    "data:a,1",
+    '<p>turn "it"</p></iframe>',
     dict.fromkeys(guide.STEPS, SVG),
     {"cover": "26.1 mm2 from 1.6 mm up, unsupported"},
 )
@@ -73,9 +74,9 @@ def test_it_fetches_nothing_and_its_anchors_lead_somewhere(default: Seen) -> Non
     anchors = {link[1:] for link in default.fetched if link.startswith("#")}
     assert anchors <= set(default.ids)
     assert len(default.ids) == len(set(default.ids))
-    # The bench, the wiring, the pattern, and one that stands where the model cannot be turned.
-    assert default.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 8
-    assert default.tags.count("model-viewer") == 1
+    # The exploded view, the bench, the wiring, and the pattern with good and spoiled ones.
+    assert default.tags.count("img") == 8 + len(listed()) + len(guide.STEPS)
+    assert default.tags.count("iframe") == 1
 
 
 def test_it_tells_the_steps_in_their_order(default: Seen) -> None:
@@ -241,47 +242,21 @@ def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.Monke
     assert "No pictures and no 3D view: the CAD kernel cannot load: libGL.so.1" in seen.text
     # The wiring drawing and the pattern need no kernel.
     assert seen.tags.count("img") == 6
-    assert "model-viewer" not in seen.tags
+    assert "iframe" not in seen.tags
     assert "H. Assembly" in seen.text
 
 
-def test_without_the_viewer_it_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def absent(name: str) -> list[importlib.metadata.PackagePath]:
-        raise importlib.metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(importlib.metadata, "files", absent)
-    seen = page(tmp_path / "guide.html")
-    assert "No 3D view: dash-model-viewer is not installed" in seen.text
-    assert "model-viewer" not in seen.tags
-    assert "script" not in seen.tags
-    assert seen.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 8
-
-
-def test_the_viewer_cannot_end_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bundle = tmp_path / guide.VIEWER_FILE
-    bundle.write_text("var a = '</script><!--<script>', b = 1;")
-
-    class File:
-        name = guide.VIEWER_FILE
-
-        def locate(self) -> Path:
-            return bundle
-
-    monkeypatch.setattr(importlib.metadata, "files", lambda name: [File()])
-    text = write(load_design(), tmp_path / "guide.html", pictures=DRAWN).read_text()
-    assert "var a = '<\\/script><\\!--<script>', b = 1;" in text
-    assert Seen(text).tags.count("script") == 2
-
-
-def test_the_installed_viewer_is_found_with_its_licence() -> None:
-    found = guide.viewer()
-    if found.note:
-        pytest.skip(found.note)
-    assert "customElements.define" in found.script
-    assert "Apache License" in found.licence
-    assert not re.search(r"</script|<!--", found.script)
+def test_the_view_is_the_model_and_fetches_nothing() -> None:
+    corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]], np.float32)
+    triangle = GlbPart("lid", corners, np.eye(3, dtype=np.float32)[[2, 2, 2]],
+                       np.arange(3, dtype=np.uint32)[None], (0.2, 0.5, 0.2, 1.0))  # fmt: skip
+    glb = glb_bytes([triangle], "sensor")
+    page = guide.turntable(glb)
+    assert page == guide.turntable(glb)
+    assert Seen(page).fetched == []
+    shown = re.search(r'base64_data="([^"]+)"', page)
+    assert shown is not None
+    assert b'"lid"' in base64.b64decode(shown[1])
 
 
 def test_the_same_design_gives_the_same_bytes(tmp_path: Path) -> None:
