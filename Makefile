@@ -16,7 +16,7 @@ PYTEST := $(V)/python -m pytest -n $(JOBS) --maxprocesses 8 --dist worksteal
 	@$(V)/python -m pip --version >/dev/null 2>&1 || $(V)/python -m ensurepip -q
 	@$(V)/python -m pip install -q --disable-pip-version-check uv 2>/dev/null \
 	  || echo "make: uv is not to be had here, pip installs instead (slower)"
-	@echo "make: installing deltact-fab and its packages into .venv (3.6 GB)"
+	@echo "make: installing deltact-fab and its packages into .venv (3.7 GB)"
 	@if $(V)/python -m uv --version >/dev/null 2>&1; then \
 	  $(V)/python -m uv pip install -q --python $(V)/python -c constraints.txt -e '.[all,test]'; \
 	else \

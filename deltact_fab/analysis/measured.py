@@ -53,6 +53,11 @@ class Force:
     rms_n: tuple[float, float, float] | None
 
     @property
+    def doubtful(self) -> bool:
+        """Whether it is no test, or frames are beyond the calibration."""
+        return self.own or self.rms_n is None or bool(self.frames["extrapolated"].any())
+
+    @property
     def line(self) -> str:
         """The verdict in one line."""
         n, beyond = len(self.frames), int(self.frames["extrapolated"].sum())

@@ -133,10 +133,10 @@ def measure(
             outputs.append(PageOutput(session, page))
             click.echo(f"view: {page.url}", err=True)
 
-        def tell(health: str) -> None:
+        def tell(health: str, unfit: str = "") -> None:
             click.echo(health, err=True)
             if page is not None:
-                page.tell(health)
+                page.tell(health, unfit)
 
         if lines := told_once(session):
             tell("\n".join(lines))

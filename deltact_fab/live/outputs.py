@@ -136,20 +136,24 @@ class PageOutput(Output):
 class HealthOutput(Output):
     """Tells the state of health that each new reference shows, where a calibration can say it."""
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
+    def __init__(self, tell: Callable[[str, str], None]) -> None:
         self._tell = tell
 
     def show(self, measured: MeasuredImage) -> None:
         """As Output."""
         found = measured.result.health
         if measured.result.frame == 0 and found is not None:
-            self._tell(f"state of health: {found.line}")
+            self._tell(f"state of health: {found.line}", "; ".join(found.reasons))
 
 
 def about(source: Source, with_force: bool) -> dict[str, object]:
     """What the page says once of a source, and of the curves that it draws."""
     if with_force:
-        names, title, least = ["normal", "shear x", "shear y"], "Force on the sensor, N", 0.2
+        names, title, least = (
+            ["z", "x", "y"],
+            "Force on the sensor, N; a press is negative in z",
+            0.2,
+        )
     else:
         unit, least = ("px", 2.0) if source.known.in_px else ("mm", 0.1)
         names, title = ["largest motion"], f"Motion of the pattern, {unit}"

@@ -79,7 +79,7 @@ class LivePage:
         self._going = threading.Event()
         self._going.set()
         self._ended: str | None = None
-        self._health = ""
+        self._health = self._unfit = ""
         self._closed = False
         page = self
 
@@ -107,10 +107,10 @@ class LivePage:
         """False while a browser holds the measurement; waits up to timeout_s for its end."""
         return self._going.wait(timeout_s)
 
-    def tell(self, health: str) -> None:
-        """The sensor's state of health."""
+    def tell(self, health: str, unfit: str = "") -> None:
+        """The sensor's state of health; unfit: why its results are not to be trusted."""
         with self._came:
-            self._health = health
+            self._health, self._unfit = health, unfit
             self._came.notify_all()
 
     def end(self, why: str) -> None:
@@ -137,7 +137,7 @@ class LivePage:
     def state(self) -> dict[str, Any]:
         """Whether the measurement is held or over, and the sensor's health."""
         held = not self._going.is_set()
-        return {"paused": held, "ended": self._ended, "health": self._health}
+        return {"paused": held, "ended": self._ended, "health": self._health, "unfit": self._unfit}
 
     def next(
         self, seen: tuple[int, dict[str, Any]], timeout_s: float

@@ -69,13 +69,13 @@ def data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
 
 
 def point(m: MeasuredImage) -> tuple[float | None, ...]:
-    """Of the traces: time; normal force and shear, else the motion; 1 where they are trusted."""
+    """Of the traces: time; the force in z, x and y, else the motion; 1 where they are trusted."""
     force, t_s = m.result.force, round(m.given.t_s, 4)
     if force is None:
         return (t_s, _largest(m), float(m.result.trusted))
     x, y, z = (None if np.isnan(v) else round(float(v), 4) for v in force.force_n)
     trusted = float(m.result.trusted and not force.extrapolated)
-    return (t_s, None if z is None else -z, x, y, trusted)
+    return (t_s, z, x, y, trusted)
 
 
 def image(m: MeasuredImage, tracked: Array) -> Array:

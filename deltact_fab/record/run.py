@@ -24,6 +24,8 @@ from .journal import misfits
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
 from .truth import RunTruth, load
 
+WARNING = "WARNING: "  # how a note of a summary begins that is one
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -243,6 +245,14 @@ class Run:
             return kept(self.folder, "summary.json")
         except InputError as why:
             raise RunFailed(str(why)) from why
+
+    def remarks(self) -> tuple[list[str], list[str]]:
+        """Warnings of the summary, their mark taken off, and its other notes."""
+        lines = self.summary().get("notes", [])
+        return (
+            [line.removeprefix(WARNING) for line in lines if line.startswith(WARNING)],
+            [line for line in lines if not line.startswith(WARNING)],
+        )
 
     def truth(self) -> RunTruth | None:
         """The virtual rig's truth of all complete presses, None on a real run.

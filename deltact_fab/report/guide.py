@@ -6,7 +6,7 @@ import base64
 import io
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
@@ -34,6 +34,7 @@ from ..patterns.quality import measure
 from ..patterns.recipe import RECOMMENDED, draw_patches, load_recipe
 from . import first_light
 from .templating import fixed, render, require_pages, save, table
+from .verdict import Finding, verdict, warnings
 
 VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
 VIEW_DOWN_DEG, VIEW_ROUND_DEG, VIEW_AWAY = -20.0, 35.0, 1.25  # the last in diagonals of the model
@@ -119,6 +120,7 @@ def write(
             pictures = draw(design, parts, tell)
         except MissingLibrary as why:
             pictures = Pictures(note=f"No pictures and no 3D view: {why}")
+    pattern = sticker(design)
     page = render(
         "guide.html",
         d=design,
@@ -140,10 +142,11 @@ def write(
         wirings=table(pd.DataFrame(map(asdict, quantities.wirings(design.light))), WIRING),
         wiring=_svg_url(wiring(design).svg()),
         p=DEFAULT,
-        sticker=sticker(design),
+        sticker=pattern,
         facts=DEFAULT.rows(),
         process=table(pd.DataFrame(DEFAULT.rows(), dtype=object), PROCESS),
         gaps=table(pd.DataFrame(map(asdict, gaps(design))), GAPS),
+        verdict=verdict(_judged(design, pictures, pattern)),
         unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
         # Keys that take the names of what a lab has measured, where something is unverified.
         measured=[
@@ -157,6 +160,19 @@ def write(
         indenters=len(load_indenters().indenter),
     )
     return save(page, out)
+
+
+def _judged(design: Design, pictures: Pictures, pattern: PatternToPrint) -> Iterator[Finding]:
+    """What speaks for the design, and what is to be seen to before it is printed."""
+    yield Finding("The dimensions of this design go together by all their rules.")
+    if n := len(design.unverified()):
+        yield Finding(
+            f"{n} dimensions were assumed and never measured: measure yours before you print "
+            "(the last section names them).", "warning",
+        )  # fmt: skip
+    else:
+        yield Finding("All dimensions are marked as measured.")
+    yield from warnings(line for line in (pictures.note, pattern.unseen) if line)
 
 
 def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
@@ -246,17 +262,17 @@ def _to_order(line: bom.BomLine) -> dict[str, str]:
 class PatternToPrint:
     """The pattern to print for a design: its side, and what the camera sees of it.
 
-    file: the recipe, where it is no shipped one. seen: by the design's camera, as
-    `pattern quality` says. image: a data URL, one pixel a patch; enlarged: by
-    how much it is larger on the page. pairs: a good and a spoiled print and sensor of it.
+    file: the recipe, where it is no shipped one. image: a data URL, one pixel a patch; enlarged: by
+    how much it is larger on the page. pairs: a good and a spoiled print and sensor of it. unseen:
+    a warning where the camera does not see the pattern, by the model of `pattern quality`.
     """
 
     size_mm: float
     file: str
-    seen: bool
     image: str
     enlarged: float
     pairs: dict[str, list[str]]
+    unseen: str
 
 
 def sticker(design: Design) -> PatternToPrint:
@@ -281,9 +297,14 @@ def sticker(design: Design) -> PatternToPrint:
         of: [_data_url("image/jpeg", one) for one in pair]
         for of, pair in first_light.pairs(design, recipe).items()
     }
-    mm_per_px = design.optics.mm_per_px
-    resolved = measure(recipe, mm_per_px=mm_per_px, view_mm=(QUALITY_PX * mm_per_px,) * 2).seen
-    return PatternToPrint(recipe.size_mm, file, resolved, image, SHOWN_MM / view_mm[0], pairs)
+    bare, mm_per_px = recipe.model_copy(update={"dots": None}), design.optics.mm_per_px
+    seen = measure(bare, mm_per_px=mm_per_px, view_mm=(QUALITY_PX * mm_per_px,) * 2).seen
+    unseen = "" if seen else (
+        "The camera of this design hardly resolves the pattern below, by the model of printer and "
+        f"camera of `pattern quality`: `study run pattern-search --mm-per-px {mm_per_px:.4g}` "
+        "finds a coarser one."
+    )  # fmt: skip
+    return PatternToPrint(recipe.size_mm, file, image, SHOWN_MM / view_mm[0], pairs, unseen)
 
 
 def _plates(design: Design, parts: Sequence[Part]) -> list[tuple[str, dict[str, int]]]:

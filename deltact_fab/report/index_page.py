@@ -14,6 +14,7 @@ from .. import reading, record
 from ..errors import DeltactFabError, InputError
 from . import study_folder
 from .templating import render, save, table
+from .verdict import Finding, verdict
 
 RUN = "run.json"
 # Where neither runs nor studies lie, but thousands of files may.
@@ -54,8 +55,18 @@ def write(folder: Path, out: Path) -> Path:
     marks = ["bad" if row.trouble else "" for row in rows]
     frame = pd.DataFrame(told, columns=["name", "kind", "date, UTC", "what came out"])
     made = table(frame, marks=marks, links=[row.link for row in rows])
-    worse = sum(map(bool, marks))
-    page = render("index.html", folder=folder.resolve().name, entries=made, worse=worse)
+    n, worse = len(rows), sum(map(bool, marks))
+    if not rows:
+        text = "Nothing was found: a run's folder has a run.json, a study's a result.json."
+    elif worse:
+        are = "is" if worse == 1 else "are"
+        text = f"{worse} of {n} {are} unfinished, old, damaged or made with warnings, and marked."
+    else:
+        text = f"{'It is' if n == 1 else f'All {n} are'} finished and can be read."
+    found = Finding(text, "good" if rows and not worse else "warning")
+    page = render(
+        "index.html", folder=folder.resolve().name, entries=made, verdict=verdict([found])
+    )
     return save(page, out)
 
 
@@ -110,7 +121,8 @@ def _study(place: Path, name: str, link: str) -> Entry:
 
 
 def _run(place: Path, name: str, link: str) -> Entry:
-    told = record.about(record.open(place))
+    run = record.open(place)
+    told, (warned, _) = record.about(run), run.remarks()
     begun = told["begun_s"]
     tracking = place / "analysis" / "tracking.json"
     if tracking.is_file():
@@ -119,7 +131,10 @@ def _run(place: Path, name: str, link: str) -> Entry:
         presses = "1 press" if told["presses"] == 1 else f"{told['presses']} presses"
         line = f"{told['frames']} frames in {presses}, not analysed yet"
     date = "" if begun is None else f"{datetime.fromtimestamp(begun, UTC):%Y-%m-%d %H:%M}"
-    trouble = "" if told["state"] == "finished" else f"{told['state']}:"
+    trouble = f"{told['state']}:"
+    if told["state"] == "finished":
+        n = len(warned)
+        trouble = f"{n} warning{'s' * (n > 1)}:" if n else ""
     simulated = bool(told["simulated"])
     return Entry(name, f"run of {told['protocol']}", link, date, line, trouble, simulated)
 

@@ -12,6 +12,7 @@ import pandas as pd
 
 from . import figures
 from .templating import render, save, table
+from .verdict import Finding, verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,10 +55,23 @@ def write(data: dict[str, Any], out: Path) -> Path:
         engines=drawn,
         scenes=table(pd.DataFrame(scenes, columns=list(SCENES)), SCENES),
         meta=data["meta"],
-        cases=len(data["stability"]),
-        wrong=[r["case"] for r in data["stability"] if r["outcome"] == "wrong"],
+        verdict=verdict([_stable(data["stability"])]),
     )
     return save(page, out)
+
+
+def _stable(rows: Sequence[dict[str, Any]]) -> Finding:
+    """What came of the stiff and extreme cases."""
+    wrong, n = [r["case"] for r in rows if r["outcome"] == "wrong"], len(rows)
+    if wrong:
+        are = "is" if len(wrong) == 1 else "are"
+        text = f"{len(wrong)} of {n} stiff and extreme cases {are} wrong: {'; '.join(wrong)}."
+        return Finding(f"{text} Do not trust what rests on them.", "bad")
+    return Finding(
+        f"All {n} stiff and extreme cases came out as they must: right within their bounds, or "
+        "refused. The engines can be trusted within the errors below that are against an "
+        "independent reference; a self-test shows no accuracy."
+    )
 
 
 def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:

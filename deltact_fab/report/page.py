@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from ..analysis.tracking_error import PAPER_BEST_MM, RULE, WRONG_MM, TrackingRes
 from ..errors import InputError
 from . import figures, run_figures
 from .templating import render, save, table
+from .verdict import Finding, verdict, warnings
 
 SMALLER = 0.6  # pictures of presses stand side by side
 
@@ -40,7 +42,8 @@ def write(
     run = record.open(run_folder)
     if not run.finished:
         raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
-    frames, notes, verdict = run.frames(), run.notes(), tracking.verdict
+    frames, notes, judged = run.frames(), run.notes(), tracking.verdict
+    warned, remarks = run.remarks()
     drawn = {
         "by_time": run_figures.error_by_time(tracking),
         "by_step": run_figures.error_by_step(tracking),
@@ -58,12 +61,14 @@ def write(
         summary=run.summary(),
         simulated=run.simulated,
         tracking=tracking.as_dict(),
-        verdict=verdict,
+        verdict=verdict(_found(warned, tracking, measured, shape)),
+        doubts={name: why for name, why in judged.doubts.items() if why},
+        remarks=remarks,
         methods=_methods(tracking),
         measured=measured,
         shape=shape,
         rule=RULE,
-        best=next(m for m in tracking.methods if m["name"] == verdict.about),
+        best=next(m for m in tracking.methods if m["name"] == judged.about),
         paper_mm=PAPER_BEST_MM,
         figures={
             name: figures.to_svg(figure, _SHOWN.get(name, ""))
@@ -104,6 +109,12 @@ def write_imported(run: record.Run, out: Path) -> Path:
     most = frames.iloc[int(np.argmax(summary["moved_px"]))]
     force = run.folder / "analysis" / "force.json"
     told = reading.json_object(force) if force.is_file() else {}
+    if "verdict" in told:
+        found = [Finding(f"Force from the flow: {told['verdict']}.")]
+    else:
+        text = "Force from the flow was not calibrated: `calibrate force` does it."
+        found = [Finding(text, "warning")]
+    warned, remarks = run.remarks()
     counts = {
         "images": f"{len(frames)} of {' x '.join(map(str, run.meta['imported']['image_px']))} px",
         "time, s": t_s.iloc[-1],
@@ -114,9 +125,8 @@ def write_imported(run: record.Run, out: Path) -> Path:
         "imported.html",
         name=run.meta["name"],
         about=run.meta["protocol"]["description"],
-        notes=[*summary["notes"], *run.notes()["text"]],
-        verdict=told.get("verdict"),
-        doubts=told.get("left_out", []),
+        notes=[*remarks, *run.notes()["text"]],
+        verdict=verdict([*warnings(warned), *found, *warnings(told.get("left_out", []))]),
         figure=figures.to_svg(figure, "force on the sensor and motion of the picture over time"),
         pictures=[
             _thumbnail(run, frames.iloc[0], "the first image: motion counts from it"),
@@ -125,6 +135,21 @@ def write_imported(run: record.Run, out: Path) -> Path:
         known=table(pd.DataFrame(counts.items(), columns=["what", "value"])),
     )
     return save(page, out)
+
+
+def _found(
+    warned: list[str],
+    tracking: TrackingResult,
+    measured: MeasuredRun | None,
+    shape: ShapeResult | None,
+) -> Iterator[Finding]:
+    """What speaks for and against a run: warnings of how it was made first."""
+    yield from warnings(f"{line[:1].upper()}{line[1:]}." for line in warned)
+    yield Finding(tracking.verdict.line, "good" if tracking.verdict.trusted else "bad")
+    if shape is not None:
+        yield Finding(f"Shape and contact: {shape.line}", "warning" if shape.missed else "good")
+    if measured is not None and (force := measured.force) is not None:
+        yield Finding(f"{force.line}.", "warning" if force.doubtful else "good")
 
 
 # What a figure shows, where its axes do not say it all.
@@ -136,7 +161,7 @@ _SHOWN = {
 
 def _methods(tracking: TrackingResult) -> dict[str, Any]:
     """The table of methods, what to take of it marked, with the paper's below."""
-    verdict, rows = tracking.verdict, []
+    judged, rows = tracking.verdict, []
     for m in tracking.methods:
         known = m["confident_share"] if m["coverage"] is None else m["coverage"]
         rows.append(
@@ -151,10 +176,10 @@ def _methods(tracking: TrackingResult) -> dict[str, Any]:
                 "frames trusted": _percent(m["trusted_share"]),
                 "CPU time a frame, ms": m["ms_per_frame"],
                 "new references": m["reference_switches"],
-                "believed": "no" if verdict.doubts[m["name"]] else "yes",
+                "believed": "no" if judged.doubts[m["name"]] else "yes",
             }
         )
-    marks = ["take" if m["name"] == verdict.take else "" for m in tracking.methods]
+    marks = ["take" if m["name"] == judged.take else "" for m in tracking.methods]
     if any(m["mean_at_dots_mm"] is not None for m in tracking.methods):
         rows.append({"method / reference": "the paper's own", "at the dots, mm": PAPER_BEST_MM})
         marks.append("")

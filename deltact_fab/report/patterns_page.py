@@ -14,9 +14,16 @@ from ..errors import InputError
 from ..patterns.series import job as series
 from . import figures
 from .templating import named, render, require_pages, save, table
+from .verdict import Finding, verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+ASSUMED = (
+    "Printer and camera are assumed values of a model, so this ranks patterns and predicts no "
+    "error in millimetres: measure your own before you choose."
+)
 
 
 def ready() -> Callable[[Path], Path]:
@@ -52,10 +59,7 @@ def write(folder: Path) -> Path:
         factors=sorted({row["r"] for row in rows}),
         views={(row["d_mm"], row["r"]): _view(folder, row["name"]) for row in rows},
         rounds=series.GRIDS,
-        seen=seen,
-        # What the camera does not see has the gradient of halftone and noise, not its own.
-        most_gradient=max(seen or rows, key=lambda row: _seen(row)["mean_gradient"]),
-        most_coarse=max(seen or rows, key=lambda row: sum(_seen(row)["contrast"][3:5])),
+        verdict=verdict([_best(rows, seen), Finding(ASSUMED)]),
         chosen=min(
             (row for row in rows if row["paper_error_mm"] is not None),
             key=lambda row: row["paper_error_mm"],
@@ -65,6 +69,21 @@ def write(folder: Path) -> Path:
         settings=table(pd.DataFrame(settings, columns=["assumed", "value"])),
     )
     return save(page, folder / series.PAGE)
+
+
+def _best(rows: list[dict[str, Any]], seen: list[dict[str, Any]]) -> Finding:
+    """What can be tracked best; the unseen have the gradient of halftone and noise, not theirs."""
+    if not seen:
+        text = f"The camera sees none of the {len(rows)} patterns: nothing here can be tracked."
+        return Finding(text, "bad")
+    small = max(seen, key=lambda row: _seen(row)["mean_gradient"])
+    large = max(seen, key=lambda row: sum(_seen(row)["contrast"][3:5]))
+    return Finding(
+        f"The camera still sees {len(seen)} of {len(rows)} patterns: of these "
+        f"d {small['d_mm']}, r {small['r']} has the most to track in small motion and "
+        f"d {large['d_mm']}, r {large['r']} in large motion.",
+        "good" if len(seen) == len(rows) else "warning",
+    )
 
 
 def _read(folder: Path) -> dict[str, Any]:

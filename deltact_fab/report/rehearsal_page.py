@@ -10,6 +10,7 @@ import pandas as pd
 
 from ..files import write_whole
 from .templating import render, save, table
+from .verdict import Finding, verdict
 
 COLUMNS = {
     "fault": "fault", "moment": "when", "outcome": "what the operator reads",
@@ -22,7 +23,11 @@ def write(found: dict[str, Any], protocol: str, rig: str, out: Path) -> list[Pat
     rows = [{**c, "wrong": c["wrong"] or "the same record"} for c in found["cells"]]
     marks = ["" if c["passed"] else "bad" for c in rows]
     cells = table(pd.DataFrame(rows, columns=list(COLUMNS)).round(2), COLUMNS, marks)
-    page = render("rehearsal.html", found=found, protocol=protocol, rig=rig, cells=cells)
+    text = f"{found['verdict'][:1].upper()}{found['verdict'][1:]}."
+    judged = verdict([Finding(text, "good" if found["passed"] else "bad")])
+    page = render(
+        "rehearsal.html", found=found, protocol=protocol, rig=rig, cells=cells, verdict=judged
+    )
     data = out / "rehearsal.json"
     written = [save(page, out / "rehearsal.html"), data]
     write_whole(data, json.dumps(found, indent=1).encode())

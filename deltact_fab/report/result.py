@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from .verdict import Finding, Level
+
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
@@ -184,27 +186,31 @@ class StudyResult:
     module: str = ""
 
     @property
-    def verdict(self) -> tuple[str, ...]:
-        """Sentences: claims, the answer, the figures that are told, and what is missing."""
+    def findings(self) -> tuple[Finding, ...]:
+        """Claims, the answer, the figures that are told, what is missing, what the gel flagged."""
         whole = not self.missing
-        lines = [one.sentence(whole) for one in self.claims]
-        lines += [*self.answer, *(one.sentence for one in self.headlines if one.told)]
-        goals = Counter(one.state for one in self.headlines if one.goal is not None)
+        found = [
+            Finding(one.sentence(whole), "warning" if one.state(whole) == "undecided" else "good")
+            for one in self.claims
+        ]
+        found += [Finding(line) for line in self.answer]
+        found += [Finding(one.sentence, GOAL[one.state]) for one in self.headlines if one.told]
+        goals = Counter(one.state for one in self.headlines if one.state is not None)
         if goals:
-            counted = ", ".join(f"{goals[name]} {name}" for name in STATES if goals[name])
-            lines.append(f"Goals: {counted}.")
+            states = [name for name in STATES if goals[name]]
+            counted = ", ".join(f"{goals[name]} {name}" for name in states)
+            found.append(Finding(f"Goals: {counted}.", GOAL[states[-1]]))
         if n := len(self.missing):
             are = "job is" if n == 1 else "jobs are"
-            lines.append(f"{n} {are} missing, so nothing is decided.")
-        return tuple(lines)
+            found.append(Finding(f"{n} {are} missing, so nothing is decided.", "warning"))
+        if flags := self.settings.get(GEL_FLAGS):
+            found.append(Finding(f"The simulated gel is flagged: {flags}.", "warning"))
+        return tuple(found)
 
     @property
-    def state(self) -> State | None:
-        """The worst of the goals, undecided at best where a claim is; None without any."""
-        found = [one.state for one in self.headlines if one.state]
-        undecided = [one.state(not self.missing) == "undecided" for one in self.claims]
-        found += ["undecided" if one else "met" for one in undecided]
-        return max(found, key=STATES.index, default=None)
+    def verdict(self) -> tuple[str, ...]:
+        """The findings' sentences."""
+        return tuple(one.text for one in self.findings)
 
     @property
     def data(self) -> dict[str, Any]:
@@ -225,6 +231,11 @@ class StudyResult:
 
 
 STATES: tuple[State, ...] = ("met", "undecided", "missed")
+GOAL: dict[State | None, Level] = {
+    None: "good", "met": "good", "undecided": "warning", "missed": "bad",
+}  # fmt: skip
+GEL_FLAGS = "gel's flags"
+"""The setting of a study that says where its simulated gel was beyond what it is made for."""
 
 
 def records(frame: pd.DataFrame) -> list[dict[str, Any]]:

@@ -13,6 +13,7 @@ import pandas as pd
 from . import figures, study_folder
 from .result import Headline, LeftOut, ReportTable, StudyResult
 from .templating import number, render, require_pages, table
+from .verdict import verdict
 
 MAX_ROWS, FIRST_ROWS = 120, 20  # a longer table is shown by its first rows
 MAX_MISSING = 20
@@ -84,7 +85,7 @@ def html(
         "study.html",
         r=result,
         made=f"{kept['made'].replace('T', ' ').removesuffix('Z')} UTC",
-        doubt=bool(result.missing) or result.state not in (None, "met"),
+        verdict=verdict(result.findings),
         figures=[
             {"svg": figures.to_svg(one.draw(), one.caption), "caption": one.caption}
             for one in result.figures

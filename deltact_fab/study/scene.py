@@ -20,7 +20,7 @@ from ..measure.view import SensorView
 from ..patterns.recipe import PatternRecipe, load_recipe
 from ..protocols import limits
 from ..protocols.plan import Protocol, expand
-from ..report.result import LeftOut
+from ..report.result import GEL_FLAGS, LeftOut
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
@@ -152,7 +152,7 @@ class PressScene:
             f"{times * (1 - SHARE) * hyperelastic.tolerance:.1%} of the force",
         }
         if flags:
-            found["gel's flags"] = "; ".join(
+            found[GEL_FLAGS] = "; ".join(
                 f"{name} at {n} of {len(gel)} jobs" for name, n in flags.items()
             )
         tried = [one for one in gel if one["between_samples"]]

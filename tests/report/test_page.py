@@ -51,7 +51,7 @@ def test_it_shows_shape_contacts_and_force_and_how_far_to_believe_them(page: str
     assert rows.count("4dots") >= 1
     assert "force sensor" in after.partition("</section>")[0]
     verdict = page.partition('<div class="verdict')[2].partition("</div>")[0]
-    assert "this is no test of it" in verdict.partition('<p class="doubt">')[2]
+    assert "this is no test of it" in verdict.partition('<p class="warning">')[2]
 
 
 class Attributes(HTMLParser):

@@ -109,16 +109,16 @@ def test_a_goal_that_is_missed_for_no_reason_says_that_too(tmp_path: Path) -> No
     out = study_page.write(replace(plain(), headlines=(short,)), tmp_path / "s").read_text()
     (row,) = table_of(section(out, "What counts"))[1:]
     assert row[-1] == "the study gives no reason"
-    assert 'class="verdict doubt"' in out
+    assert 'class="verdict bad"' in out
 
 
 def test_goals_and_missing_jobs_put_the_verdict_in_doubt_and_nothing_else(tmp_path: Path) -> None:
     good = replace(plain(), headlines=plain().headlines[:1])
     page = study_page.write(good, tmp_path / "good").read_text()
-    assert 'class="verdict"' in page
+    assert 'class="verdict good"' in page
     assert "missing</h2>" not in page
     bad = study_page.write(replace(good, missing=("one",)), tmp_path / "bad").read_text()
-    assert 'class="verdict doubt"' in bad
+    assert 'class="verdict warning"' in bad
     assert "1 job is missing" in bad
 
 

@@ -69,6 +69,12 @@ class ShapeResult:
         return list(dict.fromkeys(row["indenter"] for row in self.rows))
 
     @property
+    def missed(self) -> list[str]:
+        """Names of GOALS that the means are over."""
+        means = self.means()
+        return [name for name, goal in GOALS.items() if (means[name] or 0.0) > goal]
+
+    @property
     def line(self) -> str:
         """The verdict: what the depth and the place are worth."""
         means = self.means()
@@ -79,7 +85,7 @@ class ShapeResult:
                 "known."
             )
         parts = [
-            f"{words} {means[name]:.3f} mm{'' if means[name] <= goal else f' (over {goal:g})'}"
+            f"{words} {means[name]:.3f} mm{f' (over {goal:g})' if name in self.missed else ''}"
             for (name, goal), words in zip(GOALS.items(), WORDS, strict=True)
             if means[name] is not None
         ]

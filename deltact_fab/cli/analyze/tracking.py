@@ -24,6 +24,7 @@ from ..options import JSON, PATH, out_folder
 @JSON
 def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: bool) -> None:
     """Tracking error against truth and, as in the paper, at the dots; and which method to use."""
+    from ... import record
     from ...analysis.tracking_error import PAPER_BEST_MM, analyse
     from ...report.run_figures import error_by_time
     from ..output import echo_json, echo_table, progress, save_figures
@@ -34,6 +35,8 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: boo
     if as_json:
         echo_json(result.as_dict())
         return
+    for line in record.open(run).remarks()[0]:
+        click.echo(f"warning: {line}")
     click.echo(result.verdict.line + "\n")
     keys = ("mean_off_dots_mm", "p95_off_dots_mm", "mean_confident_mm", "coverage",
             "confident_wrong_share", "mean_at_dots_mm", "peak_true_mm", "trusted_share",
