@@ -23,9 +23,7 @@ KEPT = ROOT / "docs" / "evidence" / "studies"
 PAGE = ROOT / "docs" / "evidence" / "studies.md"
 HOW_TO = ROOT / "docs" / "how-to" / "studies.md"
 BEGIN, END = "<!-- studies: written by python -m benchmarks.studies -->", "<!-- end of studies -->"
-ORDER = (
-    "force-calibration", "pattern-selection", "pattern-search", "shapes", "settling", "comparison",
-)  # fmt: skip
+ORDER = ("force-calibration", "pattern-selection", "pattern-search", "shapes", "settling")
 SHOWN = ("study", "title", "verdict", "headlines", "settings", "seed", "scale", "simulated",
          "missing", "versions", "made", "code")  # fmt: skip
 """Of result.json; what else stands in it is for programs."""

@@ -24,7 +24,7 @@ import numpy as np
 
 from deltact_fab import cache
 from deltact_fab.jobs import executor
-from deltact_fab.study import pattern_press, pattern_selection, settling
+from deltact_fab.study import pattern_press, pattern_selection
 from deltact_fab.study.force import simulated as force
 from deltact_fab.study.grid import Grid, GridJob, solve
 from deltact_fab.study.pattern_scene import Selection
@@ -56,8 +56,8 @@ class Counted(StudyRequest):
 def grids(study: str) -> list[list[float]]:
     """The costs of the grids of a study at its default scale, with nothing kept."""
     asked = Counted(executor=cast(Any, SimpleNamespace(workers=1000)))
-    run = {"force": force.simulate, "selection": pattern_selection.run, "shapes": shape.simulate,
-           "settling": settling.run}[study]  # fmt: skip
+    run = {"force": force.simulate, "selection": pattern_selection.run,
+           "shapes": shape.simulate}[study]  # fmt: skip
     with suppress(EnoughError):
         run(asked)
     if study == "shapes":  # its objects wait for the calibrations
@@ -69,7 +69,7 @@ def grids(study: str) -> list[list[float]]:
 
 def bounds() -> None:
     """A line a study."""
-    for study in ("force", "selection", "shapes", "settling"):
+    for study in ("force", "selection", "shapes"):
         found = grids(study)
         told = ", ".join(f"{len(own)} jobs of at most {max(own):.0f} s" for own in found)
         bound = sum(map(sum, found)) / sum(map(max, found))

@@ -82,8 +82,8 @@ def study(missing: int = 0) -> StudyResult:
         settings={"friction": "1.0", "noise": "2 grey values"},
         notes=("The modulus is uncertain by a factor of 2.",),
         left_out=(
-            LeftOut("viscosity", "the specimen has no Prony series", layer="its viscosity"),
-            LeftOut("solid models", "numbers suffice", cost="1.5 s, 200 MB"),
+            LeftOut("viscosity", "the specimen has no Prony series"),
+            LeftOut("solid models", "numbers suffice"),
         ),
         missing=tuple(f"d0.1-r{i}" for i in range(missing)),
         files={"recipe.toml": "seed = 7\n"},

@@ -14,7 +14,6 @@ from ..errors import InputError
 from .options import JOBS_KEYS, ON_KEYS, RIG_NAME, SEED, Finite
 
 if TYPE_CHECKING:
-    from ..report.result import StudyResult
     from ..study.registry import Option, Study
 
 OUT = "study-out"
@@ -144,7 +143,7 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
                 more={key: given[key] for key in more},
             ),
         )
-    click.echo(f"report: {study_page.write(found, out, _layer_costs(found))}", err=True)
+    click.echo(f"report: {study_page.write(found, out)}", err=True)
     if figures is not None:
         files = save(found, figures)
         click.echo(f"figures: {len(files)} files in {figures}", err=True)
@@ -160,15 +159,6 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
             "the same command tries them again",
             err=True,
         )
-
-
-def _layer_costs(found: StudyResult) -> list[dict[str, Any]]:
-    """What this machine has measured of layers that were left out, perhaps nothing."""
-    if not any(one.layer for one in found.left_out):
-        return []
-    from ..numerics.scenes import costs
-
-    return costs()
 
 
 @contextmanager

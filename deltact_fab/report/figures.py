@@ -151,14 +151,19 @@ def legend_below(figure: Figure, axis: Axes) -> None:
                   fontsize="small")  # fmt: skip
 
 
+WIDE = 300.0  # from the lowest to the highest: beyond it only powers of ten have labels
+
+
 def log_ticks(axis: Axes, which: str) -> None:
-    """Logarithmic axes that are labelled 0.01, 0.02, 0.05 and not by powers."""
+    """Logarithmic axes of what is drawn, labelled 0.01, 0.02, 0.05 and not by powers."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     for letter in which:
         (axis.set_xscale if letter == "x" else axis.set_yscale)("log")
         side = axis.xaxis if letter == "x" else axis.yaxis
-        side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        low, high = side.get_view_interval()
+        subs = (1.0, 2.0, 5.0) if high < WIDE * low else (1.0,)
+        side.set_major_locator(LogLocator(subs=subs))
         side.set_major_formatter("{x:g}")
         side.set_minor_locator(NullLocator())
 

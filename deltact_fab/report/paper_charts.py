@@ -1,4 +1,4 @@
-"""The paper's charts, redrawn: sensors by size, and its pattern selection as stacked columns."""
+"""The paper's chart of its pattern selection, redrawn: a stacked column a pattern."""
 
 from __future__ import annotations
 
@@ -6,45 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from . import figures
-from .figures import COLOURS, PAPER_COLOUR, blank, legend_below, log_ticks, name_marks
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
-
-# Where a sensor's figures are from.
-TABLE, FIGURE, OWN = "the paper's table", "the paper's figure", "own design"
-LINES_MM2_PER_CM3 = (3, 10, 30)
-
-
-def area_against_volume(table: pd.DataFrame) -> Figure:
-    """A mark a sensor, with lines of equal area a volume.
-
-    table: columns sensor, from (TABLE, FIGURE or OWN), volume_cm3, sensing_area_mm2; a row without
-    an area has no mark, and those on one spot share their label.
-    """
-    rows = table.rename(columns={"volume_cm3": "x", "sensing_area_mm2": "y"}).dropna(subset="y")
-    figure, (axis,) = blank(9.6, 4.6)
-    log_ticks(axis, "x")
-    least, most, highest = rows["x"].min() / 1.5, rows["x"].max() * 1.9, rows["y"].max() * 1.12
-    for ratio in LINES_MM2_PER_CM3:
-        x = np.geomspace(least, min(most, highest / ratio), 40)
-        axis.plot(x, ratio * x, color=PAPER_COLOUR, lw=0.7, ls=":")
-        axis.text(x[-1], ratio * x[-1], f"{ratio:g} ", fontsize=7.5, color=PAPER_COLOUR, ha="right",
-                  va="top" if ratio * x[-1] > 0.98 * highest else "bottom")  # fmt: skip
-    marks = []
-    for colour, (group, part) in zip(COLOURS, rows.groupby("from", sort=False), strict=False):
-        axis.plot(part["x"], part["y"], "o", color=colour, ms=7, label=group)
-        spots = part.groupby(["x", "y"])["sensor"].agg(", ".join)
-        marks += [(x, y, names, colour) for x, y, names in spots.reset_index().to_numpy()]
-    axis.set(xlim=(least, most), ylim=(0, highest))
-    axis.set(xlabel="outer volume, cm³", ylabel="sensing area, mm²")
-    legend_below(figure, axis)
-    name_marks(figure, axis, marks)
-    return figure
 
 
 @dataclass(frozen=True)

@@ -145,16 +145,10 @@ class Claim:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """What this scene did without, and what it would have cost where that was measured.
-
-    layer: a name of `numerics.scenes.LAYERS`; what leaving it out saves is added where this
-    machine has measured it and cost is empty.
-    """
+    """What this scene did without."""
 
     what: str
     why: str
-    cost: str = ""
-    layer: str = ""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from . import figures, study_folder
-from .result import Headline, LeftOut, ReportTable, StudyResult
+from .result import Headline, ReportTable, StudyResult
 from .templating import number, render, require_pages, table
 from .verdict import verdict
 
@@ -52,11 +51,10 @@ def ready(study: str, out: Path, figures_in: Path | None = None) -> None:
         study_folder.make(figures_in)
 
 
-def write(result: StudyResult, out: Path, layer_costs: Sequence[dict[str, Any]] = ()) -> Path:
+def write(result: StudyResult, out: Path) -> Path:
     """Write report.html, a CSV a table, further files and result.json into a folder; the page.
 
     All are made before the first is written: what fails leaves an earlier study as it is.
-    layer_costs: what each layer costs that a scene may leave out, as `numerics` measured it.
     Raises MissingLibrary without the extra `report`, InputError for a folder that cannot be or is
     another's, RunFailed when the disk refuses or a figure is no number.
     """
@@ -67,20 +65,17 @@ def write(result: StudyResult, out: Path, layer_costs: Sequence[dict[str, Any]] 
         own = ReportTable(HEADLINES, "What counts", frame)
         result = replace(result, tables=(own, *result.tables))
     files = study_folder.contents(result)
-    page = html(result, json.loads(files[study_folder.RESULT]), layer_costs)
+    page = html(result, json.loads(files[study_folder.RESULT]))
     study_folder.place({study_folder.PAGE: page.encode(), **files}, out)
     return out / study_folder.PAGE
 
 
-def html(
-    result: StudyResult, kept: dict[str, Any], layer_costs: Sequence[dict[str, Any]] = ()
-) -> str:
+def html(result: StudyResult, kept: dict[str, Any]) -> str:
     """The page. kept: its result.json, of which versions and time are taken."""
-    left_out = [_with_cost(one, layer_costs) for one in result.left_out]
     told = pd.DataFrame(map(_told, result.headlines))
     marks = ["bad" if one.state == "missed" else "" for one in result.headlines]
     settings = {**result.settings, "seed": str(result.seed), **kept["versions"]}
-    costs = [(one.what, one.why, one.cost) for one in left_out]
+    left_out = [(one.what, one.why) for one in result.left_out]
     return render(
         "study.html",
         r=result,
@@ -92,8 +87,7 @@ def html(
         ],
         what_counts=table(told, marks=marks),
         tables=[prepared(one) for one in result.tables if one.name != HEADLINES],
-        left_out=table(pd.DataFrame(costs, columns=["without", "why", "what that saved"])),
-        measured_here=left_out != list(result.left_out),
+        left_out=table(pd.DataFrame(left_out, columns=["without", "why"])),
         settings=table(pd.DataFrame(settings.items(), columns=["setting", "value"])),
         most_missing=MAX_MISSING,
     )
@@ -116,11 +110,3 @@ def _told(one: Headline) -> dict[str, Any]:
         "goal": goal,
         "remark": one.remark or ("the study gives no reason" if one.state == "missed" else ""),
     }
-
-
-def _with_cost(one: LeftOut, layer_costs: Sequence[dict[str, Any]]) -> LeftOut:
-    """With what its layer costs on this machine, where that was measured."""
-    found = next((cost for cost in layer_costs if cost["layer"] == one.layer), None)
-    if one.cost or found is None or found["seconds"] is None:
-        return one
-    return replace(one, cost=f"{found['seconds']:.2f} CPU s, {found['megabytes']:.0f} MB")

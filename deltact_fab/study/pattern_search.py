@@ -63,7 +63,7 @@ LEFT_OUT = (
 def run(asked: StudyRequest) -> StudyResult:
     """Search, then confirm. Raises InputError for a rig or option that cannot be, RunFailed."""
     scale, rig = share_of(asked.scale), asked.rig or RIG
-    config, sensor = bench_of(rig, asked.more)
+    config, sensor = bench_of(rig, asked.more.get("dpi"), asked.more.get("mm_per_px"))
     mm_per_dot = MM_PER_INCH / config.virtual.printer.dpi
     whole = candidates(mm_per_dot, sensor.optics.mm_per_px)
     shipped = name_of(load_recipe(RECOMMENDED))

@@ -167,7 +167,7 @@ def _gel_notes(grid: Grid) -> tuple[str, ...]:
 
 def _left_out(scene: Selection) -> tuple[LeftOut, ...]:
     part = scene.part
-    found = [LeftOut("images and records", "drawn, tracked and let go: a stream", layer="")]
+    found = [LeftOut("images and records", "drawn, tracked and let go: a stream")]
     if part.frames_share < 1:
         found.append(
             LeftOut(
@@ -176,6 +176,6 @@ def _left_out(scene: Selection) -> tuple[LeftOut, ...]:
             )
         )
     if scene.config.virtual.lens is None:
-        found.append(LeftOut("the lens", "the rig draws through a pinhole", layer="lens"))
-    found.append(LeftOut("forces", "no channel asks for them", layer="force box"))
+        found.append(LeftOut("the lens", "the rig draws through a pinhole"))
+    found.append(LeftOut("forces", "no channel asks for them"))
     return tuple(found)

@@ -77,22 +77,11 @@ STUDIES = {
         "places; all objects and depths stay. `analyze shape` does the same with a recorded run.",
         takes=("scale", "seed", "rig", "grid"),
     ),
-    "comparison": Study(
-        "comparison",
-        "The paper's table of sensors, with your designs as rows.",
-        takes=(),
-        options=(
-            Option(
-                "design",
-                "Add this design as a row: a name of `cad designs` or a path; repeatable.",
-                (),
-            ),
-        ),
-    ),
     "pattern-search": Study(
         "pattern_search",
         "The best pattern for a printer and a camera.",
-        about="Candidates go through the printer and the camera of a virtual rig and are ranked by "
+        about="Candidates go through the printer and the camera of a virtual rig (its tables "
+        "[virtual.printer] and [virtual.camera]) and are ranked by "
         "their tracking error on a known drag; the best few are then tracked on the finite-strain "
         "gel next to the paper's pattern. A smaller scale takes fewer candidates and seeds, and a "
         "shorter drag.",
@@ -100,32 +89,15 @@ STUDIES = {
         scale=1.0,
         options=(
             Option("dpi", "Resolution of the printer, dots per inch.", kind=int),
-            Option("levels", "Grey levels of each ink in a printed dot.", kind=int),
-            Option("spread-um", "How far ink runs, um.", kind=float),
-            Option("misregistration-um", "How far the inks are out of register, um.", kind=float),
             Option("mm-per-px", "Size of a camera pixel on the face, mm.", kind=float),
-            Option("blur-px", "Blur of lens and image sensor together, pixels.", kind=float),
-            Option(
-                "full-well-electrons",
-                "Full well of a pixel, electrons; fewer mean more noise.",
-                kind=float,
-            ),
-            Option("read-noise-electrons", "Read noise of a pixel, electrons.", kind=float),
         ),
     ),
     "settling": Study(
         "settling",
         "How long to wait at a stop before the force is steady.",
-        about="Of a gel whose relaxation is assumed, or given by --prony. For your own gel, record "
-        "the protocol `settling` and pass the run with --from, which fits its relaxation.",
-        takes=("from", "grid"),
-        options=(
-            Option(
-                "prony",
-                "G:TAU_S: a share G of the steady force decays within TAU_S seconds; repeatable.",
-                (),
-            ),
-        ),
+        about="Record the protocol `settling`, on your bench or a virtual rig, and name the run "
+        "with --from: the gel's relaxation is fitted to its rests.",
+        takes=("from",),
     ),
 }
 

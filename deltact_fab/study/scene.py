@@ -34,8 +34,6 @@ from .request import StudyRequest, virtual_rig
 RIG = "virtual"
 KNOT_S, FRAME_S = 2.0, 0.25
 """What a knot of the gel takes on the rig `virtual`, and a frame: drawn, stored, tracked."""
-_LAYERS = {"lens": "lens", "viscosity": "its viscosity", "solid models": "cadquery"}
-"""What a rig calls what it left out: the layer whose cost `numerics` measures."""
 
 
 @dataclass(frozen=True)
@@ -184,6 +182,4 @@ class PressScene:
 def left_out(gel: Sequence[Mapping[str, Any]]) -> tuple[LeftOut, ...]:
     """What the rig did without in any job, from its lines "what: why"."""
     lines = [line.partition(": ") for line in sorted({x for one in gel for x in one["left_out"]})]
-    return tuple(
-        LeftOut(what, why, layer=_LAYERS.get(what.partition(",")[0], "")) for what, _, why in lines
-    )
+    return tuple(LeftOut(what, why) for what, _, why in lines)

@@ -87,8 +87,6 @@ def pages(
     from deltact_fab.numerics import harness
     from deltact_fab.patterns.series import job
     from deltact_fab.report import guide, index_page, patterns_page, study_page
-    from deltact_fab.study import comparison
-    from deltact_fab.study.request import StudyRequest
 
     def series(out: Path) -> None:
         entries = [
@@ -106,10 +104,6 @@ def pages(
 
     made: dict[str, tuple[Callable[[Path], object], str]] = {
         "study": (lambda out: study_page.write(study(missing=3), out), "report.html"),
-        "comparison": (
-            lambda out: study_page.write(comparison.run(StudyRequest()), out),
-            "report.html",
-        ),
         "index": (index, "report.html"),
         "numerics": (lambda out: harness.run(["pattern"], quick=True).save(out), "numerics.html"),
         "patterns": (series, job.PAGE),

@@ -12,7 +12,7 @@ import pytest
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-KINDS = ("run", "study", "comparison", "index", "numerics", "patterns", "guide")
+KINDS = ("run", "study", "index", "numerics", "patterns", "guide")
 SHEET_PX = 703  # an A4 sheet less its margins at 96 dpi
 MIN_LETTER_PX = 11.9
 

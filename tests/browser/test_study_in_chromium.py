@@ -56,7 +56,7 @@ def tabs(browser: Browser) -> Iterator[Opened]:
     assert said == []
 
 
-@pytest.mark.parametrize("what", ["study", "comparison", "index"])
+@pytest.mark.parametrize("what", ["study", "index"])
 def test_every_column_can_be_reached_in_a_wide_window(
     cut_off: Callable[[Path, int], list[str]], pages: Callable[[str], Path], what: str
 ) -> None:

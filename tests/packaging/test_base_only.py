@@ -82,7 +82,7 @@ LACKS = {
     "cad export sphere:10 --out parts": "cad",
     "cad guide -o guide.html": "report",
     "report RUN -o page.html": "report",
-    "study run comparison": "report",
+    "study run shapes": "report",
     "gel press --depth 1 --plot press.png": "report",
     "demo": "report",
     "record export RUN --format mcap -o run.mcap": "export",

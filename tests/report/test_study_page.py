@@ -18,7 +18,7 @@ from made_up_study import study
 
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.report import study_page, templating
-from deltact_fab.report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
+from deltact_fab.report.result import Headline, ReportFigure, ReportTable, StudyResult
 from deltact_fab.report.study_folder import read_result
 
 
@@ -153,28 +153,12 @@ def test_a_shown_column_that_is_not_there_is_refused(tmp_path: Path) -> None:
     assert list((tmp_path / "s").iterdir()) == []
 
 
-COSTS = [
-    {"layer": "its viscosity", "seconds": 1.234, "megabytes": 40.0},
-    {"layer": "cadquery", "seconds": 2.0, "megabytes": 300.0},
-]
-
-
-def test_costs_stand_beside_what_was_left_out_only_where_they_were_measured(
-    tmp_path: Path,
-) -> None:
-    result = replace(plain(), left_out=plain().left_out[:1])
-    unmeasured = [{**cost, "seconds": None, "megabytes": None} for cost in COSTS]
-    for costs in ((), unmeasured):
-        page = study_page.write(result, tmp_path / "s", costs).read_text()
-        head, *rows = table_of(section(page, "What this scene left out"))
-        assert head == ["without", "why"]
-        assert rows == [["viscosity", "the specimen has no Prony series"]]
-    page = study_page.write(plain(), tmp_path / "s", COSTS).read_text()
+def test_what_was_left_out_stands_with_its_reason(tmp_path: Path) -> None:
+    page = study_page.write(plain(), tmp_path / "s").read_text()
     head, *rows = table_of(section(page, "What this scene left out"))
-    assert head[-1] == "what that saved"
-    assert [row[-1] for row in rows] == ["1.23 CPU s, 40 MB", "1.5 s, 200 MB"]
-    assert "measured once on this machine" in page
-    none = study_page.write(replace(plain(), left_out=()), tmp_path / "s", COSTS).read_text()
+    assert head == ["without", "why"]
+    assert rows[0] == ["viscosity", "the specimen has no Prony series"]
+    none = study_page.write(replace(plain(), left_out=()), tmp_path / "s").read_text()
     assert "What this scene left out" not in none
 
 
@@ -306,12 +290,6 @@ def test_ready_finds_a_folder_that_cannot_be(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_cells_are_for_people(value: object, shown: str) -> None:
     assert templating.cell(value) == shown
-
-
-def test_left_out_without_layer_is_never_given_a_cost(tmp_path: Path) -> None:
-    result = replace(plain(), left_out=(LeftOut("x", "y"),))
-    page = study_page.write(result, tmp_path, [{"layer": "", **COSTS[0]}]).read_text()
-    assert "CPU s" not in page
 
 
 def test_a_folder_of_figures_may_lie_in_the_study_s_own(tmp_path: Path) -> None:

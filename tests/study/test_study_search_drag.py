@@ -20,14 +20,17 @@ QUIET = {"full_well_electrons": 1e6, "read_noise_electrons": 0.0}
 
 
 def probed(more: dict[str, Any], **keys: Any) -> dict[str, Any]:
-    config, sensor = bench_of("virtual", more)
+    config, sensor = bench_of("virtual")
+    camera = config.virtual.camera.model_copy(update=more)
+    simulator = config.virtual.model_copy(update={"camera": camera})
+    config = config.model_copy(update={"virtual": simulator})
     protocol, source = plan.load("pattern-search")
     recipe = {"seed": 4, **keys}
     return probe(press_jobs.given(protocol, sensor, config, source, recipe=recipe, seed=9))
 
 
 def test_the_drag_goes_in_equal_steps() -> None:
-    frames = [d.truth.flow_px * 0.0378 for d in dragged(view_of(bench_of("virtual", {})[1]), 3)]
+    frames = [d.truth.flow_px * 0.0378 for d in dragged(view_of(bench_of("virtual")[1]), 3)]
     lengths_mm = np.array([np.hypot(*np.moveaxis(f, -1, 0)).max() for f in frames])
     assert len(frames) == OUTWARD
     assert np.argmax(lengths_mm) == OUTWARD - 1
@@ -38,7 +41,7 @@ def test_the_drag_goes_in_equal_steps() -> None:
 
 def test_the_skin_before_the_drag_nearly_folds() -> None:
     """Else a pattern that repeats itself looks better than it is on the gel."""
-    truth = dragged(view_of(bench_of("virtual", {})[1]), 3)[-1].truth.flow_px
+    truth = dragged(view_of(bench_of("virtual")[1]), 3)[-1].truth.flow_px
     along_y, along_x = np.gradient(truth, axis=(0, 1))
     det = (1 + along_x[..., 0]) * (1 + along_y[..., 1]) - along_x[..., 1] * along_y[..., 0]
     assert 0 < det.min() < 0.3

@@ -24,42 +24,23 @@ from deltact_fab.study.search.imager import bench_of
 
 
 def test_the_rig_file_is_the_default_and_options_win() -> None:
-    plain, asked = (
-        bench_of("virtual", {"dpi": None}),
-        bench_of("virtual", {"dpi": 600, "blur_px": 1.1}),
-    )
-    (rig, sensor), (other, _) = plain, asked
-    assert (rig.virtual.printer.dpi, rig.virtual.camera.blur_px) == (1200, 0.6)
-    assert sensor.optics.mm_per_px == 0.0378
-    assert (other.virtual.printer.dpi, other.virtual.camera.blur_px) == (600, 1.1)
+    (rig, sensor), (other, seen) = bench_of("virtual"), bench_of("virtual", 600, 0.05)
+    assert (rig.virtual.printer.dpi, sensor.optics.mm_per_px) == (1200, 0.0378)
+    assert (other.virtual.printer.dpi, seen.optics.mm_per_px) == (600, 0.05)
     assert other.virtual.printer.levels == rig.virtual.printer.levels
     assert (rig.virtual.lens, rig.camera) == (None, None)
 
 
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        ({"dpi": 10}, "dpi"),
-        ({"levels": 1}, "levels"),
-        ({"spread_um": -1.0}, "spread_um"),
-        ({"spread_um": float("nan")}, "spread_um"),
-        ({"misregistration_um": 1e5}, "misregistration_um"),
-        ({"mm_per_px": 1.0}, "mm_per_px"),
-        ({"mm_per_px": float("nan")}, "mm_per_px"),
-        ({"blur_px": 0.0}, "blur_px"),
-        ({"full_well_electrons": 0.0}, "full_well_electrons"),
-        ({"inks": 4}, "inks: no such option"),
-    ],
-)
-def test_nonsense_is_refused_by_name(more: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words) as why:
-        bench_of("virtual", more)
+@pytest.mark.parametrize("more", [{"dpi": 10}, {"mm_per_px": 1.0}, {"mm_per_px": float("nan")}])
+def test_nonsense_is_refused_by_name(more: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=next(iter(more))) as why:
+        bench_of("virtual", **more)
     assert "\n" not in str(why.value)
 
 
 def test_a_real_rig_has_no_printer() -> None:
     with pytest.raises(InputError, match="name a virtual rig"):
-        bench_of("grbl-bench", {})
+        bench_of("grbl-bench")
 
 
 @pytest.mark.parametrize(
@@ -85,7 +66,7 @@ def test_the_usual_bench_has_some_tens_of_candidates() -> None:
 
 def test_the_view_is_the_sensors_whatever_the_scale() -> None:
     for mm_per_px in (0.0378, 0.02, 0.061):
-        _, sensor = bench_of("virtual", {"mm_per_px": mm_per_px})
+        _, sensor = bench_of("virtual", None, mm_per_px)
         part, whole = view_of(sensor), sensor.optics
         assert whole.mm_per_px == part.mm_per_px == mm_per_px
         assert whole.view_mm[0] == pytest.approx(30.16, abs=2 * mm_per_px)

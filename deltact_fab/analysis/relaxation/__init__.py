@@ -3,7 +3,7 @@
 Reading order: `series`, `rests`, `fit`.
 """
 
-from .fit import Series, fit, time_to
+from .fit import RelaxationFit, Series, fit, time_to
 from .rests import Rest, rests
 
-__all__ = ["Rest", "Series", "fit", "rests", "time_to"]
+__all__ = ["RelaxationFit", "Rest", "Series", "fit", "rests", "time_to"]

@@ -56,26 +56,6 @@ class Series:
         """(g, tau_s), as a protocol writes them."""
         return tuple(zip(self.shares, self.times_s, strict=True))
 
-    def excess(self, t_s: ArrayLike, steady_n: ArrayLike) -> Field:
-        """(n, ...) of what the force has over steady_n (n, ...) at times t_s (n,), rising.
-
-        The steady force is straight between the times, and nothing is left at the first.
-        """
-        t, steady = np.asarray(t_s, float), np.asarray(steady_n, float)
-        found = np.zeros_like(steady)
-        for g, tau in self.pairs:
-            left = np.zeros(steady.shape[1:])
-            for n in range(1, len(t)):
-                x = (t[n] - t[n - 1]) / tau
-                left = left * math.exp(-x) + _gain(x) * (steady[n] - steady[n - 1])
-                found[n] += g * left
-        return found
-
-
-def _gain(x: float) -> float:
-    """Of a branch, what a straight way that takes x of its times leaves at the end."""
-    return -math.expm1(-x) / x if x > 0 else 1.0
-
 
 def time_to(wait_s: ArrayLike, error: ArrayLike, bound: float) -> float:
     """The first of wait_s (n,) from which on |error| (n,) is within bound; nan: never.
@@ -118,6 +98,10 @@ class RelaxationFit:
     steady_n: Field
     unsure: tuple[float, ...]
     blocks_n: float
+
+    def excess(self, rest: Rest, wait_s: Field) -> Field:
+        """(m, 3) of what the force of a rest has over its steady value at wait_s (m,) into it."""
+        return _left(rest, _branches(rest.way, self.series), self.series, wait_s)
 
 
 def fit(rests: Sequence[Rest]) -> RelaxationFit:
@@ -203,12 +187,17 @@ def _told(rests: Sequence[Rest], series: Series) -> tuple[list[Field], list[Fiel
     for rest in rests:
         if id(rest.way) not in slow:
             slow[id(rest.way)] = _branches(rest.way, series)
-        first = np.array(series.shares)[:, None] * slow[id(rest.way)][rest.at.start]
-        own = np.exp(-rest.wait_s[:, None] / np.array(series.times_s)) @ first
+        own = _left(rest, slow[id(rest.way)], series, rest.wait_s)
         end = (rest.force_n - own).mean(axis=0)
         steady.append(end)
         off.append(rest.force_n - own - end)
     return steady, off
+
+
+def _left(rest: Rest, slow: Field, series: Series, wait_s: Field) -> Field:
+    """(m, 3) that a series leaves at wait_s (m,) into a rest; slow: `_branches` of its way."""
+    first = np.array(series.shares)[:, None] * slow[rest.at.start]
+    return np.asarray(np.exp(-wait_s[:, None] / np.array(series.times_s)) @ first)
 
 
 def _branches(way: ForceHistory, series: Series) -> Field:
