@@ -50,7 +50,7 @@ class Counted(StudyRequest):
         self.costs.append([job.cost for job in jobs])
         if not all(job.name.startswith("gel ") for job in jobs):
             raise EnoughError
-        return Grid([], {}, {}, 0)
+        return Grid({}, {}, 0)
 
 
 def grids(study: str) -> list[list[float]]:

@@ -35,7 +35,6 @@ def _simulated(asked: StudyRequest) -> StudyResult:
         settings=settings(made),
         notes=(remark("force-calibration", made.protocol.specimen.modulus_mpa),),
         left_out=(*left_out(made.gel), *_not_taken(made.result)),
-        missing=made.missing,
     )
 
 

@@ -7,7 +7,7 @@ import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +17,7 @@ from .. import cache
 from ..aliases import Progress
 from ..errors import DeltactFabError, RunFailed, Stopped
 from ..jobs import CannotGoOn, JobOutcome, at_a_time, run
+from ..units import duration
 
 TRUST = 0.1
 
@@ -49,7 +50,7 @@ class JobPace:
 
     def beforehand(self) -> str:
         """What to expect, in words; empty where nothing is known."""
-        return "" if self._expected_s is None else f"about {spelled(self._expected_s)}"
+        return "" if self._expected_s is None else f"about {duration(self._expected_s)}"
 
     def left_s(self, now_s: float | None = None) -> float | None:
         """Seconds to go; None before anything is done."""
@@ -63,24 +64,14 @@ class JobPace:
     def left(self) -> str:
         """Time to go, in words; empty where nothing is known."""
         seconds = self.left_s()
-        return "" if seconds is None else f"about {spelled(seconds)} left"
-
-
-def spelled(seconds: float) -> str:
-    """A time in the words of a clock: '40 s', '12 min', '3 h 20 min'."""
-    if seconds < 90:
-        return f"{max(1, round(seconds))} s"
-    minutes = round(seconds / 60)
-    if seconds < 5400:
-        return f"{minutes} min"
-    return f"{minutes // 60} h {minutes % 60} min"
+        return "" if seconds is None else f"about {duration(seconds)} left"
 
 
 KIND = "study"
 KEPT_BYTES = 4_000_000_000
 """Of all studies; what a grid has just used is kept in any case."""
 Value = dict[str, Any]
-"""Plain JSON data, and numpy arrays as values of its top level."""
+"""Plain JSON data with numpy arrays in it."""
 
 # What may end one job and no other; anything else is a mistake in the code of all of them.
 _FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
@@ -121,48 +112,26 @@ class GridJob:
             raise TypeError(f"{self.name}: given: {why}") from why
 
 
-class Grid(Mapping[str, Value]):
-    """Results of jobs by name. Of a job that has none, and of all while one is missing, it raises
-    RunFailed; a caller that can do without them uses `partial` and `missing`.
+@dataclass(frozen=True)
+class Grid:
+    """Results of jobs by name, in their order.
 
-    missing: why each job has no result, by name. kept: how many were there from before.
+    found: those that there are. missing: why each other job has no result. kept: how many were
+    there from before.
     """
 
-    def __init__(
-        self,
-        names: Sequence[str],
-        found: Mapping[str, Value],
-        missing: Mapping[str, str],
-        kept: int,
-    ) -> None:
-        self._names, self._found = tuple(names), dict(found)
-        self.missing, self.kept = dict(missing), kept
+    found: dict[str, Value]
+    missing: dict[str, str]
+    kept: int
 
     def __getitem__(self, name: str) -> Value:
+        """One that must be there. Raises RunFailed where it has no result."""
         if name in self.missing:
-            raise RunFailed(f"{name}: has no result: {self.missing[name]}")
-        return self._found[name]
-
-    def __iter__(self) -> Iterator[str]:
-        self.require_whole()
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-    def require_whole(self) -> None:
-        """Raises RunFailed that names the jobs which have no result."""
-        if self.missing:
-            first, why = next(iter(self.missing.items()))
-            others = f" and {len(self.missing) - 1} more" if len(self.missing) > 1 else ""
             raise RunFailed(
-                f"{len(self.missing)} of {len(self)} jobs have no result: {first}{others} ({why}); "
-                "the rest is kept, and the same command tries these again"
+                f"{name}: has no result: {self.missing[name]}; the rest is kept, and the same "
+                "command tries it again"
             )
-
-    def partial(self) -> dict[str, Value]:
-        """The results that there are, in the order of the jobs; `missing` names the others."""
-        return {name: self._found[name] for name in self._names if name in self._found}
+        return self.found[name]
 
 
 def solve(
@@ -273,7 +242,8 @@ class _Books:
         files = (cache.user_folder() / cache.file_of(KIND, key) for key in self._keys.values())
         used = sum(file.stat().st_size for file in files if file.exists())
         cache.trim(KIND, max(KEPT_BYTES, used))
-        return Grid([job.name for job in self._jobs], self.found, self._missing, self._kept)
+        found = {job.name: self.found[job.name] for job in self._jobs if job.name in self.found}
+        return Grid(found, self._missing, self._kept)
 
 
 def _do(job: GridJob) -> Value:

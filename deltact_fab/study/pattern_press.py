@@ -10,7 +10,7 @@ import numpy as np
 from ..analysis.tracking_error.follow import Follower, TrackingPlan
 from ..errors import SensorError
 from ..jobs import tell
-from ..patterns.recipe import PatternRecipe
+from ..patterns.recipe import recipe_from
 from . import press_jobs
 from .stream import PressStream, StreamTruth
 
@@ -40,7 +40,7 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     truth, seed, methods = StreamTruth(stream), given["seed"], given["methods"]
     printed, followers = {}, {}
     for name, data in given["patterns"].items():
-        recipe = PatternRecipe.model_validate(data)
+        recipe = recipe_from(data, name)
         marks = stream.marks(recipe)
         printed[name] = stream.picture(recipe, seed), stream.noise(seed), marks
         followers[name] = Follower(

@@ -19,7 +19,7 @@ from ..virtual.presses import Presses
 from . import press_jobs
 from .grid import GridJob
 from .pattern_errors import OURS, SUMMED, PatternErrors, cells_of
-from .pattern_press import KNOT_S, cost_s
+from .pattern_press import KNOT_S, cost_s, follow
 from .pattern_scene import frames_an_indenter, part_of
 from .request import StudyRequest, share_of
 from .search.candidates import (
@@ -32,7 +32,6 @@ from .search.candidates import (
     shortened,
     thinned,
 )
-from .search.confirm import confirm
 from .search.drag import probe
 from .search.imager import bench_of, words_of
 from .search.result import (
@@ -80,7 +79,7 @@ def run(asked: StudyRequest) -> StudyResult:
          for k, seed in enumerate(searches, start=1)]
         for name, recipe in among.items()
     ]  # fmt: skip
-    there = asked.solve([job for own in probes for job in own]).partial()
+    there = asked.solve([job for own in probes for job in own]).found
     seen = {name: [there[job.name] for job in own if job.name in there]
             for name, own in zip(among, probes, strict=True)}  # fmt: skip
     frame = ranked(seen, among)
@@ -93,7 +92,7 @@ def run(asked: StudyRequest) -> StudyResult:
     seeds = [seed_of(asked.seed, f"held-out seed {k}") for k in range(max(2, round(5 * scale)))]
     jobs = [
         [GridJob(
-            f"{press}, held out {k}, {len(methods)} trackers", confirm,
+            f"{press}, held out {k}, {len(methods)} trackers", follow,
             told(seed, press=press, methods=methods,
                  patterns={name: _drawn(among[name], seed) for name in names}),
             cost_s(frames_an_indenter(protocol), len(names)),
@@ -104,7 +103,7 @@ def run(asked: StudyRequest) -> StudyResult:
                                 ([OURS], [name for name in chosen if name not in both])) if names]
         for k, seed in enumerate(seeds, start=1)
     ]  # fmt: skip
-    there = asked.solve([job for own in jobs for job in own]).partial()
+    there = asked.solve([job for own in jobs for job in own]).found
     errors = PatternErrors((), [  # of each seed that was done whole
         cell
         for k, own in enumerate(jobs) if all(job.name in there for job in own)

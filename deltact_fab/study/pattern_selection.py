@@ -104,7 +104,7 @@ def _recorded(asked: StudyRequest) -> StudyResult:
 
 def _cells(jobs: Sequence[tuple[str, GridJob]], grid: Grid) -> list[PressErrors]:
     """What jobs found, each of a press of an indenter."""
-    there = grid.partial()
+    there = grid.found
     return [
         cell
         for indenter, job in jobs
@@ -133,7 +133,6 @@ def _result(
         tables=tables(errors, covers),
         figures=charts(errors, covers),
         notes=(*NOTES, *lost),
-        missing=tuple(grid.missing),
     )
 
 
@@ -154,7 +153,7 @@ def _bench(scene: Selection) -> str:
 def _gel_notes(grid: Grid) -> tuple[str, ...]:
     """What the solver flagged of deep presses, and what lies between its knots."""
     lines = []
-    for name, value in grid.partial().items():
+    for name, value in grid.found.items():
         gel = value["gel"]
         flags = ", ".join(f"{flag} at {n}" for flag, n in gel["flags"].items())
         lines.append(

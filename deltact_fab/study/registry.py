@@ -112,12 +112,10 @@ def find(name: str) -> Study:
 def run(name: str, asked: StudyRequest) -> StudyResult:
     """Run a study. Raises InputError for an unknown one or bad options, RunFailed.
 
-    Jobs that were asked for and have no result stand in the result's `missing`, whatever the study
-    says of them.
+    Jobs that were asked for and have no result stand in the result's `missing`.
     """
     module = f"study.{find(name).module}"
     result: StudyResult = importlib.import_module(f"deltact_fab.{module}").run(asked)
-    missing = [job for grid in asked.grids for job in grid.missing]
-    missing += [job for job in result.missing if job not in missing]
+    missing = tuple(job for grid in asked.grids for job in grid.missing)
     heads = tuple(replace(one, whole=not missing) for one in result.headlines)
-    return replace(result, missing=tuple(missing), headlines=heads, module=module)
+    return replace(result, missing=missing, headlines=heads, module=module)

@@ -10,6 +10,7 @@ import pytest
 from matplotlib.collections import QuadMesh
 from matplotlib.quiver import Quiver
 
+from deltact_fab import cache
 from deltact_fab.analysis.shape import ShapeMaps
 from deltact_fab.report import maps, shape_figures
 from deltact_fab.report.figures import to_svg
@@ -119,7 +120,7 @@ def test_arrows_are_sparse_and_leave_out_what_is_not_known() -> None:
 
 def test_a_picture_comes_back_from_what_is_kept_of_it() -> None:
     one = with_field(**WITH_TRUTH, outlines_mm=[SQUARE, SQUARE + 5])
-    again = ShapeMaps.of_value(one.as_value("deepest/"), "deepest/")
+    again = ShapeMaps(**cache.unpacked(*cache.packed(vars(one))))
     assert again.frame_id == one.frame_id
     assert [words for words, *_ in again.tractions] == ["found"]
     assert picture().tractions == []

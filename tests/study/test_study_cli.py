@@ -116,8 +116,8 @@ def test_a_study_is_told_written_and_its_own_folder_taken_again(tmp_path: Path) 
     failed = call(tmp_path, "--count", "4", "--fails", "job-3")
     assert failed.returncode == 1
     assert failed.stderr.splitlines()[-1] == (
-        "deltact-fab: 1 of 4 jobs have no result: job-3 (it did not converge); the rest is kept, "
-        "and the same command tries these again"
+        "deltact-fab: job-3: has no result: it did not converge; the rest is kept, and the same "
+        "command tries it again"
     )
     assert files(tmp_path / "study-out/tiny") == before
 

@@ -82,8 +82,9 @@ def run(asked: StudyRequest) -> StudyResult:
     import pandas as pd
 
     more = asked.more
-    grid = asked.solve(jobs_of(asked.seed, more["count"], more["seconds"], more["fails"]))
-    found = grid.partial() if more["partial"] else dict(grid)
+    jobs = jobs_of(asked.seed, more["count"], more["seconds"], more["fails"])
+    grid = asked.solve(jobs)
+    found = grid.found if more["partial"] else {job.name: grid[job.name] for job in jobs}
     frame = pd.DataFrame({"job": list(found), "mean": [v["mean"] for v in found.values()]})
     return StudyResult(
         study="tiny",

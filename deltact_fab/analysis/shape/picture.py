@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
-
-import numpy as np
+from typing import Any
 
 from ...aliases import Array
 from ...shapes import Indenter
@@ -83,18 +80,3 @@ class ShapeMaps:
             for words, x_mm, y_mm, mpa in fields
             if x_mm is not None and y_mm is not None and mpa is not None
         ]
-
-    def as_value(self, prefix: str) -> dict[str, Any]:
-        """Words and arrays by name, each with the prefix; what is None is left out."""
-        held = {name: value for name, value in vars(self).items() if value is not None}
-        held["outlines_mm"] = [line.tolist() for line in self.outlines_mm]
-        return {f"{prefix}{name}": value for name, value in held.items()}
-
-    @classmethod
-    def of_value(cls, value: Mapping[str, Any], prefix: str) -> Self:
-        """What `as_value` gave."""
-        held = {
-            name.removeprefix(prefix): one for name, one in value.items() if name.startswith(prefix)
-        }
-        held["outlines_mm"] = [np.array(line) for line in held["outlines_mm"]]
-        return cls(**held)

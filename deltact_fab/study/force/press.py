@@ -20,7 +20,7 @@ _ROW = ("frame_id", "indenter", "run", "press", "position", "x_mm", "y_mm", "cov
 
 
 def points(told: dict[str, Any]) -> dict[str, Any]:
-    """The points of presses: rows (lists by column), wrench (n, 6), features/NAME (n, k).
+    """The points of presses: rows (lists by column), wrench (n, 6), features (n, k) by name.
 
     And what `press_jobs.gel_of` reports. told: as `press_jobs.given`, and names of `features`.
     Raises RunFailed.
@@ -33,10 +33,8 @@ def points(told: dict[str, Any]) -> dict[str, Any]:
 
 def unpacked(value: dict[str, Any]) -> PressPoints:
     """The points of a job's value."""
-    features = {
-        key.partition("/")[2]: array for key, array in value.items() if key.startswith("features/")
-    }
-    return PressPoints(pd.DataFrame(value["rows"]), value["wrench"], features, value["refused"])
+    rows = pd.DataFrame(value["rows"])
+    return PressPoints(rows, value["wrench"], value["features"], value["refused"])
 
 
 def _packed(parts: Sequence[PressPoints]) -> dict[str, Any]:
@@ -45,8 +43,8 @@ def _packed(parts: Sequence[PressPoints]) -> dict[str, Any]:
         "rows": {name: rows[name].tolist() for name in _ROW},
         "wrench": np.concatenate([part.wrench for part in parts]),
         "refused": [why for part in parts for why in part.refused],
-        **{
-            f"features/{name}": np.concatenate([part.features[name] for part in parts])
+        "features": {
+            name: np.concatenate([part.features[name] for part in parts])
             for name in parts[0].features
         },
     }

@@ -120,14 +120,13 @@ PROTOCOL = "force-calibration"
 class SimulatedForces:
     """The results of a scene of one protocol. gel: of every job, what `press_jobs.gel_of` reports.
 
-    presses: of every job, those that gave points. missing: the jobs without a result.
+    Of the presses that gave points.
     """
 
     scene: PressScene
     protocol: Protocol
     result: ForceResult
     gel: list[dict[str, Any]]
-    missing: tuple[str, ...]
 
 
 def scene(asked: StudyRequest) -> PressScene:
@@ -162,14 +161,14 @@ def simulate(asked: StudyRequest) -> SimulatedForces:
             for path in of.gel(name).paths
         ]
     )
-    done = list(grid.partial().values())
+    done = list(grid.found.values())
     data = joined(
         [press.unpacked(value) for value in done], [*FEATURES, *READINGS], of.view(name), name
     )
     result = fit_best(
         data, asked.seed, lambda model, error: of.calibration(name, model, error), source=name
     )
-    return SimulatedForces(of, protocol, result, done, tuple(grid.missing))
+    return SimulatedForces(of, protocol, result, done)
 
 
 def settings(made: SimulatedForces) -> dict[str, str]:

@@ -5,14 +5,13 @@ Calibrations come as the text of their files, so that a job depends on nothing o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ...analysis.shape import UNCALIBRATED, PressShape, ShapeMaps, calibrate_depth, press_shape
-from ...measure.force.calibration import ForceCalibration, load_force
-from ...measure.sensor_id import Kind
+from ...analysis.shape import PressShape, ShapeMaps, calibrate_depth, press_shape
+from ...measure.force.calibration import load_force
 from ...measure.shape import DepthModel
 from .. import press_jobs
 
@@ -30,41 +29,25 @@ def ball(told: dict[str, Any]) -> dict[str, Any]:
 def look(told: dict[str, Any]) -> dict[str, Any]:
     """What is seen of one press, and what is true of it; told: as `press_jobs.given`, of one press.
 
-    And `depth`, `force`: texts of calibrations, None for none.
+    And `depth`, `force`: texts of calibrations.
     """
     (press,) = told["presses"]
     with press_jobs.carried_out(told) as (run, bench), TemporaryDirectory() as folder:
-        files: dict[Kind, Path] = {}
-        kinds: tuple[Kind, ...] = ("depth", "force")
-        for kind in kinds:
-            if told[kind] is not None:
-                files[kind] = Path(folder) / f"{kind}.toml"
-                files[kind].write_text(told[kind], encoding="utf-8")
-        seen = press_shape(run.folder, press, *models(files))
-        return {**packed(seen), **press_jobs.gel_of(bench)}
-
-
-def models(files: Mapping[Kind, Path]) -> tuple[DepthModel, ForceCalibration | None]:
-    """Of calibration files by kind. Without one of depth the inverse's own is taken."""
-    depth = DepthModel.load(files["depth"])[1] if "depth" in files else UNCALIBRATED
-    return depth, load_force(files["force"]) if "force" in files else None
-
-
-def packed(seen: PressShape) -> dict[str, Any]:
-    """As a grid keeps it: plain data, and arrays at the top level."""
-    value: dict[str, Any] = {"rows": seen.rows, "contact_by": seen.contact_by}
-    for name in SHOWN:
-        picture = getattr(seen, name)
-        if picture is not None:
-            value |= picture.as_value(f"{name}/")
-    return value
+        files = [Path(folder) / f"{kind}.toml" for kind in ("depth", "force")]
+        for file in files:
+            file.write_text(told[file.stem], encoding="utf-8")
+        depth, force = files
+        seen = press_shape(run.folder, press, DepthModel.load(depth)[1], load_force(force))
+        pictures = {name: getattr(seen, name) for name in SHOWN}
+        return {
+            "rows": seen.rows,
+            "contact_by": seen.contact_by,
+            **{name: None if one is None else vars(one) for name, one in pictures.items()},
+            **press_jobs.gel_of(bench),
+        }
 
 
 def unpacked(value: Mapping[str, Any]) -> PressShape:
-    """What `packed` gave."""
-    rows: Sequence[dict[str, Any]] = value["rows"]
-    pictures = [
-        ShapeMaps.of_value(value, f"{name}/") if f"{name}/frame_id" in value else None
-        for name in SHOWN
-    ]
-    return PressShape(list(rows), pictures[0], pictures[1], value["contact_by"])
+    """What `look` found."""
+    pictures = (value[name] and ShapeMaps(**value[name]) for name in SHOWN)
+    return PressShape(value["rows"], *pictures, value["contact_by"])

@@ -88,7 +88,7 @@ def simulate(asked: StudyRequest) -> SimulatedShapes:
             for one in presses_of(of, name)
         ]
     )
-    found = second.partial()
+    found = second.found
     seen = {name: press.unpacked(value) for name, value in found.items()}
     twists = [one for name, one in seen.items() if name.startswith(f"{TWIST} ")]
     return SimulatedShapes(
