@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from ..patterns.series.job import GRIDS
@@ -209,22 +210,37 @@ def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
 
 
 def _chart(errors: PatternErrors, method: str, measure: Measure) -> Figure:
-    from ..report.paper_charts import PatternColumn, stacked
+    """The paper's two rounds one below the other: a column a pattern, indenter on indenter."""
+    from ..report import figures
 
-    def column(p: PrintedPattern) -> PatternColumn:
-        whole, means = errors.mean(p.name, method, measure), errors.by_indenter(
-            p.name, method, measure)  # fmt: skip
-        return PatternColumn(
-            p.words.replace(" r", "\nr"),
-            (None,) * len(errors.indenters) if means is None else tuple(means / len(means)),
-            whole.low if whole else None,
-            whole.high if whole else None,
-            None if method == OURS else p.paper_mm,
-            p.paper_about,
-        )
-
-    panels = [(title, [column(p) for p in part]) for title, part in rounds(errors.printed)]
-    return stacked(panels, errors.indenters)
+    parts = rounds(errors.printed)
+    figure, axes = figures.blank(7.4, 2.6 * len(parts) + 0.6, rows=len(parts), share_y=False)
+    for axis, (title, patterns) in zip(axes, parts, strict=True):
+        each = [errors.by_indenter(p.name, method, measure) for p in patterns]
+        count = len(errors.indenters)
+        heights = np.array([np.zeros(count) if m is None else m / len(m) for m in each])
+        tops = heights.cumsum(axis=1)
+        for k, indenter in enumerate(errors.indenters):
+            axis.bar(range(len(patterns)), heights[:, k], 0.62, bottom=tops[:, k] - heights[:, k],
+                     label=indenter, color=figures.COLOURS[k % len(figures.COLOURS)])  # fmt: skip
+        ends = [errors.mean(p.name, method, measure) for p in patterns]
+        highest = max(one.high or one.value for one in ends if one) if any(ends) else 0.0
+        words = "the paper"
+        for x, (p, one) in enumerate(zip(patterns, ends, strict=True)):
+            if one is None:
+                axis.annotate("no dots", (x, 0), ha="center", va="bottom", fontsize="small")
+            elif one.low is not None and one.high is not None:
+                axis.plot([x, x], [one.low, one.high], color=figures.INK, lw=0.9)
+            if method != OURS and p.paper_mm is not None:
+                figures.paper_line(axis, p.paper_mm, highest, words, (x - 0.42, x + 0.42),
+                                   p.paper_about)  # fmt: skip
+                words = "_"  # the legend names it once
+        axis.set_xticks(range(len(patterns)), [p.words.replace(" r", "\nr") for p in patterns])
+        axis.set_title(title, loc="left", fontsize="medium", pad=14)
+        axis.set_ylabel("mean error, mm")
+        axis.grid(visible=False, axis="x")
+    figures.legend_below(figure, axes[0])
+    return figure
 
 
 def rounds(printed: Sequence[PrintedPattern]) -> list[tuple[str, list[PrintedPattern]]]:

@@ -11,8 +11,7 @@ from typing import Any
 
 from ..cad.design import load_design
 from ..errors import InputError
-from ..gel.level import Reach
-from ..gel.level_selection import SHARE, pick
+from ..gel.level_selection import SHARE
 from ..measure.force import ForceModel
 from ..measure.force.calibration import ForceCalibration
 from ..measure.sensor_id import CalibrationSource, Head, SensorId
@@ -23,7 +22,6 @@ from ..protocols.plan import Protocol, expand
 from ..report.result import GEL_FLAGS, LeftOut
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
-from ..shapes.indenter import parse as parse_indenter
 from ..version import VERSION
 from ..virtual.presses import Presses
 from ..virtual.rig import VirtualKind
@@ -143,10 +141,9 @@ class PressScene:
             f"{specimen.poisson:g}",
             "force sensor": f"range {range_n} N and {range_nmm} N mm, noise "
             f"{self.rig.virtual.force.noise_n:g} N a sample at {force.rate_hz:g} Hz",
-            "gel": f"{specimen.gel_model}; the tolerance of {hyperelastic.tolerance:.0%} of the "
-            f"force picks {' and '.join(self._levels())}; cells below an indenter of "
-            f"{min(cells):.2g} to {max(cells):.2g} mm, {hyperelastic.most_unknowns} unknowns at "
-            f"most: the mesh's part of the error may be {times:.2g} times as large, "
+            "gel": f"{specimen.gel_model}; cells below an indenter of {min(cells):.2g} to "
+            f"{max(cells):.2g} mm, {hyperelastic.most_unknowns} unknowns at most: the error of the "
+            f"mesh may be {times:.2g} times that of the tolerance, "
             f"{times * (1 - SHARE) * hyperelastic.tolerance:.1%} of the force",
         }
         if flags:
@@ -161,22 +158,6 @@ class PressScene:
                 "solved pose"
             )
         return found
-
-    def _levels(self) -> list[str]:
-        """Those that the tolerance alone picks for the indenters' whole reaches."""
-        skin, tolerance = self.sensor.skin, self.rig.virtual.gel.hyperelastic.tolerance
-        found = set()
-        for name, protocol in self.protocols.items():
-            deepest_mm = protocol.depths_mm[-1]
-            a_mm = protocol.shear.at_depth_mm(deepest_mm) if protocol.shear else 0.0
-            x, y = (
-                (min(v) - a_mm, max(v) + a_mm) for v in zip(*protocol.positions_mm, strict=True)
-            )
-            material = self.gel(name).material
-            for indenter in map(parse_indenter, protocol.indenters):
-                reach = Reach(x, y, deepest_mm)
-                found.add(pick(skin, material, indenter, reach, tolerance).level)
-        return sorted(found)
 
 
 def left_out(gel: Sequence[Mapping[str, Any]]) -> tuple[LeftOut, ...]:

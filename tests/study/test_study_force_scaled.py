@@ -13,10 +13,11 @@ from deltact_fab.errors import InputError
 from deltact_fab.protocols import limits, plan
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig import config
-from deltact_fab.study.force.simulated import ABOVE, points_of, scaled, spread
+from deltact_fab.study.force.simulated import points_of, scaled, spread
 
-FEWEST_POINTS = 110
-"""Five balls, two places, two depths, a cross of shear, and one at rest."""
+FEWEST_POINTS = 190
+"""Five balls, two places, two depths, a grid of shear, and one at rest."""
+ABOVE = 1.25
 
 
 @cache

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from ...analysis.force import ForceResult, fit_best, joined
 from ...errors import InputError
@@ -18,18 +18,8 @@ from . import press
 
 FEWEST = 2
 """Places and depths that are kept where there are so many: one of each can be left out."""
-ABOVE = 1.25
-"""Times the points asked for, from which on the shear stops of a depth are thinned too."""
-_CROSS = {"grid": False, "points_per_side": 1}
 
 Place = tuple[float, float]
-
-
-class _Thinned(NamedTuple):
-    points: int
-    places: int
-    depths: int
-    cross: bool
 
 
 def points_of(protocol: Protocol) -> int:
@@ -40,27 +30,30 @@ def points_of(protocol: Protocol) -> int:
 def scaled(protocol: Protocol, scale: float) -> Protocol:
     """The protocol with about scale x its points, scale in (0, 1].
 
-    All indenters stay. Of places and of depths two are left at least, of depths the first and the
-    last, and of places one of each set of mirror images before a second: what is left out in a
-    cross-validation must be a place never seen. The stops of shear stay, as far out as they are,
-    unless two places and two depths give over ABOVE x the points asked for; then a grid becomes its
-    cross. What that comes to is the fewest points there are. Raises InputError for another scale.
+    All indenters and stops of shear stay. Of places and of depths two are left at least, of depths
+    the first and the last, and of places one of each set of mirror images before a second: what is
+    left out in a cross-validation must be a place never seen. Raises InputError for another scale.
     """
     wanted = share_of(scale) * points_of(protocol)
-    kept = _closest(protocol, wanted, cross=False)
-    if kept.points > ABOVE * wanted and protocol.shear is not None and protocol.shear.grid:
-        kept = _closest(protocol, wanted, cross=True)
-    places = sorted(spread(protocol.positions_mm)[: kept.places])
-    last = len(protocol.depths_mm) - 1
-    steps = max(kept.depths - 1, 1)
-    changed = {
-        "positions_mm": [protocol.positions_mm[n] for n in places],
-        "depths_mm": [
-            protocol.depths_mm[last - round(last * k / steps)] for k in reversed(range(kept.depths))
-        ],
-        "shear": _shear(protocol, kept.cross),
-    }
-    return _with(protocol, changed)
+    places, depths_mm = protocol.positions_mm, protocol.depths_mm
+    one = {"indenters": protocol.indenters[:1], "positions_mm": places[:1],
+           "depths_mm": depths_mm[:1]}  # fmt: skip
+    of_depth = points_of(protocol.model_copy(update=one)) - 1
+    could = [
+        (len(protocol.indenters) * p * (1 + d * of_depth), p, d)
+        for p in range(min(FEWEST, len(places)), len(places) + 1)
+        for d in range(min(FEWEST, len(depths_mm)), len(depths_mm) + 1)
+    ]
+    _, p, d = min(could, key=lambda one: (abs(math.log(one[0] / wanted)), -one[1]))
+    last, steps = len(depths_mm) - 1, max(d - 1, 1)
+    return protocol.model_copy(
+        update={
+            "positions_mm": tuple(places[n] for n in sorted(spread(places)[:p])),
+            "depths_mm": tuple(
+                depths_mm[last - round(last * k / steps)] for k in reversed(range(d))
+            ),
+        }
+    )
 
 
 def spread(places: Sequence[Place]) -> list[int]:
@@ -83,34 +76,6 @@ def spread(places: Sequence[Place]) -> list[int]:
         order.append(best)
         seen[folded[best]] = seen.get(folded[best], 0) + 1
     return order
-
-
-def _closest(protocol: Protocol, wanted: float, cross: bool) -> _Thinned:
-    """Places and depths whose points are nearest to those wanted, in proportion."""
-    one = {
-        "indenters": protocol.indenters[:1],
-        "positions_mm": protocol.positions_mm[:1],
-        "depths_mm": protocol.depths_mm[:1],
-        "shear": _shear(protocol, cross),
-    }
-    of_depth, balls = points_of(_with(protocol, one)) - 1, len(protocol.indenters)
-    places, depths = len(protocol.positions_mm), len(protocol.depths_mm)
-    could = [
-        _Thinned(balls * p * (1 + d * of_depth), p, d, cross)
-        for p in range(min(FEWEST, places), places + 1)
-        for d in range(min(FEWEST, depths), depths + 1)
-    ]
-    return min(could, key=lambda one: (abs(math.log(one.points / wanted)), -one.places))
-
-
-def _shear(protocol: Protocol, cross: bool) -> dict[str, Any] | None:
-    if protocol.shear is None:
-        return None
-    return protocol.shear.model_dump(mode="json") | (_CROSS if cross else {})
-
-
-def _with(protocol: Protocol, changed: dict[str, Any]) -> Protocol:
-    return Protocol.model_validate(protocol.model_dump(mode="json") | changed)
 
 
 PROTOCOL = "force-calibration"
