@@ -63,7 +63,7 @@ class Force:
         n, beyond = len(self.frames), int(self.frames["extrapolated"].sum())
         words = f"Force from the flow by {self.features!r}, {n} frames: "
         if self.rms_n is None:
-            return words + "nothing to hold it against, no force sensor was read"
+            return words + "no force sensor was read to compare with"
         x, y, z = self.rms_n
         words += f"off by {z:.2f} N normal, {x:.2f} and {y:.2f} N in shear (root mean square)"
         if self.own:

@@ -160,7 +160,7 @@ _SHOWN = {
 
 
 def _methods(tracking: TrackingResult) -> dict[str, Any]:
-    """The table of methods, what to take of it marked, with the paper's below."""
+    """The table of methods, the recommended one marked, with the paper's below."""
     judged, rows = tracking.verdict, []
     for m in tracking.methods:
         known = m["confident_share"] if m["coverage"] is None else m["coverage"]
@@ -168,15 +168,15 @@ def _methods(tracking: TrackingResult) -> dict[str, Any]:
             {
                 "method / reference": m["name"],
                 "mean error over all moving pixels, mm": m["mean_off_dots_mm"],
-                "95 % are below, mm": m["p95_off_dots_mm"],
-                "where it is sure, mm": m["mean_confident_mm"],
-                "share known for sure": _percent(known),
+                "95th percentile, mm": m["p95_off_dots_mm"],
+                "confident pixels, mm": m["mean_confident_mm"],
+                "share of confident pixels": _percent(known),
                 f"of that off by over {WRONG_MM:g} mm": _percent(m["confident_wrong_share"]),
                 "at the dots, mm": m["mean_at_dots_mm"],
                 "frames trusted": _percent(m["trusted_share"]),
                 "CPU time a frame, ms": m["ms_per_frame"],
                 "new references": m["reference_switches"],
-                "believed": "no" if judged.doubts[m["name"]] else "yes",
+                "reliable": "no" if judged.doubts[m["name"]] else "yes",
             }
         )
     marks = ["take" if m["name"] == judged.take else "" for m in tracking.methods]

@@ -25,7 +25,7 @@ MOST_METHODS = 4
 def _drawn(tracking: TrackingResult) -> list[tuple[str, dict[str, Any]]]:
     """Methods whose error is known, MOST_METHODS at most, with their colours; the table has all.
 
-    The one to take, the paper's, the fastest and the most exact come first.
+    The recommended one, the paper's, the fastest and the most exact come first.
     """
     verdict = tracking.verdict
     known = [m for m in tracking.methods if verdict.error and m[verdict.error] is not None]
@@ -85,8 +85,8 @@ def error_by_time(tracking: TrackingResult) -> Figure | None:
     axis.set_xlabel("CPU time a frame, ms: median, one thread")
     axis.set_ylabel(f"mean error, mm{', simulated' if tracking.simulated else ''}")
     for marker, face, words in (
-        ("o", SOFT, f"{verdict.error_words}, can be believed"),
-        ("x", SOFT, "cannot be believed"),
+        ("o", SOFT, f"{verdict.error_words}, reliable"),
+        ("x", SOFT, "not reliable"),
         ("s", "none", "at the dots"),
     ):
         axis.plot([], [], marker, color=SOFT, mfc=face, label=words)

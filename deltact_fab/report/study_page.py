@@ -62,7 +62,7 @@ def write(result: StudyResult, out: Path) -> Path:
     study_folder.refuse_strange(out, result.study)
     if result.headlines:
         frame = pd.DataFrame([one.as_dict() for one in result.headlines])
-        own = ReportTable(HEADLINES, "What counts", frame)
+        own = ReportTable(HEADLINES, "Key figures", frame)
         result = replace(result, tables=(own, *result.tables))
     files = study_folder.contents(result)
     page = html(result, json.loads(files[study_folder.RESULT]))

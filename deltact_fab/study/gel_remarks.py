@@ -21,7 +21,7 @@ def remark(study: str, modulus_mpa: float) -> str:
     return (
         f"The gel's modulus, {modulus_mpa:g} MPa, is known to a factor of {MODULUS_FACTOR:g} "
         "(Gent's relation from Shore 15A). Deformation at a given depth does not depend on it, nor "
-        "does what is of deformation alone: images, flow, tracking errors, depth, contact, how "
-        "fast a force fades, shares of a force. Forces and tractions, and their errors in N and "
-        f"kPa, are in proportion to it.{ALSO.get(study, '')}"
+        "does what follows from deformation alone: images, flow, tracking errors, depth, contact, "
+        "how fast a force fades, shares of a force. Forces and tractions, and their errors in N "
+        f"and kPa, are in proportion to it.{ALSO.get(study, '')}"
     )

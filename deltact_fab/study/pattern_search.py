@@ -123,7 +123,7 @@ def run(asked: StudyRequest) -> StudyResult:
         f"{bench['printer']};",
         f"{bench['camera']}.",
         *(one.sentence for one in heads if one.told),
-        "Its seed may be any.",
+        "Any seed will do.",
     ]
     pictures = {name: seen[name][0]["seen"] for name in dict.fromkeys([winner, *best[:3], PAPER])}
     return StudyResult(
@@ -156,8 +156,9 @@ def run(asked: StudyRequest) -> StudyResult:
             **bench,
             "candidates": f"{len(among)}, of at least {MIN_DOTS:g} printer dots and {MIN_PX:g} to "
             f"{MAX_PX:g} camera pixels a patch (the paper's in any case)",
-            "to be a finalist": f"the tracker is sure of {100 * MIN_COVERAGE:.0f} % of the moving "
-            f"pixels and bridges steps of {MIN_BRIDGED_MM:.1f} mm; one of each law and patch size",
+            "to be a finalist": f"the tracker is confident on {100 * MIN_COVERAGE:.0f} % of the "
+            f"moving pixels and bridges steps of {MIN_BRIDGED_MM:.1f} mm; one of each law and patch "
+            "size",
             "confirmed on": f"{part_of(whole_protocol, protocol).words}, finite-strain gel of the "
             f"rig {rig!r}",
             "friction": f"{protocol.specimen.friction:g}",

@@ -198,9 +198,13 @@ def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
     return tuple(
         ReportFigure(
             f"{SHORT[method]}-{measure.replace('_', '-')}",
-            f"Mean error of {METHODS[method]}, {what}, indenter on indenter; upright: 95 % over "
-            "indenters"
-            + ("" if method == OURS else "; across: the paper's, dashed where it says 'around'")
+            f"Mean error of {METHODS[method]}, {what}, stacked by indenter; vertical bars: 95 % "
+            "intervals over indenters"
+            + (
+                ""
+                if method == OURS
+                else "; horizontal lines: the paper's, dashed where it says 'around'"
+            )
             + f". {covers}.",
             partial(_chart, errors, method, measure),
         )

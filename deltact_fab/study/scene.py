@@ -154,8 +154,8 @@ class PressScene:
         if tried:
             found["gel's interpolation"] = (
                 f"between solved poses off by at most {max(g['between_n'] for g in tried):.2g} N "
-                f"and {max(g['between_mm'] for g in tried):.2g} mm in plane; what is settled is a "
-                "solved pose"
+                f"and {max(g['between_mm'] for g in tried):.2g} mm in plane; settled frames are "
+                "at solved poses"
             )
         return found
 

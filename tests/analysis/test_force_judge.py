@@ -172,5 +172,5 @@ def test_presses_that_are_not_sheared_lend_their_factor_to_shear() -> None:
     assert not moved.shear_known
     assert moved.shear == moved.pressure == pytest.approx(0.5)
     nothing = replace(data, wrench=np.random.default_rng(0).normal(0, 50, wrench.shape))
-    with pytest.raises(InputError, match="do not tell the normal force's factor"):
+    with pytest.raises(InputError, match="do not determine the factor of the normal"):
         transfer(model, nothing)

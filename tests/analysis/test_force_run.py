@@ -120,7 +120,7 @@ def test_a_calibration_is_made_kept_and_carried_over(
         (run / file).unlink()
     again = called("calibrate", "force", run, "--out", tmp_path / "again", "--model", "sums")
     assert again.returncode == 0, again.stderr
-    assert again.stdout.startswith(f"{told['best']} is taken: normal force to ")
+    assert again.stdout.startswith(f"Use {told['best']}: normal force to ")
     one, two = (
         tomllib.loads((p / "calibration.toml").read_text()) for p in (out, tmp_path / "again")
     )

@@ -189,5 +189,5 @@ def test_the_command_says_first_which_method_to_take(mini_run: Path, tmp_path: P
     stored = json.loads((tmp_path / "tracking.json").read_text())
     first = done.stdout.splitlines()[0]
     assert first == stored["verdict"]["line"]
-    assert first.startswith("Take fused: mean error 0.00")
+    assert first.startswith("Use fused: mean error 0.00")
     assert (tmp_path / "tracking.svg").is_file()

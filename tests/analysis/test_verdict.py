@@ -13,7 +13,7 @@ from deltact_fab.analysis.tracking_error.tally import ErrorTally
 
 
 def row(name: str, error: float | None, ms: float, **more: Any) -> dict[str, Any]:
-    """A method that can be believed, but for what is said."""
+    """A reliable method, but for what is said."""
     with_truth = error is not None
     told = {
         "name": name,
@@ -36,7 +36,7 @@ def test_the_least_error_is_taken() -> None:
     )  # fmt: skip
     assert verdict.take == "slow"
     assert verdict.trusted
-    assert verdict.line.startswith("Take slow: mean error 0.0040 mm over all moving pixels, 40 ms")
+    assert verdict.line.startswith("Use slow: mean error 0.0040 mm over all moving pixels, 40 ms")
     assert "The experiment can be trusted: 100 % of 50 frames" in verdict.line
     assert "(simulated)" in verdict.line
 
@@ -44,8 +44,11 @@ def test_the_least_error_is_taken() -> None:
 @pytest.mark.parametrize(
     ("doubt", "says"),
     [
-        ({"confident_wrong_share": 0.02}, "2 % of what it is sure of is off by more than 0.1 mm"),
-        ({"coverage": 0.5}, "sure of 50 % of the moving pattern"),
+        (
+            {"confident_wrong_share": 0.02},
+            "2 % of what it is confident on is off by more than 0.1 mm",
+        ),
+        ({"coverage": 0.5}, "confident on 50 % of the moving pattern"),
         ({"trusted_share": 0.9}, "trusts 90 % of the frames"),
     ],
 )
@@ -59,7 +62,7 @@ def test_a_method_that_cannot_be_believed_is_not_taken_however_good_it_looks(
     alone = judge([best], simulated=True)
     assert alone.take is None
     assert not alone.trusted
-    assert alone.line.startswith("Do not trust this experiment: no method can be believed.")
+    assert alone.line.startswith("Do not trust this experiment: no method is reliable.")
     assert says in alone.line
 
 
@@ -69,7 +72,7 @@ def test_without_truth_the_errors_at_the_dots_are_compared() -> None:
     assert verdict.take == "a"
     assert "0.0200 mm at the dots" in verdict.line
     assert "95 % of the image" in verdict.line
-    assert "no truth to hold it against" in verdict.line
+    assert "no truth to compare with" in verdict.line
 
 
 def test_without_any_error_the_surest_is_taken() -> None:

@@ -73,7 +73,7 @@ def test_a_skin_of_dots_alone_is_followed_by_its_dots(
     assert result.dots["max_vs_truth_mm"] < 0.1
     assert result.left_out == ["dense flow: the pattern has only dots to follow"]
     assert result.verdict.take == "dots"
-    assert "of the moving dots is known for sure" in result.verdict.line
+    assert "of the moving dots" in result.verdict.line
     json.dumps(result.as_dict(), allow_nan=False)
     assert result.verdict.line in write(run, tmp_path / "r.html", result).read_text()
     with pytest.raises(InputError, match=r"has only dots \(law 'dot-matrix'\).*'dis-fast'"):

@@ -112,10 +112,10 @@ def test_an_analysed_run_tells_its_verdict(mini_run: Path, tmp_path: Path) -> No
     shutil.copytree(mini_run, tmp_path / "run")
     (tmp_path / "run" / "analysis").mkdir(exist_ok=True)
     path = tmp_path / "run" / "analysis" / "tracking.json"
-    path.write_text('{"verdict": {"line": "Take dis-fast."}}')
+    path.write_text('{"verdict": {"line": "Use dis-fast."}}')
     (tmp_path / "run" / "report.html").write_text("")
     (entry,) = entries(tmp_path, tmp_path)
-    assert (entry.line, entry.trouble, entry.link) == ("Take dis-fast.", "", "run/report.html")
+    assert (entry.line, entry.trouble, entry.link) == ("Use dis-fast.", "", "run/report.html")
     path.write_text('{"verdict"')
     assert entries(tmp_path, tmp_path)[0].trouble == "damaged:"
 

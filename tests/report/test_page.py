@@ -103,7 +103,7 @@ def test_its_first_line_says_which_method_to_take(page: str, result: TrackingRes
     assert html.unescape(first.group(2)) == result.verdict.line
     assert ("doubt" in first.group(1)) == (not result.verdict.trusted)
     for name, why in result.verdict.doubts.items():
-        assert (f"<b>{name}</b> cannot be believed here" in page) == bool(why)
+        assert (f"<b>{name}</b> is not reliable here" in page) == bool(why)
 
 
 def test_the_figure_crosses_out_what_cannot_be_believed(result: TrackingResult) -> None:
@@ -201,8 +201,8 @@ def test_columns_that_nobody_measured_are_not_in_the_page(
     out = write(mini_run, tmp_path / "r.html", blind).read_text()
     for head in (
         "mean error over all moving pixels, mm",
-        "95 % are below, mm",
-        "where it is sure, mm",
+        "95th percentile, mm",
+        "confident pixels, mm",
     ):
         assert f">{head}</th>" in page
         assert f">{head}</th>" not in out

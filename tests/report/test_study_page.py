@@ -76,7 +76,7 @@ def test_the_verdict_stands_first_and_what_it_is_made_with_last(page: str) -> No
     body = page.partition("<body>")[2]
     places = [body.index(words) for words in (
         "The better one is half as far off.", "It holds for &lt;all&gt; seeds.",
-        "25 jobs are missing", "What counts", "Bars of three tools.", "Twelve columns",
+        "25 jobs are missing", "Key figures", "Bars of three tools.", "Twelve columns",
         "What this scene left out", "Made with", "opencv-contrib-python-headless",
     )]  # fmt: skip
     assert places == sorted(places)
@@ -94,7 +94,7 @@ def test_it_fetches_nothing_and_links_to_what_lies_beside_it(page: str, folder: 
 
 
 def test_headlines_tell_value_interval_paper_and_goal(page: str) -> None:
-    head, *rows = table_of(section(page, "What counts"))
+    head, *rows = table_of(section(page, "Key figures"))
     assert head == ["figure", "value", "95 % interval, over", "paper", "goal", "remark"]
     assert rows[0] == [
         "mean error of the default tracker", "0.01235\u00a0mm", "0.011 to 0.014\u00a0mm, 5 seeds",
@@ -107,7 +107,7 @@ def test_headlines_tell_value_interval_paper_and_goal(page: str) -> None:
 def test_a_goal_that_is_missed_for_no_reason_says_that_too(tmp_path: Path) -> None:
     short = Headline("error", 2.0, "mm", 1.5, 2.5, "5 seeds", goal=1.0)
     out = study_page.write(replace(plain(), headlines=(short,)), tmp_path / "s").read_text()
-    (row,) = table_of(section(out, "What counts"))[1:]
+    (row,) = table_of(section(out, "Key figures"))[1:]
     assert row[-1] == "the study gives no reason"
     assert 'class="verdict bad"' in out
 

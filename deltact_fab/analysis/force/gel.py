@@ -56,9 +56,9 @@ class ToldGel:
         """In a sentence."""
         (a, b), (c, d) = self.poisson_between, self.thickness_between_mm
         return (
-            f"The presses tell a gel of Poisson's ratio {self.poisson:.3f} ({a:.3f} to {b:.3f}), "
-            f"{self.thickness_mm:.2f} mm thick ({c:.2f} to {d:.2f}); with it the force's error is "
-            f"{self.error_share:.2f} of that with the design's"
+            f"Fitted to the presses, the gel has a Poisson's ratio of {self.poisson:.3f} "
+            f"({a:.3f} to {b:.3f}) and is {self.thickness_mm:.2f} mm thick ({c:.2f} to {d:.2f}); "
+            f"with it the force's error is {self.error_share:.2f} of that with the design's"
         )
 
     def view(self, believed: SensorView) -> SensorView:
@@ -171,7 +171,7 @@ def search(view: SensorView, errors: Errors, progress: Progress | None = None) -
                 return np.inf  # thinner than what stands proud of it
             seen[pair] = errors(tried)
             if progress:
-                progress(len(seen), max(30, len(seen)), "the gel that the presses tell")
+                progress(len(seen), max(30, len(seen)), "the gel that fits the presses")
         return float(np.log(seen[pair].sum(axis=0)).sum())
 
     best = (0, 0)

@@ -87,7 +87,7 @@ class ForceResult:
     def line(self) -> str:
         """The verdict: which model is taken, and what it may be trusted to."""
         split = self.best.ranked_by
-        text = f"{self.best.name} is taken: {_errors(self.best, self.data)}, {SPLITS[split]}"
+        text = f"Use {self.best.name}: {_errors(self.best, self.data)}, {SPLITS[split]}"
         if (self.data.points["position"] == UNKNOWN).all():  # of an imported run
             return text.replace("presses", "stretches of time")
         if self.paper is not self.best:
@@ -95,7 +95,7 @@ class ForceResult:
         if split in ("press", "point"):
             text += "; no place or indenter could be left out: calibrate on more"
         if (few := enough(self.curves.get(self.best.name, {}))) is not None:
-            text += f"; more than {few} presses bring little"
+            text += f"; more than {few} presses improve it little"
         return text
 
     def as_dict(self) -> dict[str, Any]:

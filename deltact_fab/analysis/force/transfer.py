@@ -21,7 +21,7 @@ from .judge import fit, force_error_n, held_out
 
 _SHEAR = np.isin(COMPONENTS, ("fx", "fy", "tz"))
 MIN_SURE = 0.1
-"""Standard error of a factor above which the presses tell nothing of it."""
+"""Standard error of a factor above which the presses do not determine it."""
 CLEARLY = 0.8
 """Of the transfer's error, below which a fresh fit's is called better."""
 
@@ -53,9 +53,9 @@ class TransferredCalibration:
             f"shear x {self.shear:.3f}"
         )
         if not self.shear_known:
-            text += " (pressure's: the presses say nothing of shear)"
+            text += " (that of pressure: these presses do not determine it)"
         if self.error_n is None:
-            return f"{text}; presses at a second place would tell the error"
+            return f"{text}; press at a second place to estimate the error"
         fresh = "cannot be made" if self.fresh_error_n is None else f"{self.fresh_error_n:.2f} N"
         text += (
             f"; error of the force {self.error_n:.2f} N on a position left out (as it came "
@@ -102,7 +102,7 @@ def _factors(predicted: Array, wrench: Array) -> tuple[float, float, bool]:
     pressure, sure = _factor(predicted[:, 2], wrench[:, 2])
     if sure > MIN_SURE:
         raise InputError(
-            "transfer: the presses do not tell the normal force's factor "
+            "transfer: the presses do not determine the factor of the normal force "
             f"({pressure:.2f} +- {sure:.2f}); press deeper, or on more places"
         )
     shear, sure = _factor(predicted[:, :2].ravel(), wrench[:, :2].ravel())

@@ -81,8 +81,8 @@ class ShapeResult:
         how = "uncalibrated" if self.calibration is None else f"by {Path(self.calibration).name}"
         if means["depth_error_contact_mm"] is None:
             return (
-                f"Shape of {means['frames']} frames, depth {how}; without truth its error is not "
-                "known."
+                f"Shape of {means['frames']} frames, depth {how}; its error is "
+                "unknown without truth."
             )
         parts = [
             f"{words} {means[name]:.3f} mm{f' (over {goal:g})' if name in self.missed else ''}"
@@ -92,7 +92,7 @@ class ShapeResult:
         # A face that nothing presses has no depth either, so its figure flatters.
         return (
             f"Mean error of {means['frames']} frames, depth {how}: {', '.join(parts)}; "
-            f"to say 'depth is zero' errs by {means['zero_error_contact_mm']:.3f} mm over the "
+            f"predicting zero everywhere gives {means['zero_error_contact_mm']:.3f} mm over the "
             "contact."
         )
 

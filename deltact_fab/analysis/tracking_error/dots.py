@@ -24,7 +24,7 @@ MIN_FOUND_SHARE = 0.8  # of the dots, for a frame to be trusted
 class DotTally:
     """Errors of the dots themselves against truth, and how many were lost.
 
-    One that was taken for another is off by half the distance of two dots or more.
+    A misidentified one is off by half the distance of two dots or more.
     """
 
     errors: Mean = field(default_factory=Mean)

@@ -1,8 +1,8 @@
-"""Tracking errors of runs as a result: which method to take, and whether a flow is to be trusted.
+"""Tracking errors of runs as a result: which method to use, and whether a flow is to be trusted.
 
 RULE says how. The error is the mean over all moving visible pixels; where no truth is known, the
 mean at the dots (the paper's); where there are only dots, that of the dots that were found. Where
-no error is known, the method that is confident of most is taken.
+no error is known, the method that is confident on most of it is recommended.
 """
 
 from __future__ import annotations
@@ -44,19 +44,19 @@ def percent(share: float) -> str:
 
 
 RULE = (
-    f"A method can be believed when it trusts {percent(MIN_TRUSTED)} of the frames or more, is "
-    f"sure of {percent(MIN_COVERAGE)} of the moving pattern or more (of the image, where no truth "
-    f"is known), and is off by more than {WRONG_MM:g} mm on at most {percent(MAX_WRONG)} of what "
-    "it is sure of. Of those that can be believed, the one with the least error is to be taken. An "
-    "experiment can be trusted when a method can be believed on it."
+    f"A method is reliable when it trusts {percent(MIN_TRUSTED)} of the frames or more, is "
+    f"confident on {percent(MIN_COVERAGE)} of the moving pattern or more (of the image, if no "
+    f"truth is known), and is off by more than {WRONG_MM:g} mm on at most {percent(MAX_WRONG)} of "
+    "what it is confident on. Of the reliable methods, the one with the smallest error is "
+    "recommended. An experiment can be trusted when a method is reliable on it."
 )
 
 
 @dataclass(frozen=True)
 class TrackingVerdict:
-    """about: the method that the line speaks of: the one to take, or the nearest to be believed.
+    """about: the method that the line speaks of: the recommended one, else the nearest to reliable.
 
-    take: a name or None. doubts: by method, why it cannot be believed; empty where it can be.
+    take: a name or None. doubts: by method, why it is not reliable; empty where it is.
     error: the key of the error that was compared, None without any. line: all of it in words.
     """
 
@@ -88,7 +88,7 @@ def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict
     )
     if take is None:
         line = (
-            "Do not trust this experiment: no method can be believed. The nearest is "
+            "Do not trust this experiment: no method is reliable. The nearest is "
             f"{about['name']}, but {'; '.join(doubts[about['name']])}."
         )
     else:
@@ -104,7 +104,7 @@ def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict
 
 
 def _doubts(row: dict[str, Any]) -> list[str]:
-    """Why a method cannot be believed, in words."""
+    """Why a method is not reliable, in words."""
     if not row["n_frames"]:
         return ["there is no frame after the first one"]
     found = []
@@ -115,18 +115,20 @@ def _doubts(row: dict[str, Any]) -> list[str]:
         )
     known, what = _coverage(row)
     if known < MIN_COVERAGE:
-        found.append(f"it is sure of {percent(known)} of {what} (at least {percent(MIN_COVERAGE)})")
+        found.append(
+            f"it is confident on {percent(known)} of {what} (at least {percent(MIN_COVERAGE)})"
+        )
     wrong = row["confident_wrong_share"]
     if wrong is not None and wrong > MAX_WRONG:
         found.append(
-            f"{percent(wrong)} of what it is sure of is off by more than {WRONG_MM:g} mm "
+            f"{percent(wrong)} of what it is confident on is off by more than {WRONG_MM:g} mm "
             f"(at most {percent(MAX_WRONG)})"
         )
     return found
 
 
 def _coverage(row: dict[str, Any]) -> tuple[float, str]:
-    """The share that a method is confident of, and of what."""
+    """The share that a method is confident on, and of what."""
     moving, still = ("moving dots", "dots") if row["name"] == DOTS else ("moving pattern", "image")
     if row["coverage"] is not None:
         return row["coverage"], f"the {moving}"
@@ -135,18 +137,18 @@ def _coverage(row: dict[str, Any]) -> tuple[float, str]:
 
 def _to_take(take: dict[str, Any], error: str | None, simulated: bool) -> str:
     known, what = _coverage(take)
-    says = f"Take {take['name']}: "
+    says = f"Use {take['name']}: "
     if error is not None:
         says += f"mean error {take[error]:.4f} mm {ERRORS[error]}, "
     says += (
         f"{take['ms_per_frame']:.0f} ms of CPU a frame. The experiment can be trusted: "
-        f"{percent(take['trusted_share'])} of {take['n_frames']} frames were matched, "
-        f"{percent(known)} of {what} is known for sure"
+        f"{percent(take['trusted_share'])} of {take['n_frames']} frames were matched, with "
+        f"confidence on {percent(known)} of {what}"
     )
     wrong = take["confident_wrong_share"]
     if wrong is not None:
         says += f", {percent(wrong)} of that off by more than {WRONG_MM:g} mm"
-    return says + (" (simulated)." if simulated else " (no truth to hold it against).")
+    return says + (" (simulated)." if simulated else " (no truth to compare with).")
 
 
 PAPER_BEST_MM = 0.08  # Pattern Selection: d = 0.075, r = 0.6, real sensor, at the dots
@@ -170,7 +172,7 @@ class TrackingResult:
 
     @property
     def verdict(self) -> TrackingVerdict:
-        """Which method to take, and whether to trust the experiment."""
+        """Which method to use, and whether to trust the experiment."""
         return judge(self.methods, self.simulated)
 
     def as_dict(self) -> dict[str, Any]:

@@ -22,7 +22,7 @@ IN_A_LAB = (
     "Poisson's ratio as exactly known and the flow without bias. On flows with an assumed error, "
     "0.13 N at scattered places; with a gel 1 mm off, 0.32 N (docs/evidence/force.md). On two gels "
     "of another solver that it does not believe in, without images, ten presses calibrate normal "
-    "force to 0.05 N of 7 N with the gel told by them, to 0.05 and 0.11 N with the design's "
+    "force to 0.05 N of 7 N with the gel fitted to them, to 0.05 and 0.11 N with the design's "
     "(docs/evidence/strangers.md). All of this is simulated."
 )
 
@@ -34,14 +34,14 @@ def found(result: ForceResult, scale: float | None = None, **scene: Any) -> Stud
     told = [one.line for one in (result.gel, result.early) if one]
     notes = [IN_A_LAB, *told] if simulated else told
     few = enough(result.curves[result.best.name])
-    more = f"; more than {few} presses bring little" if few else ""
+    more = f"; more than {few} presses improve it little" if few else ""
     return StudyResult(
         study="force-calibration",
         title="Force calibration",
         simulated=simulated,
         seed=result.seed,
         scale=scale,
-        answer=(f"The model taken is {result.best.name}{more}.",),
+        answer=(f"Use the model {result.best.name}{more}.",),
         headlines=(*_best(result), *_paper(result, _alone(places))),
         tables=(
             ReportTable(
@@ -89,7 +89,7 @@ def _best(result: ForceResult) -> list[Headline]:
     best, split = result.best, result.best.ranked_by
     chosen = f"best of {len(result.judged)} by this figure"
     if result.gel or result.early:
-        chosen += ", with the gel told by all presses, not anew in each fold"
+        chosen += ", with the gel fitted to all presses, not refitted in each fold"
     heads = []
     for name, words in WORDS.items():
         span = float(np.ptp(component(result.data.wrench, name)))
@@ -97,9 +97,7 @@ def _best(result: ForceResult) -> list[Headline]:
             continue
         remark = f"of {span:.2f} N; {chosen}"
         if name == "normal" and result.calibration.head.made.simulated:
-            remark += (
-                "; takes gel and flow as exact: 0.05 to 0.32 N where they are not, see the notes"
-            )
+            remark += "; takes gel and flow as exact: 0.05 to 0.32 N if they are not, see the notes"
         heads.append(
             headline(
                 f"{words}, {SPLITS[split]}: RMSE", "N", _interval(best, result, split, name),

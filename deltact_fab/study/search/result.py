@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 GOAL = 1 / 3
 """Of the paper's pattern's mean error, at most."""
 MIN_COVERAGE = 0.9
-"""Share of the moving pixels that a pattern's tracker must be sure of, to be recommended."""
+"""Share of the moving pixels on which the tracker must be confident, for a recommendation."""
 MIN_BRIDGED_MM = 0.39
 """Twice the step between frames that the protocols have: a press may be quicker than planned."""
 FIGURES = ("mean_error_mm", "low_mm", "high_mm", "coverage")

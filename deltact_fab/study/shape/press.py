@@ -49,5 +49,5 @@ def look(told: dict[str, Any]) -> dict[str, Any]:
 
 def unpacked(value: Mapping[str, Any]) -> PressShape:
     """What `look` found."""
-    pictures = (value[name] and ShapeMaps(**value[name]) for name in SHOWN)
-    return PressShape(value["rows"], *pictures, value["contact_by"])
+    deepest, twisted = (value[name] and ShapeMaps(**value[name]) for name in SHOWN)
+    return PressShape(value["rows"], deepest, twisted, value["contact_by"])

@@ -100,7 +100,7 @@ def headlines(frames: pd.DataFrame, left_out_n: float | None = None) -> tuple[He
         remark = (
             f"cells of 1 mm round edges off: the peak found is {share.min():.2f} of the true one "
             f"with {share.idxmin()}, {share.max():.2f} with {share.idxmax()}, so where edges press "
-            "hard this share flatters"
+            "hard this share is too favourable"
         )
         what = "pressure field, mean error over the contact, of its peak"
         found.append(_mean(what, "", both, "pressure_error", goal=GOAL_FIELD, remark=remark))
@@ -113,12 +113,12 @@ def _depth(known: pd.DataFrame) -> list[Headline]:
     return [
         _mean(
             what, "mm", known, "depth_error_contact_mm", goal=GOALS["depth_error_contact_mm"],
-            remark=f"to say 'depth is zero' errs by {zero:.2f} mm", told=True,
+            remark=f"predicting zero everywhere gives {zero:.2f} mm", told=True,
         ),
         _mean(
             "depth over the face, mean error", "mm", known, "depth_error_face_mm", told=True,
             goal=GOALS["depth_error_face_mm"],
-            remark="most of a face is not pressed, so this figure flatters",
+            remark="most of a face is not pressed, so this figure is favourable",
         ),
         *(
             _mean(f"{name}: {what}", "mm", part, "depth_error_contact_mm",
@@ -145,7 +145,7 @@ def _force(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
                 f"normal force {'beyond' if beyond else 'within'} the calibrations, RMSE", "N",
                 rmse(off, *_groups(part)), goal=None if beyond else GOAL_N,
                 remark=f"{'' if beyond else remark}forces of {true.min():.1f} to {true.max():.1f} "
-                f"N; in the mean {100 * (off / true).mean():+.0f} %", told=not beyond,
+                f"N; mean error {100 * (off / true).mean():+.0f} %", told=not beyond,
             )
         )  # fmt: skip
     return found
