@@ -204,7 +204,8 @@ def paper_line(
     if value > FAR * highest > 0:
         x = 1.0 if across is None else sum(across) / 2
         place = axis.transAxes if across is None else axis.get_xaxis_transform()
-        axis.text(x, 1.0, f"paper {'about ' * about}{value:g} ↑", transform=place, va="bottom",
+        words = f"{'≈' * about}{value:g} ↑"  # no wider than a column, which has neighbours
+        axis.text(x, 1.0, words if across else f"paper {words}", transform=place, va="bottom",
                   ha="right" if across is None else "center", fontsize="small",
                   color=PAPER_COLOUR)  # fmt: skip
         return

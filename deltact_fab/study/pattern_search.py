@@ -157,8 +157,7 @@ def run(asked: StudyRequest) -> StudyResult:
             "candidates": f"{len(among)}, of at least {MIN_DOTS:g} printer dots and {MIN_PX:g} to "
             f"{MAX_PX:g} camera pixels a patch (the paper's in any case)",
             "to be a finalist": f"the tracker is confident on {100 * MIN_COVERAGE:.0f} % of the "
-            f"moving pixels and bridges steps of {MIN_BRIDGED_MM:.1f} mm; one of each law and patch "
-            "size",
+            f"moving pixels and bridges steps of {MIN_BRIDGED_MM:.1f} mm; one of each law and size",
             "confirmed on": f"{part_of(whole_protocol, protocol).words}, finite-strain gel of the "
             f"rig {rig!r}",
             "friction": f"{protocol.specimen.friction:g}",

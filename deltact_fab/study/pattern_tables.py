@@ -203,7 +203,8 @@ def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
             + (
                 ""
                 if method == OURS
-                else "; horizontal lines: the paper's, dashed where it says 'around'"
+                else "; horizontal lines: the paper's, dashed where it says 'around', an "
+                "arrow where it is far above"
             )
             + f". {covers}.",
             partial(_chart, errors, method, measure),
