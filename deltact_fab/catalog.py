@@ -31,6 +31,8 @@ MARKS: dict[str, frozenset[str]] = {
 KINDS = tuple(MARKS)
 LISTS = {"indenter": "indenters", "shape": "indenters", "module": "cameras", "bought": "parts"}
 """A key at the top that tells a list from a design among the files of cad, and the list's kind."""
+MAX_FAULTS = 20
+"""Of a file that are told: each hint among known keys takes a millisecond."""
 T = TypeVar("T")
 
 
@@ -155,7 +157,11 @@ def validate(kind: type[T], data: object, source: str) -> T:
     try:
         return cast(T, adapter(cast(Any, kind)).validate_json(text, strict=True))
     except ValidationError as why:
-        raise InputError(" | ".join(_line(source, kind, e) for e in why.errors())) from why
+        faults = why.errors()
+        lines = [_line(source, kind, fault) for fault in faults[:MAX_FAULTS]]
+        if len(faults) > MAX_FAULTS:
+            lines.append(f"and {len(faults) - MAX_FAULTS} more")
+        raise InputError(" | ".join(lines)) from why
 
 
 OUT_OF_LIMITS = {

@@ -12,6 +12,9 @@ from pathlib import Path
 
 from .errors import DeltactFabError, InputError, RunFailed
 
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+"""Errors of a full or broken disk: no fault of what was asked."""
+
 
 def write_whole(path: Path, data: bytes, sync_name: bool = True) -> None:
     """Write a file so that it survives a power cut whole, or is as it was.
@@ -89,7 +92,7 @@ def write_together(
 
 
 def check_place(path: Path, in_a_folder: str) -> None:
-    """Raise InputError where a file cannot be: a folder, no folder to hold it, too long a name.
+    """Raise InputError where a file cannot be: a folder, no folder to hold it, no right, too long.
 
     in_a_folder: what to say of a folder.
     """
@@ -104,6 +107,20 @@ def check_place(path: Path, in_a_folder: str) -> None:
         raise InputError(f"{path}: is a folder; {in_a_folder}")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; create it first")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{path}: cannot be written: {path.parent} is read-only")
+
+
+def check_folder(path: Path) -> None:
+    """Raise InputError where a folder cannot be, or cannot be written into."""
+    try:
+        there = next(one for one in (path, *path.absolute().parents) if one.exists())
+    except OSError as why:
+        raise InputError(_unwritable(path, why)) from why
+    if not there.is_dir():
+        raise InputError(f"{path}: {there} is a file; expected a folder")
+    if not os.access(there, os.W_OK):
+        raise InputError(f"{path}: cannot be written: {there} is read-only")
 
 
 @contextmanager
@@ -121,7 +138,7 @@ def making(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as why:
-        kind = RunFailed if why.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO) else InputError
+        kind = RunFailed if why.errno in DISK else InputError
         raise kind(f"{folder}: cannot be made: {why.strerror}") from why
 
 

@@ -12,6 +12,8 @@ from .errors import InputError
 
 MAX_BYTES = 4 * 2**20
 """Of a file of settings, a few kB long as a rule: so much is parsed in about a second."""
+MAX_KEYS = 20_000
+"""Of a file of settings, which has some hundred: tomllib needs up to 50 us for one."""
 MAX_RECORD_BYTES = 64 * 2**20
 """Of a table or a record that a program wrote."""
 MAX_LEVELS = 32
@@ -51,6 +53,8 @@ def text(path: Path, most_bytes: int = MAX_BYTES) -> str:
 def toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file. Raises InputError naming the file and the place in it."""
     content = text(path)
+    if content.count("=") + content.count("\n[") > MAX_KEYS:
+        raise InputError(f"{path}: more than {MAX_KEYS} keys; is it the right file?")
     try:
         # Before parsing, whose time grows with the square of a key's depth.
         if _DEEP_KEY.search(content):

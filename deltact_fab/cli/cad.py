@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -14,7 +14,6 @@ from .options import (
     CAMERA_NAME,
     DESIGN,
     DESIGN_NAME,
-    JSON,
     NEW_FILE,
     ON,
     PART_NAME,
@@ -23,6 +22,7 @@ from .options import (
     out_file,
     out_folder,
 )
+from .output import Answer, answers, listed, progress, table, written
 
 if TYPE_CHECKING:
     from ..cad.dimensions import Design
@@ -34,7 +34,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 def cad() -> None:
     """Parametric parts of the sensor, its mold, bench and indenters.
 
-    Every number is in a design (`cad designs`); --set changes one for a single command.
+    Every number is in a design (`cad list designs`); --set changes one for a single command.
     """
 
 
@@ -69,50 +69,20 @@ def load(design: str, changes: tuple[str, ...]) -> Design:
     return loaded
 
 
-@contextmanager
-def file_to_write(out: Path) -> Iterator[None]:
-    """Refuse a folder and make the parent before the work inside, which writes the file.
-
-    On failure the folders that were made go again. Raises InputError.
-    """
-    from ..errors import InputError
-
-    if out.is_dir():
-        raise InputError(f"-o {out}: a folder; expected the name of a file")
-    made = [path for path in out.parents if not path.exists()]
-    try:
-        try:
-            out.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as why:
-            raise InputError(f"-o {out}: its folder cannot be made: {why.strerror}") from why
-        yield
-    except BaseException:
-        for path in made:
-            with suppress(OSError):
-                path.rmdir()
-        raise
-
-
 @cad.command(epilog="Example: deltact-fab cad new mine --base skin-44x40")
 @click.argument("name")
 @click.option("--base", type=DESIGN_NAME, default="deltact", show_default=True, metavar="DESIGN",
-              help="Design to start from: a name of `cad designs` or a path.")  # fmt: skip
+              help="Design to start from: a name of `cad list designs` or a path.")  # fmt: skip
 @click.option("--face", metavar="WxL", help="Solve for a face of these sides in mm, as in 60x50.")
 @click.option("--share", type=float, default=0.55, show_default=True,
               help="Least share of the face that the camera sees.")  # fmt: skip
 @click.option("--camera", type=CAMERA_NAME, metavar="CAMERA",
-              help="A camera of `cad cameras`; the base's unless given.")  # fmt: skip
+              help="A camera of `cad list cameras`; the base's unless given.")  # fmt: skip
 @NEW_FILE
-@JSON
+@answers
 def new(
-    name: str,
-    base: str,
-    face: str | None,
-    share: float,
-    camera: str | None,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+    name: str, base: str, face: str | None, share: float, camera: str | None, out: Path | None
+) -> Answer:
     """Write a new design with every dimension explained.
 
     Each dimension is there as its base has it, commented out; uncomment those to change. With
@@ -122,7 +92,6 @@ def new(
     """
     from ..errors import InputError
     from ..lab import design as write
-    from .output import echo_written
 
     wish = None
     if face is not None:
@@ -131,29 +100,34 @@ def new(
         wish = wish_of(face, share, camera)
     elif camera is not None:
         raise InputError("--camera: say for which face it is, as in --face 60x50")
-    echo_written(write(name, base, out, wish), as_json, f"cad check --design {name}")
+    return written(write(name, base, out, wish), f"cad check --design {name}")
 
 
-@cad.command("list")
-@JSON
-def list_(as_json: bool) -> None:
-    """Parts that can be exported, with group, material, process and quantity."""
-    from ..cad.registry import listed
-    from .output import echo_rows
+@cad.command("list", epilog="Example: deltact-fab cad list designs")
+@click.argument(
+    "what", type=click.Choice(["parts", "designs", "cameras"]), default="parts", metavar="[WHAT]"
+)
+@answers
+def list_(what: str) -> Answer:
+    """Parts that can be exported; or designs or cameras, where WHAT says so.
+
+    A part has its group, material, process and quantity; designs are your own and the shipped ones;
+    a camera, from cad/cameras.toml, has its sources.
+    """
+    return {"parts": _parts, "designs": _designs, "cameras": _cameras}[what]()
+
+
+def _parts() -> Answer:
+    from ..cad.registry import listed as parts
 
     columns = ("part", "group", "material", "process", "quantity")
-    rows = [(p.name, p.group, p.material, p.process, p.quantity) for p in listed()]
-    echo_rows(columns, rows, as_json)
-    if not as_json:
-        click.echo("\nAny indenter is a part too: sphere:DIAMETER_MM, star:SIZE_MM and so on.")
+    rows = [(p.name, p.group, p.material, p.process, p.quantity) for p in parts()]
+    told = "Any indenter is a part too: sphere:DIAMETER_MM, star:SIZE_MM and so on."
+    return listed(columns, rows, "", told)
 
 
-@cad.command()
-@JSON
-def cameras(as_json: bool) -> None:
-    """Cameras that a design can be made for (cad/cameras.toml), each with its sources."""
+def _cameras() -> Answer:
     from ..cad.cameras import load_cameras
-    from .output import echo_rows
 
     columns = ("camera", "module", "focal_length_mm", "projection", "picture_px", "source")
     rows = [
@@ -161,31 +135,26 @@ def cameras(as_json: bool) -> None:
          c.source)
         for name, c in load_cameras().items()
     ]  # fmt: skip
-    echo_rows(columns, rows, as_json)
+    return listed(columns, rows)
 
 
-@cad.command("designs")
-@JSON
-def designs_(as_json: bool) -> None:
-    """Designs that can be named: your own and the shipped ones."""
+def _designs() -> Answer:
     from ..cad.design import load_design
     from ..catalog import designs, find, read
-    from .output import echo_rows
 
     rows = []
     for name in designs():
         skin = load_design(name).skin
         base = read(find("cad", name)).get("base")
         rows.append((name, base, skin.width_mm, skin.length_mm, skin.thickness_mm))
-    columns = ("design", "base", "width_mm", "length_mm", "thickness_mm")
-    echo_rows(columns, rows, as_json)
+    return listed(("design", "base", "width_mm", "length_mm", "thickness_mm"), rows)
 
 
 @cad.command(epilog="Example: deltact-fab cad show shell --design franka")
 @click.argument("part", type=PART_NAME)
 @of_design
-@JSON
-def show(part: str, design: str, changes: tuple[str, ...], as_json: bool) -> None:
+@answers
+def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
     """Dimensions of PART with meaning and limits, and the inequalities that they must satisfy.
 
     PART is a name of `cad list`.
@@ -195,22 +164,19 @@ def show(part: str, design: str, changes: tuple[str, ...], as_json: bool) -> Non
     from ..cad.design import load_design
     from ..cad.registry import find
     from ..cad.show import describe
-    from .output import echo_json, echo_table
 
     told = describe(find(part), load_design(design, changes))
-    if as_json:
-        echo_json(asdict(told))
-        return
+    lines: list[str] = []
     for title, columns, rows in told.tables():
-        click.echo(f"\n{title}" if title else "")
-        echo_table(columns, rows)
+        lines += [f"\n{title}" if title else "", *table(columns, rows)]
+    return Answer(asdict(told), lines)
 
 
 @cad.command()
 @of_design
 @CACHE
-@JSON
-def check(design: str, changes: tuple[str, ...], cache: bool, as_json: bool) -> None:
+@answers
+def check(design: str, changes: tuple[str, ...], cache: bool) -> Answer:
     """Check the whole design on its solids: a table of passes and failures.
 
     Exit code 1 when a check fails.
@@ -219,64 +185,41 @@ def check(design: str, changes: tuple[str, ...], cache: bool, as_json: bool) -> 
 
     from ..cad.check import run
     from ..cad.design import load_design
-    from ..errors import RunFailed
-    from .output import echo_json, echo_table, progress
 
     with progress("cad check") as tell:
         rows = run(load_design(design, changes), tell, cached=cache)
-    if as_json:
-        echo_json([{**asdict(row), "verdict": row.verdict} for row in rows])
-    else:
-        columns = ("check", "part", "found", "limit", "verdict")
-        echo_table(columns, [(r.check, r.part, r.found, r.limit, r.verdict) for r in rows])
-        unverified = sum(bool(r.rests_on) for r in rows if r.passed)
-        click.echo(
-            f"\n{sum(r.passed for r in rows)} of {len(rows)} checks pass, {unverified} of them on "
-            "values that nobody has measured yet"
-        )
+    columns = ("check", "part", "found", "limit", "verdict")
+    cells = [(r.check, r.part, r.found, r.limit, r.verdict) for r in rows]
+    unverified = sum(bool(r.rests_on) for r in rows if r.passed)
+    told = (
+        f"{sum(r.passed for r in rows)} of {len(rows)} checks pass, {unverified} of them on "
+        "values that nobody has measured yet"
+    )
+    data = [{**asdict(row), "verdict": row.verdict} for row in rows]
     failed = [row for row in rows if row.verdict == "FAIL"]
-    if failed:
-        named = ", ".join(dict.fromkeys(f"{row.check} ({row.part})" for row in failed))
-        raise RunFailed(f"{design}: {len(failed)} of {len(rows)} checks failed: {named}")
+    named = ", ".join(dict.fromkeys(f"{row.check} ({row.part})" for row in failed))
+    why = f"{design}: {len(failed)} of {len(rows)} checks failed: {named}" if failed else None
+    return Answer(data, [*table(columns, cells), "", told], why)
 
 
 @cad.command(epilog="Example: deltact-fab cad export sensor sphere:12.5 --out parts")
 @click.argument("parts", nargs=-1, metavar="[PART]...", type=PART_NAME)
 @of_design
-@click.option(
-    "--format",
-    "formats",
-    default="step,stl,3mf,dxf,glb,svg,pdf",
-    show_default=True,
-    metavar="LIST",
-    help="Formats, separated by commas; each part gets those that suit it.",
-)
-@click.option(
-    "--tolerance",
-    "tolerance_mm",
-    type=float,
-    default=0.01,
-    show_default=True,
-    metavar="MM",
-    help="Largest distance of a mesh from the true surface.",
-)
+@click.option("--format", "formats", default="step,stl,3mf,dxf,glb,svg,pdf", show_default=True,
+              metavar="LIST",
+              help="Formats, separated by commas; each part gets those that suit it.")  # fmt: skip
+@click.option("--tolerance", "tolerance_mm", type=float, default=0.01, show_default=True,
+              metavar="MM",
+              help="Largest distance of a mesh from the true surface.")  # fmt: skip
 @out_folder("Folder to write into.", default=Path("cad-out"), show_default=True)
 @PROCESSES
 @ON
 @CACHE
-@JSON
+@answers
 def export(
-    parts: tuple[str, ...],
-    design: str,
-    changes: tuple[str, ...],
-    formats: str,
-    tolerance_mm: float,
-    out: Path,
-    jobs: int | None,
-    on: str,
-    cache: bool,
-    as_json: bool,
-) -> None:
+    parts: tuple[str, ...], design: str, changes: tuple[str, ...], formats: str,
+    tolerance_mm: float, out: Path, jobs: int | None, on: str, cache: bool,
+) -> Answer:  # fmt: skip
     """Write each PART and the assembly, with a manifest.json; without PART, everything.
 
     A PART is a name of `cad list`, a group (sensor, electronics, tools, bench, indenters), or an
@@ -292,7 +235,6 @@ def export(
     from ..cad.export import export_parts
     from ..cad.registry import select
     from ..jobs import executor
-    from .output import echo_json, echo_table, progress
 
     dims, chosen = load(design, changes), select(parts)
     # Where nobody says how, the work that is left decides.
@@ -302,9 +244,6 @@ def export(
             dims, chosen, formats.split(","), tolerance_mm, out, tell,
             cached=cache, jobs=jobs, executor=where,
         )  # fmt: skip
-    if as_json:
-        echo_json([asdict(f) for f in files])
-        return
     rows = []
     for part in dict.fromkeys(f.part for f in files):
         own = [f for f in files if f.part == part]
@@ -313,18 +252,16 @@ def export(
         worst = max(deviations, default=None)
         rows.append((part, own[0].quantity, kinds, own[0].volume_mm3, worst, own[0].process))
     columns = ("part", "pieces", "files", "volume_mm3", "mesh_deviation_mm", "process")
-    echo_table(columns, rows)
-    click.echo(f"\n{len(files)} files and manifest.json in {out}")
+    told = f"{len(files)} files and manifest.json in {out}"
+    return Answer([asdict(f) for f in files], [*table(columns, rows), "", told])
 
 
 @cad.command(epilog="Example: deltact-fab cad bom --sensors 4 -o bom.csv")
 @of_design
 @SENSORS
 @out_file("Write it as .csv or .json instead of printing it.")
-@JSON
-def bom(
-    design: str, changes: tuple[str, ...], sensors: int, out: Path | None, as_json: bool
-) -> None:
+@answers
+def bom(design: str, changes: tuple[str, ...], sensors: int, out: Path | None) -> Answer:
     """Bill of materials: parts, silicone, screws and electronics for a number of sensors."""
     import json
     from dataclasses import asdict
@@ -332,35 +269,30 @@ def bom(
     from ..cad.fabrication.bom import csv_text, lines
     from ..errors import InputError
     from ..files import write_whole
-    from .output import echo_json, echo_table, echo_written
 
-    if out is not None and out.suffix not in (".csv", ".json") and not out.is_dir():
+    if out is not None and out.suffix not in (".csv", ".json"):
         raise InputError(f"-o {out}: end the name in .csv or .json")
-    listed = lines(load(design, changes), sensors)
-    plain = [asdict(line) for line in listed]
+    found = lines(load(design, changes), sensors)
+    plain = [asdict(line) for line in found]
     if out is not None:
-        text = csv_text(listed) if out.suffix == ".csv" else json.dumps(plain, indent=1) + "\n"
-        with file_to_write(out):
-            write_whole(out, text.encode())
-        echo_written(out, as_json)
-    elif as_json:
-        echo_json(plain)
-    else:
-        columns = ("item", "part", "material", "process", "quantity", "unit", "note")
-        rows = [
-            (*(line[c] for c in columns), str(at.source or "made here"))
-            for line, at in zip(plain, listed, strict=True)
-        ]
-        echo_table((*columns, "to order"), rows, names=2)
+        text = csv_text(found) if out.suffix == ".csv" else json.dumps(plain, indent=1) + "\n"
+        write_whole(out, text.encode())
+        return written(out)
+    columns = ("item", "part", "material", "process", "quantity", "unit", "note")
+    rows = [
+        (*(line[c] for c in columns), str(at.source or "made here"))
+        for line, at in zip(plain, found, strict=True)
+    ]
+    return Answer(plain, table((*columns, "to order"), rows, names=2))
 
 
 @cad.command(epilog="Example: deltact-fab cad fit readings.csv -o mine.toml")
 @click.argument("readings", type=PATH)
 @DESIGN
 @out_file("Design to write: --design with the measured values in it.")
-@JSON
-def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:
-    """What your printer and laser really do, from READINGS of the two coupons, a CSV file.
+@answers
+def fit(readings: Path, design: str, out: Path | None) -> Answer:
+    """Estimate what your printer and laser are off by, from READINGS of the two coupons (CSV).
 
     Columns: coupon (fit-coupon, kerf-coupon), feature (hole, slot, outside, height; strip,
     thickness), nominal_mm, measured_mm, and pieces for strips measured side by side. A spread is
@@ -372,18 +304,13 @@ def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:
     from ..cad.design import load_design
     from ..cad.fabrication.readings import as_design, estimates, read
     from ..files import write_whole
-    from .output import echo_json, echo_table, echo_written
 
     found = estimates(read(readings), load_design(design))
     if out is not None:
-        with file_to_write(out):
-            write_whole(out, as_design(design, found, readings.name).encode())
-    if as_json:
-        plain = [asdict(e) for e in found]
-        for row in plain:
-            row["spread_mm"] = None if math.isnan(row["spread_mm"]) else row["spread_mm"]
-        echo_json(plain)
-        return
+        write_whole(out, as_design(design, found, readings.name).encode())
+    plain = [asdict(e) for e in found]
+    for row in plain:
+        row["spread_mm"] = None if math.isnan(row["spread_mm"]) else row["spread_mm"]
     rows = [
         (
             e.key, f"{e.value:g}", f"{e.before:g}", e.count, f"{e.bias_mm:+.3f}",
@@ -391,22 +318,19 @@ def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:
         )
         for e in found
     ]  # fmt: skip
-    echo_table(("key", "read", "design", "readings", "bias_mm", "spread_mm (95 %)"), rows)
-    if out is not None:
-        echo_written(out, as_json)
+    columns = ("key", "read", "design", "readings", "bias_mm", "spread_mm (95 %)")
+    return Answer(plain, [*table(columns, rows), *([f"written: {out}"] if out else [])])
 
 
 @cad.command(epilog="Example: deltact-fab cad guide --sensors 4 -o guide.html")
 @of_design
 @SENSORS
 @out_file("Page to write.", default=Path("guide.html"), show_default=True)
-@JSON
-def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path, as_json: bool) -> None:
+@answers
+def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path) -> Answer:
     """Fabrication guide of a design, one offline page: print, cast, wire, assemble."""
     from ..report.guide import write
-    from .output import echo_written, progress
 
     dims = load(design, changes)
-    with file_to_write(out), progress("cad guide") as tell:
-        page = write(dims, out, sensors, tell)
-    echo_written(page, as_json)
+    with progress("cad guide") as tell:
+        return written(write(dims, out, sensors, tell))

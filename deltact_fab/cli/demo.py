@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from .options import JSON, out_folder, seed
+from .output import echo_json, progress
 
 
 @click.command()
@@ -17,7 +18,6 @@ from .options import JSON, out_folder, seed
 def demo(out: Path, seed: int, as_json: bool) -> None:
     """Run the whole chain once: parts, pattern, calibration, a virtual experiment, its report."""
     from .. import demo as chain
-    from .output import echo_json, progress
 
     lines: list[str] = []
     page = chain.run(out, seed, progress, lines.append if as_json else click.echo)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import click
 
-from .options import JSON
+from .output import Answer, answers
 
 
 @click.command()
 @click.option("--deep", is_flag=True, help="Also import each package (about 20 s).")
-@JSON
-def doctor(deep: bool, as_json: bool) -> None:
+@answers
+def doctor(deep: bool) -> Answer:
     """Say what is installed, what each missing thing would bring, and how to get it.
 
     Looks at Python, the packages of the core and of each extra, system libraries, serial ports,
@@ -19,12 +19,10 @@ def doctor(deep: bool, as_json: bool) -> None:
     from dataclasses import asdict
 
     from ..doctor import is_broken, look
-    from .output import echo_result
 
     findings = look(deep)
     broken = is_broken(findings)
     absent = sum(f.state != "ok" for f in findings)
     verdict = f"the core is {'broken' if broken else 'complete'}; {absent} things are not there"
     data = {"ok": not broken, "findings": [asdict(f) for f in findings]}
-    echo_result(data, [*(f.line() for f in findings), verdict], as_json)
-    raise click.exceptions.Exit(1 if broken else 0)
+    return Answer(data, [*(f.line() for f in findings), verdict], "" if broken else None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from .gel_fit import fit
 from .gel_path import path
 from .group import CommandGroup
 from .options import JSON
+from .output import echo_json, progress
 
 MODELS = ("auto", *LEVELS)
 
@@ -52,24 +54,11 @@ def gel() -> None:
 @gel_options.PLOT
 @JSON
 def press(
-    indenter: str,
-    depth_mm: float,
-    shear_x_mm: float,
-    shear_y_mm: float,
-    at_mm: tuple[float, float],
-    model: str,
-    thickness_mm: float,
-    width_mm: float,
-    length_mm: float,
-    modulus_mpa: float,
-    poisson: float,
-    friction: float,
-    tolerance: float,
-    spacing_mm: float | None,
-    limit_s: float,
-    plot_path: Path | None,
-    as_json: bool,
-) -> None:
+    indenter: str, depth_mm: float, shear_x_mm: float, shear_y_mm: float,
+    at_mm: tuple[float, float], model: str, thickness_mm: float, width_mm: float, length_mm: float,
+    modulus_mpa: float, poisson: float, friction: float, tolerance: float,
+    spacing_mm: float | None, limit_s: float, plot_path: Path | None, as_json: bool,
+) -> None:  # fmt: skip
     """Force, contact area and in-plane displacement of one press (simulated).
 
     Chooses level, mesh and steps to meet the tolerance, says what it chose, and estimates the
@@ -77,11 +66,10 @@ def press(
     """
     from ..catalog import validate
     from ..elasticity.material import GelMaterial
-    from ..errors import InputError
+    from ..errors import InputError, RunFailed
     from ..gel.press import press as run
     from ..gel.press import refused
     from ..shapes.indenter import parse
-    from .output import echo_json, progress
 
     try:
         skin = gel_options.block(width_mm, length_mm, thickness_mm)
@@ -103,46 +91,43 @@ def press(
     result = pressed.result
     if as_json:
         echo_json(result)
-    elif result["converged"]:
-        _show(result)
-    if result["converged"]:
-        for flag in result["flags"]:
-            click.echo(f"warning: {flag}", err=True)
-        if plot_path is not None:
-            from ..gel.figures import save_press
-
-            title = (
-                f"{shape.name} {depth_mm:g} mm deep, sheared by {shear_x_mm:g}, {shear_y_mm:g} mm; "
-                f"{thickness_mm:g} mm gel, {modulus_mpa:g} MPa, friction {friction:g}; "
-                f"{result['model']}"
-            )
-            save_press(pressed, plot_path, title)
-        return
+    if not result["converged"]:
+        raise click.exceptions.Exit(1) if as_json else RunFailed(result["reason"])
     if not as_json:
-        click.echo(f"deltact-fab: {result['reason']}", err=True)
-    raise click.exceptions.Exit(1)
+        for line in _lines(result):
+            click.echo(line)
+    for flag in result["flags"]:
+        click.echo(f"warning: {flag}", err=True)
+    if plot_path is not None:
+        from ..gel.figures import save_press
+
+        title = (
+            f"{shape.name} {depth_mm:g} mm deep, sheared by {shear_x_mm:g}, {shear_y_mm:g} mm; "
+            f"{thickness_mm:g} mm gel, {modulus_mpa:g} MPa, friction {friction:g}; "
+            f"{result['model']}"
+        )
+        save_press(pressed, plot_path, title)
 
 
-def _show(result: dict[str, Any]) -> None:
-    """The lines for a reader."""
+def _lines(result: dict[str, Any]) -> Iterator[str]:
     fx, fy, fz = result["force_n"]
     estimate, picked = result["error_estimate"], result["picked"]
-    click.echo(
+    yield (
         f"force on the sensor: {fx:+.3f} {fy:+.3f} {fz:+.3f} N (simulated), error about "
         f"{100 * estimate['force_rel']:.2g} %"
     )
     stretch = result["max_stretch"]
-    click.echo(
+    yield (
         f"contact {result['contact_area_mm2']:.3g} mm² ± {result['contact_area_error_mm2']:.2g}, "
         f"sticking {result['stick_area_mm2']:.3g} mm² ± {result['stick_area_error_mm2']:.2g}, its "
         "middle at ({:.2f}, {:.2f}) mm".format(*result["centroid_mm"])
     )
-    click.echo(
+    yield (
         "in plane at most "
         f"{result['peak_in_plane_mm']:.3f} mm, error about {estimate['displacement_mm']:.2g} mm rms"
         + (f", stretch up to {stretch:.2f}" if stretch else "")
     )
-    click.echo(f"chosen: {picked['why']}; {picked['dofs']} unknowns, {result['seconds']:.1f} s")
+    yield f"chosen: {picked['why']}; {picked['dofs']} unknowns, {result['seconds']:.1f} s"
 
 
 gel.add_command(fit)

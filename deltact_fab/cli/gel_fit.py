@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,8 @@ from typing import Any
 import click
 
 from . import gel_options
-from .options import JSON, PATH
+from .options import PATH
+from .output import Answer, answers, progress
 
 
 def _or_fit(ctx: click.Context, param: click.Parameter, value: str | None) -> float | str | None:
@@ -36,21 +38,12 @@ def _or_fit(ctx: click.Context, param: click.Parameter, value: str | None) -> fl
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
               help="Size of the mesh below the indenter.")  # fmt: skip
 @gel_options.PLOT
-@JSON
+@answers
 def fit(
-    csv: Path,
-    indenter: str,
-    at_mm: tuple[float, float],
-    thickness_mm: float,
-    width_mm: float,
-    length_mm: float,
-    poisson: float,
-    friction: float | str | None,
-    offset_mm: float | str,
-    spacing_mm: float | None,
-    plot_path: Path | None,
-    as_json: bool,
-) -> None:
+    csv: Path, indenter: str, at_mm: tuple[float, float], thickness_mm: float, width_mm: float,
+    length_mm: float, poisson: float, friction: float | str | None, offset_mm: float | str,
+    spacing_mm: float | None, plot_path: Path | None,
+) -> Answer:  # fmt: skip
     """Fit the modulus, and the friction, of a gel to a measured press, with 95 % intervals.
 
     CSV is a table with the columns depth_mm and normal_n (positive when pressed), and for a drag
@@ -62,7 +55,6 @@ def fit(
     from ..gel.fit.fit import fit_press
     from ..gel.fit.measured import read_csv
     from ..shapes.indenter import parse
-    from .output import echo_json, progress
 
     skin = gel_options.block(width_mm, length_mm, thickness_mm)
     known = friction if isinstance(friction, float) else None
@@ -73,50 +65,36 @@ def fit(
         data = replace(data, depth_mm=data.depth_mm - offset_mm)
     with progress("gel fit") as report:
         found = fit_press(
-            data,
-            skin,
-            shape,
-            at_mm,
-            poisson,
-            known,
-            fit_friction=True if friction == "fit" else None,
-            fit_offset=offset_mm == "fit",
-            spacing_mm=spacing_mm,
-            progress=report,
-        )
+            data, skin, shape, at_mm, poisson, known,
+            fit_friction=True if friction == "fit" else None, fit_offset=offset_mm == "fit",
+            spacing_mm=spacing_mm, progress=report,
+        )  # fmt: skip
     result = found.as_dict()
-    if as_json:
-        echo_json(result)
-    else:
-        _show(result)
     if plot_path is not None:
         from ..gel.figures import save_fit
 
         save_fit(found, plot_path, f"{data.name}, {shape.name}, {thickness_mm:g} mm gel")
+    return Answer(result, _lines(result), asides=result["notes"])
 
 
-def _show(result: dict[str, Any]) -> None:
-    """The lines for a reader, with the ones to copy into a protocol."""
-    click.echo(f"modulus   {_interval(result['modulus_mpa'])} MPa")
+def _lines(result: dict[str, Any]) -> Iterator[str]:
+    """For a reader, with the lines to copy into a protocol."""
+    yield f"modulus   {_interval(result['modulus_mpa'])} MPa"
     if result["friction"]:
-        click.echo(f"friction  {_interval(result['friction'])}")
+        yield f"friction  {_interval(result['friction'])}"
     else:
-        click.echo(f"friction  {result['friction_used']:g}, taken as known")
+        yield f"friction  {result['friction_used']:g}, taken as known"
     if result["offset_mm"]:
-        click.echo(f"touch at  depth_mm = {_interval(result['offset_mm'])}")
-    click.echo(
+        yield f"touch at  depth_mm = {_interval(result['offset_mm'])}"
+    yield (
         f"residual  {result['rms_n']:.3g} N rms of {result['points']} values, "
         f"{100 * result['rms_rel']:.2g} % of the rms force; smooth part "
         f"{100 * result['trend_rel']:.2g} %"
     )
-    click.echo(
-        f"mesh      about {100 * result['mesh_error_rel']:.2g} % of the modulus, in its interval"
-    )
-    for note in result["notes"]:
-        click.echo(note, err=True)
-    click.echo(f"\n[specimen]\nmodulus_mpa = {result['modulus_mpa']['value']:.4g}")
+    yield f"mesh      about {100 * result['mesh_error_rel']:.2g} % of the modulus, in its interval"
+    yield f"\n[specimen]\nmodulus_mpa = {result['modulus_mpa']['value']:.4g}"
     if result["friction"]:
-        click.echo(f"friction = {result['friction']['value']:.3g}")
+        yield f"friction = {result['friction']['value']:.3g}"
 
 
 def _interval(value: dict[str, float]) -> str:

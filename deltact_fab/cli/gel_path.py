@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import JSON, ON, PROCESSES, PROTOCOL_NAME, RIG
+from .options import ON, PROCESSES, PROTOCOL_NAME, RIG
+from .output import Answer, answers, progress, table
 
 if TYPE_CHECKING:
     from ..rig.simulator import GelConfig
@@ -25,16 +26,11 @@ if TYPE_CHECKING:
 @click.option("--tolerance", type=float, metavar="SHARE", show_default="the rig's",
               help="Relative error of the force, which chooses the cells where --spacing does not."
               )  # fmt: skip
-@JSON
+@answers
 def path(
-    protocol: str,
-    rig_name: str,
-    jobs: int | None,
-    on: str,
-    spacing_mm: float | None,
+    protocol: str, rig_name: str, jobs: int | None, on: str, spacing_mm: float | None,
     tolerance: float | None,
-    as_json: bool,
-) -> None:
+) -> Answer:  # fmt: skip
     """Solve every press of PROTOCOL on the simulated gel and keep the results for `run`.
 
     When it is stopped, the same command continues: presses that are complete are kept. A press that
@@ -50,7 +46,6 @@ def path(
     from ..rig import config as rig_config
     from ..virtual.feasibility import require_gel_level
     from ..virtual.presolve import solve_ahead
-    from .output import echo_json, progress
 
     declared, source = plan.load(protocol)
     rig, rig_source = rig_config.load(rig_name)
@@ -65,22 +60,19 @@ def path(
     started = time.monotonic()
     with executor(on, jobs) as where, progress("gel path") as tick:
         rows = solve_ahead(declared, sensor.skin, gel, where, _told(tick))
+    seconds = time.monotonic() - started
     failed = [row for row in rows if row.failure]
-    if as_json:
-        echo_json(
-            {
-                "protocol": declared.name,
-                "level": level,
-                "wall_seconds": time.monotonic() - started,
-                "failed": len(failed),
-                "presses": [asdict(row) for row in rows],
-            }
-        )
-    else:
-        _show(rows, level, time.monotonic() - started)
+    data = {
+        "protocol": declared.name,
+        "level": level,
+        "wall_seconds": seconds,
+        "failed": len(failed),
+        "presses": [asdict(row) for row in rows],
+    }
+    asides = _asides(rows)
     if differs:
-        click.echo(f"`run` finds these only when {rig_source} says {differs}", err=True)
-    raise click.exceptions.Exit(1 if failed else 0)
+        asides.append(f"`run` finds these only when {rig_source} says {differs}")
+    return Answer(data, _lines(rows, level, seconds), "" if failed else None, asides)
 
 
 def _chosen(
@@ -120,10 +112,8 @@ def _told(tick: Callable[[int, int, str], None]) -> Told:
     return told
 
 
-def _show(rows: list[PressRow], level: str, seconds: float) -> None:
-    from .output import echo_table
-
-    echo_table(
+def _lines(rows: list[PressRow], level: str, seconds: float) -> list[str]:
+    told = table(
         ("press", "knots", "done", "from", "s", "s/knot", "between_mm", "between_n",
          "contact_mm2", "stick_mm2"),
         [
@@ -135,16 +125,22 @@ def _show(rows: list[PressRow], level: str, seconds: float) -> None:
         ],
     )  # fmt: skip
     solved = sum(r.done for r in rows if not r.found)
-    click.echo(
+    return [
+        *told,
         f"{len(rows)} presses (simulated, {level}), {solved} knots solved in {seconds:.1f} s; "
         "between_*: largest error of interpolating between knots, where it was tested; contact and "
-        "stick zone at the end"
-    )
+        "stick zone at the end",
+    ]
+
+
+def _asides(rows: list[PressRow]) -> list[str]:
+    lines = []
     for row in rows:
         for flag, count in ({} if row.like else row.flags).items():
-            click.echo(f"warning: {row.press}: {flag} ({count} of {row.knots} knots)", err=True)
+            lines.append(f"warning: {row.press}: {flag} ({count} of {row.knots} knots)")
         if row.failure:
-            click.echo(f"failed: {row.press}: {row.failure}", err=True)
+            lines.append(f"failed: {row.press}: {row.failure}")
+    return lines
 
 
 def _from(row: PressRow) -> str:

@@ -5,34 +5,29 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
-from collections.abc import Mapping
-from types import MappingProxyType
+from pathlib import Path
 
 import click
 
 from ..errors import did_you_mean
 
-
-def command_at(path: str, ctx: click.Context) -> click.Command:
-    """A command by what is typed, as in "rig check"; its noun stands in the module of its name."""
-    noun, *names = path.split()
-    command = getattr(importlib.import_module(f"{__package__}.{noun}"), noun)
-    for name in names:
-        command = command.get_command(ctx, name)
-    return command
-
-
-def tell_moved(old: str, now: str) -> None:
-    """One line on stderr: what was typed still works."""
-    click.echo(f"`{old}` is `deltact-fab {now}` now; the old form goes with version 0.4", err=True)
+MOVED = {
+    "analyze force": "calibrate force",
+    "cad cameras": "cad list cameras",
+    "cad designs": "cad list designs",
+    "calibrate-depth": "calibrate depth",
+    "calibrate PATH": "calibrate lens",
+    "pattern from": "pattern make",
+    "rig probe": "rig check",
+    "study index": "report",
+}
+"""What was typed before, and what is typed now. PATH: an option or a path, which stays."""
 
 
 class CommandGroup(click.Group):
     """A group whose commands stand in its help as they were added. noun: what one is called."""
 
     noun = "command"
-    moved: Mapping[str, str] = MappingProxyType({})
-    """Old names of commands, each with what is typed now; they go with version 0.4."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
@@ -50,14 +45,37 @@ class CommandGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        name = args[0]
-        if name in self.moved:
-            tell_moved(f"{ctx.command_path} {name}", self.moved[name])
-            return name, command_at(self.moved[name], ctx), args[1:]
-        known = self.list_commands(ctx)
+        name, known = args[0], self.list_commands(ctx)
+        if name in known or ctx.resilient_parsing:
+            return super().resolve_command(ctx, args)
+        typed = " ".join([] if ctx.parent is None else [str(self.name)])
+        is_path = name.startswith("-") or Path(name).exists()
+        for old, left in ((name, args[1:]), ("PATH" if is_path else "", args)):
+            if now := MOVED.get(f"{typed} {old}".strip()):
+                told = f"{typed} {'' if left is args else old}".strip()
+                click.echo(
+                    f"`deltact-fab {told}` is `deltact-fab {now}` now; the old name goes with 0.4",
+                    err=True,
+                )
+                return _command_of(now, left)
         # An option that stands where a command should is click's to refuse.
-        if name not in known and not name.startswith("-") and not ctx.resilient_parsing:
+        if not name.startswith("-"):
             raise click.UsageError(
                 f"{name!r}: no such {self.noun}; {did_you_mean(name, known)}", ctx
             )
         return super().resolve_command(ctx, args)
+
+
+def loaded(noun: str) -> click.Command:
+    """The command of a noun, which stands in the module of its name."""
+    command: click.Command = getattr(importlib.import_module(f"{__package__}.{noun}"), noun)
+    return command
+
+
+def _command_of(typed: str, args: list[str]) -> tuple[str, click.Command, list[str]]:
+    """What `resolve_command` gives for words that are typed, as in "cad list designs"."""
+    noun, *words = typed.split()
+    command = loaded(noun)
+    while isinstance(command, click.Group):
+        command = command.commands[words.pop(0)]
+    return str(command.name), command, [*words, *args]

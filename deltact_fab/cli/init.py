@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 
-from .options import JSON, PATH
+from .options import PATH
+from .output import Answer, answers
 
 
 @click.command(epilog="Example: deltact-fab init my-lab")
 @click.argument("folder", type=PATH)
-@JSON
-def init(folder: Path, as_json: bool) -> None:
+@answers
+def init(folder: Path) -> Answer:
     """Make a working folder with files of your own.
 
     FOLDER, which must be new or empty, gets the shipped designs, patterns, protocols and rigs,
@@ -20,8 +21,7 @@ def init(folder: Path, as_json: bool) -> None:
     files.
     """
     from ..lab import init as write
-    from .output import echo_result
 
     files = write(folder)
     told = f"{folder}: {len(files)} files written; `cd {folder}`, then see README.md"
-    echo_result([str(file) for file in files], [told], as_json)
+    return Answer([str(file) for file in files], [told])

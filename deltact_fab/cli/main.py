@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import errno
+import os
 import sys
-from types import MappingProxyType
+from contextlib import suppress
+from itertools import pairwise
 
 import click
 
 from ..errors import INTERRUPTED, DeltactFabError, MissingLibrary, one_line
+from ..files import DISK
 from ..version import VERSION
-from .group import CommandGroup, command_at
+from .group import CommandGroup, loaded
 
 PROGRAM = "deltact-fab"
 
@@ -54,13 +57,19 @@ COMMANDS = {name: text for section in SECTIONS.values() for name, text in sectio
 class LazyGroup(CommandGroup):
     """A group that knows its commands' names and one-line helps without importing them."""
 
-    moved = MappingProxyType({"calibrate-depth": "calibrate depth"})
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """An empty word is no path and no name: a shell makes one of a variable that is unset."""
+        for before, word in pairwise(["", *args]):
+            if (not word or word[:2] + word[-1] == "--=") and not ctx.resilient_parsing:
+                named = word[:-1] or (before if before.startswith("-") else "an argument")
+                raise click.UsageError(f"{named}: empty; give a value, or leave it out", ctx)
+        return super().parse_args(ctx, args)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        return command_at(cmd_name, ctx) if cmd_name in COMMANDS else None
+        return loaded(cmd_name) if cmd_name in COMMANDS else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         widest = max(map(len, COMMANDS))
@@ -84,33 +93,58 @@ def main(debug: bool) -> None:
 def entry() -> None:
     """Console entry: one line on stderr for an error; exit 1 failed, 2 bad input, 130 stopped."""
     try:
+        status = _status()
+        sys.stdout.flush()
+    except OSError as why:
+        known = isinstance(why, BrokenPipeError) or why.errno in (*DISK, errno.ENAMETOOLONG)
+        if not known or "--debug" in sys.argv:
+            raise
+        # What is still in the buffer goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = _of_the_system(why)
+    sys.exit(status)
+
+
+def _status() -> int:
+    """The exit code. Raises OSError where the system refuses."""
+    try:
         status = main(prog_name=PROGRAM, standalone_mode=False)
     except click.exceptions.Exit as done:
-        status = done.exit_code
+        return done.exit_code
     except click.ClickException as why:
         click.echo(one_line(f"{PROGRAM}: {why.format_message()}"), err=True)
-        status = 2
+        return 2
     except (click.Abort, KeyboardInterrupt):
         click.echo(f"{PROGRAM}: stopped", err=True)
-        status = INTERRUPTED
+        return INTERRUPTED
     except DeltactFabError as why:
         if "--debug" in sys.argv:
             raise
-        stopped = isinstance(why, MissingLibrary) and _by_ctrl_c(why)
+        stopped = isinstance(why, MissingLibrary) and _caused_by(why, KeyboardInterrupt)
         click.echo(one_line(f"{PROGRAM}: {'stopped' if stopped else why}"), err=True)
-        status = INTERRUPTED if stopped else why.exit_code
-    except OSError as why:
-        if why.errno != errno.ENAMETOOLONG or "--debug" in sys.argv:
-            raise
-        click.echo(one_line(f"{PROGRAM}: {why.filename}: too long for a file's name"), err=True)
-        status = 2
-    sys.exit(status if isinstance(status, int) else 0)
+        refused = _caused_by(why, OSError)
+        if isinstance(refused, OSError) and refused.errno in DISK:
+            return 1
+        return INTERRUPTED if stopped else why.exit_code
+    return status if isinstance(status, int) else 0
 
 
-def _by_ctrl_c(why: BaseException) -> bool:
-    """Whether an error goes back to Ctrl-C: a compiled library turns it into a failed import."""
-    before = why.__cause__ or why.__context__
-    return isinstance(why, KeyboardInterrupt) or (before is not None and _by_ctrl_c(before))
+def _of_the_system(why: OSError) -> int:
+    """Says what the system refused, but for a reader that has enough; the exit code."""
+    if isinstance(why, BrokenPipeError):  # most are click's, which ends with 1 as well
+        return 1
+    too_long = why.errno == errno.ENAMETOOLONG
+    what = "too long for a file's name" if too_long else f"cannot be written: {why.strerror}"
+    with suppress(OSError):
+        click.echo(one_line(f"{PROGRAM}: {why.filename or 'output'}: {what}"), err=True)
+    return 2 if too_long else 1
+
+
+def _caused_by(why: BaseException | None, kind: type[BaseException]) -> BaseException | None:
+    """What an error goes back to: a compiled library turns Ctrl-C into a failed import."""
+    while why is not None and not isinstance(why, kind):
+        why = why.__cause__ or why.__context__
+    return why
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import click
 
 from ..errors import INTERRUPTED
 from .options import DESIGN_NAME, PATH, RIG_NAME, Finite, out_folder, seed
+from .output import echo_json
 
 if TYPE_CHECKING:
     from ..live.outputs import Output
@@ -54,25 +55,11 @@ VIEW_HZ = 10.0
               show_default="a free one", help="Port of that page.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, once all is measured.")
 def measure(
-    source: str,
-    camera: Path | None,
-    calibrations: tuple[Path, ...],
-    mm_per_px: float | None,
-    show: str | None,
-    design: str | None,
-    serial: str | None,
-    seed: int,
-    hz: float | None,
-    jsonl: bool,
-    follow: bool,
-    done: str,
-    silence: float | None,
-    out: Path | None,
-    pictures: bool,
-    view: bool,
-    port: int,
-    as_json: bool,
-) -> None:
+    source: str, camera: Path | None, calibrations: tuple[Path, ...], mm_per_px: float | None,
+    show: str | None, design: str | None, serial: str | None, seed: int, hz: float | None,
+    jsonl: bool, follow: bool, done: str, silence: float | None, out: Path | None, pictures: bool,
+    view: bool, port: int, as_json: bool,
+) -> None:  # fmt: skip
     """Measure the images of SOURCE as they come; the first must show the face at rest.
 
     SOURCE is the number of a camera, such as 0, its device file or its address; a video; a folder
@@ -98,7 +85,6 @@ def measure(
     from ..live.kept import KeptFolder, require_new
     from ..live.outputs import HealthOutput, JsonLines, PageOutput, StatusLine, Summary, about
     from ..live.page import LivePage
-    from .output import echo_json
 
     cv2.setNumThreads(1)  # the flow depends on their number, and more bring nothing
     if out is not None:
@@ -150,7 +136,7 @@ def measure(
 
 
 def _run(session: Session, outputs: list[Output], stay: bool) -> int:
-    """Until the source ends, Ctrl-C, or nobody reads what is printed; the exit code."""
+    """Until the source ends or Ctrl-C; the exit code."""
     status = INTERRUPTED
     try:
         for measured in session.results():
@@ -165,8 +151,4 @@ def _run(session: Session, outputs: list[Output], stay: bool) -> int:
         if status:
             for output in outputs:
                 output.end("stopped")
-    except BrokenPipeError:
-        # The reader has enough; what is still in the buffer goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = 0
     return status

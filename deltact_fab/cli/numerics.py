@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from .options import ENGINE_NAME, JSON, out_folder
+from .options import ENGINE_NAME, out_folder
+from .output import Answer, answers, files_line, progress, table
 
 # Heads and keys of the rows.
 CURVES = {
@@ -24,8 +25,8 @@ COSTS = {"layer": "layer", "CPU seconds": "seconds", "MB": "megabytes", "modules
 @click.argument("engines", nargs=-1, metavar="[ENGINE]...", type=ENGINE_NAME)
 @click.option("--quick", is_flag=True, help="Only a few settings and cases of each engine.")
 @out_folder("Folder for a page, JSON and CSV.")
-@JSON
-def numerics(engines: tuple[str, ...], quick: bool, out: Path | None, as_json: bool) -> None:
+@answers
+def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
     """Error against CPU time, and stability, of the numerical engines.
 
     ENGINE is pattern, flow, gel, lens, measure, or bench: what each fault does to a run on a
@@ -35,30 +36,26 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None, as_json: b
     """
     from ..errors import MissingLibrary
     from ..numerics import harness
-    from .output import echo_json, echo_table, progress
 
     with progress("numerics") as report:
         found = harness.run(engines, quick, report)
-    files: list[Path] = []
+    written, asides = [], []
     if out is not None:
         try:
-            files = found.save(out)
+            written = ["", files_line(found.save(out))]
         except MissingLibrary as why:
-            click.echo(f"no page: {why}", err=True)
-    if as_json:
-        echo_json(found.as_dict())
-    else:
-        told = [{**row, "reference": f"{row['kind']}: {row['reference']}",
-                 "pareto": "*" if row["pareto"] else ""} for row in found.curves]  # fmt: skip
-        echo_table(tuple(CURVES), [[r[k] for k in CURVES.values()] for r in told], names=4)
-        click.echo()
-        echo_table(CASES, [[row[k] for k in CASES] for row in found.stability], names=3)
-        click.echo("\nwhat leaving a layer out of a scene saves")
-        echo_table(tuple(COSTS), [[row[k] for k in COSTS.values()] for row in found.scenes])
-        if files:
-            click.echo("\nwritten: " + ", ".join(str(f) for f in files))
+            asides.append(f"no page: {why}")
+    told = [{**row, "reference": f"{row['kind']}: {row['reference']}",
+             "pareto": "*" if row["pareto"] else ""} for row in found.curves]  # fmt: skip
+    lines = [
+        *table(tuple(CURVES), [[r[k] for k in CURVES.values()] for r in told], names=4),
+        "",
+        *table(CASES, [[row[k] for k in CASES] for row in found.stability], names=3),
+        "\nwhat leaving a layer out of a scene saves",
+        *table(tuple(COSTS), [[row[k] for k in COSTS.values()] for row in found.scenes]),
+    ]
     for row in found.wrong:
         said = row["note"] or f"{row['figure']} over {row['bound']} {row['unit']}"
-        click.echo(f"deltact-fab: wrong: {row['engine']}: {row['case']}: {said}", err=True)
-    if found.wrong:
-        raise click.exceptions.Exit(1)
+        asides.append(f"deltact-fab: wrong: {row['engine']}: {row['case']}: {said}")
+    failed = "" if found.wrong else None
+    return Answer(found.as_dict(), [*lines, *written], failed, asides)

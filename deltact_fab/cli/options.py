@@ -15,20 +15,45 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from ..files import check_folder, check_place
+
 Decorator = Callable[..., Any]
 PATH = click.Path(path_type=Path)
 
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
+class Target(click.Path):
+    """What a command writes: refused before the work where it cannot be, by an InputError."""
+
+    def __init__(self, check: Callable[[Path], object]) -> None:
+        super().__init__(path_type=Path)
+        self._check = check
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """As click has it."""
+        path = Path(str(super().convert(value, param, ctx)))
+        self._check(path)
+        return path
+
+
+def checked(file: Path) -> Path:
+    """A file that a command writes where none was named. Raises InputError where it cannot be."""
+    check_place(file, "expected the name of a file")
+    return file
+
+
+NEW, FOLDER = Target(checked), Target(check_folder)
+
+
 def out_file(help: str, name: str = "out", **given: Any) -> Decorator:
     """`-o FILE`, the one file that a command writes."""
-    return click.option("-o", name, type=PATH, metavar="FILE", help=help, **given)
+    return click.option("-o", name, type=NEW, metavar="FILE", help=help, **given)
 
 
 def out_folder(help: str, name: str = "out", **given: Any) -> Decorator:
     """`--out DIR`, the folder that a command writes into."""
-    return click.option("--out", name, type=PATH, metavar="DIR", help=help, **given)
+    return click.option("--out", name, type=FOLDER, metavar="DIR", help=help, **given)
 
 
 NEW_FILE = out_file(
@@ -116,7 +141,7 @@ DESIGN = click.option(
     default="deltact",
     show_default=True,
     metavar="DESIGN",
-    help="Design of the sensor: a name of `cad designs` or a path.",
+    help="Design of the sensor: a name of `cad list designs` or a path.",
 )
 RIG = click.option(
     "--rig",

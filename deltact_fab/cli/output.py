@@ -12,15 +12,21 @@ import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import wraps
 from itertools import zip_longest
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..aliases import Progress
+from ..errors import MissingLibrary, RunFailed
 from ..units import DIGITS, digits, duration
+from .options import JSON
+
+if TYPE_CHECKING:
+    from ..aliases import Progress
 
 LINE_EVERY_S = 5.0
 """Where no terminal shows a bar: a line so often, when there is something new to say."""
@@ -37,77 +43,93 @@ def echo_json(data: Any) -> None:
     click.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
-def echo_result(data: Any, lines: Iterable[str], as_json: bool) -> None:
-    """Print what a command found: as JSON for a program, or as lines for a reader."""
-    if as_json:
-        echo_json(data)
-        return
-    for line in lines:
-        click.echo(line)
+@dataclass(frozen=True)
+class Answer:
+    """What a command found.
+
+    data: for a program, without NaN; lines: for a reader; asides: on stderr, after either. failed:
+    why the exit code is 1, empty where the lines say it; None for a command that succeeded.
+    """
+
+    data: Any
+    lines: Iterable[str] = ()
+    failed: str | None = None
+    asides: Iterable[str] = ()
 
 
-def echo_written(file: Path, as_json: bool, then: str = "") -> None:
-    """Say which file was written and, if it is to be changed, what to run then."""
+def answers(command: Callable[..., Answer]) -> Callable[..., None]:
+    """Gives a command `--json`, and prints what it returns."""
+
+    @wraps(command)
+    def told(as_json: bool, **given: Any) -> None:
+        found = command(**given)
+        if as_json:
+            echo_json(found.data)
+        else:
+            for line in found.lines:
+                click.echo(line)
+        for line in found.asides:
+            click.echo(line, err=True)
+        if found.failed is not None:
+            raise RunFailed(found.failed) if found.failed else click.exceptions.Exit(1)
+
+    return JSON(told)
+
+
+def written(file: Path, then: str = "") -> Answer:
+    """Says which file was written and, if it is to be changed, what to run then."""
     told = f"{file}: written; change it, then `deltact-fab {then}`" if then else f"written: {file}"
-    echo_result({"file": str(file)}, [told], as_json)
+    return Answer({"file": str(file)}, [told])
 
 
-def echo_judged(name: str, done: Any, right: str, as_json: bool) -> None:
+def files_line(files: Iterable[Path]) -> str:
+    """The last line of a command that writes several files."""
+    return f"written: {', '.join(map(str, files))}"
+
+
+def listed(columns: Sequence[str], rows: Sequence[Sequence[Any]], *more: str) -> Answer:
+    """A list, for a program an object a row by the same columns; more: lines below its table."""
+    data = [dict(zip(columns, row, strict=True)) for row in rows]
+    return Answer(data, [*table(columns, rows), *more])
+
+
+def judged(name: str, done: Any, right: str, *more: str) -> Answer:
     """A verdict, then its rows (`patterns.verify.JudgedRow`): those of done.rows."""
-    if as_json:
-        echo_json(done.as_dict())
-        return
     failed = [row.check for row in done.rows if not row.passed]
-    click.echo(f"{name}: {'fails: ' + ', '.join(failed) if failed else right}\n")
-    echo_table(
-        ("check", "found", "limit", "", "what to do"),
-        [(r.check, r.found, r.limit, "pass" if r.passed else "FAIL", "" if r.passed else r.advice)
-         for r in done.rows],
-    )  # fmt: skip
+    rows = [
+        (r.check, r.found, r.limit, "pass" if r.passed else "FAIL", "" if r.passed else r.advice)
+        for r in done.rows
+    ]
+    verdict = f"{name}: {'fails: ' + ', '.join(failed) if failed else right}"
+    lines = [verdict, "", *table(("check", "found", "limit", "", "what to do"), rows), *more]
+    return Answer(done.as_dict(), lines, failed="" if failed else None)
 
 
-def echo_rows(columns: Sequence[str], rows: Sequence[Sequence[Any]], as_json: bool) -> None:
-    """Print a list as a table, or as JSON: an object a row, by the same columns."""
-    if as_json:
-        echo_json([dict(zip(columns, row, strict=True)) for row in rows])
-    else:
-        echo_table(columns, rows)
-
-
-def echo_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], names: int = 1) -> None:
-    """Print rows under their columns, numbers to the right.
+def table(columns: Sequence[str], rows: Sequence[Sequence[Any]], names: int = 1) -> Iterator[str]:
+    """The lines of rows under their columns, numbers to the right.
 
     On a terminal that is too narrow text is wrapped, and columns that still do not fit follow
     below; each part repeats the first `names` columns. Elsewhere a row is always one line.
     """
     right = [bool(rows) and all(_is_number(row[i]) for row in rows) for i in range(len(columns))]
     cells = [_column([row[i] for row in rows]) for i in range(len(columns))]
-    widths = [max(map(len, (c, *column))) for c, column in zip(columns, cells, strict=True)]
+    whole = [max(map(len, (c, *column))) for c, column in zip(columns, cells, strict=True)]
     most = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
-    for k, part in enumerate(_parts(widths, right, names, most)):
+    for k, part in enumerate(_parts(whole, right, names, most)):
         if k:
-            click.echo()
-        _echo_part(columns, cells, right, _narrowed(widths, right, part, most), part)
-
-
-def _echo_part(
-    columns: Sequence[str],
-    cells: list[list[str]],
-    right: list[bool],
-    widths: Mapping[int, int],
-    part: Sequence[int],
-) -> None:
-    for row in [list(columns), *map(list, zip(*cells, strict=True))]:
-        wrapped = [
-            textwrap.wrap(row[i], widths[i]) or [""] if len(row[i]) > widths[i] else [row[i]]
-            for i in part
-        ]
-        for words in zip_longest(*wrapped, fillvalue=""):
-            line = _GAP.join(
-                word.rjust(widths[i]) if right[i] else word.ljust(widths[i])
-                for word, i in zip(words, part, strict=True)
-            )
-            click.echo(line.rstrip())
+            yield ""
+        widths = _narrowed(whole, right, part, most)
+        for row in [columns, *zip(*cells, strict=True)]:
+            wrapped = [
+                textwrap.wrap(row[i], widths[i]) or [""] if len(row[i]) > widths[i] else [row[i]]
+                for i in part
+            ]
+            for words in zip_longest(*wrapped, fillvalue=""):
+                placed = [
+                    word.rjust(widths[i]) if right[i] else word.ljust(widths[i])
+                    for word, i in zip(words, part, strict=True)
+                ]
+                yield _GAP.join(placed).rstrip()
 
 
 def _parts(widths: list[int], right: list[bool], names: int, most: int) -> list[list[int]]:
@@ -178,7 +200,6 @@ def save_figures(folder: Path, drawn: Callable[[], Mapping[str, Any]]) -> list[P
 
     drawn: makes them, by name; None is nothing to draw. Raises RunFailed when the disk refuses.
     """
-    from ..errors import MissingLibrary
     from ..files import write_whole
 
     files = []

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import click
 
 from .cad import load, of_design
 from .group import CommandGroup
-from .options import JSON, NEW_FILE, PATH, PATTERN_NAME, SEED, Named, out_file, out_folder, seed
+from .options import NEW_FILE, PATH, PATTERN_NAME, SEED, Named, out_file, out_folder, seed
+from .output import Answer, answers, judged, listed, progress, table, written
+
+if TYPE_CHECKING:
+    from ..patterns import PatternRecipe
 
 
 def _laws() -> list[str]:
@@ -19,17 +23,12 @@ def _laws() -> list[str]:
 
 
 RECIPES = click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...", type=PATTERN_NAME)
-PNG = out_file("PNG file to write.", required=True)
 MARKER_DOTS = click.option(
     "--dots/--no-dots", "with_dots", default=True, show_default=True,
     help="With the marker dots, or without.",
 )  # fmt: skip
 PRINTER = click.option("--printer", type=PATH, metavar="FILE",
                        help="The printer as `pattern verify -o` found it.")  # fmt: skip
-DPI = click.option(
-    "--dpi", type=float, show_default="near 1200 with dots", metavar="DPI",
-    help="Resolution of the printer.",
-)  # fmt: skip
 
 
 @click.group(cls=CommandGroup)
@@ -40,42 +39,27 @@ def pattern() -> None:
     """
 
 
-def _tell(made: Any, as_json: bool) -> None:
-    """What was made, for a program or for a person: it has `as_dict` and `lines`."""
-    from .output import echo_json
+def _coded(text: str) -> PatternRecipe | None:
+    """The recipe of the text of a sheet's QR code; None for a name or a path."""
+    from ..patterns.code import PREFIX, decode
 
-    if as_json:
-        echo_json(made.as_dict())
-        return
-    for line in made.lines():
-        click.echo(line)
+    return decode(text) if text.upper().startswith(PREFIX) else None
 
 
 @pattern.command("list")
-@JSON
-def list_(as_json: bool) -> None:
+@answers
+def list_() -> Answer:
     """Recipes that can be named: your own and the shipped ones."""
     from .. import catalog
     from ..patterns import load_recipe
-    from .output import echo_rows
 
-    recipes = [(name, load_recipe(name)) for name in catalog.names("patterns")]
-    echo_rows(
-        ("recipe", "law", "d_mm", "r", "channels", "scales_mm", "dots"),
-        [
-            (
-                name,
-                r.law,
-                r.patch_mm,
-                r.r,
-                r.channels,
-                r.scales_mm and ", ".join(f"{s:g}" for s in r.scales_mm),
-                r.dots and f"{r.dots.columns} x {r.dots.rows}",
-            )
-            for name, r in recipes
-        ],
-        as_json,
-    )
+    rows = []
+    for name in catalog.names("patterns"):
+        r = load_recipe(name)
+        scales = r.scales_mm and ", ".join(f"{s:g}" for s in r.scales_mm)
+        dots = r.dots and f"{r.dots.columns} x {r.dots.rows}"
+        rows.append((name, r.law, r.patch_mm, r.r, r.channels, scales, dots))
+    return listed(("recipe", "law", "d_mm", "r", "channels", "scales_mm", "dots"), rows)
 
 
 @pattern.command(epilog="Example: deltact-fab pattern new mine --law octave")
@@ -84,16 +68,15 @@ def list_(as_json: bool) -> None:
               metavar="LAW", help="How patches are coloured; `schema pattern law` lists the laws.",
               )  # fmt: skip
 @NEW_FILE
-@JSON
-def new(name: str, law: str, out: Path | None, as_json: bool) -> None:
+@answers
+def new(name: str, law: str, out: Path | None) -> Answer:
     """Write a new recipe with every key that its law takes.
 
     Above each key stand its meaning and its limits.
     """
     from ..lab import pattern as write
-    from .output import echo_written
 
-    echo_written(write(name, law, out), as_json, f"pattern quality {name}")
+    return written(write(name, law, out), f"pattern quality {name}")
 
 
 @pattern.command(epilog="Example: deltact-fab pattern make -d 0.15 -r 0.1 --dots -o sticker.png")
@@ -106,67 +89,50 @@ def new(name: str, law: str, out: Path | None, as_json: bool) -> None:
 @click.option("--seed", type=SEED, metavar="N", show_default="the recipe's, or 7",
               help="Seed of the random pattern.")  # fmt: skip
 @click.option("--dots", "with_dots", is_flag=True, help="Add the 13 x 13 white marker dots.")
-@DPI
-@PNG
-@JSON
+@click.option("--dpi", type=float, show_default="near 1200 with dots", metavar="DPI",
+              help="Resolution of the printer.")  # fmt: skip
+@out_file("PNG file to write.", required=True)
+@answers
 def make(
-    recipe: str | None,
-    patch_mm: float | None,
-    factor: float | None,
-    size_mm: float | None,
-    seed: int | None,
-    with_dots: bool,
-    dpi: float | None,
-    out: Path,
-    as_json: bool,
-) -> None:
+    recipe: str | None, patch_mm: float | None, factor: float | None, size_mm: float | None,
+    seed: int | None, with_dots: bool, dpi: float | None, out: Path,
+) -> Answer:  # fmt: skip
     """Make a sticker's PNG from a RECIPE, or from -d and -r.
 
-    One image pixel is one patch; with --dpi or marker dots it is one printer dot. The centres of
-    the marker dots are written beside the PNG, as NAME.dots.csv.
+    RECIPE may also be the text of a sheet's QR code and label, in quotes: the same sticker is made
+    again. One image pixel is one patch; with --dpi or marker dots it is one printer dot. The
+    centres of the marker dots are written beside the PNG, as NAME.dots.csv.
     """
     from ..patterns import make as make_file
     from ..patterns import recipe_from_options
 
-    chosen = recipe_from_options(recipe, patch_mm, factor, size_mm, seed, with_dots)
-    made = make_file(chosen, out, dpi)
-    _tell(made, as_json)
+    coded = None if recipe is None else _coded(recipe)
+    if coded is not None:
+        if (patch_mm, factor, size_mm, seed, with_dots) != (None, None, None, None, False):
+            raise click.UsageError("a sheet's code says all of a sticker; only --dpi goes with it")
+        made = make_file(coded, out, dpi, check_view=False)
+    else:
+        chosen = recipe_from_options(recipe, patch_mm, factor, size_mm, seed, with_dots)
+        made = make_file(chosen, out, dpi)
+    return Answer(made.as_dict(), made.lines())
 
 
-@pattern.command()
-@click.argument("file", type=PATH)
-@JSON
-def show(file: Path, as_json: bool) -> None:
-    """Show the recipe stored in FILE, the PNG of a pattern."""
-    from ..patterns import read_recipe
-    from .output import echo_json, echo_table
+@pattern.command(epilog="Example: deltact-fab pattern show sticker.png")
+@click.argument("recipe", type=PATTERN_NAME)
+@answers
+def show(recipe: str) -> Answer:
+    """Show the keys of RECIPE, which may also be the PNG of a pattern or a sheet's code."""
+    from ..patterns import load_recipe, read_recipe
 
-    recipe = read_recipe(file)
-    data = recipe.model_dump(exclude_none=True)
-    if as_json:
-        echo_json(data)
-        return
+    if recipe.lower().endswith(".png"):
+        found = read_recipe(Path(recipe))
+    else:
+        found = _coded(recipe) or load_recipe(recipe)
+    data = found.model_dump(exclude_none=True)
     rows = [(key, value) for key, value in data.items() if key != "dots"]
-    rows += [("n", recipe.n), ("printed_mm", recipe.printed_mm)]
+    rows += [("n", found.n), ("printed_mm", found.printed_mm)]
     rows += [(f"dots.{key}", value) for key, value in data.get("dots", {}).items()]
-    echo_table(("key", "value"), rows)
-
-
-@pattern.command("from")
-@click.argument("code")
-@DPI
-@PNG
-@JSON
-def from_(code: str, dpi: float | None, out: Path, as_json: bool) -> None:
-    """Make the same sticker again from CODE, the text of a sheet's QR code and label.
-
-    Put CODE in quotes: some of its characters mean something to a shell.
-    """
-    from ..patterns import make as make_file
-    from ..patterns.code import decode
-
-    made = make_file(decode(code), out, dpi, check_view=False)
-    _tell(made, as_json)
+    return Answer(data, table(("key", "value"), rows))
 
 
 @pattern.command(epilog="Example: deltact-fab pattern quality dense octave")
@@ -178,23 +144,17 @@ def from_(code: str, dpi: float | None, out: Path, as_json: bool) -> None:
               help="Size of a camera pixel on the resting face.")  # fmt: skip
 @seed("Seed of halftone and noise.")
 @MARKER_DOTS
-@JSON
+@answers
 def quality(
-    recipes: tuple[str, ...],
-    dpi: int,
-    printer: Path | None,
-    mm_per_px: float,
-    seed: int,
+    recipes: tuple[str, ...], dpi: int, printer: Path | None, mm_per_px: float, seed: int,
     with_dots: bool,
-    as_json: bool,
-) -> None:
+) -> Answer:  # fmt: skip
     """Figures of merit of each RECIPE, as designed and as printed and photographed (simulated)."""
     from dataclasses import asdict
 
     from ..imaging import Printer
     from ..patterns import load_recipe
     from ..patterns.quality import measure
-    from .output import echo_json, echo_table, progress
 
     chosen = [(name, load_recipe(name)) for name in recipes]
     model = Printer(dpi=dpi)
@@ -203,40 +163,37 @@ def quality(
 
         own = load_printer(printer)
         model = Printer(dpi, spread_um=own.spread_um, misregistration_um=own.misregistration_um)
-    rows = []
+    found = []
     with progress("pattern quality") as tell:
         for done, (name, recipe) in enumerate(chosen):
             tell(done, len(chosen), name)
             bare = recipe.dots is None or with_dots or recipe.law == "dot-matrix"
             asked = recipe if bare else recipe.model_copy(update={"dots": None})
-            rows.append((name, measure(asked, model, None, mm_per_px, seed)))
+            found.append((name, measure(asked, model, None, mm_per_px, seed)))
         tell(len(chosen), len(chosen), "done")
-    if as_json:
-        echo_json([{"recipe": name, "simulated": True, **asdict(q)} for name, q in rows])
-        return
     columns = ("recipe", "", "gradient", "SSSIG", "contrast level 0", "level 3", "level 4", "peak",
                "peak_mm")  # fmt: skip
-    table = [
+    rows = [
         (name, when, f.mean_gradient, f.sssig, f.contrast[0], f.contrast[3], f.contrast[4], f.peak,
          f.peak_mm)
-        for name, q in rows
+        for name, q in found
         for when, f in (("designed", q.designed), ("photographed", q.photographed))
     ]  # fmt: skip
-    echo_table(columns, table, names=2)
-    click.echo("")
-    echo_table(
+    seen = table(
         ("recipe", "dots a patch", "print keeps", "printable", "px a patch", "camera keeps",
          "seen"),
         [
             (name, q.dots_a_patch, q.print_contrast, q.printable, q.px_a_patch,
              q.camera_contrast, q.seen)
-            for name, q in rows
+            for name, q in found
         ],
     )  # fmt: skip
-    click.echo(
-        f"\nphotographed: simulated at {dpi} dpi and {mm_per_px:g} mm/px, seed {seed}; values of "
+    told = (
+        f"photographed: simulated at {dpi} dpi and {mm_per_px:g} mm/px, seed {seed}; values of "
         f"{'printer and camera' if printer is None else 'the camera'} are assumed"
     )
+    data = [{"recipe": name, "simulated": True, **asdict(q)} for name, q in found]
+    return Answer(data, [*table(columns, rows, names=2), "", *seen, "", told])
 
 
 TRANSFER = click.option(
@@ -279,21 +236,12 @@ PAPER = click.option(
 @SCALE_Y
 @PRINTER
 @out_file("PDF to write.", required=True)
-@JSON
+@answers
 def sheet(
-    recipes: tuple[str, ...],
-    paper: str,
-    dpi: float,
-    transfer: Literal["face-down", "slide"],
-    copies: int,
-    scale_x: float | None,
-    scale_y: float | None,
-    printer: Path | None,
-    out: Path,
-    design: str,
-    changes: tuple[str, ...],
-    as_json: bool,
-) -> None:
+    recipes: tuple[str, ...], paper: str, dpi: float, transfer: Literal["face-down", "slide"],
+    copies: int, scale_x: float | None, scale_y: float | None, printer: Path | None, out: Path,
+    design: str, changes: tuple[str, ...],
+) -> Answer:  # fmt: skip
     """Write a sheet to print: each RECIPE at its exact size, with cut marks, rulers and QR code.
 
     Around each sticker is the margin of film that the design's skin needs; cut as the guide says.
@@ -301,7 +249,6 @@ def sheet(
     from ..errors import InputError
     from ..patterns import load_recipe
     from ..patterns.sheet import write
-    from .output import progress
 
     scale = (1.0, 1.0)
     if printer is not None:
@@ -320,17 +267,11 @@ def sheet(
             raise InputError(f"{name}: size_mm: {beyond} by --design {design}")
     with progress("pattern sheet") as tell:
         done = write(
-            chosen,
-            out,
-            paper=paper,
-            dpi=dpi,
-            transfer=transfer,
-            copies=copies,
-            scale=_scales(scale_x, scale_y, scale),
-            sensor=sensor,
+            chosen, out, paper=paper, dpi=dpi, transfer=transfer, copies=copies,
+            scale=_scales(scale_x, scale_y, scale), sensor=sensor,
             progress=tell,
-        )
-    _tell(done, as_json)
+        )  # fmt: skip
+    return Answer(done.as_dict(), done.lines())
 
 
 @pattern.command(epilog="Example: deltact-fab pattern verify scan.png dense -o my-printer.toml")
@@ -342,19 +283,11 @@ def sheet(
 @SCALE_X
 @SCALE_Y
 @out_file("Write what the print tells of its printer, for the next sheet and `pattern quality`.")
-@JSON
-@click.pass_context
+@answers
 def verify(
-    context: click.Context,
-    scan: Path,
-    recipe: str,
-    dpi: float | None,
-    transfer: str,
-    scale_x: float | None,
-    scale_y: float | None,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+    scan: Path, recipe: str, dpi: float | None, transfer: str, scale_x: float | None,
+    scale_y: float | None, out: Path | None,
+) -> Answer:  # fmt: skip
     """Hold SCAN, a scan or photograph of a print, against its RECIPE.
 
     RECIPE may also be the text of the sheet's QR code. --transfer and the scales are those that the
@@ -365,21 +298,15 @@ def verify(
 
     from ..catalog import as_toml, write_new
     from ..patterns import load_recipe
-    from ..patterns.code import PREFIX, decode
     from ..patterns.verify import verify as judge
-    from .output import echo_judged
 
-    coded = recipe.upper().startswith(PREFIX)
-    asked = decode(recipe) if coded else load_recipe(recipe)
+    asked = _coded(recipe) or load_recipe(recipe)
     scaled = _scales(scale_x, scale_y, (1.0, 1.0))
     done = judge(scan, asked, dpi, transfer == "slide", scaled)
-    if out is not None:
-        write_new(out, as_toml(asdict(done.printer())))
-    echo_judged(str(scan), done, "right", as_json)
-    if out is not None and not as_json:
-        click.echo(f"\nwritten: {out}; pattern sheet --printer {out}")
-    if not done.passed:
-        context.exit(1)
+    if out is None:
+        return judged(str(scan), done, "right")
+    write_new(out, as_toml(asdict(done.printer())))
+    return judged(str(scan), done, "right", "", f"written: {out}; pattern sheet --printer {out}")
 
 
 @pattern.command()
@@ -390,36 +317,24 @@ def verify(
 @click.option("--dpi", type=int, default=1200, show_default=True, metavar="DPI",
               help="Resolution of the printer.")  # fmt: skip
 @MARKER_DOTS
-@JSON
+@answers
 def series(
-    out: Path,
-    seed: int,
-    paper: str,
-    dpi: int,
-    transfer: Literal["face-down", "slide"],
+    out: Path, seed: int, paper: str, dpi: int, transfer: Literal["face-down", "slide"],
     with_dots: bool,
-    as_json: bool,
-) -> None:
+) -> Answer:  # fmt: skip
     """Write the 17 patterns that the paper compares: recipes, sheets to print, quality, a page."""
     from ..errors import MissingLibrary
     from ..patterns.series import write
     from ..report import patterns_page
-    from .output import progress
 
+    page, asides = None, []
     try:
         page = patterns_page.ready()
     except MissingLibrary as why:
-        page = None
-        click.echo(f"no page: {why}", err=True)
+        asides = [f"no page: {why}"]
     with progress("pattern series") as tell:
         done = write(
-            out,
-            seed=seed,
-            dpi=dpi,
-            paper=paper,
-            transfer=transfer,
-            with_dots=with_dots,
-            page=page,
-            progress=tell,
-        )
-    _tell(done, as_json)
+            out, seed=seed, dpi=dpi, paper=paper, transfer=transfer, with_dots=with_dots,
+            page=page, progress=tell,
+        )  # fmt: skip
+    return Answer(done.as_dict(), done.lines(), asides=asides)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from .group import CommandGroup
-from .options import JSON, NEW_FILE, PROTOCOL_NAME, RIG, out_folder
+from .options import NEW_FILE, PROTOCOL_NAME, RIG, out_folder
+from .output import Answer, answers, listed, progress, table, written
 
 if TYPE_CHECKING:
     from ..preflight import Peak
@@ -31,15 +32,14 @@ UNSOLVED = (
 
 
 @protocol.command("list")
-@JSON
-def list_(as_json: bool) -> None:
+@answers
+def list_() -> Answer:
     """Protocols that can be named: your own and the shipped ones."""
     from .. import catalog
-    from .output import echo_rows
 
     names = catalog.names("protocols")
     rows = [(n, catalog.read(catalog.find("protocols", n)).get("description", "")) for n in names]
-    echo_rows(("protocol", "description"), rows, as_json)
+    return listed(("protocol", "description"), rows)
 
 
 @protocol.command(epilog="Example: deltact-fab protocol new mine --from smoke")
@@ -47,16 +47,15 @@ def list_(as_json: bool) -> None:
 @click.option("--from", "source", default="smoke", show_default=True, type=PROTOCOL_NAME,
               metavar="PROTOCOL", help="Protocol to start from.")  # fmt: skip
 @NEW_FILE
-@JSON
-def new(name: str, source: str, out: Path | None, as_json: bool) -> None:
+@answers
+def new(name: str, source: str, out: Path | None) -> Answer:
     """Write a new protocol with every key explained.
 
     Its values are those of another one; `protocol check NAME` then finds it by its name.
     """
     from ..lab import protocol as write
-    from .output import echo_written
 
-    echo_written(write(name, source, out), as_json, f"protocol check {name}")
+    return written(write(name, source, out), f"protocol check {name}")
 
 
 @protocol.command(epilog="Example: deltact-fab protocol check smoke --rig virtual")
@@ -66,8 +65,8 @@ def new(name: str, source: str, out: Path | None, as_json: bool) -> None:
 @click.option("--unattended", is_flag=True, help="As for `run --unattended`: nobody is there.")
 @out_folder("As for `run --out`: checks that its disk has room.", default=Path(),
             show_default="here")  # fmt: skip
-@JSON
-def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_json: bool) -> None:
+@answers
+def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path) -> Answer:
     """Check that `run` would start; exit code 1 when it would refuse.
 
     For a real rig, peak forces that are not known yet are solved once, which takes minutes.
@@ -75,7 +74,6 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_j
     from dataclasses import asdict
 
     from ..experiment import RunRequest
-    from .output import echo_result, progress
 
     with progress("check") as report:
         asked = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
@@ -84,16 +82,15 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_j
     lines = [r.line() + ("" if r.ok and not r.warns else f"  at {r.where}") for r in rows]
     if good and not air and not asked.protocol.weights and not any("force" in r.name for r in rows):
         lines.append(UNSOLVED)
-    echo_result([asdict(r) for r in rows], lines, as_json)
-    raise click.exceptions.Exit(0 if good else 1)
+    return Answer([asdict(r) for r in rows], lines, None if good else "")
 
 
 @protocol.command()
 @PROTOCOL
 @RIG
 @click.option("--forces", is_flag=True, help="Solve peak forces that are not known yet (minutes).")
-@JSON
-def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
+@answers
+def show(name: str, rig_name: str, forces: bool) -> Answer:
     """Show the steps, frames, time, disk space and peak forces of PROTOCOL.
 
     Peak forces of deep presses take a solve at finite strain, done once, with --forces.
@@ -103,7 +100,6 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
     from ..experiment import RunRequest
     from ..preflight import PAPER_REMARK
     from ..units import duration
-    from .output import echo_json, echo_table, progress
 
     with progress("peak forces") as report:
         request = RunRequest(name, rig_name, progress=report)
@@ -113,39 +109,32 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
     if predicted is not None:
         peaks = predicted[0]
         findings = [row.reason() for row in predicted[1] if row.warns or not row.ok]
-    if as_json:
-        echo_json(
-            {
-                "specimen": specimen.model_dump(mode="json"),
-                "steps": [asdict(s) for s in steps],
-                "estimate": asdict(estimate),
-                "peaks": None if peaks is None else [p.as_dict() for p in peaks],
-                "force_findings": findings,
-            }
-        )
-        return
+    data = {
+        "specimen": specimen.model_dump(mode="json"),
+        "steps": [asdict(s) for s in steps],
+        "estimate": asdict(estimate),
+        "peaks": None if peaks is None else [p.as_dict() for p in peaks],
+        "force_findings": findings,
+    }
     serial = f", serial number {specimen.serial}" if specimen.serial else ""
-    click.echo(f"specimen: design {specimen.design}, pattern {specimen.pattern}{serial}\n")
-    echo_table(
-        ("step", "kind", "x_mm", "y_mm", "z_mm", "feed_mm_min", "frames"),
-        [(s.id, s.kind, *s.target_mm, s.feed_mm_min, s.frames) for s in steps],
-    )
-    click.echo(
+    lines = [
+        f"specimen: design {specimen.design}, pattern {specimen.pattern}{serial}\n",
+        *table(
+            ("step", "kind", "x_mm", "y_mm", "z_mm", "feed_mm_min", "frames"),
+            [(s.id, s.kind, *s.target_mm, s.feed_mm_min, s.frames) for s in steps],
+        ),
         f"\n{estimate.steps} steps, {estimate.presses} presses, {estimate.frames} frames "
         f"({estimate.settled} settled, up to {estimate.between_frames_mm:.2g} mm of the tip's way "
         f"between two), {duration(estimate.seconds)} of motion and settling, "
-        f"about {estimate.disk_mb:.0f} MB"
-    )
+        f"about {estimate.disk_mb:.0f} MB",
+    ]
     if peaks is None or findings is None:
-        click.echo(f"{UNSOLVED}\n{PAPER_REMARK}")
-    else:
-        _echo_peaks(peaks, findings)
+        return Answer(data, [*lines, UNSOLVED, PAPER_REMARK])
+    return Answer(data, [*lines, *_peaks(peaks, findings)])
 
 
-def _echo_peaks(peaks: Sequence[Peak], findings: Sequence[str]) -> None:
+def _peaks(peaks: Sequence[Peak], findings: Sequence[str]) -> Iterator[str]:
     """Per indenter and depth the largest over its positions, then what the rig says to it."""
-    from .output import echo_table
-
     groups: dict[tuple[str, float], list[Peak]] = {}
     for peak in peaks:
         groups.setdefault((peak.indenter, peak.depth_mm), []).append(peak)
@@ -156,9 +145,9 @@ def _echo_peaks(peaks: Sequence[Peak], findings: Sequence[str]) -> None:
         high = group[0].high.normal_n / group[0].normal_n
         loads = (worst.normal_n, high * worst.normal_n, side, high * side)
         rows.append((indenter, depth_mm, *loads, worst.level))
-    click.echo("\npeak forces in N, expected and with the gel's modulus twice as high:")
-    echo_table(("indenter", "depth_mm", "normal", "high", "tangential", "high", "from"), rows)
+    yield "\npeak forces in N, expected and with the gel's modulus twice as high:"
+    yield from table(("indenter", "depth_mm", "normal", "high", "tangential", "high", "from"), rows)
     for reason in dict.fromkeys(f"{p.indenter}: {p.reason}" for p in peaks if p.reason):
-        click.echo(f"upper estimate, {reason}")
+        yield f"upper estimate, {reason}"
     for line in findings:
-        click.echo(f"over: {line}")
+        yield f"over: {line}"

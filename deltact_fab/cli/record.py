@@ -10,7 +10,8 @@ from typing import Any
 import click
 
 from .group import CommandGroup
-from .options import JSON, PATH, out_file, out_folder
+from .options import PATH, out_file, out_folder
+from .output import Answer, answers, progress
 
 RUN = click.argument("run", type=PATH)
 
@@ -22,8 +23,8 @@ def record() -> None:
 
 @record.command()
 @RUN
-@JSON
-def check(run: Path, as_json: bool) -> None:
+@answers
+def check(run: Path) -> Answer:
     """Verify that RUN is complete and undamaged.
 
     Checks the journal, the hash of every image, every sample and truth, and that each id occurs
@@ -31,45 +32,41 @@ def check(run: Path, as_json: bool) -> None:
     lacks is no damage. Nothing is changed. Exit code 1 on damage.
     """
     from ..record import check as verify
-    from .output import echo_result, progress
 
     with progress("check") as bar:
         verdict = verify(run, bar)
-    echo_result(verdict.as_dict(), verdict.lines(), as_json)
-    raise click.exceptions.Exit(0 if verdict.whole else 1)
+    return Answer(verdict.as_dict(), verdict.lines(), None if verdict.whole else "")
 
 
 @record.command()
 @RUN
-@JSON
-def show(run: Path, as_json: bool) -> None:
+@answers
+def show(run: Path) -> Answer:
     """Describe RUN: protocol, specimen, rig, counts, events, registration, notes."""
     from ..record import about
     from ..record import open as open_run
-    from .output import echo_result
 
     data = about(open_run(run))
-    echo_result(data, _described(data), as_json)
+    return Answer(data, _described(data))
 
 
 @record.command()
 @RUN
 @click.argument("text")
-@JSON
-def note(run: Path, text: str, as_json: bool) -> None:
+@answers
+def note(run: Path, text: str) -> Answer:
     """Add the remark TEXT to RUN, during the run or later."""
     from ..record import add_note
-    from .output import echo_result
 
     added = add_note(run, text)
-    echo_result(added, [_note(added)], as_json)
+    return Answer(added, [_note(added)])
 
 
 @record.command("import", epilog="Example: deltact-fab record import recording.toml --out bubble")
 @click.argument("recording", type=PATH, metavar="RECORDING.toml")
 @out_folder("New run folder.", required=True)
-@JSON
-def import_(recording: Path, out: Path, as_json: bool) -> None:
+@answers
+def import_(recording: Path, out: Path) -> Answer:
     """Make a run of images, times, force and pose that were recorded elsewhere.
 
     RECORDING.toml says where they are, in which columns and units, and which way force points.
@@ -79,15 +76,12 @@ def import_(recording: Path, out: Path, as_json: bool) -> None:
     from ..cad.design import load_design
     from ..record import import_recording
     from ..rig.camera.files import images_of
-    from .output import echo_result, progress
 
     with progress("import") as bar:
         done = import_recording(recording, out, images_of, load_design, bar)
     samples = "".join(f", {n} samples of {name}" for name, n in done["samples"].items())
     told = [f"{out}: {done['frames']} images imported{samples}"]
-    echo_result(
-        {"out": str(out), **done}, [*told, *(f"  {note}" for note in done["notes"])], as_json
-    )
+    return Answer({"out": str(out), **done}, [*told, *(f"  {note}" for note in done["notes"])])
 
 
 @record.command(epilog="Example: deltact-fab record export smoke-run --format csv --out tables")
@@ -100,11 +94,10 @@ def import_(recording: Path, out: Path, as_json: bool) -> None:
 @click.option("--deformation/--no-deformation", default=True, show_default=True,
               help="In a dataset, the measured motion of the face, which takes most of the time."
               )  # fmt: skip
-@JSON
+@answers
 def export(
-    runs: tuple[Path, ...], form: str, folder: Path | None, file: Path | None, deformation: bool,
-    as_json: bool,
-) -> None:  # fmt: skip
+    runs: tuple[Path, ...], form: str, folder: Path | None, file: Path | None, deformation: bool
+) -> Answer:
     """Write RUN as CSV, Parquet or MCAP, or one or more as a dataset of LeRobot or Zarr.
 
     csv and parquet give tables of frames, force, pose, steps and events, without images; the names
@@ -117,7 +110,6 @@ def export(
     from ..record import open as open_run
     from ..record.export import DATASETS
     from ..record.export import export as write
-    from .output import echo_result, progress
 
     out, other = (file, folder) if form == "mcap" else (folder, file)
     if out is None or other is not None:
@@ -132,7 +124,7 @@ def export(
         else:
             rows = write(opened, form, out, bar)
     told = f"{out}: " + ", ".join(f"{n} {name}" for name, n in rows.items())
-    echo_result({"out": str(out), "format": form, "rows": rows}, [told], as_json)
+    return Answer({"out": str(out), "format": form, "rows": rows}, [told])
 
 
 def _described(data: dict[str, Any]) -> Iterator[str]:

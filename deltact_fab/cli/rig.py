@@ -14,6 +14,7 @@ from .options import (
     DESIGN,
     DESIGN_NAME,
     JSON,
+    NEW,
     NEW_FILE,
     PATH,
     PATTERN_NAME,
@@ -26,6 +27,7 @@ from .options import (
     out_folder,
     seed,
 )
+from .output import Answer, answers, echo_json, judged, listed, progress, table
 
 RIG = click.argument("name", metavar="RIG", type=RIG_NAME)
 
@@ -38,43 +40,37 @@ def rig() -> None:
     """
 
 
-rig.moved = {"probe": "rig check"}
-
-
 @rig.command("list")
-@JSON
-def list_(as_json: bool) -> None:
+@answers
+def list_() -> Answer:
     """Rigs that can be named: your own and the shipped ones."""
     from .. import catalog
     from ..rig import config
-    from .output import echo_rows
 
     rows = []
     for name in catalog.names("protocols/rigs"):
         bench = config.load(name)[0]
         camera = ["camera"] if bench.camera is not None or bench.kind == "virtual" else []
         rows.append((name, bench.kind, camera + (["force"] if bench.force is not None else [])))
-    echo_rows(("rig", "kind", "measures"), rows, as_json)
+    return listed(("rig", "kind", "measures"), rows)
 
 
 @rig.command()
 @RIG
-@JSON
-def show(name: str, as_json: bool) -> None:
+@answers
+def show(name: str) -> Answer:
     """Show the settings of RIG, with the defaults filled in.
 
     Nothing is opened.
     """
     from ..rig import config
-    from .output import echo_json, echo_table
 
     rig_config, path = config.load(name)
     data = rig_config.model_dump(mode="json")
-    if as_json:
-        echo_json(data)
-        return
-    click.echo(f"{name} ({path.name}): {data.pop('kind')}\n")
-    echo_table(("key", "value"), list(_rows(data, "")))
+    rows = [row for row in _rows(data, "") if row[0] != "kind"]
+    return Answer(
+        data, [f"{name} ({path.name}): {rig_config.kind}\n", *table(("key", "value"), rows)]
+    )
 
 
 @rig.command(epilog="Example: deltact-fab rig photograph fisheye --board skin --out photos")
@@ -90,18 +86,11 @@ def show(name: str, as_json: bool) -> None:
 @DESIGN
 @seed("Seed of places, tilts and noise.")
 @out_folder("New folder for the images.", required=True)
-@JSON
+@answers
 def photograph(
-    name: str,
-    board: str | None,
-    contact: int,
-    air: int,
-    air_board: str | None,
-    design: str,
-    seed: int,
-    out: Path,
-    as_json: bool,
-) -> None:
+    name: str, board: str | None, contact: int, air: int, air_board: str | None, design: str,
+    seed: int, out: Path,
+) -> Answer:  # fmt: skip
     """Photograph boards with the camera of RIG, for `calibrate lens`.
 
     A real rig waits for Enter before each of the --contact images, where there is a terminal, and
@@ -116,7 +105,6 @@ def photograph(
     from ..rig import config
     from ..virtual.photographs import take
     from .calibrate.lens import board_named
-    from .output import echo_result
 
     bench, path = config.load(name)
     if isinstance(bench, config.GrblConfig):
@@ -131,34 +119,28 @@ def photograph(
             raise InputError(f"{path}: camera: missing table; without one there is no image")
         taken = by_camera(bench.camera, path.parent, out, contact, ask)
         paths = [str(file) for file in taken]
-        echo_result({"simulated": False, "files": paths}, paths, as_json)
-        return
+        return Answer({"simulated": False, "files": paths}, paths)
     if bench.virtual.lens is None:
         raise InputError(f"{path}: a virtual rig with [virtual.lens] is needed, as fisheye")
     if board is None:
         raise click.UsageError(
             "--board: missing; a virtual rig needs to know what lies on the face"
         )
+    held = None if air_board is None else board_named(air_board, "--air-board")
     files = take(
-        bench,
-        load_design(design),
-        board_named(board, "--board"),
-        out,
-        contact=contact,
-        air=air,
-        air_board=None if air_board is None else board_named(air_board, "--air-board"),
-        seed=seed,
-    )
+        bench, load_design(design), board_named(board, "--board"), out, contact=contact, air=air,
+        air_board=held, seed=seed,
+    )  # fmt: skip
     paths = [str(file) for file in files]
     told = f"simulated, seed {seed}; the true lens is in {out / 'truth'}"
-    echo_result({"simulated": True, "seed": seed, "files": paths}, [*paths, told], as_json)
+    return Answer({"simulated": True, "seed": seed, "files": paths}, [*paths, told])
 
 
 @rig.command(epilog="Example: deltact-fab rig new bench")
 @click.argument("name")
 @NEW_FILE
-@JSON
-def new(name: str, out: Path | None, as_json: bool) -> None:
+@answers
+def new(name: str, out: Path | None) -> Answer:
     """Write a new rig file with the serial ports and cameras of this computer.
 
     Nothing is opened, and nothing is asked. Then fill in what the file lists under MEASURE, and
@@ -167,7 +149,6 @@ def new(name: str, out: Path | None, as_json: bool) -> None:
     from dataclasses import asdict
 
     from ..lab import rig as write
-    from .output import echo_result
 
     found = write(name, out)
     lines = []
@@ -181,7 +162,7 @@ def new(name: str, out: Path | None, as_json: bool) -> None:
         f"{found.file}: written; fill in what it lists under MEASURE, then "
         f"`deltact-fab rig check {name if out is None else out}`"
     )
-    echo_result({**asdict(found), "file": str(found.file)}, lines, as_json)
+    return Answer({**asdict(found), "file": str(found.file)}, lines)
 
 
 @rig.command(epilog="Example: deltact-fab rig simulate grbl-bench --out bench")
@@ -210,13 +191,16 @@ def simulate(
     from ..patterns import load_recipe
     from ..rig import config
     from ..virtual.served import served
-    from .output import echo_result
 
     bench, _ = config.load(name)
     sensor, chosen = load_design(design), load_recipe(recipe)
     with served(bench, sensor, chosen, indenter, out, seed=seed) as file:
-        told = f"{file}: simulated devices, until Ctrl-C; as `deltact-fab rig check {file}`"
-        echo_result({"rig": str(file), "simulated": True, "seed": seed}, [told], as_json)
+        if as_json:
+            echo_json({"rig": str(file), "simulated": True, "seed": seed})
+        else:
+            click.echo(
+                f"{file}: simulated devices, until Ctrl-C; as `deltact-fab rig check {file}`"
+            )
         signal.sigwait({signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
 
 
@@ -234,7 +218,6 @@ def check(name: str, seconds: float, as_json: bool) -> None:
     from ..errors import InputError
     from ..rig import config
     from ..rig.check import check as look
-    from .output import echo_result
 
     bench, path = config.load(name)
     if not isinstance(bench, config.GrblConfig):
@@ -245,8 +228,10 @@ def check(name: str, seconds: float, as_json: bool) -> None:
         if not as_json:
             click.echo(row.line())
     failed = sum(row.verdict == "FAIL" for row in rows)
-    data = {"rig": str(path), "ok": not failed, "rows": [row._asdict() for row in rows]}
-    echo_result(data, [f"{path}: {f'{failed} to put right' if failed else 'ready'}"], as_json)
+    if as_json:
+        echo_json({"rig": str(path), "ok": not failed, "rows": [row._asdict() for row in rows]})
+    else:
+        click.echo(f"{path}: {f'{failed} to put right' if failed else 'ready'}")
     raise click.exceptions.Exit(1 if failed else 0)
 
 
@@ -261,25 +246,14 @@ def check(name: str, seconds: float, as_json: bool) -> None:
               metavar="N", help="Images at rest to look at.")  # fmt: skip
 @click.option("--step", type=PATH, metavar="RUN",
               help="Run of the protocol known-step on this sensor.")  # fmt: skip
-@click.option("--picture", type=PATH, metavar="FILE", help="PNG of the face to write, marked.")
+@click.option("--picture", type=NEW, metavar="FILE", help="PNG of the face to write, marked.")
 @seed("Seed of a virtual rig.")
 @out_file("Where to keep it.", show_default="sensors/SERIAL.toml")
-@JSON
-@click.pass_context
+@answers
 def accept(
-    context: click.Context,
-    source: str,
-    recipe: str | None,
-    serial: str | None,
-    camera: Path | None,
-    design: str | None,
-    frames: int,
-    step: Path | None,
-    picture: Path | None,
-    seed: int,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+    source: str, recipe: str | None, serial: str | None, camera: Path | None, design: str | None,
+    frames: int, step: Path | None, picture: Path | None, seed: int, out: Path | None,
+) -> Answer:  # fmt: skip
     """Hold a finished sensor against its design, before anything presses on it.
 
     SOURCE is what `measure` takes: a camera, a video, a folder of images, a run or a rig; nothing
@@ -297,7 +271,6 @@ def accept(
     from ..live.open import acceptance_file, open_source
     from ..patterns import load_recipe
     from ..patterns.recipe import PatternRecipe
-    from .output import echo_judged
 
     if out is None and serial is not None:
         out = acceptance_file(serial)
@@ -319,11 +292,7 @@ def accept(
         write_whole(picture, acceptance.picture(done, known.camera))
     if out is not None and done.passed:
         acceptance.save(done, known, seed, out)
-    echo_judged(source, done, "accepted", as_json)
-    if not as_json:
-        for text in _accepted(done, known.simulated, out):
-            click.echo(text)
-    context.exit(0 if done.passed else 1)
+    return judged(source, done, "accepted", *_accepted(done, known.simulated, out))
 
 
 def _accepted(done: Any, simulated: str | None, out: Path | None) -> Iterator[str]:
@@ -348,17 +317,11 @@ def _accepted(done: Any, simulated: str | None, out: Path | None) -> Iterator[st
 @DESIGN
 @TIP_IS_CLEAR
 @out_file("Registration to write, .toml.", required=True)
-@JSON
+@answers
 def register(
-    name: str,
-    indenter: str,
-    by: str | None,
-    at: tuple[tuple[float, float], ...],
-    design: str,
-    tip_is_clear: bool,
-    out: Path,
-    as_json: bool,
-) -> None:
+    name: str, indenter: str, by: str | None, at: tuple[tuple[float, float], ...], design: str,
+    tip_is_clear: bool, out: Path,
+) -> Answer:  # fmt: skip
     """Find where the face of the sensor is by touching it with a ball.
 
     The rig homes, and the ball touches the face at several places; height and tilt of the face are
@@ -371,13 +334,10 @@ def register(
     from ..rig import config
     from ..rig.tool import session
     from ..rig.tool.operator import TerminalOperator
-    from .output import echo_result
 
     bench, path = config.load(name)
     if not isinstance(bench, config.GrblConfig):
         raise InputError(f"{path}: kind: only a real rig is registered; this one is {bench.kind!r}")
-    if not out.parent.is_dir():
-        raise InputError(f"{out.parent}: no such folder")
     asked = session.wanted(bench, path, load_design(design), indenter, at, by)
     operator = TerminalOperator()
     with session.homed(bench, path, operator, tip_is_clear) as devices:
@@ -391,7 +351,7 @@ def register(
         "residual_mm": found.residual_mm,
         "touches": [touch.as_dict() for touch, _ in found.touches],
     }
-    echo_result(data, [f"{out}: {found.line()}"], as_json)
+    return Answer(data, [f"{out}: {found.line()}"])
 
 
 def _rows(table: dict[str, Any], before: str) -> Iterator[tuple[str, Any]]:
@@ -408,8 +368,8 @@ def _rows(table: dict[str, Any], before: str) -> Iterator[tuple[str, Any]]:
               type=RIG_NAME, help="Whose stage and guard are simulated.")  # fmt: skip
 @click.option("--thorough", is_flag=True, help="Every fault at every moment; minutes.")
 @out_folder("Folder for a page and JSON.")
-@JSON
-def rehearse(protocol: str, name: str, thorough: bool, out: Path | None, as_json: bool) -> None:
+@answers
+def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answer:
     """Put a protocol through every fault on the simulated stage of a rig file.
 
     Lost and mangled answers, silence, a pulled cable, alarms, switches, an open door, forces over
@@ -424,7 +384,6 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None, as_json
     from ..protocols import limits, plan
     from ..report.templating import require_pages
     from ..rig import config
-    from .output import echo_result, progress
 
     declared, path = plan.load(protocol)
     bench, bench_path = config.load(name)
@@ -443,9 +402,7 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None, as_json
 
         lines += [f"written: {file}" for file in
                   rehearsal_page.write(told, path.stem, bench_path.stem, out)]  # fmt: skip
-    echo_result(told, lines, as_json)
-    if found.wrong:
-        raise click.exceptions.Exit(1)
+    return Answer(told, lines, "" if found.wrong else None)
 
 
 for _command in rig_stage.COMMANDS:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from .options import DESIGN, JSON, RIG_NAME, TIP_IS_CLEAR, Finite
+from .options import DESIGN, RIG_NAME, TIP_IS_CLEAR, Finite
+from .output import Answer, answers
 
 if TYPE_CHECKING:
     from ..rig.config import GrblConfig
@@ -21,10 +22,9 @@ FEED = click.option(
     help="Speed.",
 )  # fmt: skip
 INTO_GEL = click.option(
-    "--into-gel",
-    is_flag=True,
+    "--into-gel", is_flag=True,
     help="Allow heights below --clearance; the stage moves slowly there.",
-)
+)  # fmt: skip
 CLEARANCE = click.option(
     "--clearance", type=Finite(0), default=5.0, show_default=True, metavar="MM",
     help="Height above the face that is safe.",
@@ -34,20 +34,20 @@ NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
 
 @click.command()
 @RIG
-@JSON
-def status(rig: str, as_json: bool) -> None:
+@answers
+def status(rig: str) -> Answer:
     """Say what the stage is doing and where it is. Nothing moves."""
     config, stage = _stage(rig)
     with _connected(stage):
-        _tell(stage, config, as_json)
+        return _now(stage, config)
 
 
 @click.command()
 @RIG
 @click.option("--yes", is_flag=True, help="Do not ask whether the path is clear.")
 @TIP_IS_CLEAR
-@JSON
-def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
+@answers
+def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
     """Home the stage: every axis moves to its end switch.
 
     If the position is known, the tip is lifted first. If it is lost, the force sensor, you, or
@@ -60,7 +60,6 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
     from ..rig.stage.by_hand import stopped_by_ctrl_c
     from ..rig.tool.homing import home_safely
     from ..rig.tool.operator import TerminalOperator
-    from .output import echo_result
 
     config, stage = _stage(rig)
     question = "homing moves every axis to its end switch; is the path clear?"
@@ -75,9 +74,9 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
                     tip_is_clear=tip_is_clear, guard=guard,
                 )  # fmt: skip
         seconds = time.monotonic() - start_s
-        state = _state(stage, config)
-    told = [f"{how}; homed in {seconds:.1f} s", _in_words(state)]
-    echo_result({"how": how, "seconds": seconds, "state": state}, told, as_json)
+        now = _now(stage, config)
+    told = [f"{how}; homed in {seconds:.1f} s", *now.lines]
+    return Answer({"how": how, "seconds": seconds, "state": now.data}, told)
 
 
 @click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig jog bench 0 0 5")
@@ -91,18 +90,11 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
 @click.option("--indenter", default="sphere:10", show_default=True, metavar="sphere:MM",
               help="The ball that the key r registers with.")  # fmt: skip
 @DESIGN
-@JSON
+@answers
 def jog(
-    rig: str,
-    by_mm: tuple[float, float, float] | None,
-    feed: float,
-    most: float,
-    clearance: float,
-    into_gel: bool,
-    indenter: str,
-    design: str,
-    as_json: bool,
-) -> None:
+    rig: str, by_mm: tuple[float, float, float] | None, feed: float, most: float,
+    clearance: float, into_gel: bool, indenter: str, design: str,
+) -> Answer:  # fmt: skip
     """Move the tip by DX DY DZ mm in the sensor frame, whose z is up, out of the gel.
 
     Relies on the position that the controller has counted since it was homed. Ctrl-C stops it. The
@@ -115,19 +107,18 @@ def jog(
 
     config, stage = _stage(rig)
     if by_mm is None:
-        _by_keys(rig, config, stage, into_gel, indenter, design)
-        return
+        return _by_keys(rig, config, stage, into_gel, indenter, design)
     by_hand.require_short(by_mm, most)  # before a port is opened, which may restart the board
     with _connected(stage), _felt(stage, config) as (force, guard):
         _count(stage)
         with by_hand.stopped_by_ctrl_c(stage), watched(stage, stage.clock, force, guard):
             by_hand.jog(stage, by_mm, feed, most_mm=most, clearance_mm=clearance, into_gel=into_gel)
-        _tell(stage, config, as_json)
+        return _now(stage, config)
 
 
 def _by_keys(
     rig: str, config: GrblConfig, stage: GrblStage, into_gel: bool, indenter: str, design: str
-) -> None:
+) -> Answer:
     import sys
     from pathlib import Path
 
@@ -171,6 +162,7 @@ def _by_keys(
         with stopped_by_ctrl_c(stage):
             HandSession(stage, force, guard, key, tell, show, into_gel, others).run()
         click.echo("", err=True)
+        return _now(stage, config)
 
 
 @click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig goto bench 0 0 10 --home")
@@ -183,17 +175,11 @@ def _by_keys(
               help="The stage was homed, and not unlocked by $X since.")  # fmt: skip
 @click.option("--home", "home_first", is_flag=True,
               help="Home first; you confirm that the tip touches nothing.")  # fmt: skip
-@JSON
+@answers
 def goto(
-    rig: str,
-    target_mm: tuple[float, float, float],
-    feed: float,
-    clearance: float,
-    into_gel: bool,
-    as_counted: bool,
-    home_first: bool,
-    as_json: bool,
-) -> None:
+    rig: str, target_mm: tuple[float, float, float], feed: float, clearance: float,
+    into_gel: bool, as_counted: bool, home_first: bool,
+) -> Answer:  # fmt: skip
     """Move the tip to X Y Z mm in the sensor frame, whose z = 0 is the resting face.
 
     It goes up, then sideways, then down. Give --home or --as-counted, as the stage must know where
@@ -216,25 +202,23 @@ def goto(
                 _count(stage)
             with _felt(stage, config) as (force, guard), watched(stage, stage.clock, force, guard):
                 by_hand.goto(stage, target_mm, feed, clearance_mm=clearance, into_gel=into_gel)
-        _tell(stage, config, as_json)
+        return _now(stage, config)
 
 
 @click.command()
 @RIG
-@JSON
-def reset(rig: str, as_json: bool) -> None:
+@answers
+def reset(rig: str) -> Answer:
     """Reset the controller of RIG (0x18).
 
     For one that answers nothing else after an alarm, or that sleeps. All motion stops at once, and
     the position is lost.
     """
-    from .output import echo_result
-
     _, stage = _stage(rig)
     with closing(stage):
         stage.reset()
         banner = stage.banner
-    echo_result({"banner": banner}, [f"{banner}; its position is lost: home next"], as_json)
+    return Answer({"banner": banner}, [f"{banner}; its position is lost: home next"])
 
 
 COMMANDS = (status, home, jog, goto, reset)
@@ -284,28 +268,19 @@ def _count(stage: GrblStage) -> None:
         raise StageError("the controller is locked, its position is lost: `rig home` first")
 
 
-def _state(stage: GrblStage, config: GrblConfig) -> dict[str, Any]:
+def _now(stage: GrblStage, config: GrblConfig) -> Answer:
     """State and position, as the controller says them; sensor_mm: None where it is locked."""
-    seen = stage.look()
-    known = seen.state.partition(":")[0] not in ("Alarm", "Sleep")
-    return {
-        "state": seen.state,
-        "machine_mm": list(seen.machine_mm),
-        "sensor_mm": list(config.stage.frame.to_sensor_mm(seen.machine_mm)) if known else None,
-    }
-
-
-def _in_words(state: dict[str, Any]) -> str:
     from ..rig.stage.by_hand import in_words
     from ..rig.stage.grbl_messages import state_in_words
 
-    machine = ", ".join(f"{p:.3f}" for p in state["machine_mm"])
-    where = "locked: home first" if state["sensor_mm"] is None else in_words(state["sensor_mm"])
-    return f"{state_in_words(state['state'])}, {where}; machine {machine}"
-
-
-def _tell(stage: GrblStage, config: GrblConfig, as_json: bool) -> None:
-    from .output import echo_result
-
-    state = _state(stage, config)
-    echo_result(state, [_in_words(state)], as_json)
+    seen = stage.look()
+    known = seen.state.partition(":")[0] not in ("Alarm", "Sleep")
+    sensor_mm = config.stage.frame.to_sensor_mm(seen.machine_mm) if known else None
+    machine = ", ".join(f"{p:.3f}" for p in seen.machine_mm)
+    where = "locked: home first" if sensor_mm is None else in_words(sensor_mm)
+    data = {
+        "state": seen.state,
+        "machine_mm": list(seen.machine_mm),
+        "sensor_mm": sensor_mm and list(sensor_mm),
+    }
+    return Answer(data, [f"{state_in_words(seen.state)}, {where}; machine {machine}"])

@@ -8,7 +8,8 @@ from typing import Any
 
 import click
 
-from .options import JSON, PROTOCOL_NAME, RIG, TIP_IS_CLEAR, out_folder, seed
+from .options import PROTOCOL_NAME, RIG, TIP_IS_CLEAR, out_folder, seed
+from .output import Answer, answers, progress
 
 
 @click.command(epilog="Example: deltact-fab run smoke --rig virtual --seed 3 --out smoke-run")
@@ -26,20 +27,11 @@ from .options import JSON, PROTOCOL_NAME, RIG, TIP_IS_CLEAR, out_folder, seed
 @click.option("--note", metavar="TEXT", help="A remark to keep with the run.")
 @click.option("--dry-run", is_flag=True,
               help="Check everything and query each device, but move nothing.")  # fmt: skip
-@JSON
+@answers
 def run(
-    protocol: str,
-    rig_name: str,
-    seed: int,
-    out: Path | None,
-    resume: bool,
-    air: bool,
-    unattended: bool,
-    tip_is_clear: bool,
-    note: str | None,
-    dry_run: bool,
-    as_json: bool,
-) -> None:
+    protocol: str, rig_name: str, seed: int, out: Path | None, resume: bool, air: bool,
+    unattended: bool, tip_is_clear: bool, note: str | None, dry_run: bool,
+) -> Answer:  # fmt: skip
     """Carry out PROTOCOL on a rig and record it in a new folder.
 
     With --resume an interrupted run continues: complete presses are kept, the interrupted one is
@@ -57,7 +49,6 @@ def run(
     nothing and records nothing.
     """
     from .. import experiment
-    from .output import echo_result, progress
 
     if out is None and not dry_run:
         raise click.UsageError("Missing option '--out': the folder of the new run.")
@@ -74,9 +65,8 @@ def run(
                 live=lambda it: report(it.done, it.total, it.line()),
             )  # fmt: skip
     if dry_run:
-        echo_result(found, _dry_run_lines(found, protocol, rig_name), as_json)
-    else:
-        echo_result(summary, _run_lines(summary, out), as_json)
+        return Answer(found, _dry_run_lines(found, protocol, rig_name))
+    return Answer(summary, _run_lines(summary, out))
 
 
 def _run_lines(summary: dict[str, Any], out: Path | None) -> Iterator[str]:

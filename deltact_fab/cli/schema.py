@@ -6,14 +6,15 @@ import textwrap
 
 import click
 
-from .options import JSON, KIND_NAME
+from .options import KIND_NAME
+from .output import Answer, answers, listed
 
 
 @click.command(no_args_is_help=False, epilog="Example: deltact-fab schema protocol capture")
 @click.argument("kind", required=False, type=KIND_NAME)
 @click.argument("key", required=False)
-@JSON
-def schema(kind: str | None, key: str | None, as_json: bool) -> None:
+@answers
+def schema(kind: str | None, key: str | None) -> Answer:
     """Every key of a kind of file: type, unit, default, limits, meaning.
 
     KIND is protocol, virtual-rig, grbl-rig, pattern, design, indenters, cameras or parts; or
@@ -24,18 +25,15 @@ def schema(kind: str | None, key: str | None, as_json: bool) -> None:
     from dataclasses import asdict
 
     from ..schema import KINDS, OUTPUTS, document, kind_named, matching, rows
-    from .output import echo_json, echo_rows
 
     if kind is None:
         kinds = [(k.name, k.catalogue, k.about) for k in (KINDS | OUTPUTS).values()]
-        echo_rows(("kind", "folder", "about"), kinds, as_json)
-        return
+        return listed(("kind", "folder", "about"), kinds)
     found = kind_named(kind)
     chosen = rows(found) if key is None else matching(found, key)
-    if as_json:
-        echo_json(document(found) if key is None else [asdict(row) for row in chosen])
-        return
+    lines = []
     for row in chosen:
         facts = (row.type, row.unit, row.limits, row.otherwise)
-        click.echo(f"{row.key}  ({'; '.join(fact for fact in facts if fact)})")
-        click.echo(textwrap.indent(textwrap.fill(row.meaning, 92), "    "))
+        lines.append(f"{row.key}  ({'; '.join(fact for fact in facts if fact)})")
+        lines.append(textwrap.indent(textwrap.fill(row.meaning, 92), "    "))
+    return Answer(document(found) if key is None else [asdict(row) for row in chosen], lines)

@@ -2,28 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
 
 from .group import CommandGroup
-from .options import JSON, PATH, out_file
-
-
-@click.command()
-@click.argument("folder", type=PATH)
-@out_file("Page to write.", show_default="FOLDER/index.html")
-@JSON
-def index(folder: Path, out: Path | None, as_json: bool) -> None:
-    """Write one page that lists all runs and studies below FOLDER.
-
-    Unfinished and damaged ones are marked.
-    """
-    from ..report.index_page import write
-    from .output import echo_written
-
-    echo_written(write(folder, out or folder / "index.html"), as_json)
+from .output import Answer, answers, listed
 
 
 @click.group(cls=CommandGroup)
@@ -32,14 +16,12 @@ def study() -> None:
 
 
 @study.command("list")
-@JSON
-def list_(as_json: bool) -> None:
+@answers
+def list_() -> Answer:
     """Every study, with what it is about."""
     from ..study.registry import STUDIES
-    from .output import echo_rows
 
-    rows = [(name, one.line) for name, one in STUDIES.items()]
-    echo_rows(("study", "about"), rows, as_json)
+    return listed(("study", "about"), [(name, one.line) for name, one in STUDIES.items()])
 
 
 class Studies(CommandGroup):
@@ -65,6 +47,3 @@ def run(**_: Any) -> None:
 
     Whatever a study computes is kept: when it is stopped, the same command continues.
     """
-
-
-study.add_command(index)

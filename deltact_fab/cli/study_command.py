@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
-from .options import JOBS_KEYS, ON_KEYS, RIG_NAME, SEED, Finite
+from .options import FOLDER, JOBS_KEYS, ON_KEYS, PATH, RIG_NAME, SEED, Finite
+from .output import Answer, answers, progress
 
 if TYPE_CHECKING:
     from ..study.registry import Option, Study
@@ -38,29 +39,21 @@ def _common(scale: float | None) -> dict[str, list[click.Option]]:
     """The options that studies share, by what `Study.takes` calls them."""
     return {
         "scale": [
-            click.Option(
-                ["--scale"], type=Finite(0, 1, min_open=True), default=scale,
-                show_default=scale is not None, metavar="SHARE",
-                help="Share of the paper's points or frames, up to 1.",
-            )
+            click.Option(["--scale"], type=Finite(0, 1, min_open=True), default=scale,
+                         show_default=scale is not None, metavar="SHARE",
+                         help="Share of the paper's points or frames, up to 1.")
         ],
         "seed": [
-            click.Option(
-                ["--seed"], type=SEED, default=0, show_default=True, metavar="N",
-                help="Seed of everything random.",
-            )
+            click.Option(["--seed"], type=SEED, default=0, show_default=True, metavar="N",
+                         help="Seed of everything random.")
         ],
         "rig": [
-            click.Option(
-                ["--rig"], type=RIG_NAME, metavar="RIG", show_default="the study's own",
-                help="Virtual rig: a name of `rig list` or a path.",
-            )
+            click.Option(["--rig"], type=RIG_NAME, metavar="RIG", show_default="the study's own",
+                         help="Virtual rig: a name of `rig list` or a path.")
         ],
         "from": [
-            click.Option(
-                ["--from"], multiple=True, type=click.Path(path_type=Path), metavar="RUN",
-                help="Use this recorded run instead of simulating; repeatable.",
-            )
+            click.Option(["--from"], multiple=True, type=PATH, metavar="RUN",
+                         help="Use this recorded run instead of simulating; repeatable.")
         ],
         "grid": [click.Option(["--jobs"], **JOBS_KEYS), click.Option(["--on"], **ON_KEYS)],
     }  # fmt: skip
@@ -71,33 +64,17 @@ def command(name: str, one: Study) -> click.Command:
     options: list[click.Parameter] = [
         option for what, own in _common(one.scale).items() if what in one.takes for option in own
     ]
-    options += [_option(more) for more in one.options]
     options += [
-        click.Option(
-            ["--out"],
-            type=click.Path(path_type=Path, file_okay=False),
-            default=Path(OUT) / name,
-            show_default=True,
-            metavar="DIR",
-            help="Folder for the page and the tables.",
-        ),
-        click.Option(
-            ["--figures"],
-            type=click.Path(path_type=Path, file_okay=False),
-            metavar="DIR",
-            help="Also write the figures as SVG and PDF into this folder.",
-        ),
-        click.Option(["--json", "as_json"], is_flag=True, help="Print JSON."),
-    ]
+        *map(_option, one.options),
+        click.Option(["--out"], type=FOLDER, default=Path(OUT) / name, show_default=True,
+                     metavar="DIR", help="Folder for the page and the tables."),
+        click.Option(["--figures"], type=FOLDER, metavar="DIR",
+                     help="Also write the figures as SVG and PDF into this folder."),
+    ]  # fmt: skip
+    told = answers(lambda **given: run(name, one, given))
+    options += told.__click_params__  # type: ignore[attr-defined]  # --json
     about = f"{one.line}\n\n{one.about}".strip()
-
-    return _Command(
-        name,
-        params=options,
-        callback=lambda **given: run(name, one, given),
-        help=about,
-        short_help=one.line,
-    )
+    return _Command(name, params=options, callback=told, help=about, short_help=one.line)
 
 
 def _option(one: Option) -> click.Option:
@@ -112,7 +89,7 @@ def _option(one: Option) -> click.Option:
     return click.Option([f"--{one.name}"], **given)
 
 
-def run(name: str, one: Study, given: dict[str, Any]) -> None:
+def run(name: str, one: Study, given: dict[str, Any]) -> Answer:
     """Run a study with the options of its command, by their names.
 
     What would keep its page from being written is said before anything is computed.
@@ -121,7 +98,6 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
     from ..report.figures import save
     from ..study.registry import run as run_study
     from ..study.request import StudyRequest
-    from .output import echo_json, progress
 
     out, figures = given["out"], given["figures"]
     named = [out] if figures is None else [out, figures]
@@ -147,18 +123,12 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
     if figures is not None:
         files = save(found, figures)
         click.echo(f"figures: {len(files)} files in {figures}", err=True)
-    if given["as_json"]:
-        echo_json(found.data)
-    else:
-        for line in found.verdict:
-            click.echo(line)
-    if found.missing:
-        click.echo(
-            f"warning: {len(found.missing)} jobs have no result and are left out: "
-            f"{', '.join(found.missing[:5])}{', ...' if len(found.missing) > 5 else ''}; "
-            "the same command tries them again",
-            err=True,
-        )
+    missing = (
+        f"warning: {len(found.missing)} jobs have no result and are left out: "
+        f"{', '.join(found.missing[:5])}{', ...' if len(found.missing) > 5 else ''}; "
+        "the same command tries them again"
+    )
+    return Answer(found.data, found.verdict, asides=[missing] if found.missing else ())
 
 
 @contextmanager

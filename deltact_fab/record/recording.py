@@ -100,7 +100,7 @@ class Recording(Table):
     camera: _Name | None = None
     """A camera file, as `calibrate lens` writes it; needs design."""
     design: _Name | None = None
-    """The sensor's design: a name of `cad designs` or a path."""
+    """The sensor's design: a name of `cad list designs` or a path."""
     serial: Annotated[str, Field(min_length=1, max_length=64)] | None = None
 
     @model_validator(mode="after")

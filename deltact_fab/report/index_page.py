@@ -70,6 +70,11 @@ def write(folder: Path, out: Path) -> Path:
     return save(page, out)
 
 
+def is_above(folder: Path) -> bool:
+    """Whether a folder is no run itself and has runs or studies below it."""
+    return not (folder / RUN).exists() and any(True for _ in _places(folder))
+
+
 def entries(folder: Path, seen_from: Path) -> list[Entry]:
     """Every run and study below a folder, the newest first; links as from another folder.
 

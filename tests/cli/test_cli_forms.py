@@ -19,6 +19,7 @@ from click.shell_completion import BashComplete
 from benchmarks.reference import commands
 from deltact_fab.cli import options, output
 from deltact_fab.cli.main import COMMANDS, SECTIONS, main
+from deltact_fab.errors import InputError
 from deltact_fab.measure.flow import FLOW_METHODS, Reference
 from deltact_fab.measure.force import FEATURES
 from deltact_fab.measure.pipeline.plan import OUTPUTS
@@ -40,8 +41,34 @@ def test_json_a_file_and_a_folder_are_asked_for_in_one_way() -> None:
         for flag, metavar in (("-o", "FILE"), ("--out", "DIR"), ("--seed", "N")):
             if flag in by_name:
                 assert by_name[flag].metavar == metavar, (path, flag)
+                assert flag == "--seed" or isinstance(by_name[flag].type, options.Target), path
         if "--seed" in by_name:
             assert by_name["--seed"].type is options.SEED, path
+
+
+@pytest.mark.parametrize(
+    ("what", "place", "says"),
+    [
+        (options.NEW, "held", "held: is a folder; expected the name of a file"),
+        (options.NEW, "gone/x.toml", "gone/x.toml: there is no folder gone; create it first"),
+        (options.NEW, "locked/x.toml", "locked/x.toml: cannot be written: locked is read-only"),
+        (options.FOLDER, "file", "file: file is a file; expected a folder"),
+        (options.FOLDER, "file/x/y", "file/x/y: .*file is a file; expected a folder"),
+        (options.FOLDER, "locked/x", "locked/x: cannot be written: .*locked is read-only"),
+    ],
+)
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(
+    what: options.Target, place: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("held", "locked"):
+        Path(folder).mkdir()
+    Path("file").write_text("")
+    # The superuser, who may write everywhere, is told so of no folder.
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "locked")
+    with pytest.raises(InputError, match=says):
+        what.convert(place, None, None)
+    assert sorted(p.name for p in Path().iterdir()) == ["file", "held", "locked"]
 
 
 def test_the_examples_of_the_helps_are_commands() -> None:
@@ -140,34 +167,28 @@ def test_a_real_shell_completes(tmp_path: Path) -> None:
     assert done.stdout.split() == ["mine"]
 
 
-def test_a_table_on_a_narrow_terminal_loses_nothing(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_table_on_a_narrow_terminal_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     columns = ("item", "note", *(f"figure_{i}_mm" for i in range(8)))
     rows = [("a", "some words that go on and on", *[0.5] * 8), ("b", "", *[12.25] * 8)]
-    output.echo_table(columns, rows)
-    wide = capsys.readouterr().out.splitlines()
+    wide = list(output.table(columns, rows))
     assert len(wide) == 3
     assert wide[1].startswith("a     some words that go on and on         0.50")
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("COLUMNS", "50")
-    output.echo_table(columns, rows)
-    narrow = capsys.readouterr().out
-    assert max(map(len, narrow.splitlines())) <= 50
-    words = narrow.split()
+    narrow = list(output.table(columns, rows))
+    assert max(map(len, narrow)) <= 50
+    words = " ".join(narrow).split()
     assert all(words.count(c) == 1 for c in columns[2:])
     assert words.count("0.50") == words.count("12.25") == 8
     assert {"some", "that", "on"} <= set(words)
-    assert "…" not in narrow
 
 
-def test_numbers_have_as_many_digits_as_are_of_use(capsys: pytest.CaptureFixture[str]) -> None:
-    output.echo_table(
+def test_numbers_have_as_many_digits_as_are_of_use() -> None:
+    lines = output.table(
         ("a", "b", "c", "d"),
         [(0.30000000000000004, 1e-17, 76777.25, True), (12.0, 1.0, 1.0, False)],
     )
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split() for line in lines[1:]] == [
+    assert [line.split() for line in lines][1:] == [
         ["0.3", "0", "76777", "yes"],
         ["12.0", "1", "1", "no"],
     ]

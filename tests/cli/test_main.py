@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +13,9 @@ import pytest
 from called import called
 
 from deltact_fab import catalog
+from deltact_fab.cli import main as program
 from deltact_fab.cli.main import COMMANDS, entry
+from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.study.registry import STUDIES
 
 HEAVY = ("cadquery", "OCP", "scipy.sparse", "matplotlib", "pandas", "cv2", "numpy",
@@ -29,13 +33,13 @@ print("@@", code, ",".join(loaded))
 """
 SUBCOMMANDS = [
     *(["cad", name] for name in ("list", "show", "check", "export", "bom", "guide")),
-    *(["pattern", name] for name in ("make", "quality", "sheet", "from", "series")),
+    *(["pattern", name] for name in ("make", "quality", "sheet", "show", "series")),
     ["protocol", "check"],
     ["protocol", "show"], ["rig", "show"], ["rig", "photograph"],
     ["gel", "press"],
     ["analyze", "tracking"], ["analyze", "shape"],
     ["calibrate", "lens"], ["calibrate", "depth"], ["calibrate", "force"],
-    ["study", "list"], ["study", "index"], ["study", "run"],
+    ["study", "list"], ["study", "run"],
     *(["study", "run", name] for name in STUDIES),
 ]  # fmt: skip
 
@@ -56,6 +60,10 @@ def test_help_loads_nothing_heavy(words: list[str]) -> None:
     ("old", "now"),
     [
         ("calibrate .", "calibrate lens ."),
+        ("cad designs --jsno", "cad list designs --jsno"),
+        ("pattern from DELTACT1/NONSENSE -o x.png", "pattern make DELTACT1/NONSENSE -o x.png"),
+        ("study index none", "report none"),
+        ("rig probe none", "rig check none"),
         ("calibrate --air . --board skin", "calibrate lens --air . --board skin"),
         ("calibrate-depth none", "calibrate depth none"),
         ("analyze force none", "calibrate force none"),
@@ -66,7 +74,9 @@ def test_an_old_form_does_what_the_new_one_does_and_says_so(
 ) -> None:
     done, same = (called(*words.split(), cwd=tmp_path) for words in (old, now))
     told, left = done.stderr.split("\n", 1)
-    assert f"is `deltact-fab {' '.join(now.split()[:2])}` now" in told
+    new = told.split("`")[3]
+    assert now.startswith(new.removeprefix("deltact-fab "))
+    assert told.endswith(f"is `{new}` now; the old name goes with 0.4")
     assert (left, done.returncode) == (same.stderr, 2)
 
 
@@ -101,7 +111,11 @@ def test_an_old_form_does_what_the_new_one_does_and_says_so(
         (["pattern", "quality", "dens"], "did you mean 'dense'?"),
         (["pattern", "sheet", "dense", "-o", "x.jpg"], "end the name in .pdf"),
         (["pattern", "sheet", "dense", "--scale-x", "1.5", "-o", "x.pdf"], "scale x: 1.5"),
-        (["pattern", "from", "DELTACT1/NONSENSE", "-o", "x.png"], "code"),
+        (["pattern", "make", "DELTACT1/NONSENSE", "-o", "x.png"], "code"),
+        (["pattern", "make", "DELTACT1/NONSENSE", "--dots", "-o", "x.png"], "code"),
+        (["study", "run", "shapes", "--rig", ""], "--rig: empty; give a value"),
+        (["cad", "check", "--design="], "--design: empty"),
+        (["record", "show", ""], "an argument: empty"),
         (["pattern", "series", "--out", "."], "folder"),
         (["run", "smoke"], "--out"),
     ],
@@ -125,6 +139,42 @@ def test_bad_input_is_one_line_and_exit_2(
     assert "Traceback" not in said.err
     assert said.out == ""
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "to", "code", "says"),
+    [
+        ("schema", "/dev/full", 1, "deltact-fab: output: cannot be written: No space left on dev"),
+        ("rig list --json", "/dev/full", 1, "deltact-fab: output: cannot be written: No space le"),
+        ("--help", "/dev/full", 1, "deltact-fab: output: cannot be written: No space left on dev"),
+        ("completion bash", "/dev/full", 1, "deltact-fab: output: cannot be written: No space le"),
+        ("schema protocol", "pipe", 1, ""),
+    ],
+)
+def test_a_full_disk_is_exit_1_and_a_closed_pipe_is_silent(
+    words: str, to: str, code: int, says: str
+) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    with open(to if to != "pipe" else write, "w") as out:
+        done = subprocess.run(
+            [sys.executable, "-m", "deltact_fab", *words.split()],
+            stdout=out, stderr=subprocess.PIPE, text=True, check=False, timeout=60,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr.count("\n")) == (code, int(bool(says)))
+    assert done.stderr.startswith(says)
+
+
+@pytest.mark.parametrize("kind", [InputError, RunFailed])
+def test_a_full_disk_is_exit_1_whatever_met_it(
+    kind: type[Exception], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(**options: object) -> None:
+        raise kind("out: cannot be written") from OSError(errno.ENOSPC, "no space")
+
+    monkeypatch.setattr(program, "main", full)
+    done = called("schema")
+    assert (done.returncode, done.stderr) == (1, "deltact-fab: out: cannot be written\n")
 
 
 @pytest.mark.slow

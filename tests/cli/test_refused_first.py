@@ -36,9 +36,12 @@ host = "127.0.0.1"
         ("rig check b.toml --seconds nan", "nan is not a finite number"),
         ("rig register b.toml -o f.toml --indenter 4dots", "registered with a ball"),
         ("rig register b.toml -o f.toml --at nan,0", "two numbers are needed"),
-        ("rig register b.toml -o gone/f.toml", "gone: no such folder"),
+        (
+            "rig register b.toml -o gone/f.toml",
+            "gone/f.toml: there is no folder gone; create it first",
+        ),
         ("run first-moves --air --out r --seed -1", "-1"),
-        ("run first-moves --air --out r --note ''", "note: 0 characters; expected 1 to 4000"),
+        ("run first-moves --air --out r --note ''", "--note: empty; give a value, or leave it out"),
         ("run first-moves --air --out r --note a\x01b", "no character that can be printed"),
     ],
 )

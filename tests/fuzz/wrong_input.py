@@ -80,7 +80,7 @@ CAMERA = {"camera": {"model": "fisheye"}}
 INDENTERS = {"body": {"plate_mm": 4.0}, "indenter": [{"name": "sphere:10", "quantity": 1}]}
 
 RECORD = ("record check run", "record show run", "record export run --format csv --out out/x",
-          "study index . -o out/index.html")  # fmt: skip
+          "report . -o out/index.html")  # fmt: skip
 READERS = ("report run -o out/report.html", "analyze tracking run --out out/a",
            "calibrate force run --out out/f", "analyze shape run --out out/s",
            "calibrate depth run -o out/depth.toml",

@@ -12,6 +12,3 @@ from .tracking import tracking
 @click.group(cls=CommandGroup, commands=[tracking, shape])
 def analyze() -> None:
     """Analyses of recorded runs: tracking error, shape."""
-
-
-analyze.moved = {"force": "calibrate force"}

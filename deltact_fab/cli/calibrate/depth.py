@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from ..options import JSON, PATH, out_file
+from ..options import PATH, out_file
+from ..output import Answer, answers
 
 
 @click.command(epilog="Example: deltact-fab calibrate depth ball-run -o depth.toml")
@@ -15,8 +16,8 @@ from ..options import JSON, PATH, out_file
               help="Calibration of force whose gel is taken, so that a measurement with both is "
               "as fast as with one.")  # fmt: skip
 @out_file("Calibration to write.", default=Path("depth.toml"), show_default=True)
-@JSON
-def depth(run: Path, force: Path | None, out: Path, as_json: bool) -> None:
+@answers
+def depth(run: Path, force: Path | None, out: Path) -> Answer:
     """Calibrate depth on RUN, in which a ball of known diameter presses the face.
 
     It uses the images, the positions of the stage and the diameter of the ball. The protocol
@@ -24,12 +25,7 @@ def depth(run: Path, force: Path | None, out: Path, as_json: bool) -> None:
     """
     from ...analysis.shape import calibrate_depth
     from ...files import write_whole
-    from ..output import echo_json
 
     made = calibrate_depth(run, force)
     write_whole(out, made.toml().encode())
-    if as_json:
-        echo_json({**made.as_dict(), "file": str(out)})
-        return
-    click.echo(made.line)
-    click.echo(f"written: {out}")
+    return Answer({**made.as_dict(), "file": str(out)}, [made.line, f"written: {out}"])

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from ..options import JSON, PATH, Named, out_file, out_folder, seed
+from ..options import PATH, Named, out_file, out_folder, seed
+from ..output import Answer, answers, files_line, progress, save_figures, table
 
 if TYPE_CHECKING:
     from ...analysis.force import ForceResult
@@ -31,16 +33,11 @@ def _models() -> list[str]:
 @out_file("Calibration to write.", "file", show_default="calibration.toml in --out")
 @out_folder("Folder for the results.", show_default="RUN/analysis")
 @seed("Seed of the folds and the learning curve.")
-@JSON
+@answers
 def force(
-    runs: tuple[Path, ...],
-    models: tuple[str, ...],
-    transfer: Path | None,
-    file: Path | None,
-    out: Path | None,
-    seed: int,
-    as_json: bool,
-) -> None:
+    runs: tuple[Path, ...], models: tuple[str, ...], transfer: Path | None, file: Path | None,
+    out: Path | None, seed: int,
+) -> Answer:  # fmt: skip
     """Calibrate force on runs of one sensor: models are cross-validated, the best one is written.
 
     The points are the settled frames. Positions and indenters are left out together, which shows
@@ -50,7 +47,6 @@ def force(
     from ...analysis.force import calibrate, carry_over, write_calibration
     from ...errors import InputError
     from ...report.force_figures import drawn
-    from ..output import echo_json, progress, save_figures
 
     folder = out or runs[0] / "analysis"
     output = file or folder / "calibration.toml"
@@ -61,34 +57,25 @@ def force(
             )
         with progress("transfer") as report:
             moved, kept, left_out = carry_over(runs, transfer, progress=report)
+        told = [f"{moved.line} ({kept.head.origin})", *(f"left out: {line}" for line in left_out)]
         files = write_calibration(kept, output)
-        if as_json:
-            echo_json({"transfer": moved.as_dict(), "left_out": left_out})
-            return
-        click.echo(f"{moved.line} ({kept.head.origin})")
-    else:
-        with progress("force") as report:
-            result = calibrate(runs, models or None, seed, progress=report)
-        files = result.save(folder, output)
-        if as_json:
-            echo_json(result.as_dict())
-            return
-        _tell(result, folder)
-        left_out = result.left_out
-        files += save_figures(folder, lambda: {one.name: one.draw() for one in drawn(result)})
-    for line in left_out:
-        click.echo(f"left out: {line}")
-    click.echo("written: " + ", ".join(str(f) for f in files))
+        data = {"transfer": moved.as_dict(), "left_out": left_out}
+        return Answer(data, [*told, files_line(files)])
+    with progress("force") as report:
+        result = calibrate(runs, models or None, seed, progress=report)
+    told = [*_lines(result, folder), *(f"left out: {line}" for line in result.left_out)]
+    files = result.save(folder, output)
+    files += save_figures(folder, lambda: {one.name: one.draw() for one in drawn(result)})
+    return Answer(result.as_dict(), [*told, files_line(files)])
 
 
-def _tell(result: ForceResult, folder: Path) -> None:
+def _lines(result: ForceResult, folder: Path) -> Iterator[str]:
     from ...analysis.force import SPLITS
-    from ..output import echo_table
 
-    click.echo(result.line + "\n")
+    yield result.line + "\n"
     for found in (result.early, result.gel):
         if found is not None:
-            click.echo(found.line + "\n")
+            yield found.line + "\n"
     head = ("model", "component", "adj. R2", "about 0", "fitted", *SPLITS, "range", "% of range")
     keys = (
         "adjusted_r2", "adjusted_r2_about_zero", "rmse_fitted",
@@ -100,10 +87,10 @@ def _tell(result: ForceResult, folder: Path) -> None:
         for row in result.rows()
         if row["model"] not in others
     ]
-    echo_table(head, rows, names=2)
+    yield from table(head, rows, names=2)
     if others:
-        click.echo(f"\nalso fitted: {', '.join(sorted(others))}; see {folder / 'force.json'}")
-    click.echo(
+        yield f"\nalso fitted: {', '.join(sorted(others))}; see {folder / 'force.json'}"
+    yield (
         f"\nRMSE on the {len(result.data)} points fitted to, and on what was left out (unseen: "
         "position and indenter together; press, point: a fifth); "
         f"{result.calibration.head.origin}; as printed: the paper's table, on a real sensor, whose "

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from ..options import DESIGN, JSON, PATH, out_file
+from ..options import DESIGN, PATH, out_file
+from ..output import Answer, answers, table
 
 if TYPE_CHECKING:
     from ...measure.lens import Calibration, Checkerboard
@@ -27,17 +29,11 @@ if TYPE_CHECKING:
               help="Image of a blank skin, to correct the shading.")  # fmt: skip
 @DESIGN
 @out_file("Camera file to write, .toml.", required=True)
-@JSON
+@answers
 def lens(
-    images: tuple[Path, ...],
-    board: str,
-    air: tuple[Path, ...],
-    air_board: str | None,
-    flat: Path | None,
-    design: str,
-    out: Path,
-    as_json: bool,
-) -> None:
+    images: tuple[Path, ...], board: str, air: tuple[Path, ...], air_board: str | None,
+    flat: Path | None, design: str, out: Path,
+) -> Answer:  # fmt: skip
     """Calibrate the camera through its lens, plate and gel, from IMAGES of a board on the face.
 
     IMAGES (files, or folders of them) are contact images: the board touches the outer face of the
@@ -54,27 +50,21 @@ def lens(
     from ...cad.design import load_design
     from ...files import write_whole
     from ...measure.lens import calibrate, flat_field
-    from ..output import echo_json
 
     wanted = board_named(board, "--board")
     held = None if air_board is None else board_named(air_board, "--air-board")
     if out.suffix != ".toml":
         raise click.BadParameter(f"{out}: a camera file ends in .toml", param_hint="-o")
-    if not out.parent.is_dir():
-        raise click.BadParameter(f"{out.parent}: no such folder", param_hint="-o")
     found = calibrate(_files(images), wanted, _files(air), held, load_design(design))
     field = None if flat is None else flat_field(flat, found.lens)
     beside = out.with_suffix(".flat.png")
     if field is not None:
         write_whole(beside, field.png())
     write_whole(out, found.camera_toml(None if field is None else beside.name).encode())
-    data = {"camera": found.lens.as_dict(), **found.as_dict()}
-    data["flat"] = None if field is None else beside.name
-    if as_json:
-        echo_json(data)
-    else:
-        _tell(found)
-        click.echo(f"written: {out}" + ("" if field is None else f", {beside}"))
+    named = None if field is None else beside.name
+    data = {"camera": found.lens.as_dict(), **found.as_dict(), "flat": named}
+    told = f"written: {out}" + ("" if field is None else f", {beside}")
+    return Answer(data, [*_lines(found), told])
 
 
 def board_named(words: str, option: str) -> Checkerboard:
@@ -103,17 +93,15 @@ def _files(names: tuple[Path, ...]) -> list[Path]:
     return files
 
 
-def _tell(found: Calibration) -> None:
-    from ..output import echo_table
-
+def _lines(found: Calibration) -> Iterator[str]:
     said = found.as_dict()
     rows = [
         (name, p["value"], p["sigma"], p["prior"], p["prior_sigma"])
         for name, p in said["parameters"].items()
     ]
-    echo_table(("parameter", "value", "sigma", "prior", "prior sigma"), rows)
-    click.echo("")
-    echo_table(
+    yield from table(("parameter", "value", "sigma", "prior", "prior sigma"), rows)
+    yield ""
+    yield from table(
         ("image", "board", "on", "corners", "outliers", "rms_px"),
         [
             (i["file"], i["board"], "face" if i["contact"] else "air", i["corners"],
@@ -121,13 +109,12 @@ def _tell(found: Calibration) -> None:
             for i in said["images"]
         ],
     )  # fmt: skip
-    click.echo(
+    yield (
         "\nuncertainty in px of the raw image (one sigma, over 95 % of the view): "
         f"face {found.face_px:.3f}, "
         f"3 mm below {found.depth_px[3.0]:.2f}, 6 mm below {found.depth_px[6.0]:.2f}"
     )
-    click.echo(f"contact corners cover {found.cover:.0%} of the view")
+    yield f"contact corners cover {found.cover:.0%} of the view"
     if found.simulated is not None:
-        click.echo(f"simulated images, seed {', '.join(map(str, found.simulated))}")
-    for line in found.notes():
-        click.echo(f"note: {line}")
+        yield f"simulated images, seed {', '.join(map(str, found.simulated))}"
+    yield from (f"note: {line}" for line in found.notes())

@@ -50,7 +50,7 @@ def signature(page: int, pages: int) -> str:
     """The footer."""
     return (
         f"deltact-fab {VERSION}, page {page + 1} of {pages}. The text of a QR code regenerates "
-        "its pattern: deltact-fab pattern from CODE -o FILE"
+        "its pattern: deltact-fab pattern make CODE -o FILE"
     )
 
 
