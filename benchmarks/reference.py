@@ -98,7 +98,7 @@ def commands(
     group: click.Command = program, context: click.Context | None = None
 ) -> Iterator[tuple[click.Context, click.Command]]:
     """Every command with its context, groups above what is in them."""
-    context = context or click.Context(program, info_name="deltact-fab")
+    context = context or click.Context(program, info_name="deltact-fab", **program.context_settings)
     yield context, group
     if isinstance(group, click.Group):
         for name in group.list_commands(context):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 
@@ -10,7 +11,9 @@ import pytest
 from deltact_fab import catalog, experiment
 from deltact_fab.cad.design import load_design
 from deltact_fab.patterns import load_recipe
+from deltact_fab.protocols import plan
 from deltact_fab.rig import config
+from deltact_fab.rig.run import live
 from deltact_fab.virtual.served import served
 
 STEPS = """
@@ -49,6 +52,36 @@ def test_within_5_percent_of_the_run(name: str, rig: str, tmp_path: Path) -> Non
     summary = experiment.run(experiment.RunRequest(str(protocol), rig, tmp_path / "r"))
     estimate = experiment.RunRequest(str(protocol), rig).estimate()
     assert estimate.seconds == pytest.approx(summary["rig_seconds"], rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["demo", "shapes", "pattern-selection", "force-calibration-small"])
+def test_what_is_left_of_a_simulated_run_is_told_within_a_factor_of_two(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A way through the air takes no time, one through the gel the more the deeper it goes.
+
+    The first press of an indenter takes twice as long, as `Presses` solves half-ways there.
+    """
+    steps = plan.expand(plan.load(name)[0])
+    presses = {s.indenter: s.press for s in reversed(steps) if s.kind == "press"}
+    wall_s, at_mm = [], steps[0].target_mm
+    for step in steps:
+        depth_mm = max(0.0, -step.target_mm[2], -at_mm[2])
+        in_gel = min(1.0, depth_mm / max(abs(step.target_mm[2] - at_mm[2]), 1e-9))
+        solved_s = 4.0 * math.dist(at_mm, step.target_mm) * in_gel * (1 + depth_mm)
+        wall_s.append(solved_s * (1 + (presses[step.indenter] == step.press)) + 0.1 * step.frames)
+        at_mm = step.target_mm
+    now_s, end_s = 0.0, sum(wall_s)
+    monkeypatch.setattr(live.time, "monotonic", lambda: now_s)
+    left = live.Remaining(steps, range(len(steps)), wall_clock=False)
+    looked = 0
+    for i, took_s in enumerate(wall_s):
+        now_s += took_s
+        left.finished(i)
+        if 0.1 * end_s < now_s < 0.95 * end_s:
+            looked += 1
+            assert 0.5 <= left.left_s() / (end_s - now_s) <= 2, (steps[i].id, now_s / end_s)
+    assert looked > 3
 
 
 @pytest.mark.slow

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from ..catalog import designs, find, read
+from ..errors import InputError
+from ..files import write_whole
 from .group import CommandGroup
 from .options import (
     CAMERA_NAME,
@@ -51,12 +57,8 @@ def of_design(command: F) -> F:
 
 
 SENSORS = click.option(
-    "--sensors", type=int, default=1, show_default=True, metavar="N",
-    help="How many sensors to make.",
+    "--sensors", type=int, default=1, metavar="N", help="How many sensors to make.",
 )  # fmt: skip
-CACHE = click.option(
-    "--cache/--no-cache", default=True, show_default=True, help="Reuse earlier results."
-)
 
 
 def load(design: str, changes: tuple[str, ...]) -> Design:
@@ -71,10 +73,10 @@ def load(design: str, changes: tuple[str, ...]) -> Design:
 
 @cad.command(epilog="Example: deltact-fab cad new mine --base skin-44x40")
 @click.argument("name")
-@click.option("--base", type=DESIGN_NAME, default="deltact", show_default=True, metavar="DESIGN",
+@click.option("--base", type=DESIGN_NAME, default="deltact", metavar="DESIGN",
               help="Design to start from: a name of `cad list designs` or a path.")  # fmt: skip
 @click.option("--face", metavar="WxL", help="Solve for a face of these sides in mm, as in 60x50.")
-@click.option("--share", type=float, default=0.55, show_default=True,
+@click.option("--share", type=float, default=0.55,
               help="Least share of the face that the camera sees.")  # fmt: skip
 @click.option("--camera", type=CAMERA_NAME, metavar="CAMERA",
               help="A camera of `cad list cameras`; the base's unless given.")  # fmt: skip
@@ -90,7 +92,6 @@ def new(
     view, light, screws, pegs, envelope, mold. What cannot be is refused, with the smallest change
     that can.
     """
-    from ..errors import InputError
     from ..lab import design as write
 
     wish = None
@@ -104,9 +105,8 @@ def new(
 
 
 @cad.command("list", epilog="Example: deltact-fab cad list designs")
-@click.argument(
-    "what", type=click.Choice(["parts", "designs", "cameras"]), default="parts", metavar="[WHAT]"
-)
+@click.argument("what", type=click.Choice(["parts", "designs", "cameras"]), default="parts",
+                metavar="[WHAT]")  # fmt: skip
 @answers
 def list_(what: str) -> Answer:
     """Parts that can be exported; or designs or cameras, where WHAT says so.
@@ -140,7 +140,6 @@ def _cameras() -> Answer:
 
 def _designs() -> Answer:
     from ..cad.design import load_design
-    from ..catalog import designs, find, read
 
     rows = []
     for name in designs():
@@ -159,8 +158,6 @@ def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
 
     PART is a name of `cad list`.
     """
-    from dataclasses import asdict
-
     from ..cad.design import load_design
     from ..cad.registry import find
     from ..cad.show import describe
@@ -174,20 +171,17 @@ def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
 
 @cad.command()
 @of_design
-@CACHE
 @answers
-def check(design: str, changes: tuple[str, ...], cache: bool) -> Answer:
+def check(design: str, changes: tuple[str, ...]) -> Answer:
     """Check the whole design on its solids: a table of passes and failures.
 
     Exit code 1 when a check fails.
     """
-    from dataclasses import asdict
-
     from ..cad.check import run
     from ..cad.design import load_design
 
     with progress("cad check") as tell:
-        rows = run(load_design(design, changes), tell, cached=cache)
+        rows = run(load_design(design, changes), tell, cached=True)
     columns = ("check", "part", "found", "limit", "verdict")
     cells = [(r.check, r.part, r.found, r.limit, r.verdict) for r in rows]
     unverified = sum(bool(r.rests_on) for r in rows if r.passed)
@@ -205,20 +199,17 @@ def check(design: str, changes: tuple[str, ...], cache: bool) -> Answer:
 @cad.command(epilog="Example: deltact-fab cad export sensor sphere:12.5 --out parts")
 @click.argument("parts", nargs=-1, metavar="[PART]...", type=PART_NAME)
 @of_design
-@click.option("--format", "formats", default="step,stl,3mf,dxf,glb,svg,pdf", show_default=True,
-              metavar="LIST",
+@click.option("--format", "formats", default="step,stl,3mf,dxf,glb,svg,pdf", metavar="LIST",
               help="Formats, separated by commas; each part gets those that suit it.")  # fmt: skip
-@click.option("--tolerance", "tolerance_mm", type=float, default=0.01, show_default=True,
-              metavar="MM",
+@click.option("--tolerance", "tolerance_mm", type=float, default=0.01, metavar="MM",
               help="Largest distance of a mesh from the true surface.")  # fmt: skip
-@out_folder("Folder to write into.", default=Path("cad-out"), show_default=True)
+@out_folder("Folder to write into.", default=Path("cad-out"))
 @PROCESSES
 @ON
-@CACHE
 @answers
 def export(
     parts: tuple[str, ...], design: str, changes: tuple[str, ...], formats: str,
-    tolerance_mm: float, out: Path, jobs: int | None, on: str, cache: bool,
+    tolerance_mm: float, out: Path, jobs: int | None, on: str,
 ) -> Answer:  # fmt: skip
     """Write each PART and the assembly, with a manifest.json; without PART, everything.
 
@@ -230,8 +221,6 @@ def export(
     Files of an earlier export that this one does not write again are removed, unless you changed
     them.
     """
-    from dataclasses import asdict
-
     from ..cad.export import export_parts
     from ..cad.registry import select
     from ..jobs import executor
@@ -242,7 +231,7 @@ def export(
     with here as where, progress("cad export") as tell:
         files = export_parts(
             dims, chosen, formats.split(","), tolerance_mm, out, tell,
-            cached=cache, jobs=jobs, executor=where,
+            jobs=jobs, executor=where,
         )  # fmt: skip
     rows = []
     for part in dict.fromkeys(f.part for f in files):
@@ -263,12 +252,7 @@ def export(
 @answers
 def bom(design: str, changes: tuple[str, ...], sensors: int, out: Path | None) -> Answer:
     """Bill of materials: parts, silicone, screws and electronics for a number of sensors."""
-    import json
-    from dataclasses import asdict
-
     from ..cad.fabrication.bom import csv_text, lines
-    from ..errors import InputError
-    from ..files import write_whole
 
     if out is not None and out.suffix not in (".csv", ".json"):
         raise InputError(f"-o {out}: end the name in .csv or .json")
@@ -298,12 +282,8 @@ def fit(readings: Path, design: str, out: Path | None) -> Answer:
     thickness), nominal_mm, measured_mm, and pieces for strips measured side by side. A spread is
     the 95 % interval of the next piece.
     """
-    import math
-    from dataclasses import asdict
-
     from ..cad.design import load_design
     from ..cad.fabrication.readings import as_design, estimates, read
-    from ..files import write_whole
 
     found = estimates(read(readings), load_design(design))
     if out is not None:
@@ -325,7 +305,7 @@ def fit(readings: Path, design: str, out: Path | None) -> Answer:
 @cad.command(epilog="Example: deltact-fab cad guide --sensors 4 -o guide.html")
 @of_design
 @SENSORS
-@out_file("Page to write.", default=Path("guide.html"), show_default=True)
+@out_file("Page to write.", default=Path("guide.html"))
 @answers
 def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path) -> Answer:
     """Fabrication guide of a design, one offline page: print, cast, wire, assemble."""

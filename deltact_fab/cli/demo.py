@@ -11,8 +11,7 @@ from .output import echo_json, progress
 
 
 @click.command()
-@out_folder("Folder to write; that of an earlier demo is replaced.", default=Path("demo-out"),
-            show_default=True)  # fmt: skip
+@out_folder("Folder to write; that of an earlier demo is replaced.", default=Path("demo-out"))
 @seed("Seed of everything random.", 3)
 @JSON
 def demo(out: Path, seed: int, as_json: bool) -> None:

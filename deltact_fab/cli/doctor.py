@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import click
 
 from .output import Answer, answers
@@ -16,8 +18,6 @@ def doctor(deep: bool) -> Answer:
     Looks at Python, the packages of the core and of each extra, system libraries, serial ports,
     cameras, disk and cache. Nothing is opened or changed. Exit code 1 when the core is broken.
     """
-    from dataclasses import asdict
-
     from ..doctor import is_broken, look
 
     findings = look(deep)

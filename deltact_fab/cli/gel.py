@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from ..catalog import validate
+from ..errors import InputError, RunFailed
 from ..levels import LEVELS
 from . import gel_options
 from .gel_fit import fit
@@ -25,32 +27,29 @@ def gel() -> None:
 
 
 @gel.command(epilog="Example: deltact-fab gel press --indenter sphere:15 --depth 5 --shear-x 3")
-@click.option("--indenter", default="sphere:10", show_default=True, metavar="NAME",
+@click.option("--indenter", default="sphere:10", metavar="NAME",
               help="What presses: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism, "
               "star, cylinder, ring, hat, with or without :SIZE_MM; or a shape of "
               "cad/indenters.toml.")  # fmt: skip
 @click.option("--depth", "depth_mm", required=True, type=float, metavar="MM",
               help="Depth into the gel.")  # fmt: skip
-@click.option("--shear-x", "shear_x_mm", default=0.0, show_default=True, metavar="MM",
+@click.option("--shear-x", "shear_x_mm", default=0.0, metavar="MM",
               help="Motion along x after pressing.")  # fmt: skip
-@click.option("--shear-y", "shear_y_mm", default=0.0, show_default=True, metavar="MM",
+@click.option("--shear-y", "shear_y_mm", default=0.0, metavar="MM",
               help="Motion along y after pressing.")  # fmt: skip
 @gel_options.AT
-@click.option("--model", type=click.Choice(MODELS), default="auto", show_default=True,
-              help="Level of the gel; auto takes the cheapest within the tolerance."
-              )  # fmt: skip
+@click.option("--model", type=click.Choice(MODELS), default="auto",
+              help="Level of the gel; auto takes the cheapest within the tolerance.")  # fmt: skip
 @gel_options.of_block
-@click.option("--modulus", "modulus_mpa", default=0.56, show_default=True, metavar="MPA",
+@click.option("--modulus", "modulus_mpa", default=0.56, metavar="MPA",
               help="Young's modulus of the gel.")  # fmt: skip
-@click.option("--friction", default=0.5, show_default=True, metavar="MU",
-              help="Coefficient of friction.")  # fmt: skip
-@click.option("--tolerance", default=0.03, show_default=True, metavar="SHARE",
+@click.option("--friction", default=0.5, metavar="MU", help="Coefficient of friction.")
+@click.option("--tolerance", default=0.03, metavar="SHARE",
               help="Relative error of the force that is allowed.")  # fmt: skip
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
               help="Size of the grid or the cells.")  # fmt: skip
-@click.option("--limit-s", "limit_s", default=120.0, show_default=True, metavar="S",
-              help="CPU seconds it may take; the finest mesh solved by then gives the answer."
-              )  # fmt: skip
+@click.option("--limit-s", "limit_s", default=120.0, metavar="S", help="CPU seconds it may take; "
+              "the finest mesh solved by then gives the answer.")  # fmt: skip
 @gel_options.PLOT
 @JSON
 def press(
@@ -64,9 +63,7 @@ def press(
     Chooses level, mesh and steps to meet the tolerance, says what it chose, and estimates the
     error. Exit code 1 when the press is refused or does not converge.
     """
-    from ..catalog import validate
     from ..elasticity.material import GelMaterial
-    from ..errors import InputError, RunFailed
     from ..gel.press import press as run
     from ..gel.press import refused
     from ..shapes.indenter import parse

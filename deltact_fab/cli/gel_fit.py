@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from ..catalog import validate
 from . import gel_options
 from .options import PATH
 from .output import Answer, answers, progress
@@ -33,7 +34,7 @@ def _or_fit(ctx: click.Context, param: click.Parameter, value: str | None) -> fl
 @click.option("--friction", callback=_or_fit, metavar="MU|fit",
               show_default="fit where the file has a drag, else 0.5",
               help="Coefficient of friction, or fit.")  # fmt: skip
-@click.option("--offset", "offset_mm", default="0", show_default=True, callback=_or_fit,
+@click.option("--offset", "offset_mm", default="0", callback=_or_fit,
               metavar="MM|fit", help="depth_mm at first touch, or fit.")  # fmt: skip
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
               help="Size of the mesh below the indenter.")  # fmt: skip
@@ -50,7 +51,6 @@ def fit(
     also shear_x_mm, shear_y_mm, fx_n and fy_n (the force on the sensor), its rows in the order in
     which they were measured.
     """
-    from ..catalog import validate
     from ..elasticity.material import GelMaterial
     from ..gel.fit.fit import fit_press
     from ..gel.fit.measured import read_csv

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from ..catalog import validate
 from .options import PATH, Point
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def _place(ctx: click.Context, param: click.Parameter, value: Path | None) -> Pa
 
 
 AT = click.option(
-    "--at", "at_mm", type=Point(), default="0,0", show_default=True, metavar="X,Y",
+    "--at", "at_mm", type=Point(), default="0,0", metavar="X,Y",
     help="Where it presses, mm from the centre of the face.",
 )  # fmt: skip
 PLOT = click.option(
@@ -38,13 +39,13 @@ PLOT = click.option(
 def of_block(command: F) -> F:
     """Options that say what block of gel is pressed."""
     for option in (
-        click.option("--poisson", default=0.49, show_default=True, metavar="NU",
+        click.option("--poisson", default=0.49, metavar="NU",
                      help="Poisson's ratio of the gel."),
-        click.option("--length", "length_mm", default=34.0, show_default=True, metavar="MM",
+        click.option("--length", "length_mm", default=34.0, metavar="MM",
                      help="Length of the gel, along y."),
-        click.option("--width", "width_mm", default=36.0, show_default=True, metavar="MM",
+        click.option("--width", "width_mm", default=36.0, metavar="MM",
                      help="Width of the gel, along x."),
-        click.option("--thickness", "thickness_mm", default=12.0, show_default=True, metavar="MM",
+        click.option("--thickness", "thickness_mm", default=12.0, metavar="MM",
                      help="Thickness of the gel."),
     ):  # fmt: skip
         command = option(command)
@@ -53,7 +54,6 @@ def of_block(command: F) -> F:
 
 def block(width_mm: float, length_mm: float, thickness_mm: float) -> SkinDimensions:
     """The gel as the levels know it. Raises InputError for sizes out of range."""
-    from ..catalog import validate
     from ..shapes import SkinDimensions
 
     return validate(

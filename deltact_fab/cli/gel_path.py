@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
 
+from ..errors import InputError
 from .options import ON, PROCESSES, PROTOCOL_NAME, RIG
 from .output import Answer, answers, progress, table
 
 if TYPE_CHECKING:
-    from ..rig.simulator import GelConfig
     from ..virtual.presolve import PressRow, Told
 
 
@@ -21,26 +22,15 @@ if TYPE_CHECKING:
 @RIG
 @PROCESSES
 @ON
-@click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="the rig's",
-              help="Size of the cells below the indenter.")  # fmt: skip
-@click.option("--tolerance", type=float, metavar="SHARE", show_default="the rig's",
-              help="Relative error of the force, which chooses the cells where --spacing does not."
-              )  # fmt: skip
 @answers
-def path(
-    protocol: str, rig_name: str, jobs: int | None, on: str, spacing_mm: float | None,
-    tolerance: float | None,
-) -> Answer:  # fmt: skip
+def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     """Solve every press of PROTOCOL on the simulated gel and keep the results for `run`.
 
     When it is stopped, the same command continues: presses that are complete are kept. A press that
     fails does not stop the others; exit code 1 when one failed. `run` finds what was solved with
     the [virtual.gel] settings of its rig file.
     """
-    from dataclasses import asdict
-
     from ..cad.design import load_design
-    from ..errors import InputError
     from ..jobs import executor
     from ..protocols import plan
     from ..rig import config as rig_config
@@ -56,10 +46,9 @@ def path(
     sensor = load_design(declared.specimen.design)
     require_gel_level(declared, sensor, str(source))
     level = declared.specimen.gel_model
-    gel, differs = _chosen(rig.virtual.gel, level, spacing_mm, tolerance)
     started = time.monotonic()
     with executor(on, jobs) as where, progress("gel path") as tick:
-        rows = solve_ahead(declared, sensor.skin, gel, where, _told(tick))
+        rows = solve_ahead(declared, sensor.skin, rig.virtual.gel, where, _told(tick))
     seconds = time.monotonic() - started
     failed = [row for row in rows if row.failure]
     data = {
@@ -69,32 +58,7 @@ def path(
         "failed": len(failed),
         "presses": [asdict(row) for row in rows],
     }
-    asides = _asides(rows)
-    if differs:
-        asides.append(f"`run` finds these only when {rig_source} says {differs}")
-    return Answer(data, _lines(rows, level, seconds), "" if failed else None, asides)
-
-
-def _chosen(
-    gel: GelConfig, level: str, spacing_mm: float | None, tolerance: float | None
-) -> tuple[GelConfig, str]:
-    """The rig's resolution with what the command line overrides, and what that is."""
-    from ..catalog import validate
-    from ..errors import InputError
-    from ..rig.simulator import GelConfig
-
-    data = gel.model_dump()
-    if level == "hyperelastic":
-        table, words, name = data["hyperelastic"], "[virtual.gel.hyperelastic]", "cell_mm"
-    else:
-        table, words, name = data, "[virtual.gel]", "spacing_mm"
-        if tolerance is not None:
-            raise InputError(f"--tolerance: the level {level!r} takes its grid from --spacing")
-    changes = {name: spacing_mm, "tolerance": tolerance}
-    changes = {k: v for k, v in changes.items() if v is not None and v != table[k]}
-    table.update(changes)
-    differs = ", ".join(f"{words} {k} = {v:g}" for k, v in changes.items() if v is not None)
-    return validate(GelConfig, data, "options"), differs
+    return Answer(data, _lines(rows, level, seconds), "" if failed else None, _asides(rows))
 
 
 def _told(tick: Callable[[int, int, str], None]) -> Told:

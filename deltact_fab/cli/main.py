@@ -80,7 +80,7 @@ class LazyGroup(CommandGroup):
 
 @click.group(
     cls=LazyGroup,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
     epilog="`deltact-fab COMMAND --help` explains a command. Exit codes: 0 done, 1 ran and failed, "
     "2 bad input, 130 interrupted.",
 )

@@ -44,7 +44,7 @@ VIEW_HZ = 10.0
 @click.option("--jsonl", is_flag=True, help="Print one JSON object per image, as it comes.")
 @click.option("--follow", is_flag=True,
               help="Go on taking images that are written into the folder SOURCE.")  # fmt: skip
-@click.option("--done", metavar="NAME", default="DONE", show_default=True,
+@click.option("--done", metavar="NAME", default="DONE",
               help="With --follow: file in the folder that ends it.")  # fmt: skip
 @click.option("--silence", type=Finite(min=0.1), metavar="S", show_default="no limit",
               help="With --follow: seconds without a new image that end it.")  # fmt: skip

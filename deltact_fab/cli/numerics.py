@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ..errors import MissingLibrary
 from .options import ENGINE_NAME, out_folder
 from .output import Answer, answers, files_line, progress, table
 
@@ -34,7 +35,6 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
     best of several runs, with the slowest beside it. Nothing is measured on hardware. Exit code 1
     when a row is wrong.
     """
-    from ..errors import MissingLibrary
     from ..numerics import harness
 
     with progress("numerics") as report:

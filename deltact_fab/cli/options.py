@@ -59,7 +59,7 @@ def out_folder(help: str, name: str = "out", **given: Any) -> Decorator:
 NEW_FILE = out_file(
     "File to write; an existing one is never overwritten.",
     show_default="NAME.toml in its folder, else in this one",
-)
+)  # fmt: skip
 
 
 class Finite(click.FloatRange):
@@ -136,23 +136,13 @@ KIND_NAME = _of("schema", lambda schema: [*schema.KINDS, *schema.OUTPUTS])
 ENGINE_NAME = _of("numerics.engines", lambda engines: engines.REGISTRY)
 
 DESIGN = click.option(
-    "--design",
-    type=DESIGN_NAME,
-    default="deltact",
-    show_default=True,
-    metavar="DESIGN",
+    "--design", type=DESIGN_NAME, default="deltact", metavar="DESIGN",
     help="Design of the sensor: a name of `cad list designs` or a path.",
-)
+)  # fmt: skip
 RIG = click.option(
-    "--rig",
-    "rig_name",
-    type=RIG_NAME,
-    default="virtual",
-    show_default=True,
-    metavar="RIG",
+    "--rig", "rig_name", type=RIG_NAME, default="virtual", metavar="RIG",
     help="Rig: a name of `rig list` or a path.",
-)
-
+)  # fmt: skip
 TIP_IS_CLEAR = click.option(
     "--tip-is-clear", is_flag=True,
     help="You confirm that the tip touches nothing, so that the stage may home.",
@@ -163,7 +153,7 @@ JOBS_KEYS: dict[str, Any] = {
     "help": "Processes at a time.",
 }  # fmt: skip
 ON_KEYS: dict[str, Any] = {
-    "default": "local", "show_default": True, "metavar": "WHERE",
+    "default": "local", "metavar": "WHERE",
     "help": "Where jobs run: local, or a Dask scheduler as dask:tcp://HOST:PORT.",
 }  # fmt: skip
 PROCESSES, ON = click.option("--jobs", **JOBS_KEYS), click.option("--on", **ON_KEYS)
@@ -173,6 +163,4 @@ SEED = click.IntRange(min=0)
 
 def seed(help: str, default: int = 0) -> Decorator:
     """`--seed N`, of whatever a command draws at random."""
-    return click.option(
-        "--seed", type=SEED, default=default, show_default=True, metavar="N", help=help
-    )
+    return click.option("--seed", type=SEED, default=default, metavar="N", help=help)

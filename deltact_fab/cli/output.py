@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import MissingLibrary, RunFailed
+from ..files import write_whole
 from ..units import DIGITS, digits, duration
 from .options import JSON
 
@@ -200,8 +201,6 @@ def save_figures(folder: Path, drawn: Callable[[], Mapping[str, Any]]) -> list[P
 
     drawn: makes them, by name; None is nothing to draw. Raises RunFailed when the disk refuses.
     """
-    from ..files import write_whole
-
     files = []
     try:
         from ..report.figures import as_bytes

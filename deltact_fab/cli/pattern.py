@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import click
 
+from .. import catalog
+from ..catalog import as_toml, write_new
+from ..errors import InputError, MissingLibrary
 from .cad import load, of_design
 from .group import CommandGroup
 from .options import NEW_FILE, PATH, PATTERN_NAME, SEED, Named, out_file, out_folder, seed
@@ -23,10 +27,6 @@ def _laws() -> list[str]:
 
 
 RECIPES = click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...", type=PATTERN_NAME)
-MARKER_DOTS = click.option(
-    "--dots/--no-dots", "with_dots", default=True, show_default=True,
-    help="With the marker dots, or without.",
-)  # fmt: skip
 PRINTER = click.option("--printer", type=PATH, metavar="FILE",
                        help="The printer as `pattern verify -o` found it.")  # fmt: skip
 
@@ -50,7 +50,6 @@ def _coded(text: str) -> PatternRecipe | None:
 @answers
 def list_() -> Answer:
     """Recipes that can be named: your own and the shipped ones."""
-    from .. import catalog
     from ..patterns import load_recipe
 
     rows = []
@@ -64,9 +63,8 @@ def list_() -> Answer:
 
 @pattern.command(epilog="Example: deltact-fab pattern new mine --law octave")
 @click.argument("name")
-@click.option("--law", default="algorithm1", show_default=True, type=Named(_laws, files=False),
-              metavar="LAW", help="How patches are coloured; `schema pattern law` lists the laws.",
-              )  # fmt: skip
+@click.option("--law", default="algorithm1", type=Named(_laws, files=False), metavar="LAW",
+              help="How patches are coloured; `schema pattern law` lists the laws.")  # fmt: skip
 @NEW_FILE
 @answers
 def new(name: str, law: str, out: Path | None) -> Answer:
@@ -137,21 +135,16 @@ def show(recipe: str) -> Answer:
 
 @pattern.command(epilog="Example: deltact-fab pattern quality dense octave")
 @RECIPES
-@click.option("--dpi", type=int, default=1200, show_default=True, metavar="DPI",
-              help="Resolution of the printer.")  # fmt: skip
+@click.option("--dpi", type=int, default=1200, metavar="DPI", help="Resolution of the printer.")
 @PRINTER
-@click.option("--mm-per-px", type=float, default=0.0378, show_default=True, metavar="MM",
+@click.option("--mm-per-px", type=float, default=0.0378, metavar="MM",
               help="Size of a camera pixel on the resting face.")  # fmt: skip
 @seed("Seed of halftone and noise.")
-@MARKER_DOTS
 @answers
 def quality(
-    recipes: tuple[str, ...], dpi: int, printer: Path | None, mm_per_px: float, seed: int,
-    with_dots: bool,
-) -> Answer:  # fmt: skip
+    recipes: tuple[str, ...], dpi: int, printer: Path | None, mm_per_px: float, seed: int
+) -> Answer:
     """Figures of merit of each RECIPE, as designed and as printed and photographed (simulated)."""
-    from dataclasses import asdict
-
     from ..imaging import Printer
     from ..patterns import load_recipe
     from ..patterns.quality import measure
@@ -167,9 +160,7 @@ def quality(
     with progress("pattern quality") as tell:
         for done, (name, recipe) in enumerate(chosen):
             tell(done, len(chosen), name)
-            bare = recipe.dots is None or with_dots or recipe.law == "dot-matrix"
-            asked = recipe if bare else recipe.model_copy(update={"dots": None})
-            found.append((name, measure(asked, model, None, mm_per_px, seed)))
+            found.append((name, measure(recipe, model, None, mm_per_px, seed)))
         tell(len(chosen), len(chosen), "done")
     columns = ("recipe", "", "gradient", "SSSIG", "contrast level 0", "level 3", "level 4", "peak",
                "peak_mm")  # fmt: skip
@@ -197,7 +188,7 @@ def quality(
 
 
 TRANSFER = click.option(
-    "--transfer", type=click.Choice(("face-down", "slide")), default="face-down", show_default=True,
+    "--transfer", type=click.Choice(("face-down", "slide")), default="face-down",
     help="Which side faces the gel: the ink, or the film (mirrored).",
 )  # fmt: skip
 SCALE_X = click.option("--scale-x", type=float, metavar="FACTOR", show_default="1",
@@ -216,8 +207,7 @@ def _scales(
 
 
 PAPER = click.option(
-    "--paper", default="A4", show_default=True, metavar="SIZE",
-    help="A2, A3, A4, A5, SRA3, Letter, Legal or Tabloid.",
+    "--paper", default="A4", metavar="SIZE", help="A2, A3, A4, A5, SRA3, Letter, Legal or Tabloid.",
 )  # fmt: skip
 
 
@@ -228,10 +218,8 @@ PAPER = click.option(
 @PAPER
 @TRANSFER
 @of_design
-@click.option("--dpi", type=float, default=1200.0, show_default=True, metavar="DPI",
-              help="Resolution of the printer.")  # fmt: skip
-@click.option("--copies", type=int, default=1, show_default=True, metavar="N",
-              help="Copies of each sticker.")  # fmt: skip
+@click.option("--dpi", type=float, default=1200.0, metavar="DPI", help="Resolution of the printer.")
+@click.option("--copies", type=int, default=1, metavar="N", help="Copies of each sticker.")
 @SCALE_X
 @SCALE_Y
 @PRINTER
@@ -246,7 +234,6 @@ def sheet(
 
     Around each sticker is the margin of film that the design's skin needs; cut as the guide says.
     """
-    from ..errors import InputError
     from ..patterns import load_recipe
     from ..patterns.sheet import write
 
@@ -294,9 +281,6 @@ def verify(
     sheet was written with. A photograph, which has no dpi, tells no scale. Exit code 1 when a row
     fails.
     """
-    from dataclasses import asdict
-
-    from ..catalog import as_toml, write_new
     from ..patterns import load_recipe
     from ..patterns.verify import verify as judge
 
@@ -314,16 +298,12 @@ def verify(
 @seed("Seed of every pattern.", 7)
 @PAPER
 @TRANSFER
-@click.option("--dpi", type=int, default=1200, show_default=True, metavar="DPI",
-              help="Resolution of the printer.")  # fmt: skip
-@MARKER_DOTS
+@click.option("--dpi", type=int, default=1200, metavar="DPI", help="Resolution of the printer.")
 @answers
 def series(
-    out: Path, seed: int, paper: str, dpi: int, transfer: Literal["face-down", "slide"],
-    with_dots: bool,
-) -> Answer:  # fmt: skip
+    out: Path, seed: int, paper: str, dpi: int, transfer: Literal["face-down", "slide"]
+) -> Answer:
     """Write the 17 patterns that the paper compares: recipes, sheets to print, quality, a page."""
-    from ..errors import MissingLibrary
     from ..patterns.series import write
     from ..report import patterns_page
 
@@ -334,7 +314,6 @@ def series(
         asides = [f"no page: {why}"]
     with progress("pattern series") as tell:
         done = write(
-            out, seed=seed, dpi=dpi, paper=paper, transfer=transfer, with_dots=with_dots,
-            page=page, progress=tell,
+            out, seed=seed, dpi=dpi, paper=paper, transfer=transfer, page=page, progress=tell,
         )  # fmt: skip
     return Answer(done.as_dict(), done.lines(), asides=asides)

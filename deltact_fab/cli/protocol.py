@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from .. import catalog
+from ..units import duration
 from .group import CommandGroup
 from .options import NEW_FILE, PROTOCOL_NAME, RIG, out_folder
 from .output import Answer, answers, listed, progress, table, written
@@ -35,8 +38,6 @@ UNSOLVED = (
 @answers
 def list_() -> Answer:
     """Protocols that can be named: your own and the shipped ones."""
-    from .. import catalog
-
     names = catalog.names("protocols")
     rows = [(n, catalog.read(catalog.find("protocols", n)).get("description", "")) for n in names]
     return listed(("protocol", "description"), rows)
@@ -44,7 +45,7 @@ def list_() -> Answer:
 
 @protocol.command(epilog="Example: deltact-fab protocol new mine --from smoke")
 @click.argument("name")
-@click.option("--from", "source", default="smoke", show_default=True, type=PROTOCOL_NAME,
+@click.option("--from", "source", default="smoke", type=PROTOCOL_NAME,
               metavar="PROTOCOL", help="Protocol to start from.")  # fmt: skip
 @NEW_FILE
 @answers
@@ -71,8 +72,6 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path) -> A
 
     For a real rig, peak forces that are not known yet are solved once, which takes minutes.
     """
-    from dataclasses import asdict
-
     from ..experiment import RunRequest
 
     with progress("check") as report:
@@ -95,11 +94,8 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
 
     Peak forces of deep presses take a solve at finite strain, done once, with --forces.
     """
-    from dataclasses import asdict
-
     from ..experiment import RunRequest
     from ..preflight import PAPER_REMARK
-    from ..units import duration
 
     with progress("peak forces") as report:
         request = RunRequest(name, rig_name, progress=report)

@@ -91,9 +91,8 @@ def import_(recording: Path, out: Path) -> Answer:
               help="Format to write.")  # fmt: skip
 @out_folder("New folder for csv, parquet, lerobot or zarr.", "folder")
 @out_file("New file for mcap.", "file")
-@click.option("--deformation/--no-deformation", default=True, show_default=True,
-              help="In a dataset, the measured motion of the face, which takes most of the time."
-              )  # fmt: skip
+@click.option("--deformation/--no-deformation", default=True, help="In a dataset, the measured "
+              "motion of the face, which takes most of the time.")  # fmt: skip
 @answers
 def export(
     runs: tuple[Path, ...], form: str, folder: Path | None, file: Path | None, deformation: bool

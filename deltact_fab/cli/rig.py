@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import signal
+import sys
 from collections.abc import Iterator
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import click
 
+from .. import catalog
+from ..catalog import validate
+from ..errors import InputError
+from ..files import write_whole
 from . import rig_stage
 from .group import CommandGroup
 from .options import (
@@ -44,7 +51,6 @@ def rig() -> None:
 @answers
 def list_() -> Answer:
     """Rigs that can be named: your own and the shipped ones."""
-    from .. import catalog
     from ..rig import config
 
     rows = []
@@ -77,9 +83,9 @@ def show(name: str) -> Answer:
 @RIG
 @click.option("--board", metavar="skin|NXxNYxMM",
               help="Board on the face of a virtual rig's sensor.")  # fmt: skip
-@click.option("--contact", default=5, show_default=True, metavar="N",
+@click.option("--contact", default=5, metavar="N",
               help="Images with the board on the face; of a skin, one.")  # fmt: skip
-@click.option("--air", default=0, show_default=True, metavar="N",
+@click.option("--air", default=0, metavar="N",
               help="Images with the board in the air beyond the face.")  # fmt: skip
 @click.option("--air-board", metavar="NXxNYxMM", show_default="as --board",
               help="Board in the air.")  # fmt: skip
@@ -98,10 +104,7 @@ def photograph(
     shipped chessboard skin, --board 9x7x3 a board of 9 x 7 squares of 3 mm wetted onto the face.
     DIR gets contact/, air/, a blank frame for the flat field, and truth/.
     """
-    import sys
-
     from ..cad.design import load_design
-    from ..errors import InputError
     from ..rig import config
     from ..virtual.photographs import take
     from .calibrate.lens import board_named
@@ -146,32 +149,28 @@ def new(name: str, out: Path | None) -> Answer:
     Nothing is opened, and nothing is asked. Then fill in what the file lists under MEASURE, and
     test it with `rig check NAME`.
     """
-    from dataclasses import asdict
-
     from ..lab import rig as write
 
-    found = write(name, out)
+    file, found = write(name, out)
     lines = []
-    for what, devices in (("port", found.ports), ("camera", found.cameras)):
+    for what, devices in found.items():
         for number, device in enumerate(devices):
             use = "used" if number == 0 else "in a comment"
-            lines.append(f"{what} {device.name}: {device.text or 'no name'} ({use})")
+            lines.append(f"{what[:-1]} {device.name}: {device.text or 'no name'} ({use})")
         if not devices:
-            lines.append(f"no {what} was found: the file has an example in its place")
-    lines.append(
-        f"{found.file}: written; fill in what it lists under MEASURE, then "
-        f"`deltact-fab rig check {name if out is None else out}`"
-    )
-    return Answer({**asdict(found), "file": str(found.file)}, lines)
+            lines.append(f"no {what[:-1]} was found: the file has an example in its place")
+    then = f"`deltact-fab rig check {name if out is None else out}`"
+    lines.append(f"{file}: written; fill in what it lists under MEASURE, then {then}")
+    data = {what: [asdict(device) for device in devices] for what, devices in found.items()}
+    return Answer({"file": str(file), **data}, lines)
 
 
 @rig.command(epilog="Example: deltact-fab rig simulate grbl-bench --out bench")
 @RIG
 @DESIGN
 @click.option("--pattern", "recipe", type=PATTERN_NAME, default="dense-with-dots",
-              show_default=True, metavar="RECIPE", help="Of the face.")  # fmt: skip
-@click.option("--indenter", default="sphere:10", show_default=True, metavar="NAME",
-              help="The one that is mounted.")  # fmt: skip
+              metavar="RECIPE", help="Of the face.")  # fmt: skip
+@click.option("--indenter", default="sphere:10", metavar="NAME", help="The one that is mounted.")
 @seed("Seed of noise.")
 @out_folder("New folder for its rig file and its images.", required=True)
 @JSON
@@ -185,8 +184,6 @@ def simulate(
     into the gel is felt and not seen. `[virtual.mount]` of a virtual RIG puts the face elsewhere.
     The controller homes and jogs, as this program has it; it runs no program.
     """
-    import signal
-
     from ..cad.design import load_design
     from ..patterns import load_recipe
     from ..rig import config
@@ -206,7 +203,7 @@ def simulate(
 
 @rig.command()
 @RIG
-@click.option("--seconds", type=Finite(0.1, 60), default=2.0, show_default=True, metavar="S",
+@click.option("--seconds", type=Finite(0.1, 60), default=2.0, metavar="S",
               help="How long to watch each device.")  # fmt: skip
 @JSON
 def check(name: str, seconds: float, as_json: bool) -> None:
@@ -215,7 +212,6 @@ def check(name: str, seconds: float, as_json: bool) -> None:
     Nothing moves. Nothing may touch the sensor, as its force is zeroed. Exit code 1 when a line
     says FAIL.
     """
-    from ..errors import InputError
     from ..rig import config
     from ..rig.check import check as look
 
@@ -242,7 +238,7 @@ def check(name: str, seconds: float, as_json: bool) -> None:
 @click.option("--camera", type=PATH, metavar="FILE", show_default="the design's lens",
               help="Camera file made by `calibrate lens`.")  # fmt: skip
 @click.option("--design", type=DESIGN_NAME, metavar="DESIGN", help="Design of the sensor.")
-@click.option("--frames", type=click.IntRange(1, 10000), default=100, show_default=True,
+@click.option("--frames", type=click.IntRange(1, 10000), default=100,
               metavar="N", help="Images at rest to look at.")  # fmt: skip
 @click.option("--step", type=PATH, metavar="RUN",
               help="Run of the protocol known-step on this sensor.")  # fmt: skip
@@ -261,12 +257,7 @@ def accept(
     accepted is kept with an image of the face at rest, and `measure --serial` tells from then on
     what has changed. Exit code 1 when a row fails.
     """
-    from dataclasses import replace
-
     from ..cad.design import load_design
-    from ..catalog import validate
-    from ..errors import InputError
-    from ..files import write_whole
     from ..live import acceptance, known_step
     from ..live.open import acceptance_file, open_source
     from ..patterns import load_recipe
@@ -308,7 +299,7 @@ def _accepted(done: Any, simulated: str | None, out: Path | None) -> Iterator[st
 
 @click.command()
 @RIG
-@click.option("--indenter", default="sphere:10", show_default=True, metavar="sphere:MM",
+@click.option("--indenter", default="sphere:10", metavar="sphere:MM",
               help="The ball that is mounted.")  # fmt: skip
 @click.option("--by", type=click.Choice(["force", "hand"]), show_default="as the rig file says",
               help="How a touch is felt.")  # fmt: skip
@@ -330,7 +321,6 @@ def register(
     examples/find_the_block.py finds by a block around the sensor.
     """
     from ..cad.design import load_design
-    from ..errors import InputError
     from ..rig import config
     from ..rig.tool import session
     from ..rig.tool.operator import TerminalOperator
@@ -364,7 +354,7 @@ def _rows(table: dict[str, Any], before: str) -> Iterator[tuple[str, Any]]:
 
 @rig.command(epilog="Example: deltact-fab rig rehearse smoke --rig bench.toml --out rehearsed")
 @click.argument("protocol", metavar="PROTOCOL", type=PROTOCOL_NAME)
-@click.option("--rig", "name", default="virtual", show_default=True, metavar="RIG",
+@click.option("--rig", "name", default="virtual", metavar="RIG",
               type=RIG_NAME, help="Whose stage and guard are simulated.")  # fmt: skip
 @click.option("--thorough", is_flag=True, help="Every fault at every moment; minutes.")
 @out_folder("Folder for a page and JSON.")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
 import click
 
+from ..errors import InputError, RunFailed, StageError
 from .options import DESIGN, RIG_NAME, TIP_IS_CLEAR, Finite
 from .output import Answer, answers
 
@@ -18,15 +21,14 @@ if TYPE_CHECKING:
 
 RIG = click.argument("rig", type=RIG_NAME)
 FEED = click.option(
-    "--feed", type=Finite(0, min_open=True), default=300.0, show_default=True, metavar="MM/MIN",
-    help="Speed.",
+    "--feed", type=Finite(0, min_open=True), default=300.0, metavar="MM/MIN", help="Speed.",
 )  # fmt: skip
 INTO_GEL = click.option(
     "--into-gel", is_flag=True,
     help="Allow heights below --clearance; the stage moves slowly there.",
 )  # fmt: skip
 CLEARANCE = click.option(
-    "--clearance", type=Finite(0), default=5.0, show_default=True, metavar="MM",
+    "--clearance", type=Finite(0), default=5.0, metavar="MM",
     help="Height above the face that is safe.",
 )  # fmt: skip
 NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
@@ -54,9 +56,6 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
     --tip-is-clear must confirm that the tip is not in the gel. The force sensor of the rig file is
     watched meanwhile, and its guard stops the stage as in a run.
     """
-    import time
-
-    from ..errors import RunFailed
     from ..rig.stage.by_hand import stopped_by_ctrl_c
     from ..rig.tool.homing import home_safely
     from ..rig.tool.operator import TerminalOperator
@@ -83,11 +82,11 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
 @RIG
 @click.argument("by_mm", type=Finite(), nargs=3, required=False, metavar="[DX DY DZ]")
 @FEED
-@click.option("--most", type=Finite(0), default=10.0, show_default=True, metavar="MM",
+@click.option("--most", type=Finite(0), default=10.0, metavar="MM",
               help="Longest move that is allowed.")  # fmt: skip
 @CLEARANCE
 @INTO_GEL
-@click.option("--indenter", default="sphere:10", show_default=True, metavar="sphere:MM",
+@click.option("--indenter", default="sphere:10", metavar="sphere:MM",
               help="The ball that the key r registers with.")  # fmt: skip
 @DESIGN
 @answers
@@ -119,11 +118,9 @@ def jog(
 def _by_keys(
     rig: str, config: GrblConfig, stage: GrblStage, into_gel: bool, indenter: str, design: str
 ) -> Answer:
-    import sys
     from pathlib import Path
 
     from ..cad.design import load_design
-    from ..errors import InputError
     from ..rig import config as rigs
     from ..rig.stage.by_hand import stopped_by_ctrl_c
     from ..rig.tool import session
@@ -185,7 +182,6 @@ def goto(
     It goes up, then sideways, then down. Give --home or --as-counted, as the stage must know where
     it is. Ctrl-C stops it, and the guard on the force sensor of the rig file as in a run.
     """
-    from ..errors import InputError
     from ..rig.run.guard_thread import watched
     from ..rig.stage import by_hand
     from ..rig.tool.homing import home_safely
@@ -226,7 +222,6 @@ COMMANDS = (status, home, jog, goto, reset)
 
 def _stage(name: str) -> tuple[GrblConfig, GrblStage]:
     """The stage of a rig file, its port not yet open. Raises InputError for a virtual one."""
-    from ..errors import InputError
     from ..rig import config
     from ..rig.clock import WallClock
     from ..rig.stage.grbl import GrblStage
@@ -262,8 +257,6 @@ def _felt(
 
 
 def _count(stage: GrblStage) -> None:
-    from ..errors import StageError
-
     if not stage.trust_count():
         raise StageError("the controller is locked, its position is lost: `rig home` first")
 

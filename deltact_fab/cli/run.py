@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from ..units import duration
 from .options import PROTOCOL_NAME, RIG, TIP_IS_CLEAR, out_folder, seed
 from .output import Answer, answers, progress
 
@@ -18,11 +19,9 @@ from .output import Answer, answers, progress
 @seed("Seed of everything random.")
 @out_folder("New folder for the run.")
 @click.option("--resume", is_flag=True, help="Continue the unfinished run in --out.")
-@click.option("--air", is_flag=True,
-              help="Touch nothing: never go below the clearance plane.")  # fmt: skip
-@click.option("--unattended", is_flag=True,
-              help="Nobody is there: ask nothing, and refuse what would need an answer."
-              )  # fmt: skip
+@click.option("--air", is_flag=True, help="Touch nothing: never go below the clearance plane.")
+@click.option("--unattended", is_flag=True, help="Nobody is there: ask nothing, and refuse what "
+              "would need an answer.")  # fmt: skip
 @TIP_IS_CLEAR
 @click.option("--note", metavar="TEXT", help="A remark to keep with the run.")
 @click.option("--dry-run", is_flag=True,
@@ -88,11 +87,9 @@ def _run_lines(summary: dict[str, Any], out: Path | None) -> Iterator[str]:
 
 
 def _dry_run_lines(found: dict[str, Any], protocol: str, rig_name: str) -> Iterator[str]:
-    from ..units import duration
-
     yield (
         f"{protocol} on {rig_name}: {found['steps']} steps, {found['presses']} presses, "
-        f"{found['frames']} frames, about {duration(found['seconds'])}, {found['disk_mb']:.0f} MB; "
-        "nothing was moved or recorded"
+        f"{found['frames']} frames, about {duration(found['seconds'])} of rig time, "
+        f"{found['disk_mb']:.0f} MB; nothing was moved or recorded"
     )
     yield from (f"  {line}" for line in (*found["devices"], *found["notes"]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from dataclasses import asdict
 
 import click
 
@@ -22,8 +23,6 @@ def schema(kind: str | None, key: str | None) -> Answer:
     table such as `capture`, one of its keys such as `capture.settle_s`, or the name of a key in any
     table. --json prints a JSON Schema, or with KEY the rows.
     """
-    from dataclasses import asdict
-
     from ..schema import KINDS, OUTPUTS, document, kind_named, matching, rows
 
     if kind is None:

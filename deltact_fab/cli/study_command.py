@@ -44,7 +44,7 @@ def _common(scale: float | None) -> dict[str, list[click.Option]]:
                          help="Share of the paper's points or frames, up to 1.")
         ],
         "seed": [
-            click.Option(["--seed"], type=SEED, default=0, show_default=True, metavar="N",
+            click.Option(["--seed"], type=SEED, default=0, metavar="N",
                          help="Seed of everything random.")
         ],
         "rig": [
@@ -66,7 +66,7 @@ def command(name: str, one: Study) -> click.Command:
     ]
     options += [
         *map(_option, one.options),
-        click.Option(["--out"], type=FOLDER, default=Path(OUT) / name, show_default=True,
+        click.Option(["--out"], type=FOLDER, default=Path(OUT) / name,
                      metavar="DIR", help="Folder for the page and the tables."),
         click.Option(["--figures"], type=FOLDER, metavar="DIR",
                      help="Also write the figures as SVG and PDF into this folder."),
@@ -85,7 +85,7 @@ def _option(one: Option) -> click.Option:
     else:
         given["type"] = Finite() if kind is float else kind
     if one.default not in (None, ()):
-        given |= {"default": one.default, "show_default": True}
+        given |= {"default": one.default}
     return click.Option([f"--{one.name}"], **given)
 
 

@@ -56,20 +56,11 @@ def _texts() -> dict[str, str]:
             if file.suffix not in (".toml", ".py"):
                 continue
             name = Path(top) / file.relative_to(shipped)
-            text = file.read_text(encoding="utf-8")
-            kind_name = _kind(name, file)
-            if kind_name is not None:
-                text = schema_line(kind_name, Path(SCHEMAS), name.parent) + text
+            text, folder = file.read_text(encoding="utf-8"), name.parent.as_posix()
+            if file.suffix == ".toml" and folder in catalog.KINDS:  # a camera file has no schema
+                text = schema_line(kind_of(folder, catalog.read(file)), name.parent) + text
             texts[name.as_posix()] = text
     return texts
-
-
-def _kind(name: Path, file: Path) -> str | None:
-    """The kind of a shipped file; None for one without a schema, as a camera file."""
-    folder = name.parent.as_posix()
-    if file.suffix != ".toml" or folder not in catalog.KINDS:
-        return None
-    return kind_of(folder, catalog.read(file))
 
 
 def kind_of(folder: str, data: dict[str, Any]) -> str:
@@ -81,6 +72,7 @@ def kind_of(folder: str, data: dict[str, Any]) -> str:
     return next(kind.name for kind in KINDS.values() if kind.catalogue == folder)
 
 
-def schema_line(kind_name: str, schemas: Path, folder: Path) -> str:
+def schema_line(kind_name: str, folder: Path) -> str:
     """The line by which an editor (taplo, Even Better TOML) finds the schema of a file."""
-    return f"#:schema {Path(os.path.relpath(schemas / f'{kind_name}.json', folder)).as_posix()}\n"
+    schema = os.path.relpath(Path(SCHEMAS, f"{kind_name}.json"), folder)
+    return f"#:schema {Path(schema).as_posix()}\n"

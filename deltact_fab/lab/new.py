@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,24 +112,15 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
     )
 
 
-@dataclass(frozen=True)
-class NewRigFile:
-    """A new rig file: the first of each device is used, the others are comments."""
-
-    file: Path
-    ports: list[FoundDevice]
-    cameras: list[FoundDevice]
-
-
-def rig(name: str, out: Path | None = None) -> NewRigFile:
-    """Write a rig file for the devices of this computer, and return what was found.
+def rig(name: str, out: Path | None = None) -> tuple[Path, dict[str, list[FoundDevice]]]:
+    """Write a rig file for the devices of this computer; the file, ports and cameras.
 
     Raises InputError as `catalog.write_new`, and for a name that is none.
     """
     from ..rig import devices
 
-    ports, cameras = devices.ports(), devices.cameras()
-    return NewRigFile(_write("grbl-rig", name, out, rig_text(ports, cameras)), ports, cameras)
+    found = {"ports": devices.ports(), "cameras": devices.cameras()}
+    return _write("grbl-rig", name, out, rig_text(**found)), found
 
 
 def rig_text(ports: Sequence[FoundDevice] = (), cameras: Sequence[FoundDevice] = ()) -> str:
@@ -164,6 +155,6 @@ def _write(kind_name: str, name: str, out: Path | None, text: str) -> Path:
     data.pop("base", None)
     catalog.validate(kind.model(), data, name)
     if Path(SCHEMAS, f"{kind_name}.json").is_file():
-        text = schema_line(kind_name, Path(SCHEMAS), file.parent) + text
+        text = schema_line(kind_name, file.parent) + text
     catalog.write_new(file, text)
     return file

@@ -3,15 +3,13 @@
 And every column that it gets."""
 
 from .commented import commented
-from .document import DIALECT, described, document
+from .document import described, document
 from .kinds import KINDS, OUTPUTS, Kind, kind_named
-from .rows import KeyRow, matching, rows
+from .rows import matching, rows
 
 __all__ = [
-    "DIALECT",
     "KINDS",
     "OUTPUTS",
-    "KeyRow",
     "Kind",
     "commented",
     "described",

@@ -7,10 +7,24 @@ from typing import Any
 
 from ..configuration import schema_of
 from .kinds import Kind
-from .units import unit_of
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _BASE = "The design, a name or a path, from which this one takes what it does not give itself."
+# By the end of a key's name; the longest first: mm_min before min, nmm before mm.
+_UNITS = {
+    "mm_per_px": "mm/px", "per_m": "1/m", "mm_min": "mm/min", "mm_s2": "mm/s2",
+    "electrons": "electrons", "nmm": "N mm", "mpa": "MPa", "ohm": "ohm", "deg": "degrees",
+    "mm2": "mm2", "mm": "mm", "um": "um", "px": "px", "hz": "Hz", "ms": "ms", "s": "s", "n": "N",
+    "k": "K", "v": "V", "baud": "baud", "dpi": "dots per inch",
+}  # fmt: skip
+
+
+def unit_of(key: str) -> str:
+    """The unit of a key as a person writes it; empty for a key without one."""
+    for end, unit in _UNITS.items():
+        if key.endswith(f"_{end}") or (key == end and len(end) > 2):
+            return unit
+    return ""
 
 
 def document(kind: Kind) -> dict[str, Any]:

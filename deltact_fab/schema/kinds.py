@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -13,46 +11,45 @@ from ..errors import InputError, did_you_mean
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of file. model: loads the class that validates it; catalogue: as `catalog.KINDS`."""
+    """One kind of file. where: the class that validates it; catalogue: as `catalog.KINDS`."""
 
     name: str
     catalogue: str
     about: str
-    model: Callable[[], Any]
+    where: str
+
+    def model(self) -> Any:
+        """The class, "module:name" of this package, imported when it is asked for."""
+        module, _, name = self.where.partition(":")
+        return getattr(import_module(f"deltact_fab.{module}"), name)
 
 
-def _model(where: str) -> Any:
-    """A class of this package, as "module:name", imported when it is asked for."""
-    module, _, name = where.partition(":")
-    return getattr(import_module(f"deltact_fab.{module}"), name)
-
-
-_ROWS = (
-    ("protocol", "protocols", "an indentation experiment", "protocols.plan:Protocol"),
-    (
-        "virtual-rig",
-        "protocols/rigs",
-        'a simulated bench, kind = "virtual"',
-        "rig.config:VirtualConfig",
-    ),
-    ("grbl-rig", "protocols/rigs", 'a real bench, kind = "grbl"', "rig.config:GrblConfig"),
-    ("pattern", "patterns", "a pattern sticker", "patterns.recipe:PatternRecipe"),
-    ("design", "cad", "the dimensions of a sensor and its tools", "cad.dimensions:Design"),
-    ("indenters", "cad", "the indenters that a lab makes", "cad.design:IndenterList"),
-    ("cameras", "cad", "the cameras that a design can be made for", "cad.cameras:CameraList"),
-    ("parts", "cad", "where what is bought is ordered", "cad.fabrication.bought:BoughtParts"),
-)
+_RIGS = "protocols/rigs"
 KINDS = {
-    name: Kind(name, catalogue, about, partial(_model, where))
-    for name, catalogue, about, where in _ROWS
-}
-
-
-_OUTPUTS = (
-    ("measured", "columns that `measure --out` keeps of each image", "live.rows:MeasuredRow"),
-    ("fields", "arrays that `measure --out` keeps of each image", "live.rows:FieldArrays"),
-)
-OUTPUTS = {name: Kind(name, "", about, partial(_model, where)) for name, about, where in _OUTPUTS}
+    kind.name: kind
+    for kind in (
+        Kind("protocol", "protocols", "an indentation experiment", "protocols.plan:Protocol"),
+        Kind("virtual-rig", _RIGS, 'a simulated bench, kind = "virtual"',
+             "rig.config:VirtualConfig"),
+        Kind("grbl-rig", _RIGS, 'a real bench, kind = "grbl"', "rig.config:GrblConfig"),
+        Kind("pattern", "patterns", "a pattern sticker", "patterns.recipe:PatternRecipe"),
+        Kind("design", "cad", "the dimensions of a sensor and its tools", "cad.dimensions:Design"),
+        Kind("indenters", "cad", "the indenters that a lab makes", "cad.design:IndenterList"),
+        Kind("cameras", "cad", "the cameras that a design can be made for",
+             "cad.cameras:CameraList"),
+        Kind("parts", "cad", "where what is bought is ordered",
+             "cad.fabrication.bought:BoughtParts"),
+    )
+}  # fmt: skip
+OUTPUTS = {
+    kind.name: kind
+    for kind in (
+        Kind("measured", "", "columns that `measure --out` keeps of each image",
+             "live.rows:MeasuredRow"),
+        Kind("fields", "", "arrays that `measure --out` keeps of each image",
+             "live.rows:FieldArrays"),
+    )
+}  # fmt: skip
 """What the program writes: no one edits them."""
 
 

@@ -9,9 +9,8 @@ from typing import Any
 from ..catalog import literal
 from ..configuration import resolved
 from ..errors import InputError, did_you_mean
-from .document import described
+from .document import described, unit_of
 from .kinds import Kind
-from .units import unit_of
 
 TABLE, BY_NAME, MANY = "table", "tables by name", "list of tables"
 _MARKS = {TABLE: "", BY_NAME: ".*", MANY: "[]"}
@@ -104,7 +103,6 @@ def _inner(key: dict[str, Any], root: dict[str, Any]) -> tuple[str, dict[str, An
 
 
 _TYPES = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true, false"}
-_MANY = {"number": "numbers", "integer": "whole numbers", "string": "texts"}
 
 
 def type_of(key: dict[str, Any]) -> str:
@@ -128,13 +126,17 @@ def _entries(key: dict[str, Any]) -> str:
     if "prefixItems" in key:
         parts = key["prefixItems"]
         kinds = {part.get("type") for part in parts}
-        return f"{len(parts)} {_MANY[kinds.pop()]}" if len(kinds) == 1 else "values"
+        return f"{len(parts)} {_TYPES[kinds.pop()]}s" if len(kinds) == 1 else "values"
     item = key["items"]
     if "enum" in item:
         return ", ".join(map(literal, item["enum"]))
     if item.get("type") == "array":
         return f"lists of {_entries(item)}"
-    return _MANY.get(item.get("type", ""), type_of(item))
+    return (
+        f"{type_of(item)}s"
+        if item.get("type") in ("number", "integer", "string")
+        else type_of(item)
+    )
 
 
 def limits_of(key: dict[str, Any]) -> str:

@@ -120,12 +120,13 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 export.SHARED_FROM_S = 0.0
 export.processors = lambda: 2
 from deltact_fab.cli.main import entry
-sys.argv = ["deltact-fab", "cad", "export", "--no-cache", "--out", {str(tmp_path / "o")!r}]
+sys.argv = ["deltact-fab", "cad", "export", "--out", {str(tmp_path / "o")!r}]
 entry()
 """
     with subprocess.Popen(
-        [sys.executable, "-c", script], stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as process:
+        [sys.executable, "-c", script], stderr=subprocess.PIPE, text=True, start_new_session=True,
+        env={**os.environ, "DELTACT_FAB_CACHE": str(tmp_path / "none")},
+    ) as process:  # fmt: skip
         try:
             started = time.monotonic()
             while len(workers := _workers(process.pid)) < 2:

@@ -101,16 +101,6 @@ def test_a_press_that_fails_is_one_line_and_exit_1(tmp_path: Path) -> None:
     assert "0 knots solved" in again.stdout
 
 
-def test_an_override_says_what_run_would_need(tmp_path: Path) -> None:
-    protocol, rig = files(tmp_path, positions="[[0, 0]]")
-    told = ask(protocol, rig, "--jobs", "1", "--spacing", "1.5")
-    assert told.exit_code == 0, told.output
-    assert "[virtual.gel] spacing_mm = 1.5" in told.stderr
-    assert "[virtual.gel]" not in ask(protocol, rig, "--spacing", "1.0").stderr
-    refused = CliRunner().invoke(command, [protocol, "--rig", rig, "--tolerance", "0.1"])
-    assert refused.exit_code != 0
-
-
 def test_a_press_that_no_mesh_serves_stops_no_other(tmp_path: Path) -> None:
     protocol, rig = files(tmp_path, "hyperelastic", "[[0, 0]]")
     text = Path(protocol).read_text()

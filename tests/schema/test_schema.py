@@ -20,8 +20,8 @@ from deltact_fab.errors import InputError
 from deltact_fab.lab.folder import kind_of
 from deltact_fab.patterns.laws import LAWS
 from deltact_fab.schema import KINDS, OUTPUTS, Kind, described, document, matching, rows
+from deltact_fab.schema.document import unit_of
 from deltact_fab.schema.rows import limits_of, type_of
-from deltact_fab.schema.units import unit_of
 
 EXAMPLES = {
     "protocol": "smoke",
@@ -57,7 +57,11 @@ def test_a_key_without_a_meaning_is_seen() -> None:
         """Told."""
         depth_mm: float = 1.0
 
-    kind = Kind("silent", "protocols", "made up", lambda: Silent)
+    class MadeUp(Kind):
+        def model(self) -> Any:
+            return Silent
+
+    kind = MadeUp("silent", "protocols", "made up", "")
     assert [(row.key, row.meaning, row.unit) for row in rows(kind)] == [
         ("told", "Told.", ""),
         ("depth_mm", "", "mm"),

@@ -12,12 +12,10 @@ from ..output import Answer, answers, files_line, progress, save_figures, table
 
 @click.command(epilog="Example: deltact-fab analyze shape smoke-run --depth depth.toml")
 @click.argument("run", type=PATH)
-@click.option("--depth", type=PATH, metavar="FILE",
-              help="Calibration made by `calibrate depth`; without it depth is relative."
-              )  # fmt: skip
-@click.option("--force", type=PATH, metavar="FILE",
-              help="Calibration made by `calibrate force`; with it force and pressure are drawn."
-              )  # fmt: skip
+@click.option("--depth", type=PATH, metavar="FILE", help="Calibration made by `calibrate depth`; "
+              "without it depth is relative.")  # fmt: skip
+@click.option("--force", type=PATH, metavar="FILE", help="Calibration made by `calibrate force`; "
+              "with it force and pressure are drawn.")  # fmt: skip
 @out_folder("Folder for the results.", show_default="RUN/analysis")
 @answers
 def shape(run: Path, depth: Path | None, force: Path | None, out: Path | None) -> Answer:

@@ -13,10 +13,9 @@ from ..output import Answer, answers, files_line, progress, save_figures, table
 @click.command(epilog="Example: deltact-fab analyze tracking smoke-run --method fused")
 @click.argument("run", type=PATH)
 @click.option("--method", "methods", multiple=True, metavar="METHOD[/REFERENCE]",
-              show_default="those worth comparing",
-              help="fused, dis-medium, dis-fast, farneback-paper, or paper; as in "
-              "dis-medium/static, with one of anchored (fused only), composed, summed, static; "
-              "repeatable.")  # fmt: skip
+              show_default="those worth comparing", help="fused, dis-medium, dis-fast, "
+              "farneback-paper, or paper; as in dis-medium/static, with one of "
+              "anchored (fused only), composed, summed, static; repeatable.")  # fmt: skip
 @out_folder("Folder for the results.", show_default="RUN/analysis")
 @answers
 def tracking(run: Path, methods: tuple[str, ...], out: Path | None) -> Answer:

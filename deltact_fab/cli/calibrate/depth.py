@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ...files import write_whole
 from ..options import PATH, out_file
 from ..output import Answer, answers
 
@@ -15,7 +16,7 @@ from ..output import Answer, answers
 @click.option("--force", type=PATH, metavar="FILE", show_default="the design's gel",
               help="Calibration of force whose gel is taken, so that a measurement with both is "
               "as fast as with one.")  # fmt: skip
-@out_file("Calibration to write.", default=Path("depth.toml"), show_default=True)
+@out_file("Calibration to write.", default=Path("depth.toml"))
 @answers
 def depth(run: Path, force: Path | None, out: Path) -> Answer:
     """Calibrate depth on RUN, in which a ball of known diameter presses the face.
@@ -24,7 +25,6 @@ def depth(run: Path, force: Path | None, out: Path) -> Answer:
     `ball-press` makes such a run.
     """
     from ...analysis.shape import calibrate_depth
-    from ...files import write_whole
 
     made = calibrate_depth(run, force)
     write_whole(out, made.toml().encode())

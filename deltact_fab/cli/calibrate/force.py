@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ...errors import InputError
 from ..options import PATH, Named, out_file, out_folder, seed
 from ..output import Answer, answers, files_line, progress, save_figures, table
 
@@ -23,13 +24,10 @@ def _models() -> list[str]:
 
 @click.command(epilog="Example: deltact-fab calibrate force run1 run2 -o calibration.toml")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH)
-@click.option("--model", "models", multiple=True, type=Named(_models, files=False),
-              metavar="MODEL", show_default="all",
-              help="sums, paper or inverse-placed; repeatable."
-              )  # fmt: skip
-@click.option("--transfer", type=PATH, metavar="OTHER.toml",
-              help="Carry another sensor's calibration over, using the few presses of RUN."
-              )  # fmt: skip
+@click.option("--model", "models", multiple=True, type=Named(_models, files=False), metavar="MODEL",
+              show_default="all", help="sums, paper or inverse-placed; repeatable.")  # fmt: skip
+@click.option("--transfer", type=PATH, metavar="OTHER.toml", help="Carry another sensor's "
+              "calibration over, using the few presses of RUN.")  # fmt: skip
 @out_file("Calibration to write.", "file", show_default="calibration.toml in --out")
 @out_folder("Folder for the results.", show_default="RUN/analysis")
 @seed("Seed of the folds and the learning curve.")
@@ -45,7 +43,6 @@ def force(
     best model is shown beside the paper's; force.json has all of them.
     """
     from ...analysis.force import calibrate, carry_over, write_calibration
-    from ...errors import InputError
     from ...report.force_figures import drawn
 
     folder = out or runs[0] / "analysis"

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ...errors import InputError
+from ...files import write_whole
 from ..options import DESIGN, PATH, out_file
 from ..output import Answer, answers, table
 
@@ -20,9 +22,8 @@ if TYPE_CHECKING:
 )
 @click.argument("images", nargs=-1, type=PATH)
 @click.option("--board", required=True, metavar="skin|NXxNYxMM", help="Board that IMAGES show.")
-@click.option("--air", multiple=True, type=PATH, metavar="PATH",
-              help="Image, or folder of images, of a board held in the air; repeatable."
-              )  # fmt: skip
+@click.option("--air", multiple=True, type=PATH, metavar="PATH", help="Image, or folder of images, "
+              "of a board held in the air; repeatable.")  # fmt: skip
 @click.option("--air-board", metavar="NXxNYxMM", show_default="as --board",
               help="Board that --air shows.")  # fmt: skip
 @click.option("--flat", type=PATH, metavar="FILE",
@@ -48,7 +49,6 @@ def lens(
     --design are what is assumed beforehand.
     """
     from ...cad.design import load_design
-    from ...files import write_whole
     from ...measure.lens import calibrate, flat_field
 
     wanted = board_named(board, "--board")
@@ -81,7 +81,6 @@ def board_named(words: str, option: str) -> Checkerboard:
 
 def _files(names: tuple[Path, ...]) -> list[Path]:
     """Files as they are named, and the images in the folders among them."""
-    from ...errors import InputError
     from ...rig.camera.files import IMAGE_NAMES
 
     files: list[Path] = []
