@@ -75,10 +75,13 @@ def one_line(message: str) -> str:
         c if c.isprintable() else c.encode("unicode_escape").decode()
         for c in " ".join(message.split())
     )
+    counted = re.search(r" \| and (\d+) more$", line)
+    beyond, line = (int(counted[1]), line[: counted.start()]) if counted else (0, line)
     short = re.sub(r"\S{61,}", lambda word: f"{word[0][:40]}...{word[0][-16:]}", line)
     for faults in (line.split(" | "), short.split(" | ")):
         for shown in range(len(faults), 0, -1):
-            more = f" | and {len(faults) - shown} more" if shown < len(faults) else ""
+            left = len(faults) - shown + beyond
+            more = f" | and {left} more" if left else ""
             line = " | ".join(faults[:shown]) + more
             if len(line) <= MAX_CHARACTERS:
                 return line

@@ -7,14 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from deltact_fab import reading
+from deltact_fab import catalog, reading
 from deltact_fab.errors import InputError, one_line
+from deltact_fab.patterns import PatternRecipe
 
 
 @pytest.mark.parametrize(
     ("data", "says"),
     [
         (b"a = 1\n" * 10**6, "larger than 4 MiB"),
+        (b"a = 1\n" * 200_000, "more than 20000 keys"),
         (b"a = " + b"[" * 5000 + b"]" * 5000, "nested too deep"),
         (b".".join([b"a"] * 20_000) + b" = 1", "nested too deep"),
         (b"a = " + b"[" * 40 + b"]" * 40, "nested too deep"),
@@ -31,6 +33,14 @@ def test_what_no_settings_hold_is_refused_at_once(tmp_path: Path, data: bytes, s
     with pytest.raises(InputError, match=says):
         reading.toml(file)
     assert time.process_time() - begun < 1
+
+
+def test_of_many_faults_the_first_are_told() -> None:
+    begun = time.process_time()
+    with pytest.raises(InputError, match=r"^f: law: missing .* \| and 9981 more$") as told:
+        catalog.validate(PatternRecipe, {f"key_{i}": 1 for i in range(10_000)} | {"seed": 1}, "f")
+    assert time.process_time() - begun < 2
+    assert one_line(str(told.value)).endswith(" | and 9998 more")
 
 
 def test_a_place_that_holds_no_file_is_named(tmp_path: Path) -> None:

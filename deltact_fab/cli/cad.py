@@ -191,9 +191,9 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
     )
     data = [{**asdict(row), "verdict": row.verdict} for row in rows]
     failed = [row for row in rows if row.verdict == "FAIL"]
-    named = ", ".join(dict.fromkeys(f"{row.check} ({row.part})" for row in failed))
-    why = f"{design}: {len(failed)} of {len(rows)} checks failed: {named}" if failed else None
-    return Answer(data, [*table(columns, cells), "", told], why)
+    named = dict.fromkeys(f"failed: {row.check} ({row.part})" for row in failed)
+    why = f"{design}: {len(failed)} of {len(rows)} checks failed" if failed else None
+    return Answer(data, [*table(columns, cells), "", told, *named], why)
 
 
 @cad.command(epilog="Example: deltact-fab cad export sensor sphere:12.5 --out parts")

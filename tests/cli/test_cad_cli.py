@@ -8,14 +8,17 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner, Result
 
 from deltact_fab import cache
+from deltact_fab.cad.check.row import Row
 from deltact_fab.cad.design import load_indenters
+from deltact_fab.cli import output
 from deltact_fab.cli.cad import cad
-from deltact_fab.errors import InputError
+from deltact_fab.errors import InputError, RunFailed
 
 
 @pytest.fixture(autouse=True)
@@ -45,6 +48,22 @@ def test_the_bill_is_a_table_or_json_by_its_name() -> None:
     assert len(list(csv.DictReader(Path("b.csv").read_text().splitlines()))) > 10
     done("bom", "-o", "b.json")
     assert len(json.loads(Path("b.json").read_text())) > 10
+
+
+def test_a_check_that_fails_fits_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [
+        Row(f"check {i} of words", "housing, plate", "3.25 mm " * 9, "4 mm " * 9, passed=i % 2 == 0)
+        for i in range(40)
+    ]
+    monkeypatch.setattr("deltact_fab.cad.check.run", lambda *_, **__: rows)
+    terminal = SimpleNamespace(isatty=lambda: True)
+    monkeypatch.setattr(output, "sys", SimpleNamespace(stdout=terminal, stderr=sys.stderr))
+    monkeypatch.setenv("COLUMNS", "100")
+    told = ask("check")
+    assert isinstance(told.exception, RunFailed)
+    assert str(told.exception) == "deltact: 20 of 40 checks failed"
+    assert "failed: check 3 of words (housing, plate)" in told.output.splitlines()
+    assert max(map(len, told.output.splitlines())) <= 100
 
 
 @pytest.mark.slow

@@ -154,8 +154,8 @@ def test_the_camera_file_needs_a_place(place: Path) -> None:
     )
     assert (said.exit_code, "ends in .toml" in said.output) == (2, True)
     gone = place / "gone" / "camera.toml"
-    said = say(calibrate, place / "photos" / "contact", "--board", "skin", "-o", gone)
-    assert (said.exit_code, "no such folder" in said.output) == (2, True)
+    with pytest.raises(InputError, match="there is no folder"):
+        say(calibrate, place / "photos" / "contact", "--board", "skin", "-o", gone)
 
 
 @pytest.mark.parametrize(
