@@ -58,10 +58,7 @@ def test_within_5_percent_of_the_run(name: str, rig: str, tmp_path: Path) -> Non
 def test_what_is_left_of_a_simulated_run_is_told_within_a_factor_of_two(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A way through the air takes no time, one through the gel the more the deeper it goes.
-
-    The first press of an indenter takes twice as long, as `Presses` solves half-ways there.
-    """
+    """By a made-up cost of the gel, of which an indenter's first press takes twice as much."""
     steps = plan.expand(plan.load(name)[0])
     presses = {s.indenter: s.press for s in reversed(steps) if s.kind == "press"}
     wall_s, at_mm = [], steps[0].target_mm

@@ -18,7 +18,7 @@ from click.shell_completion import BashComplete
 
 from benchmarks.reference import commands
 from deltact_fab.cli import options, output
-from deltact_fab.cli.main import COMMANDS, SECTIONS, main
+from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
 from deltact_fab.measure.flow import FLOW_METHODS, Reference
 from deltact_fab.measure.force import FEATURES
@@ -107,10 +107,6 @@ def help_of(path: str) -> str:
 def test_the_help_lists_all_choices(path: str, names: list[str]) -> None:
     told = help_of(path)
     assert not [name for name in names if name not in told]
-
-
-def test_every_command_stands_in_one_section() -> None:
-    assert sum(map(len, SECTIONS.values())) == len(COMMANDS)
 
 
 def completed(*words: str) -> set[str]:

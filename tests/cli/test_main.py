@@ -14,7 +14,7 @@ from called import called
 
 from deltact_fab import catalog
 from deltact_fab.cli import main as program
-from deltact_fab.cli.main import COMMANDS, entry
+from deltact_fab.cli.main import COMMANDS
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.study.registry import STUDIES
 
@@ -120,24 +120,11 @@ def test_an_old_form_does_what_the_new_one_does_and_says_so(
         (["run", "smoke"], "--out"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_2(
-    words: list[str],
-    says: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    """In this process: the imports of one of their own would be most of what each costs."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["deltact-fab", *words])
-    with pytest.raises(SystemExit) as end:
-        entry()
-    assert end.value.code == 2
-    said = capfd.readouterr()
-    assert says in said.err
-    assert said.err.count("\n") == 1
-    assert "Traceback" not in said.err
-    assert said.out == ""
+def test_bad_input_is_one_line_and_exit_2(words: list[str], says: str, tmp_path: Path) -> None:
+    done = called(*words, cwd=tmp_path)
+    assert says in done.stderr
+    assert (done.returncode, done.stderr.count("\n"), done.stdout) == (2, 1, "")
+    assert "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 
@@ -192,24 +179,6 @@ def test_a_sensor_s_number_is_shown_with_its_protocol(tmp_path: Path) -> None:
 def test_debug_shows_the_traceback(tmp_path: Path) -> None:
     done = called("--debug", "protocol", "check", "smok", cwd=tmp_path)
     assert "Traceback" in done.stderr
-
-
-def test_an_unknown_key_names_file_key_and_the_right_one(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
-    (tmp_path / "p.toml").write_text(text.replace("depths_mm", "depth_mm"))
-    done = called("protocol", "check", "p.toml", cwd=tmp_path)
-    assert done.returncode == 2
-    assert "p.toml: depth_mm: unknown key; did you mean 'depths_mm'?" in done.stderr
-
-
-@pytest.mark.slow
-def test_a_local_file_shadows_the_shipped_one(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
-    (tmp_path / "protocols").mkdir()
-    (tmp_path / "protocols" / "smoke.toml").write_text(text.replace("[1.0]", "[0.7]"))
-    done = called("protocol", "show", "smoke", "--json", cwd=tmp_path)
-    steps = json.loads(done.stdout)["steps"]
-    assert min(s["target_mm"][2] for s in steps) == -0.7
 
 
 @pytest.mark.slow
@@ -280,45 +249,29 @@ def test_gel_press_refused_has_the_same_keys_and_exit_1(tmp_path: Path) -> None:
         (["--depth", "1", "--modulus", "0"], "modulus_mpa"),
     ],
 )
-def test_what_gel_press_cannot_use_is_refused_in_json_too(
-    words: list[str],
-    says: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(sys, "argv", ["deltact-fab", "gel", "press", *words, "--json"])
-    with pytest.raises(SystemExit) as end:
-        entry()
-    assert end.value.code == 2
-    told = capsys.readouterr()
-    data = json.loads(told.out)
+def test_what_gel_press_cannot_use_is_refused_in_json_too(words: list[str], says: str) -> None:
+    done = called("gel", "press", *words, "--json")
+    data = json.loads(done.stdout)
+    assert done.returncode == 2
     assert set(data) == PRESS_KEYS | {"reason"}
-    assert data["converged"] is False
-    assert data["force_n"] is None
+    assert (data["converged"], data["force_n"]) == (False, None)
     assert says in data["reason"]
-    assert len(told.err.splitlines()) == 1
-    assert says in told.err
+    assert len(done.stderr.splitlines()) == 1
+    assert says in done.stderr
 
 
 @pytest.mark.parametrize(("modulus", "warns"), [("0.009", True), ("10", False), ("56", True)])
 def test_gel_press_warns_of_a_modulus_that_no_gel_has(
-    modulus: str,
-    warns: bool,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
+    modulus: str, warns: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
     words = ["--depth", "0.6", "--model", "linear", "--spacing", "0.5", "--modulus", modulus]
-    monkeypatch.setattr(sys, "argv", ["deltact-fab", "gel", "press", *words, "--json"])
-    with pytest.raises(SystemExit) as end:
-        entry()
-    assert end.value.code == 0
-    told = capsys.readouterr()
-    flags = json.loads(told.out)["flags"]
+    done = called("gel", "press", *words, "--json")
+    assert done.returncode == 0
+    flags = json.loads(done.stdout)["flags"]
     said = [f for f in flags if f.startswith("modulus: ") and "0.01 to 10 MPa" in f]
     assert bool(said) == warns
-    assert ("warning: modulus: " in told.err) == warns
+    assert ("warning: modulus: " in done.stderr) == warns
 
 
 @pytest.mark.slow
