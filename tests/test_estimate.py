@@ -65,7 +65,8 @@ def test_what_is_left_of_a_simulated_run_is_told_within_a_factor_of_two(
     for step in steps:
         depth_mm = max(0.0, -step.target_mm[2], -at_mm[2])
         in_gel = min(1.0, depth_mm / max(abs(step.target_mm[2] - at_mm[2]), 1e-9))
-        solved_s = 4.0 * math.dist(at_mm, step.target_mm) * in_gel * (1 + depth_mm)
+        way_mm = math.dist(at_mm, step.target_mm) * in_gel * (step.target_mm[2] < 0)
+        solved_s = (2.0 * (way_mm > 0) + 4.0 * way_mm) * (1 + depth_mm / 4)
         wall_s.append(solved_s * (1 + (presses[step.indenter] == step.press)) + 0.1 * step.frames)
         at_mm = step.target_mm
     now_s, end_s = 0.0, sum(wall_s)

@@ -11,7 +11,7 @@ from ...protocols.plan import Step
 from ...units import duration
 
 PRIOR_S = 10.0  # so much of the plan is believed before anything was measured
-FRAME_MM = 0.05  # a simulated frame takes about as long as so much way through the gel
+START_MM = 0.5  # a simulated step in the gel takes as long as so much more way: measured
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,9 @@ class Live:
 
 
 class Remaining:
-    """Wall time that is left, by what the steps before took.
+    """Wall time that is left: the plan's, times how much longer than planned it took so far.
 
-    On the wall clock that is the plan's time, times how much longer than planned it took so far.
-    In lockstep a way through the air takes none, and one through the gel is solved: steps of a kind
-    take as long for a mm as those before; kinds that have not come yet, as the others.
+    In lockstep the plan is the way through the gel, which is solved; one through the air is free.
     """
 
     def __init__(
@@ -53,16 +51,14 @@ class Remaining:
 
         change_s: what another indenter takes beside the way there.
         """
-        self._kind = {i: "" if wall_clock else steps[i].kind for i in todo}
-        self._amount = {
+        self._planned_s = {
             i: _planned_s(steps, i) + change_s * (steps[i].kind == "change")
-            if wall_clock else _in_gel_mm(steps, i) + FRAME_MM * steps[i].frames
+            if wall_clock else _in_gel_mm(steps, i)
             for i in todo
         }  # fmt: skip
-        kinds = set(self._kind.values())
-        self._left = {k: sum(self._amount[i] for i in todo if self._kind[i] == k) for k in kinds}
-        self._done = dict.fromkeys(kinds, PRIOR_S if wall_clock else 0.0)
-        self._took_s = self._done.copy()
+        self._left_s = sum(self._planned_s.values())
+        self._done_s = PRIOR_S if wall_clock else 0.0
+        self._took_s = self._done_s
         self._since_s = time.monotonic()
 
     def start(self) -> None:
@@ -71,23 +67,18 @@ class Remaining:
 
     def finished(self, i: int) -> None:
         """A step is over."""
-        kind, amount, now_s = self._kind[i], self._amount[i], time.monotonic()
-        if amount:
-            self._left[kind] -= amount
-            self._done[kind] += amount
-            self._took_s[kind] += now_s - self._since_s
+        planned_s, now_s = self._planned_s[i], time.monotonic()
+        if planned_s:
+            self._left_s -= planned_s
+            self._done_s += planned_s
+            self._took_s += now_s - self._since_s
         self._since_s = now_s
 
     def left_s(self) -> float | None:
         """As it is now; what the step under way took is not yet of the measure."""
-        done = sum(self._done.values())
-        if not done:
+        if not self._done_s:
             return None
-        pace = sum(self._took_s.values()) / done
-        left_s = sum(
-            left * (self._took_s[kind] / self._done[kind] if self._done[kind] else pace)
-            for kind, left in self._left.items()
-        )
+        left_s = self._left_s * self._took_s / self._done_s
         return max(left_s - (time.monotonic() - self._since_s), 0.0)
 
 
@@ -98,10 +89,9 @@ def _planned_s(steps: Sequence[Step], i: int) -> float:
 
 
 def _in_gel_mm(steps: Sequence[Step], i: int) -> float:
-    """Of the way of a step, what lies below the resting face."""
-    here, there = steps[i - 1].target_mm if i else steps[i].target_mm, steps[i].target_mm
-    top_mm, bottom_mm = max(here[2], there[2]), min(here[2], there[2])
-    if bottom_mm >= 0:
+    """Of a step that ends in the gel, what of its way lies below the face, and START_MM."""
+    here, there = (steps[j].target_mm for j in (max(i - 1, 0), i))
+    if there[2] >= 0:
         return 0.0
-    share = 1.0 if top_mm <= 0 else -bottom_mm / (top_mm - bottom_mm)
-    return share * math.dist(here, there)
+    share = 1.0 if here[2] <= 0 else -there[2] / (here[2] - there[2])
+    return START_MM + share * math.dist(here, there)
