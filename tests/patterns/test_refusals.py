@@ -88,7 +88,7 @@ def test_a_sheet_refuses_what_the_camera_cannot_use(tmp_path, recipe, says):
 
 @pytest.mark.parametrize("recipe", [WIDE, BOARD])
 def test_a_printed_code_regenerates_whatever_the_camera_sees(run, tmp_path, recipe):
-    code, out, err = run("from", encode(recipe), "--dpi", "300", "-o", "p.png", "--json")
+    code, out, err = run("make", encode(recipe), "--dpi", "300", "-o", "p.png", "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["law"] == recipe.law
     assert read_recipe(tmp_path / "p.png") == recipe
@@ -109,7 +109,7 @@ def test_the_default_resolution_of_a_code_is_one_that_fits(
     # The package also has a function of the module's name
     module = sys.modules["deltact_fab.patterns.raster"]
     monkeypatch.setattr(module, "MAX_SIDE_PX", side_px)
-    code, out, err = run("from", encode(recipe), "-o", "p.png", "--json")
+    code, out, err = run("make", encode(recipe), "-o", "p.png", "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["dpi"] == dpi
 
@@ -124,14 +124,14 @@ def test_the_default_resolution_of_a_code_is_one_that_fits(
     ],
 )
 def test_a_code_with_strange_characters_is_one_line(run, text):
-    one_line(run("from", text, "-o", "p.png"), "holds '\\", "0-9, A-Z")
+    one_line(run("make", text, "-o", "p.png"), "holds '\\", "0-9, A-Z")
 
 
 @pytest.mark.parametrize("depth", [2, 980])
 def test_a_code_of_nested_tables_is_one_line(run, depth):
     body = "DELTACT1/" + "A:" * depth + "B:1"
     check = hashlib.sha256(body.lower().encode()).hexdigest()[:6].upper()
-    found = run("from", f"{body}/1EF08C35F591-{check}", "-o", "p.png")
+    found = run("make", f"{body}/1EF08C35F591-{check}", "-o", "p.png")
     one_line(found, "A is a table within a table")
 
 
@@ -242,12 +242,12 @@ def test_the_label_and_the_file_name_the_same_patches(run, monkeypatch, tmp_path
     label = words_of(monkeypatch, PLAIN, tmp_path)
     assert f"patches {digits}" in label
     assert "sha256" not in label
-    code, out, _ = run("from", encode(PLAIN), "-o", "p.png", "--json")
+    code, out, _ = run("make", encode(PLAIN), "-o", "p.png", "--json")
     assert code == 0
     assert json.loads(out)["patches_sha256"] == digits
     whole = hashlib.sha256(draw_patches(PLAIN).tobytes()).hexdigest()
     assert whole.startswith(digits)
-    assert f"  patches {digits}" in run("from", encode(PLAIN), "-o", "p.png")[1].splitlines()
+    assert f"  patches {digits}" in run("make", encode(PLAIN), "-o", "p.png")[1].splitlines()
 
 
 def test_a_large_picture_without_a_recipe_is_one_line(run, tmp_path, monkeypatch):

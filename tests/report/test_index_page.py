@@ -128,8 +128,9 @@ def test_the_newest_stands_first_and_what_has_no_date_last(all_sorts: Path) -> N
 
 def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: Path) -> None:
     out = tmp_path / "deep" / "index.html"
+    out.parent.mkdir()
     done = CliRunner().invoke(
-        main, ["study", "index", str(all_sorts), "-o", str(out)], catch_exceptions=False
+        main, ["report", str(all_sorts), "-o", str(out)], catch_exceptions=False
     )
     assert (done.exit_code, done.output) == (0, f"written: {out}\n")
     page = out.read_text()
