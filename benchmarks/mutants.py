@@ -1,4 +1,4 @@
-"""Do a room's tests notice a fault? `python -m benchmarks.mutants [--seed 0] [--count 40] [--slow]`.
+"""Do a room's tests notice a fault? `python -m benchmarks.mutants --seed 0 --count 40 [--slow]`.
 
 Faults come from two places: benchmarks/mutants.toml (what a person would get wrong, by hand) and a
 draw over all rooms with a seed (a comparison turned, a sign or a factor changed, a constant moved,
@@ -62,7 +62,9 @@ class Fault:
         old = self.path.read_text()
         line = old.count("\n", 0, self.start) + 1
         was = " ".join(old[self.start : self.end].split())
-        return f"{self.path.relative_to(ROOT)}:{line}: {was[:60]} -> {' '.join(self.new.split())[:60]}"
+        return (
+            f"{self.path.relative_to(ROOT)}:{line}: {was[:60]} -> {' '.join(self.new.split())[:60]}"
+        )
 
 
 def changed(node: ast.AST) -> ast.AST | None:
@@ -77,8 +79,9 @@ def changed(node: ast.AST) -> ast.AST | None:
         return ast.BoolOp(TURNED[type(node.op)](), node.values)
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
         return node.operand
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        return ast.Constant(node.value + 1 if node.value == int(node.value) else node.value * 1.2)
+    value = getattr(node, "value", None)
+    if isinstance(node, ast.Constant) and isinstance(value, int | float) and value not in (0, 1):
+        return ast.Constant(value + 1 if value == int(value) else value * 1.2)
     if isinstance(node, ast.Raise) and node.exc is not None:
         return ast.Pass()
     return None
@@ -156,7 +159,7 @@ def tests_of(room: str, tree: Path) -> list[str]:
 
 
 def noticed(fault: Fault, tree: Path, marks: str, limit_s: float) -> str:
-    """`noticed`, `timeout` (noticed, too) or `missed`, by the room's tests in a copy of the tree."""
+    """`noticed`, `timeout` (noticed, too) or `missed`, by a room's tests in a copy of the tree."""
     target = tree / fault.path.relative_to(ROOT)
     good = target.read_text()
     target.write_text(fault.text())

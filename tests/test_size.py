@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 80631,
-    ("deltact_fab", "files"): 610,
-    ("tests", "lines"): 47930,
+    ("deltact_fab", "lines"): 78781,
+    ("deltact_fab", "files"): 601,
+    ("tests", "lines"): 47442,
 }
 
 

@@ -289,9 +289,8 @@ def sticker(design: Design) -> PatternToPrint:
     patches, patch_mm = draw_patches(recipe), recipe.patch_mm or recipe.printed_mm
     columns, rows = (min(round(side / patch_mm), len(patches)) for side in view_mm)
     left, top = (len(patches) - columns) // 2, (len(patches) - rows) // 2
-    seen = patches[top : top + rows, left : left + columns]
     held = io.BytesIO()
-    Image.fromarray(seen).save(held, "PNG")
+    Image.fromarray(patches[top : top + rows, left : left + columns]).save(held, "PNG")
     image = _data_url("image/png", held.getvalue())
     pairs = {
         of: [_data_url("image/jpeg", one) for one in pair]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...aliases import Field
 from ...patterns.laws import algorithm1 as patches
-from ...patterns.recipe import recipe_from_options
+from ...patterns.recipe import draw_patches, recipe_from_options
 from ..engine import Case, CurveSetting, Engine, Work
 
 SEED = 20210
@@ -127,7 +127,7 @@ def _law(r: float, scratch: Path) -> float:
 
 
 def _recipe(d: float, r: float, scratch: Path) -> float:
-    return float(violations(patches.draw_patches(recipe_from_options(None, d, r, 35.0)), r))
+    return float(violations(draw_patches(recipe_from_options(None, d, r, 35.0)), r))
 
 
 def cases(quick: bool) -> Sequence[Case]:

@@ -275,5 +275,5 @@ def _csv(rows: Sequence[dict[str, Any]]) -> bytes:
         [{**row, "rounds": " ".join(map(str, row["rounds"]))} for row in rows]
     ).rename(columns=lambda name: name.removeprefix("quality."))
     for key in [key for key in table if isinstance(table[key][0], list)]:
-        table = table.join(pd.DataFrame(table.pop(key).tolist()).add_prefix(f"{key}."))
+        table = table.join(pd.DataFrame(table.pop(str(key)).tolist()).add_prefix(f"{key}."))
     return bytes(table.to_csv(index=False, lineterminator="\n").encode())
