@@ -15,7 +15,7 @@ from deltact_fab.preflight import Peak, plate_checks
 from deltact_fab.protocols.limits import require
 
 DESIGN = load_design()
-NAMES = ["plate stress", "plate clear of the light holder", "plate yields"]
+NAMES = ["plate stress", "plate clear of the light holder", "plate deflection"]
 
 
 def peak(normal_n: float, depth_mm: float = 5.0, at_mm=(0.0, 0.0)) -> Peak:

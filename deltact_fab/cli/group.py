@@ -48,7 +48,7 @@ class CommandGroup(click.Group):
         name, known = args[0], self.list_commands(ctx)
         if name in known or ctx.resilient_parsing:
             return super().resolve_command(ctx, args)
-        typed = " ".join([] if ctx.parent is None else [str(self.name)])
+        typed = "" if self.name == "main" else str(self.name)
         is_path = name.startswith("-") or Path(name).exists()
         for old, left in ((name, args[1:]), ("PATH" if is_path else "", args)):
             if now := MOVED.get(f"{typed} {old}".strip()):

@@ -20,8 +20,8 @@ from .output import Answer, answers, progress
 @out_folder("New folder for the run.")
 @click.option("--resume", is_flag=True, help="Continue the unfinished run in --out.")
 @click.option("--air", is_flag=True, help="Touch nothing: never go below the clearance plane.")
-@click.option("--unattended", is_flag=True, help="Nobody is there: ask nothing, and refuse what "
-              "would need an answer.")  # fmt: skip
+@click.option("--unattended", is_flag=True, help="Run without prompts; refuse what would need an "
+              "answer.")  # fmt: skip
 @TIP_IS_CLEAR
 @click.option("--note", metavar="TEXT", help="A remark to keep with the run.")
 @click.option("--dry-run", is_flag=True,

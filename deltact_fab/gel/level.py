@@ -58,8 +58,8 @@ class Choice:
     mirrors: planes x = 0, y = 0 at which the mesh ends. focus: box of fine cells
     (x_low, x_high, y_low, y_high). friction: as it is solved, 0 where it was left out.
     model_force_rel, model_in_plane_mm: what the level itself leaves out, by the measured rule; 0
-    for the finest level. why: one line for a reader. asked_mm: the cells that the tolerance asks
-    for, smaller than spacing_mm where most_unknowns does not afford them; 0: not chosen so.
+    for the finest level. why: one line for a reader. asked_mm: the cells that the tolerance
+    requires, smaller than spacing_mm where most_unknowns does not afford them; 0: not chosen so.
     growth: of cells away from the focus, from one to the next; 1: of a linear grid.
     """
 

@@ -118,7 +118,7 @@ def pick(
     if spacing_mm is None and most_unknowns is not None:
         h = _affordable_mm(skin, indenter, reach, mirrors, h, most_unknowns, growth)
         if h > asked:
-            what = f"{most_unknowns} unknowns; the tolerance asks for {asked:.3g} mm by its {what}"
+            what = f"{most_unknowns} unknowns; the tolerance requires {asked:.3g} mm by its {what}"
     if not (math.isfinite(h) and 0.02 <= h <= thickness / 2):
         raise InputError(f"gel: cells of 0.02 to {thickness / 2:g} mm are needed: {h:g} mm fails")
     radius = contact_radius_mm(indenter, depth) if depth > 0 else math.inf

@@ -1,8 +1,8 @@
 """What the predicted presses do to the acrylic plate behind the gel; see `cad.stiffness`.
 
-Stress counts with the gel's modulus twice as high, as all that can break does. What the plate
-yields is part of the depth that the stage counts and the gel does not see; the simulated sensor's
-plate is rigid and leaves it out.
+Stress counts with the gel's modulus twice as high, as all that can break does. The plate's
+deflection is part of the depth that the stage counts and the gel does not see; the simulated
+sensor's plate is rigid and leaves it out.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
     limit_mpa = design.plate.stress_limit_mpa
     stress_mpa, where = worst([MODULUS_FACTOR * f.stress_mpa for f in found], peaks)
     over = stress_mpa > limit_mpa
-    yields_mm = max(f.deflection_mm for f in found)
+    deflects_mm = max(f.deflection_mm for f in found)
     return [
         LimitCheck(
             "plate stress", simulated or not over, f"{HIGH}, plate.stress_limit_mpa (MPa)",
@@ -37,8 +37,8 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
             below_plate(design).range_mm[0], peaks,
         ),
         _warning(
-            "plate yields",
-            f"up to {yields_mm:.3f} mm as expected, which a simulated press leaves out; "
+            "plate deflection",
+            f"up to {deflects_mm:.3f} mm as expected, which a simulated press leaves out; "
             "share of the depth, plate.deflection_share",
             [f.deflection_mm / p.depth_mm for f, p in zip(found, peaks, strict=True)],
             design.plate.deflection_share, peaks,

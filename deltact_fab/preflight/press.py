@@ -4,7 +4,7 @@ Each depth gets the first answer that holds:
 
 1. `linear`, `hyperelastic`: the one solver of presses (`gel.path`), times one and TOLERANCE, or
    what the level itself leaves out by its own estimate where that is more, and more in proportion
-   on larger cells than the tolerance asks for. The linear level as far as it goes, 25 % of the
+   on larger cells than the tolerance requires. The linear level as far as it goes, 25 % of the
    gel; then finite strain on few cells, on more where the tip hides between them or is lost.
    Coarse cells are stiff, so they err to the safe side as well.
    Where the indenter cuts into the mesh by over a tenth of the depth, the state counts as one of
@@ -41,7 +41,7 @@ ATTEMPTS: tuple[tuple[Literal["linear", "hyperelastic"], int | None], ...] = (
 )
 """Levels and most unknowns of a mesh, until one gets far enough."""
 ENOUGH = 0.75  # of the deepest depth: what is missing is then extrapolated by a factor of about 2
-MAX_LARGER = 2.0  # cells than the tolerance asks for, that its share of the force grows with
+MAX_LARGER = 2.0  # cells than the tolerance requires, that its share of the force grows with
 INSIDE = 0.3  # of the depth; a state with more penetration is not used
 NOTICED = 0.1  # of the depth; from here on penetration is taken off the depth
 FALL = 0.1  # of the largest force so far; a larger fall means that the mesh has lost the tip

@@ -112,12 +112,12 @@ class Capture(Table):
     """What is filmed on the way, and whether a stop settles; at least one of both."""
 
     rate_hz: Rate | None = Field(default=None, examples=[1.0])
-    """Frames per second of planned motion, evenly over each press and drag; none without it."""
+    """Frames per second of planned motion, evenly over each press and drag; omit for none."""
     settle_s: Waits | None = Field(default=None, examples=[1.0])
-    """Between the end of a motion and the frame that is taken there, which is called settled.
-    Without it stops do not wait, and nothing but the frame before a press is settled. By kind of
-    stop, as {press = 5.0, shear = 1.0}: before the press (rest), at a depth (press), at the end of
-    a drag (shear), after the press (after, never called settled); one without does not wait."""
+    """Wait before a stop's frame, which then counts as settled. Without it stops do not wait, and
+    only the frame before a press is settled. By kind of stop, as {press = 5.0, shear = 1.0}: before
+    the press (rest), at a depth (press), at the end of a drag (shear), after the press (after,
+    never called settled); one without does not wait."""
     hold: Hold | None = None
     retract: Retract | None = None
 
@@ -212,7 +212,7 @@ class Specimen(Table):
     poisson: float = same_as(GelMaterial, "poisson")
     friction: float = same_as(GelMaterial, "friction")
     prony: tuple[tuple[Annotated[float, Field(ge=0, le=100)], Seconds], ...] = ()
-    """Pairs (g, tau_s) of a gel that creeps, as `GelMaterial` has them: modulus_mpa is that of a
+    """Pairs (g, tau_s) of a viscoelastic gel, as in GelMaterial: modulus_mpa is that of a
     slow press."""
     depth_margin_mm: Length = 1.0
     """Gel that must remain below the deepest press."""

@@ -51,7 +51,7 @@ class RigSetup:
     air: bool = False
     """Nothing is touched, see `protocols.plan.expand`."""
     unattended: bool = False
-    """Nobody is there to change an indenter or to answer."""
+    """Run without prompts: nobody changes an indenter or answers."""
     tip_is_clear: bool = False
     """The operator's word that the tip touches nothing when the session begins."""
 

@@ -137,7 +137,7 @@ def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, VirtualRig]]:
 def gel_of(bench: VirtualRig) -> dict[str, Any]:
     """What the gel reports of presses, plain data.
 
-    why: a line a mesh. cells_mm: of each. coarse: cells over those that the tolerance asks for, the
+    why: a line a mesh. cells_mm: of each. coarse: cells over those that the tolerance requires, the
     worst. flags: by kind, the first in full. between_mm, between_n: the largest error of
     interpolation between its knots, where it was tried. left_out: by the rig.
     """

@@ -72,7 +72,7 @@ def _bound(presses: Presses) -> str:
 
 
 def _flag_notes(presses: Presses) -> list[str]:
-    """One line for each kind of flag: where, at how many knots, and the last of them in full."""
+    """One line for each kind of flag: where, in how many states, and the last of them in full."""
     where: dict[str, list[str]] = {}
     example: dict[str, str] = {}
     for press in presses.opened:
@@ -81,6 +81,6 @@ def _flag_notes(presses: Presses) -> list[str]:
         for flag in (f for knot in press.solver.knots for f in knot.flags):
             example[flag.partition(":")[0]] = flag
     return [
-        f"WARNING: {example[name]}; so or alike at knots of {', '.join(found)}"
+        f"WARNING: {example[name]}; and similar in the presses {', '.join(found)}"
         for name, found in sorted(where.items())
     ]

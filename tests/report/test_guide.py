@@ -274,7 +274,7 @@ def test_where_it_cannot_be_written_it_says_so(tmp_path: Path) -> None:
 
 def test_the_sticker_is_the_design_s_own() -> None:
     shipped = guide.sticker(load_design())
-    assert (shipped.file, shipped.seen) == ("", True)
+    assert (shipped.file, shipped.unseen) == ("", "")
     wide = load_design("large-60x50")
     own = guide.sticker(wide)
     recipe = recipe_from(tomllib.loads(own.file), "recommended-large.toml")

@@ -137,7 +137,7 @@ def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: P
     links = [html.unescape(link) for link in re.findall(r'<a href="([^"]+)"', page)]
     assert len(links) == 12
     assert all((out.parent / unquote(link)).exists() for link in links)
-    assert "8 of 12 are unfinished, old or damaged" in page
+    assert "8 of 12 are unfinished, old, damaged or made with warnings" in page
     assert page.count('<tr class="bad">') == 8
     assert "<script" not in page
 

@@ -98,10 +98,10 @@ def test_it_says_simulated_seed_versions_paper_and_what_was_left_out(page: str) 
 
 
 def test_its_first_line_says_which_method_to_take(page: str, result: TrackingResult) -> None:
-    first = re.search(r'</h1>\s*<div class="([^"]*)"><p>(.*?)</p>', page, re.DOTALL)
-    assert first is not None
-    assert html.unescape(first.group(2)) == result.verdict.line
-    assert ("doubt" in first.group(1)) == (not result.verdict.trusted)
+    verdict = re.search(r'</h1>\s*<div class="verdict (\w+)">(.*?)</div>', page, re.DOTALL)
+    assert verdict is not None
+    assert result.verdict.line in html.unescape(verdict.group(2))
+    assert (verdict.group(1) == "good") <= result.verdict.trusted
     for name, why in result.verdict.doubts.items():
         assert (f"<b>{name}</b> is not reliable here" in page) == bool(why)
 

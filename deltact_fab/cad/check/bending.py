@@ -18,10 +18,10 @@ SOFT = (GEL, "plate.youngs_modulus_mpa", "plate.bead_modulus_mpa")
 
 
 def rows(built: BuiltDesign) -> Iterator[Row]:
-    """How far it yields, whether it then rests on the light holder, the stress in it, the load.
+    """Its deflection, whether it then rests on the light holder, the stress in it, the load.
 
-    The depth that a stage counts is short of what the plate yields; a light holder that bears a
-    press carries it on into the camera's board. The gel spreads no press beyond its own face.
+    The depth that a stage counts includes the plate's deflection; a light holder that bears a press
+    passes it on to the camera's board. The gel spreads no press beyond its own face.
     """
     design, plate, force_n = built.design, built.design.plate, built.design.plate.force_n
     found = press(design, force_n)

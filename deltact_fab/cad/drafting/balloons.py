@@ -24,7 +24,7 @@ class Balloon:
 
     @property
     def reach(self) -> Points:
-        """Corners of what it takes."""
+        """Corners of the room it needs."""
         return np.stack([self.centre - RADIUS_MM - 0.3, self.centre + RADIUS_MM + 0.3])
 
 

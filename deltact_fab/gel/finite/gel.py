@@ -203,7 +203,7 @@ class FiniteGel:
         coarse = self.choice.spacing_mm / self.choice.asked_mm if self.choice.asked_mm else 1.0
         if coarse > 1:
             flags.append(
-                f"mesh: cells of {self.choice.spacing_mm:g} mm where the tolerance asks for "
+                f"mesh: cells of {self.choice.spacing_mm:g} mm where the tolerance requires "
                 f"{self.choice.asked_mm:g} mm: errors may be {coarse**2:.1f} times as large"
             )
         if d.penetration_mm > PENETRATION_LIMIT * depth:

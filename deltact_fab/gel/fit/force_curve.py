@@ -82,7 +82,7 @@ class ForceCurve:
 
 
 def cells_mm(skin: SkinDimensions, indenter: Indenter, poisson: float, tips_mm: Field) -> float:
-    """Cells that the default tolerance asks for on a path over tips (n, 3) = (x, y, depth).
+    """Cells that the default tolerance requires on a path over tips (n, 3) = (x, y, depth).
 
     Raises InputError where finite strain has no mesh for it.
     """

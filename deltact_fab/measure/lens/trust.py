@@ -121,7 +121,7 @@ def refuse(
     ]
     if unknown:
         raise InputError(
-            f"{', '.join(unknown)}: known from a guess alone, the images do not tell: add boards "
+            f"{', '.join(unknown)}: not determined by these images: add boards "
             "in air at several heights and tilts, or use the chessboard skin"
         )
     if not face_px <= MAX_FACE_SIGMA_PX:

@@ -84,7 +84,7 @@ def view_notes(view: CameraModel | None, patch_mm: float | None) -> list[str]:
     w, h = view.width_px, view.height_px
     scales = raw_mm_per_px(view, np.array([[w / 2, h / 2], [0, 0], [w, 0], [0, h], [w, h]]))
     middle, corner = scales[0].min(), scales[1:].max()
-    lines = [f"the lens takes {middle:.3f} mm a pixel in the middle, {corner:.3f} in the corners"]
+    lines = [f"pixel scale: {middle:.3f} mm in the middle, {corner:.3f} mm in the corners"]
     aliased = 0.0 if patch_mm is None else aliased_share(view, patch_mm)
     if aliased >= NOTICED:
         lines.append(
