@@ -15,6 +15,7 @@ import pytest
 import tiny_study
 from click.testing import CliRunner
 
+from deltact_fab.cli.main import main
 from deltact_fab.cli.study import study
 from deltact_fab.errors import InputError
 from deltact_fab.study.grid import KIND
@@ -46,7 +47,9 @@ def test_every_study_is_listed_and_shows_its_options_with_their_defaults() -> No
     for name, one in STUDIES.items():
         assert f"{name} " in listed
         assert one.line in listed
-        shown = CliRunner().invoke(study, ["run", name, "--help"], terminal_width=200).stdout
+        shown = (
+            CliRunner().invoke(main, ["study", "run", name, "--help"], terminal_width=200).stdout
+        )
         flags = {"scale": "--scale", "seed": "--seed", "rig": "--rig", "from": "--from",
                  "grid": "--on"}  # fmt: skip
         assert {what for what, flag in flags.items() if f" {flag} " in shown} == set(one.takes)
@@ -61,7 +64,8 @@ def test_options_of_one_study_have_their_types(monkeypatch: pytest.MonkeyPatch) 
         Option("many", "M.", ()),
     )  # fmt: skip
     monkeypatch.setitem(STUDIES, "own", Study("none", "Own.", takes=("scale",), options=own))
-    shown = CliRunner().invoke(study, ["run", "own", "--help"], terminal_width=120).stdout
+    words = ["study", "run", "own", "--help"]
+    shown = CliRunner().invoke(main, words, terminal_width=120).stdout
     plain = " ".join(shown.split())
     for words in (
         "--few INTEGER N. [default: 3]",

@@ -59,7 +59,7 @@ def made(noise_n: float = 0.02, bent: float = 1.0, places: int = PLACES) -> Forc
 
 def test_what_counts_is_told_in_few_words_with_its_interval() -> None:
     told = found(made(), scale=0.1)
-    assert told.answer[0].startswith("The model taken is sums; more than ")
+    assert told.answer[0].startswith("Use the model sums; more than ")
     best, paper = told.headlines[:3], told.headlines[3:]
     for head in told.headlines:
         assert head.low is not None
