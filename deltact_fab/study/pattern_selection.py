@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 from ..measure.flow import RENEW_SHARE
-from ..report.result import LeftOut, StudyResult
+from ..report.result import GEL_FLAGS, LeftOut, StudyResult
 from ..shapes.indenter import parse
 from ..units import MM_PER_INCH
 from . import gel_remarks
@@ -61,6 +61,15 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     errors = PatternErrors(printed, _cells(jobs, grid))
     specimen, printer = protocol.specimen, scene.config.virtual.printer
     found = _result(asked, errors, grid, part.words, True)
+    # The jobs of one press have one gel.
+    gels = {job.given["press"]: grid.found[job.name]["gel"] for _, job in jobs
+            if job.name in grid.found}  # fmt: skip
+    flags = "; ".join(
+        f"{press}, of {gel['knots']} states: "
+        + ", ".join(f"{flag} at {n}" for flag, n in gel["flags"].items())
+        for press, gel in gels.items()
+        if gel["flags"]
+    )
     return replace(
         found,
         scale=asked.scale,
@@ -74,12 +83,17 @@ def _simulated(asked: StudyRequest) -> StudyResult:
             "printer": f"{printer.dpi} dpi, {printer.levels} levels, spread {printer.spread_um:g} "
             f"um, misregistration {printer.misregistration_um:g} um",
             "camera": "; ".join(f"{k} {v}" for k, v in scene.config.virtual.camera),
+            **({GEL_FLAGS: flags} if flags else {}),
         },
         notes=(
             *found.notes,
             _bench(scene),
             gel_remarks.remark(NAME, specimen.modulus_mpa),
-            *_gel_notes(grid),
+            *(
+                f"gel of {press}: {gel['knots']} knots; half-way between two, linear interpolation "
+                f"is off by up to {gel['between_mm']:.2g} mm, in image and truth alike"
+                for press, gel in gels.items()
+            ),
         ),
         left_out=_left_out(scene),
     )
@@ -148,20 +162,6 @@ def _bench(scene: Selection) -> str:
         "not print its gel, its indenters' sizes, its positions, nor the threshold at which its "
         "reference is renewed."
     )
-
-
-def _gel_notes(grid: Grid) -> tuple[str, ...]:
-    """What the solver flagged of deep presses, and what lies between its knots."""
-    lines = []
-    for name, value in grid.found.items():
-        gel = value["gel"]
-        flags = ", ".join(f"{flag} at {n}" for flag, n in gel["flags"].items())
-        lines.append(
-            f"gel of {name}: {gel['knots']} knots{flags and f', flagged: {flags}'}; half-way "
-            f"between two, linear interpolation is off by up to {gel['between_mm']:.2g} mm, in "
-            "image and truth alike"
-        )
-    return tuple(lines)
 
 
 def _left_out(scene: Selection) -> tuple[LeftOut, ...]:
