@@ -59,7 +59,7 @@ def test_the_demo_measures_what_it_claims(demo: Path) -> None:
     assert methods["fused"]["mean_confident_mm"] <= 0.003
     assert tracking["dots"]["mean_vs_truth_mm"] <= 0.01
     rows = [row for row in tracking["by_indenter"] if row["name"] == "fused"]
-    assert {row["indenter"] for row in rows} == {"sphere:10", "4dots"}
+    assert {row["indenter"] for row in rows} == {"sphere:10", "sphere:20"}
     for row in rows:  # something moved far enough for an error to mean anything
         assert row["peak_true_mm"] >= 0.5, row["indenter"]
 
@@ -68,7 +68,7 @@ def test_the_demo_ends_with_shape_contact_and_force_beside_the_tracking_error(de
     """Judged on indenters and a noise that the calibration never saw."""
     shape = json.loads((demo / "run" / "analysis" / "shape.json").read_text())
     assert shape["contact_by"] == "traction"
-    assert set(shape["by_indenter"]) == {"sphere:10", "4dots"}
+    assert set(shape["by_indenter"]) == {"sphere:10", "sphere:20"}
     for name, means in shape["by_indenter"].items():
         assert means["frames"] == 10, name
         assert means["depth_error_contact_mm"] <= 0.25 * means["zero_error_contact_mm"], name

@@ -207,7 +207,7 @@ def test_flow_between_two_rectified_images_is_the_truth(run: Path) -> None:
 def test_the_summary_says_what_the_lens_costs_and_loses(run: Path) -> None:
     summary = record.open(run).summary()
     assert any("rectified when they are read" in note for note in summary["notes"])
-    assert any("mm a pixel in the middle" in note for note in summary["notes"])
+    assert any("mm in the middle" in note for note in summary["notes"])
     assert not any("lens" in line for line in summary["left_out"])
     assert summary["devices"]["camera"]["projection"] == "fisheye"
 

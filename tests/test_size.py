@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
     ("deltact_fab", "lines"): 78781,
     ("deltact_fab", "files"): 601,
-    ("tests", "lines"): 47442,
+    ("tests", "lines"): 47446,
 }
 
 

@@ -66,7 +66,7 @@ def test_a_mesh_over_its_unknowns_is_enlarged_and_says_so() -> None:
     assert held.asked_mm == free.asked_mm == free.spacing_mm < held.spacing_mm
     mesh = block_mesh(SKIN, held.spacing_mm, held.focus, held.mirrors)
     assert 7000 < mesh.free_dofs <= 8000
-    assert "8000 unknowns; the tolerance asks for 0.5 mm by its edge radius" in held.why
+    assert "8000 unknowns; the tolerance requires 0.5 mm by its edge radius" in held.why
     named = pick(SKIN, GEL, parse("star"), reach, spacing_mm=1.0, most_unknowns=8000)
     assert named.spacing_mm == 1.0
 
