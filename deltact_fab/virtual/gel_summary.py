@@ -77,10 +77,10 @@ def _flag_notes(presses: Presses) -> list[str]:
     example: dict[str, str] = {}
     for press in presses.opened:
         for name, count in press.solver.flags.items():
-            where.setdefault(name, []).append(f"{press.name} ({count})")
+            where.setdefault(name, []).append(f"{count} of {press.name}")
         for flag in (f for knot in press.solver.knots for f in knot.flags):
             example[flag.partition(":")[0]] = flag
     return [
-        f"WARNING: {example[name]}; and similar in the presses {', '.join(found)}"
+        f"WARNING: {example[name]}; states concerned: {', '.join(found)}"
         for name, found in sorted(where.items())
     ]

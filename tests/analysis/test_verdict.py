@@ -37,7 +37,7 @@ def test_the_least_error_is_taken() -> None:
     assert verdict.take == "slow"
     assert verdict.trusted
     assert verdict.line.startswith("Use slow: mean error 0.0040 mm over all moving pixels, 40 ms")
-    assert "The experiment can be trusted: 100 % of 50 frames" in verdict.line
+    assert "The flow can be trusted: 100 % of 50 frames" in verdict.line
     assert "(simulated)" in verdict.line
 
 

@@ -48,7 +48,7 @@ RULE = (
     f"confident on {percent(MIN_COVERAGE)} of the moving pattern or more (of the image, if no "
     f"truth is known), and is off by more than {WRONG_MM:g} mm on at most {percent(MAX_WRONG)} of "
     "what it is confident on. Of the reliable methods, the one with the smallest error is "
-    "recommended. An experiment can be trusted when a method is reliable on it."
+    "recommended. The flow can be trusted when a method is reliable."
 )
 
 
@@ -141,7 +141,7 @@ def _to_take(take: dict[str, Any], error: str | None, simulated: bool) -> str:
     if error is not None:
         says += f"mean error {take[error]:.4f} mm {ERRORS[error]}, "
     says += (
-        f"{take['ms_per_frame']:.0f} ms of CPU a frame. The experiment can be trusted: "
+        f"{take['ms_per_frame']:.0f} ms of CPU a frame. The flow can be trusted: "
         f"{percent(take['trusted_share'])} of {take['n_frames']} frames were matched, with "
         f"confidence on {percent(known)} of {what}"
     )
