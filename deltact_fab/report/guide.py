@@ -38,7 +38,7 @@ from .verdict import Finding, verdict, warnings
 
 VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
 VIEW_DOWN_DEG, VIEW_ROUND_DEG, VIEW_AWAY = -20.0, 35.0, 1.25  # the last in diagonals of the model
-DARKEST = 0.2  # of a colour in the view: its one lamp leaves black parts without edges
+DARKEST = 0.6  # of a colour's strongest channel: the view's one lamp leaves black without edges
 LAYER_MM = 0.05
 PLACED_MM = 1.0  # by which a sticker is larger than the view, for a hand that places it
 SHOWN_MM = 120.0  # width of the pattern's picture on the page
@@ -327,14 +327,16 @@ def turntable(glb: bytes) -> str:
 
     scene = load_scene(io.BytesIO(glb), file_type="glb")
     angles = (math.radians(VIEW_DOWN_DEG), math.radians(VIEW_ROUND_DEG), 0.0)
-    scene.camera = Camera("camera", fov=(60, 45))  # unnamed it gets another name each time
+    # Unnamed it gets another name each time, and one of a part would be that part's node.
+    scene.camera = Camera("viewpoint", fov=(60, 45))
     scene.set_camera(angles, distance=VIEW_AWAY * scene.scale)
     return str(scene_to_html(scene))
 
 
 def _lit(colour: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     red, green, blue, alpha = colour
-    return max(red, DARKEST), max(green, DARKEST), max(blue, DARKEST), alpha
+    gain = max(1.0, DARKEST / max(red, green, blue))
+    return red * gain, green * gain, blue * gain, alpha
 
 
 def _figures(d: Design) -> dict[str, Any]:
