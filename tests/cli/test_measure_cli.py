@@ -68,7 +68,7 @@ def test_a_reader_that_has_enough_ends_it_without_a_word(mini_run: Path) -> None
         with os.fdopen(reads) as pipe:
             json.loads(pipe.readline())
         _, said = going.communicate(timeout=60)
-    assert (going.returncode, said) == (0, "")
+    assert (going.returncode, said) == (1, "")
 
 
 @pytest.mark.slow

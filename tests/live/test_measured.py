@@ -37,7 +37,11 @@ def results(session: Session) -> list[MeasuredImage]:
 def test_each_output_says_force_contacts_and_health(results: list[MeasuredImage]) -> None:
     people, program, said = io.StringIO(), io.StringIO(), list[str]()
     origin = "simulated, seed 3"
-    outputs = (StatusLine(people, origin), JsonLines(program, origin), HealthOutput(said.append))
+    outputs = (
+        StatusLine(people, origin),
+        JsonLines(program, origin),
+        HealthOutput(lambda *told: said.append(told[0])),
+    )
     for output in outputs:
         for m in results:
             output.show(m)
