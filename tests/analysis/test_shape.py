@@ -105,7 +105,7 @@ def test_a_bench_without_truth_has_its_gallery_and_pressures_and_no_errors(
     assert "force.toml" in told
     done = called("analyze", "shape", bench, "--depth", depth, "--force", force, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "without truth its error is not known" in done.stdout
+    assert "its error is unknown without truth" in done.stdout
     frames = json.loads((tmp_path / "shape.json").read_text())["frames"]
     assert all({"found_normal_n", "normal_n", "peak_depth_mm"} <= set(one) for one in frames)
     assert not {name for one in frames for name in one if "true" in name}
