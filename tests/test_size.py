@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 78781,
+    ("deltact_fab", "lines"): 78783,
     ("deltact_fab", "files"): 601,
-    ("tests", "lines"): 47446,
+    ("tests", "lines"): 47451,
 }
 
 
