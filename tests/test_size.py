@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
     ("deltact_fab", "lines"): 78783,
     ("deltact_fab", "files"): 601,
-    ("tests", "lines"): 47451,
+    ("tests", "lines"): 47453,
 }
 
 

@@ -84,9 +84,11 @@ def test_the_study_is_simulated_judged_and_told(simulated: dict[str, Any]) -> No
     told = simulated["settings"]
     assert told["friction"] == "0.5"
     assert "noise 0.01 N" in told["force sensor"]
-    assert "the tolerance of 3% of the force picks hyperelastic" in told["gel"]
+    assert told["gel"].startswith("hyperelastic; cells below an indenter of ")
     # A light press on large cells, as the coarse rig has them: said, not hidden.
-    assert re.search(r"mesh's part of the error may be \d+ times as large, [\d.]+%", told["gel"])
+    assert re.search(
+        r"error of the mesh may be \d+ times that of the tolerance, [\d.]+% of", told["gel"]
+    )
     assert "mesh at 3 of 3 jobs" in told["gel's flags"]
     assert (simulated["simulated"], simulated["seed"]) == (True, 5)
 
