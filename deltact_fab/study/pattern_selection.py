@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 from ..measure.flow import RENEW_SHARE
-from ..report.result import GEL_FLAGS, LeftOut, StudyResult
+from ..report.result import LeftOut, StudyResult
 from ..shapes.indenter import parse
 from ..units import MM_PER_INCH
 from . import gel_remarks
@@ -19,6 +19,7 @@ from .grid import Grid, GridJob
 from .pattern_errors import METHODS, PatternErrors, PressErrors, PrintedPattern, cells_of
 from .pattern_scene import Selection
 from .pattern_tables import charts, claims, headlines, tables
+from .press_jobs import flagged
 from .request import StudyRequest
 
 NAME, TITLE = "pattern-selection", "Which pattern is tracked best"
@@ -64,12 +65,6 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     # The jobs of one press have one gel.
     gels = {job.given["press"]: grid.found[job.name]["gel"] for _, job in jobs
             if job.name in grid.found}  # fmt: skip
-    flags = "; ".join(
-        f"{press}, of {gel['knots']} states: "
-        + ", ".join(f"{flag} at {n}" for flag, n in gel["flags"].items())
-        for press, gel in gels.items()
-        if gel["flags"]
-    )
     return replace(
         found,
         scale=asked.scale,
@@ -83,7 +78,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
             "printer": f"{printer.dpi} dpi, {printer.levels} levels, spread {printer.spread_um:g} "
             f"um, misregistration {printer.misregistration_um:g} um",
             "camera": "; ".join(f"{k} {v}" for k, v in scene.config.virtual.camera),
-            **({GEL_FLAGS: flags} if flags else {}),
+            **flagged(list(gels.values()), "presses"),
         },
         notes=(
             *found.notes,

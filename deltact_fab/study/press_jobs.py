@@ -6,7 +6,8 @@ Each is carried out as a run has it, and its record analysed as any other; then 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -19,6 +20,7 @@ from ..experiment.session import run_presses
 from ..jobs import tell
 from ..patterns.recipe import PatternRecipe
 from ..protocols.plan import Protocol
+from ..report.result import GEL_FLAGS
 from ..rig.config import VirtualConfig
 from ..rig.job import RigSetup as RigJob
 from ..shapes import SensorDimensions
@@ -132,6 +134,13 @@ def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, VirtualRig]]:
         cv2.setNumThreads(1)  # a processor has a job of its own
         bench = run_presses(job, rig, source, told["presses"], share)
         yield record.open(job.folder), bench
+
+
+def flagged(gel: Sequence[Mapping[str, Any]], of: str) -> dict[str, str]:
+    """The setting GEL_FLAGS of a study; none where no gel was flagged. gel: `gel_of` of each."""
+    flags = Counter(name for one in gel for name in one["flags"])
+    told = "; ".join(f"{name} at {n} of {len(gel)} {of}" for name, n in flags.items())
+    return {GEL_FLAGS: told} if told else {}
 
 
 def gel_of(bench: VirtualRig) -> dict[str, Any]:

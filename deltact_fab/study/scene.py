@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +18,7 @@ from ..measure.view import SensorView
 from ..patterns.recipe import PatternRecipe, load_recipe
 from ..protocols import limits
 from ..protocols.plan import Protocol, expand
-from ..report.result import GEL_FLAGS, LeftOut
+from ..report.result import LeftOut
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..version import VERSION
@@ -132,7 +131,6 @@ class PressScene:
         )
         cells = [cell for one in gel for cell in one["cells_mm"]]
         times = max(one["coarse"] for one in gel) ** 2
-        flags = Counter(name for one in gel for name in one["flags"])
         found = {
             "rig": self.rig_name,
             "pattern": specimen.pattern,
@@ -146,10 +144,7 @@ class PressScene:
             f"mesh may be {times:.2g} times that of the tolerance, "
             f"{times * (1 - SHARE) * hyperelastic.tolerance:.1%} of the force",
         }
-        if flags:
-            found[GEL_FLAGS] = "; ".join(
-                f"{name} at {n} of {len(gel)} jobs" for name, n in flags.items()
-            )
+        found |= press_jobs.flagged(gel, "jobs")
         tried = [one for one in gel if one["between_samples"]]
         if tried:
             found["gel's interpolation"] = (
