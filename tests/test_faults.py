@@ -248,7 +248,7 @@ def test_a_folder_that_may_not_be_written(
     for folder in (cut, place / "finished") if os.geteuid() else ():
         folder.chmod(0o555)
     lock()
-    assert_one_line(cli(*short.arguments(place / "r")), 2, f"{place / 'r'}: cannot be made")
+    assert_one_line(cli(*short.arguments(place / "r")), 2, f"{place / 'r'}: cannot be written")
     assert_one_line(cli(*short.arguments(cut, "--resume")), 2, f"{cut}: cannot be written")
     # What is finished needs no writing, neither to be told so nor to be read.
     assert cli(*short.arguments(place / "finished", "--resume")).returncode == 0

@@ -8,8 +8,9 @@ from typing import Any
 
 import click
 
+from ..files import check_folder
 from ..units import duration
-from .options import PROTOCOL_NAME, RIG, TIP_IS_CLEAR, out_folder, seed
+from .options import PATH, PROTOCOL_NAME, RIG, TIP_IS_CLEAR, seed
 from .output import Answer, answers, progress
 
 
@@ -17,7 +18,7 @@ from .output import Answer, answers, progress
 @click.argument("protocol", type=PROTOCOL_NAME)
 @RIG
 @seed("Seed of everything random.")
-@out_folder("New folder for the run.")
+@click.option("--out", type=PATH, metavar="DIR", help="New folder for the run.")
 @click.option("--resume", is_flag=True, help="Continue the unfinished run in --out.")
 @click.option("--air", is_flag=True, help="Touch nothing: never go below the clearance plane.")
 @click.option("--unattended", is_flag=True, help="Run without prompts; refuse what would need an "
@@ -51,6 +52,8 @@ def run(
 
     if out is None and not dry_run:
         raise click.UsageError("Missing option '--out': the folder of the new run.")
+    if out is not None and not resume:  # a finished run may be read only
+        check_folder(out)
     with progress("dry run" if dry_run else "run") as report:
         request = experiment.RunRequest(
             protocol, rig_name, out or Path(), 0 if dry_run else seed, report, air,
