@@ -1,12 +1,11 @@
-"""The datasets of a thousand frames, opened by the loaders of their formats.
+"""A LeRobot dataset of a thousand frames, opened by LeRobot's own loader.
 
-python -m benchmarks.datasets FOLDER [--lerobot PYTHON]
+python -m benchmarks.datasets FOLDER PYTHON
 
-Makes a run of 1000 small frames in FOLDER, exports it as Zarr and LeRobot, and reads both again;
-a FOLDER that is there already is only read.
-PYTHON: of an environment that has lerobot, which brings torch and has no place beside this one.
-Zarr must give every number and pixel back; LeRobot every number to float32, every frame at its time
-and the motion to its levels; how far the lossy image is off is printed.
+Makes a run of 1000 small frames in FOLDER, exports it and reads it again; a FOLDER that is there
+already is only read. PYTHON: of an environment that has lerobot, which brings torch and has no
+place beside this one. The loader must give every number to float32, every frame at its time and the
+motion to its levels; how far the lossy image is off is printed.
 """
 
 from __future__ import annotations
@@ -16,19 +15,17 @@ import json
 import resource
 import subprocess
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
-import zarr
 
 from deltact_fab import record
 from deltact_fab.analysis.flows import follower
 from deltact_fab.protocols.plan import Step
 from deltact_fab.record import Chunk, RunWriter
 from deltact_fab.record.export import export
-from deltact_fab.record.export.episodes import FIELDS
+from deltact_fab.record.export.episodes import FIELDS, episodes, values_of
 from deltact_fab.record.export.lerobot import MOTION, RAW, levels
 
 PRESSES, FRAMES = 20, 50
@@ -94,50 +91,37 @@ def make_run(folder: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--lerobot", type=Path, help="python of an environment with lerobot")
+    parser.add_argument("lerobot", type=Path, help="python of an environment with lerobot")
     asked = parser.parse_args()
+    dataset, out = asked.folder / "lerobot", asked.folder / "read.npz"
     if not asked.folder.exists():
         asked.folder.mkdir(parents=True)
         make_run(asked.folder / "run")
-        for form in ("zarr", "lerobot"):
-            made = record.open(asked.folder / "run")
-            print(form, export([made], form, asked.folder / form, None, follower))
+        made = record.open(asked.folder / "run")
+        print(export([made], "lerobot", dataset, None, follower))
         peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(f"peak memory {peak_mb:.0f} MB")
-    run = record.open(asked.folder / "run")
-    held: Any = zarr.open_group(asked.folder / "zarr", mode="r")
-    frames = run.frames()
-    images, shifts = held["image"], held["shift_mm"]
-    for at, file in enumerate(frames["file"]):
-        assert np.array_equal(images[at][..., ::-1], run.raw(file)), file
-    for name, (_, columns) in FIELDS.items():
-        if set(columns) <= set(frames):
-            wanted = frames[list(columns)].to_numpy().reshape(held[name].shape)
-            assert np.array_equal(held[name][:], wanted, equal_nan=True), name
-    assert np.array_equal(held["force/wrench"][:], run.force()[list(FORCE)].to_numpy())
-    print(f"zarr: {images.shape[0]} frames, {held['force/wrench'].shape[0]} samples, all exact")
-    if asked.lerobot is None:
-        print("lerobot: not read, no --lerobot")
-        return
-    out = asked.folder / "read.npz"
-    keys = [key for key, _ in FIELDS.values()] + ["timestamp", "frame_index", "episode_index"]
-    words = [asked.folder / "lerobot", out, json.dumps(keys), json.dumps([RAW, MOTION])]
+    keys = [*FIELDS, "timestamp", "frame_index", "episode_index"]
+    words = [dataset, out, json.dumps(keys), json.dumps([RAW, MOTION])]
     subprocess.run([asked.lerobot, "-c", READ, *map(str, words)], check=True)
     read = dict(np.load(out))  # at once: each look-up would read the file again
-    for name, (key, _) in FIELDS.items():
-        wanted = held[name][:]
-        single = wanted.astype(np.float32) if wanted.dtype == np.float64 else wanted
-        assert np.array_equal(read[key], single, equal_nan=True), key
+    at, off = 0, []
+    run = record.open(asked.folder / "run")
+    for number, episode in enumerate(episodes([run], follower, lambda *told: None)):
+        here = slice(at, at + len(episode.table))
+        for key, columns in FIELDS.items():
+            wanted = values_of(episode.table, columns)
+            single = wanted.astype(np.float32) if wanted.dtype == np.float64 else wanted
+            assert np.array_equal(read[key][here], single, equal_nan=True), key
+        assert (read["episode_index"][here] == number).all()
+        for image, motion in episode.images():
+            assert np.array_equal(read[MOTION][at], levels(motion)), at
+            off.append(np.mean((read[RAW][at].astype(float) - image) ** 2))
+            at += 1
     assert np.array_equal(read["timestamp"], np.float32(read["frame_index"] / RATE_HZ))
-    assert np.array_equal(read["episode_index"], held["press_index"][:])
-    off = 0.0
-    for at in range(images.shape[0]):
-        motion = SimpleNamespace(shift_mm=shifts[at], known=held["known"][at])
-        assert np.array_equal(read[MOTION][at], levels(motion)), at
-        off += float(np.mean((read[RAW][at].astype(float) - images[at]) ** 2)) / images.shape[0]
-    psnr_db = 10 * np.log10(255**2 / off)
-    print(f"lerobot: {len(read['timestamp'])} frames of {int(read['episodes'])} episodes; numbers "
-          f"exact to float32, motion to its levels, image {psnr_db:.1f} dB")  # fmt: skip
+    psnr_db = 10 * np.log10(255**2 / np.mean(off))
+    print(f"{at} frames of {int(read['episodes'])} episodes; numbers exact to float32, motion to "
+          f"its levels, image {psnr_db:.1f} dB")  # fmt: skip
 
 
 if __name__ == "__main__":

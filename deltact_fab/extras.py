@@ -11,7 +11,7 @@ EXTRAS = {
     "report": "pages and figures",
     "fast": "faster solves of large gels",
     "images": "frames as JPEG XL: smaller, and two to three times as fast to write as PNG",
-    "export": "runs as Parquet, MCAP, LeRobot and Zarr",
+    "export": "runs as Parquet, MCAP and LeRobot",
     "cluster": "studies on a Dask cluster",
 }
 """What each extra of pyproject.toml brings to one who uses the program."""

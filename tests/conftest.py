@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from rig_text import VIRTUAL_STAGE
 
 # Small arrays: threads of the linear algebra cost more than they give, and results must repeat.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -28,15 +29,7 @@ axes = ["x"]
 [capture]
 rate_hz = 0.5
 """
-MINI_RIG = """
-kind = "virtual"
-[stage]
-origin_machine_mm = [-60.0, -60.0, -40.0]
-travel_mm = [120.0, 120.0, 60.0]
-max_feed_mm_min = [1500.0, 1500.0, 1200.0]
-acceleration_mm_s2 = [50.0, 50.0, 50.0]
-max_force_n = [60.0, 60.0, 60.0]
-[force]
+MINI_RIG = f"""{VIRTUAL_STAGE}[force]
 range_n = [25.0, 25.0, 35.0]
 range_nmm = [250.0, 250.0, 250.0]
 [virtual.gel]

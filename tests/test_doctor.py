@@ -65,10 +65,7 @@ def test_what_is_missing_is_named_with_the_way_to_get_it(monkeypatch: pytest.Mon
     lines = {line.split()[2]: line for line in done.output.splitlines()}
     assert lines["segno"].startswith("missing core")
     assert "pip install segno" in lines["segno"]
-    assert (
-        "runs as Parquet, MCAP, LeRobot and Zarr; pip install 'deltact-fab[export]'"
-        in lines["mcap"]
-    )
+    assert "runs as Parquet, MCAP and LeRobot; pip install 'deltact-fab[export]'" in lines["mcap"]
     assert "apt-get install libgl1" in lines["libGL.so.1"]
     assert "video" in lines["/dev/no-such-camera"]
     assert "the core is broken" in done.output

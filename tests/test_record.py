@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import shutil
 import sqlite3
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from deltact_fab import experiment, record
+from deltact_fab import record
 from deltact_fab.errors import InputError, RunFailed
-from deltact_fab.files import write_whole
 from deltact_fab.protocols.plan import Step
 from deltact_fab.record import Chunk, RunWriter
 
@@ -30,9 +26,6 @@ PATTERN = {"recipe": {}, "dots_mm": [[0.0, 1.0]], "dot_diameter_mm": 0.6}
 
 def image(seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 256, (6, 8, 3), dtype=np.uint8)
-
-
-OLD = Path(__file__).parent / "data" / "run-format-2"  # as format 2 wrote it
 
 
 def writer(folder: Path) -> RunWriter:
@@ -142,58 +135,6 @@ def test_events_tell_the_history(tmp_path: Path) -> None:
     assert (events["wall_s"].diff().dropna() >= 0).all()
 
 
-def test_a_run_of_format_2_is_read_as_it_was_written() -> None:
-    run = record.open(OLD)
-    frames = run.frames()
-    assert list(frames)[9:] == [
-        "t_s", "t_step_s", "x_mm", "y_mm", "z_mm",
-        "fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm", "wall_s", "settled",
-        "late_s", "late", "dropped", "repeated",
-    ]  # fmt: skip
-    assert len(frames) == 6
-    assert frames["settled"].tolist() == [True, *[False] * 5]  # filmed in motion, but at rest
-    assert run.finished
-    at = frames.iloc[4]
-    assert (at.step_id, at.fz_n) == ("sphere-6/p1/d0.40/press", -0.456186)
-    assert at.z_mm == pytest.approx(-0.4)
-    assert run.force()["fz_n"].tolist() == frames["fz_n"].tolist()
-    assert run.pose()["t_s"].tolist() == frames["t_s"].tolist()
-    assert run.pose()["t_press_s"].iloc[0] == 0.0
-    assert len(run.force("sphere-6/p1")) == 6
-    assert len(run.events()) == 0
-    assert len(run.steps()) == 6
-    assert run.truth() is None
-
-
-def test_a_run_of_format_2_is_not_gone_on_with(tmp_path: Path) -> None:
-    out = tmp_path / "old"
-    shutil.copytree(OLD, out)
-    (out / "images").mkdir()
-    with pytest.raises(InputError, match="format 2: it can be read"):
-        RunWriter.resume(out, [STEP])
-    protocol = str(out / "protocol.toml")
-    with pytest.raises(InputError, match=r"capture\.mode: unknown key"):  # it films or settles now
-        experiment.run(experiment.RunRequest(protocol, "virtual", out, seed=3), resume=True)
-
-
-@pytest.mark.parametrize(("mode", "settled"), [("sweep", [True, False]), ("step", [True, True])])
-def test_which_frames_are_settled_is_known_of_a_run_of_format_3(
-    mode: str, settled: list[bool], tmp_path: Path
-) -> None:
-    rest = replace(STEP, id=f"{STEP.press}/rest", kind="travel", frames=1)
-    run = RunWriter.create(tmp_path / "r", META, b"name = 't'\n", PATTERN, [rest, STEP])
-    run.frame(rest, 1, None, 1.0, 0.0, 0.0)
-    run.frame(STEP, 2, None, 2.0, 1.0, 1.0)
-    run.abandon()
-    with sqlite3.connect(tmp_path / "r" / "journal.sqlite") as db:
-        db.execute("ALTER TABLE frames DROP COLUMN settled")
-    db.close()
-    meta = tmp_path / "r" / "run.json"
-    told = json.loads(meta.read_text()) | {"format": 3, "protocol": {"capture": {"mode": mode}}}
-    meta.write_text(json.dumps(told))
-    assert record.open(tmp_path / "r").frames()["settled"].tolist() == settled
-
-
 def test_what_was_flushed_is_committed(tmp_path: Path) -> None:
     run = writer(tmp_path / "r")
     run.frame(STEP, 1, image(), 3.0, 0.5, 2.5)
@@ -223,14 +164,6 @@ def test_a_folder_that_is_there_is_never_written_into(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="already there"):
         writer(tmp_path / "r")
     assert list((tmp_path / "r").iterdir()) == []
-
-
-def test_a_write_that_fails_leaves_nothing(tmp_path: Path) -> None:
-    target = tmp_path / "folder-in-the-way"
-    target.mkdir()
-    with pytest.raises(RunFailed, match="folder-in-the-way"):
-        write_whole(target, b"x")
-    assert [p.name for p in tmp_path.iterdir()] == ["folder-in-the-way"]
 
 
 def test_faults_of_a_folder_are_named(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from rig_text import VIRTUAL_STAGE
 
 from deltact_fab import experiment, record
 from deltact_fab.cli.main import main
@@ -44,15 +45,7 @@ DESIGN = """
 image_width_px = 160
 image_height_px = 120
 """
-RIG = """
-kind = "virtual"
-[stage]
-origin_machine_mm = [-60.0, -60.0, -40.0]
-travel_mm = [120.0, 120.0, 60.0]
-max_feed_mm_min = [1500.0, 1500.0, 1200.0]
-acceleration_mm_s2 = [50.0, 50.0, 50.0]
-max_force_n = [60.0, 60.0, 60.0]
-[force]
+RIG = f"""{VIRTUAL_STAGE}[force]
 range_n = [25.0, 25.0, 35.0]
 range_nmm = [250.0, 250.0, 250.0]
 [virtual.gel]

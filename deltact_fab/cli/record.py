@@ -87,9 +87,9 @@ def import_(recording: Path, out: Path) -> Answer:
 @record.command(epilog="Example: deltact-fab record export smoke-run --format csv --out tables")
 @click.argument("runs", metavar="RUN...", type=PATH, nargs=-1, required=True)
 @click.option("--format", "form", required=True,
-              type=click.Choice(["csv", "parquet", "mcap", "lerobot", "zarr"]),
+              type=click.Choice(["csv", "parquet", "mcap", "lerobot"]),
               help="Format to write.")  # fmt: skip
-@out_folder("New folder for csv, parquet, lerobot or zarr.", "folder")
+@out_folder("New folder for csv, parquet or lerobot.", "folder")
 @out_file("New file for mcap.", "file")
 @click.option("--deformation/--no-deformation", default=True, help="In a dataset, the measured "
               "motion of the face, which takes most of the time.")  # fmt: skip
@@ -97,17 +97,16 @@ def import_(recording: Path, out: Path) -> Answer:
 def export(
     runs: tuple[Path, ...], form: str, folder: Path | None, file: Path | None, deformation: bool
 ) -> Answer:
-    """Write RUN as CSV, Parquet or MCAP, or one or more as a dataset of LeRobot or Zarr.
+    """Write RUN as CSV, Parquet or MCAP, or one or more as a LeRobot dataset.
 
     csv and parquet give tables of frames, force, pose, steps and events, without images; the names
     of the columns have the units. mcap gives one file for Foxglove with images, pose (m), wrench
     (N, N m) and events on one time line over all sessions, and every image is verified against its
     hash. lerobot gives a LeRobotDataset 3.0, an episode a press: video of the images (lossy) and of
-    the measured deformation, and pose, wrench, contact and action as float32. zarr gives the same
-    as exact arrays, and all samples of force and pose. All but csv need the extra `export`.
+    the measured deformation, and pose, wrench, contact and action as float32. All but csv need the
+    extra `export`.
     """
     from ..record import open as open_run
-    from ..record.export import DATASETS
     from ..record.export import export as write
 
     out, other = (file, folder) if form == "mcap" else (folder, file)
@@ -116,7 +115,7 @@ def export(
         raise click.UsageError(f"--format {form}: {right} says where it goes")
     with progress("export") as bar:
         opened = [open_run(run) for run in runs]
-        if deformation and form in DATASETS:
+        if deformation and form == "lerobot":
             from ..analysis.flows import follower
 
             rows = write(opened, form, out, bar, follower)
@@ -129,17 +128,20 @@ def export(
 def _described(data: dict[str, Any]) -> Iterator[str]:
     simulated = f" (simulated, seed {data['seed']})" if data["simulated"] else ""
     air = " in air" if data["air"] else ""
-    yield f"{data['folder']}: {data['protocol']} on {data['rig']}{simulated}{air}, {data['state']}"
+    imported = data["kind"] == "imported"
+    what = "recorded elsewhere, imported" if imported else f"{data['protocol']} on {data['rig']}"
+    yield f"{data['folder']}: {what}{simulated}{air}, {data['state']}"
     if data["description"]:
         yield f"  {data['description']}"
     specimen = data["specimen"] or {}
-    serial = f", serial number {specimen['serial']}" if specimen.get("serial") else ""
-    yield f"  specimen: {specimen.get('design')}, {specimen.get('pattern')}{serial}"
-    if data["begun_s"] is not None:
-        yield f"  begun {_day(data['begun_s'])}, last event {_day(data['ended_s'])}"
+    serial = specimen.get("serial")
+    known = (specimen.get("design"), specimen.get("pattern"), serial and f"serial number {serial}")
+    yield f"  specimen: {', '.join(filter(None, known)) or 'not known'}"
+    yield f"  begun {_day(data['begun_s'])}, last event {_day(data['ended_s'])}"
+    planned = "" if imported else f"{data['presses']} presses, {data['steps']} steps, "
     yield (
-        f"  {data['presses']} presses, {data['steps']} steps, {data['frames']} frames "
-        f"({data['images']} images), sessions: {data['sessions']}, format {data['format']}"
+        f"  {planned}{data['frames']} frames ({data['images']} images), "
+        f"sessions: {data['sessions']}, format {data['format']}"
     )
     yield from (f"  event {kind}: {count}" for kind, count in data["events"].items())
     face = data["registration"]

@@ -19,7 +19,7 @@ from ..protocols.plan import Protocol, Step, expand
 from ..shapes import SkinDimensions
 from . import notes
 from .files import (
-    HASHED,
+    UNHASHED,
     frame_id_of,
     lattice_file,
     lens_file,
@@ -31,7 +31,6 @@ from .journal import being_written
 from .run import Run
 
 FileAndHash = tuple[str | None, str | None]
-WITHOUT_PLAN = (2, 3)  # formats whose protocols this version does not expand any more
 
 
 @dataclass(frozen=True)
@@ -124,7 +123,7 @@ def check(folder: Path, progress: Progress | None = None) -> RunVerdict:
         elif not note["hashed"]:
             verdict.unhashed.append(f"notes.jsonl:{number}")
     steps: list[Step] = []
-    if run.format not in WITHOUT_PLAN and not run.imported:
+    if not run.imported:
         try:
             steps = _planned(run)
         except InputError as why:
@@ -136,11 +135,11 @@ def check(folder: Path, progress: Progress | None = None) -> RunVerdict:
             verdict.problems += judge(run, db, steps, verdict, progress)
             if run.finished and verdict.presses and steps:
                 verdict.problems += _summary(run, len(steps), verdict)
-            if run.format >= HASHED:
+            if run.format == UNHASHED:
+                verdict.unhashed += [f for end in (False, True) for f in metadata(folder, end)]
+            else:
                 told = {problem.where for problem in verdict.problems}
                 verdict.problems += [d for d in unlike_hashes(run, db) if d.where not in told]
-            else:
-                verdict.unhashed += [f for end in (False, True) for f in metadata(folder, end)]
     except RunFailed as why:
         add(Damage("damaged", "journal.sqlite", str(why)))
     if run.imported and not verdict.problems:
@@ -260,7 +259,7 @@ def judge(
     verdict.presses, verdict.found_frames = len(ids.keys() - changes), len(found)
     verdict.frames = sum(step.frames for step in steps) or len(found)
     verdict.images = sum(file is not None for file, _ in found.values())
-    lost = _lost(run, db, steps, found)
+    lost = _lost(db, steps, found)
     verdict.lost_frames = len(lost)
     checked = 0
     for press, part in ids.items():
@@ -290,12 +289,8 @@ def _frame_ids(step: Step) -> list[str]:
     return [frame_id_of(step, k) for k in range(1, step.frames + 1)]
 
 
-def _lost(
-    run: Run, db: sqlite3.Connection, steps: Sequence[Step], found: Container[str]
-) -> set[str]:
+def _lost(db: sqlite3.Connection, steps: Sequence[Step], found: Container[str]) -> set[str]:
     """Ids of frames that did not come, as many as their steps say: counted, and no damage."""
-    if run.format < 5:
-        return set()
     missed = dict(db.execute("SELECT step_id, missed FROM steps"))
     lost: set[str] = set()
     for step in steps:
@@ -332,9 +327,8 @@ def _damages(run: Run, press: str, frames: Mapping[str, FileAndHash]) -> Iterato
         drawn = True
         if why := _damage(run.folder / file, digest):
             yield f"{file}: {why}"
-    if run.format != 2:
-        for which in run.damaged_samples(press):
-            yield f"its samples are damaged: {which}"
+    for which in run.damaged_samples(press):
+        yield f"its samples are damaged: {which}"
     if drawn and run.simulated and run.meta["rig"]["kind"] == "virtual":
         yield from _truth_damages(run, press, list(frames))
 

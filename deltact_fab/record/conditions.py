@@ -7,14 +7,13 @@ import json
 from typing import Any
 
 from ..errors import InputError
-from .files import json_bytes
+from .files import FORMAT, json_bytes
 from .run import Run
 
 # What a run may be continued with although it differs: it changes no number and no byte.
 _MAY_DIFFER = (
     "format", "name", "rig_name", "rig.stage.port", "rig.stage.registration", "rig.camera.model",
-    "rig.camera.source",
-    "versions.python", "versions.cadquery",
+    "rig.camera.source", "versions.python", "versions.cadquery",
 )  # fmt: skip
 
 
@@ -30,6 +29,11 @@ def require_same(
     meta, protocol, pattern: as for `RunWriter.create`. Raises InputError naming the first thing
     that differs, its value in the folder and its value now.
     """
+    if run.format != FORMAT:
+        raise InputError(
+            f"{run.folder}: cannot be resumed: format {run.format}, of an older version; it can be "
+            "read, checked and analysed"
+        )
     given = json.loads(json_bytes({**meta, "pattern": pattern}))
     stored = {**run.meta, "pattern": run.pattern}
     # What a user gave comes before what follows from it.

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def about(run: Run) -> dict[str, Any]:
     """Protocol, specimen, rig, counts, events by kind, notes, as plain data. Raises RunFailed.
 
-    begun_s, ended_s: the day's time of the first and the last event, None before format 3.
+    begun_s, ended_s: the day's time of the first and the last event.
     """
     meta, summary, events = run.meta, run.summary(), run.events()
     protocol = meta.get("protocol") or {}
@@ -38,9 +38,9 @@ def about(run: Run) -> dict[str, Any]:
         "simulated": meta.get("simulated"),
         "air": meta.get("air", False),
         "seed": meta.get("seed"),
-        "begun_s": None if events.empty else float(events["wall_s"].min()),
-        "ended_s": None if events.empty else float(events["wall_s"].max()),
-        "sessions": int((events["kind"] == "session").sum()) if len(events) else 1,
+        "begun_s": float(events["wall_s"].min()),
+        "ended_s": float(events["wall_s"].max()),
+        "sessions": int((events["kind"] == "session").sum()),
         "steps": steps,
         "presses": presses,
         "frames": frames,

@@ -1,4 +1,4 @@
-"""The files of a run folder: their places, and what those in JSON hold, of whatever format.
+"""The files of a run folder: their places, and what those in JSON hold.
 
 More may stand in the JSON. Who reads a run may count on the types of the keys named here.
 """
@@ -18,8 +18,7 @@ from ..errors import InputError
 from ..protocols.plan import Step, Waits
 
 FORMAT = 6
-HASHED = 6  # from this format on the metadata have their hashes in the journal
-GOES_ON = (5, FORMAT)  # formats whose unfinished runs this version goes on with
+UNHASHED = 5  # the format of 0.2.0, in which the metadata have no hashes
 IMPORTED, UNKNOWN = "imported", "unknown"
 """The mark of a run that was recorded elsewhere, in run.json and pattern.json; the kind of its
 frames, and their indenter where nobody said it."""
@@ -208,8 +207,8 @@ def kept(folder: Path, name: str) -> dict[str, Any]:
     """
     path = folder / name
     data = reading.json_object(path)
-    if name == "run.json" and (known := data.get("format")) not in (2, 3, 4, *GOES_ON):
-        raise InputError(f"{path}: format: {known}, this version reads 2 to {FORMAT}")
+    if name == "run.json" and (known := data.get("format")) not in (UNHASHED, FORMAT):
+        raise InputError(f"{path}: format: {known}, this version reads {UNHASHED} and {FORMAT}")
     catalog.validate(_FILES[name], data, str(path))
     lacks = "not known of an imported run" if IMPORTED in data else Kept.lacks
     found: dict[str, Any] = _wrapped(data, str(path), lacks)

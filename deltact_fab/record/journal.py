@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ..errors import InputError, RunFailed
-from .files import GOES_ON, HASHED
+from .files import UNHASHED
 
 SCHEMA = """
 CREATE TABLE steps (
@@ -114,24 +114,19 @@ def keep_hashes(db: sqlite3.Connection, files: Mapping[str, bytes]) -> None:
 def misfits(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
     """What no run writes: values of another type than their column's, or out of all bounds.
 
-    SQLite stores them all the same, and only what computes with them would fail. Of a format that
-    this version goes on with, a column or the first event may be found missing as well.
+    SQLite stores them all the same, and only what computes with them would fail. Nor may a column
+    or the first event be missing.
     """
     have = _columns(db)
-    if run_format in GOES_ON:
-        with closing(sqlite3.connect(":memory:")) as empty:
-            empty.executescript(SCHEMA)
-            if run_format < HASHED:
-                empty.execute("DROP TABLE files")
-            lost = sorted(_columns(empty).keys() - have.keys())
-        tables = {table for table, _ in have}
-        for table in sorted({table for table, _ in lost} - tables):
-            yield f"no such table: {table}"
-        for table, column in lost:
-            if table in tables:
-                yield f"{table}.{column}: no such column"
-        if not lost and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
-            yield "events: none; a run begins with one"
+    with closing(sqlite3.connect(":memory:")) as empty:
+        empty.executescript(SCHEMA)
+        if run_format == UNHASHED:
+            empty.execute("DROP TABLE files")
+        lost = sorted(_columns(empty).keys() - have.keys())
+    for table, column in lost:
+        yield f"{table}.{column}: no such column"
+    if not lost and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
+        yield "events: none; a run begins with one"
     for (table, column), (kind, needed) in have.items():
         if (fits := _FITS.get(kind)) is None:
             continue

@@ -46,7 +46,7 @@ class Run:
         self.meta: dict[str, Any] = kept(folder, "run.json")
         self.pattern: dict[str, Any] = kept(folder, "pattern.json")
         self.format = int(self.meta["format"])
-        """Of the folder; 2: force and pose stand with the frames; up to 3: settled is not kept."""
+        """Of the folder: that of this version, or that of 0.2.0."""
         self._sound = False
 
     def frames(self, press: str | None = None) -> pd.DataFrame:
@@ -58,14 +58,11 @@ class Run:
         t_press_s: since the step, the press began. settled: the tip rested, for as long as the
         protocol settles, when the frame was taken. late_s: exposed after it was wanted; late: by
         more than half of what lies between two frames of a sweep; dropped, repeated: frames that
-        the camera lost, or gave twice, since the one before; none of these up to format 4. In
-        format 2 force and pose are those that were read after the frame, and the skews are not
-        known.
+        the camera lost, or gave twice, since the one before.
         """
         table = self._table("frames", press)
-        table = table.assign(settled=self._settled(table), **self._lateness(table))
-        if self.format == 2:
-            return table
+        table["settled"] = table["settled"].astype(bool)
+        table["late"] = self._late(table)
         rows = table.groupby("step_id").indices
         found = {name: np.full(len(table), np.nan) for name in (*_SAMPLED, *_SKEWS)}
         for stream, names in _STREAMS.items():
@@ -87,14 +84,14 @@ class Run:
 
         fx_n to tz_nmm: on the sensor. t_s: on the rig's clock; t_press_s: since the press's tare.
         saturated: a gauge was out of range. A run of 45 presses of an hour each has 160 million
-        rows: ask press by press. Of format 2: what was read with the frames, saturation unknown.
+        rows: ask press by press.
         """
         return self._samples("force", press, "saturated")
 
     def pose(self, press: str | None = None) -> pd.DataFrame:
         """One row a position that the stage reported (of one press): x_mm, y_mm, z_mm of the tip.
 
-        t_s is when it was asked for. Times and format 2 as in `force`.
+        t_s is when it was asked for. Times as in `force`.
         """
         return self._samples("pose", press)
 
@@ -102,14 +99,7 @@ class Run:
         """One row an event, in the order in which they were written, over all sessions.
 
         t_s: on the clock of the rig in that session, nan before it ran; wall_s: of the day.
-        Empty for format 2.
         """
-        import pandas as pd
-
-        if self.format == 2:
-            return pd.DataFrame(
-                columns=["seq", "kind", "press", "step_id", "text", "t_s", "wall_s"]
-            )
         return self._table("events")
 
     def notes(self) -> pd.DataFrame:
@@ -267,23 +257,12 @@ class Run:
         asked = self.meta["protocol"]["channels"]
         return load(self.folder, self.camera, presses, "traction" in asked)
 
-    def _settled(self, table: pd.DataFrame) -> pd.Series[bool]:
-        """Of frames; before format 4 a protocol filmed in motion, or at stops that all settled."""
-        if "settled" in table:
-            return table["settled"].astype(bool)
-        if self.meta["protocol"]["capture"]["mode"] == "step":
-            return table["k"] > 0
-        return table["step_id"].str.endswith("/rest")
-
-    def _lateness(self, table: pd.DataFrame) -> dict[str, Any]:
-        if "late_s" not in table:
-            return {"late_s": 0.0, "late": False, "dropped": 0, "repeated": 0}
+    def _late(self, table: pd.DataFrame) -> pd.Series[bool]:
         capture = self.meta.get("protocol", {}).get("capture", {})
         own = {kind: (capture.get(kind) or {}).get("rate_hz") for kind in ("hold", "retract")}
         rates_hz = [own.get(kind, capture.get("rate_hz")) or np.nan for kind in table["kind"]]
         limit_s = 0.5 / np.array(rates_hz)  # nothing is later than nan
-        settled = self._settled(table)
-        return {"late": (table["late_s"] > limit_s) & ~settled, "late_s": table["late_s"]}
+        return (table["late_s"] > limit_s) & ~table["settled"]
 
     def _hash_of(self, file: str) -> str | None:
         held: dict[str, str] = self.__dict__.setdefault("hashes", {})
@@ -296,11 +275,6 @@ class Run:
         import pandas as pd
 
         names = _STREAMS[stream]
-        if self.format == 2:
-            table = self._table("frames", press).dropna(subset=[*names])
-            begun_s = table.groupby("press")["t_s"].transform("first")
-            table = table.assign(t_press_s=table["t_s"] - begun_s, **dict.fromkeys(more))
-            return table[["press", "step_id", "t_s", "t_press_s", *names, *more]]
         parts = [
             pd.DataFrame(
                 {

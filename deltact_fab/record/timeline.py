@@ -46,7 +46,7 @@ class TimeLine:
                 "SELECT press, t_s, t_s, wall_s FROM frames) GROUP BY press ORDER BY max(wall_s)"
             ).fetchall()
             what = "SELECT seq, kind, press, t_s, wall_s FROM events ORDER BY seq"
-            events = [] if run.format == 2 else db.execute(what).fetchall()
+            events = db.execute(what).fetchall()
         begun: list[float] = []  # the day's time of each session's first event
         # Of each session: from, to by its clock, and the day's time over it.
         spans: dict[int, list[tuple[float, float, float]]] = defaultdict(list)
@@ -61,10 +61,7 @@ class TimeLine:
             if t_s is not None:
                 spans[at].append((t_s, t_s, wall_s - t_s))
         for press, first_s, last_s, wall_s, over_s, _ in rows:
-            if run.format == 2:  # knows no sessions: each press by itself
-                begun.append(wall_s)
-                press_session[press] = len(begun) - 1
-            elif press not in press_session:  # a change of the indenter has no event of its own
+            if press not in press_session:  # a change of the indenter has no event of its own
                 earlier = [n for n, begun_s in enumerate(begun) if begun_s <= wall_s]
                 press_session[press] = max(earlier, default=0)
             spans[press_session[press]].append((first_s, last_s, over_s))

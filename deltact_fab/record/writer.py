@@ -23,8 +23,6 @@ from ..protocols.plan import Step
 from .check import RunVerdict, judge, unlike_hashes
 from .files import (
     FORMAT,
-    GOES_ON,
-    HASHED,
     flat_file,
     frame_id_of,
     image_file,
@@ -67,7 +65,6 @@ class RunWriter:
         """Frames of finished steps that did not come, over all sessions."""
         self.session = 1
         self.image_format = image_format
-        self._hashes = True  # the run's format has them
         self.failed: Callable[[RunFailed], None] = lambda why: None
         """Told at once, from another thread, when the disk refuses; the next call raises it too."""
         self._step_seq = {step.id: n for n, step in enumerate(steps, start=1)}
@@ -136,23 +133,17 @@ class RunWriter:
     ) -> RunWriter:
         """Continue an unfinished run: keep complete presses, clear away all else.
 
-        Raises InputError for no run folder, one that is being written, one that cannot be written
-        and one of an older format; RunFailed for a damaged journal or other metadata.
+        Raises InputError for no run folder, one that is being written and one that cannot be
+        written; RunFailed for a damaged journal or other metadata.
         """
         run = Run(folder)
-        if run.format not in GOES_ON:
-            raise InputError(
-                f"{folder}: format {run.format}: it can be read, but only the version that began "
-                "it can go on with it"
-            )
         if not os.access(folder, os.W_OK):
             raise InputError(f"{folder}: cannot be written; a run is continued where it stands")
         require(image_format(run.meta))
         writer = cls(folder, steps, image_format(run.meta))
-        writer._hashes = run.format >= HASHED
         try:
             with journal_errors(folder):
-                for found in unlike_hashes(run, writer._db) if writer._hashes else ():
+                for found in unlike_hashes(run, writer._db):
                     raise RunFailed(f"{folder / found.where}: {found.text}; put it back")
                 verdict = RunVerdict(folder)
                 for found in judge(run, writer._db, steps, verdict, progress):
@@ -277,9 +268,8 @@ class RunWriter:
             self._writing.close()
             data = json_bytes(summary)
             with journal_errors(self.folder), disk_errors(self.folder):
-                if self._hashes:
-                    known = {f: (self.folder / f).read_bytes() for f in metadata(self.folder, True)}
-                    keep_hashes(self._db, {**known, "summary.json": data})
+                known = {f: (self.folder / f).read_bytes() for f in metadata(self.folder, True)}
+                keep_hashes(self._db, {**known, "summary.json": data})
                 self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
                 # A finished record is read from anywhere, write-protected folders included; a
                 # reader that has it open just now keeps the log in being.

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rig_text import VIRTUAL_STAGE
 
 from deltact_fab import experiment
 from deltact_fab.analysis.tracking_error import analyse
@@ -31,15 +32,7 @@ shear_feed_mm_min = 30.0
 [specimen]
 gel_model = "linear"
 """
-COARSE = """
-kind = "virtual"
-[stage]
-origin_machine_mm = [-60.0, -60.0, -40.0]
-travel_mm = [120.0, 120.0, 60.0]
-max_feed_mm_min = [1500.0, 1500.0, 1200.0]
-acceleration_mm_s2 = [50.0, 50.0, 50.0]
-max_force_n = [60.0, 60.0, 60.0]
-[force]
+COARSE = f"""{VIRTUAL_STAGE}[force]
 range_n = [50.0, 50.0, 70.0]
 range_nmm = [500.0, 500.0, 500.0]
 [virtual.gel]

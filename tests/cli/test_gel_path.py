@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from rig_text import VIRTUAL_STAGE
 
 from deltact_fab import cache, experiment
 from deltact_fab.cli.gel_path import path as command
@@ -28,15 +29,7 @@ rate_hz = 1.0
 [specimen]
 gel_model = "{level}"
 """
-RIG = """
-kind = "virtual"
-[stage]
-origin_machine_mm = [-60.0, -60.0, -40.0]
-travel_mm = [120.0, 120.0, 60.0]
-max_feed_mm_min = [1500.0, 1500.0, 1200.0]
-acceleration_mm_s2 = [50.0, 50.0, 50.0]
-max_force_n = [60.0, 60.0, 60.0]
-[force]
+RIG = f"""{VIRTUAL_STAGE}[force]
 range_n = [25.0, 25.0, 35.0]
 range_nmm = [250.0, 250.0, 250.0]
 [virtual.gel]

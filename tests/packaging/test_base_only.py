@@ -88,7 +88,6 @@ LACKS = {
     "record export RUN --format mcap -o run.mcap": "export",
     "record export RUN --format parquet --out run": "export",
     "record export RUN --format lerobot --out run": "export",
-    "record export RUN --format zarr --out run": "export",
 }
 
 

@@ -20,7 +20,7 @@ from deltact_fab.errors import InputError
 from deltact_fab.report import index_page, study_page
 from deltact_fab.report.index_page import Entry, entries
 
-OLD_RUN = Path(__file__).parent.parent / "data" / "run-format-2"
+OLD_RUN = Path(__file__).parent.parent / "data" / "run-format-5"
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +43,7 @@ def all_sorts(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(mini_run, top / "stopped")
     (top / "stopped" / "summary.json").unlink()
     shutil.copytree(OLD_RUN, top / "old")
+    (top / "old" / "summary.json").write_text("{}")
     shutil.copytree(OLD_RUN, top / "hurt")
     (top / "hurt" / "journal.sqlite").write_bytes(b"not a database at all" * 100)
     (top / "odd").mkdir()
@@ -83,7 +84,7 @@ def test_a_run_tells_what_there_is(found: dict[str, Entry]) -> None:
     assert re.fullmatch(r"\d+ frames in 2 presses, not analysed yet", entry.line)
     assert re.fullmatch(r"20\d\d-\d\d-\d\d \d\d:\d\d", entry.date)
     assert entry.link == "runs/mini"
-    assert found["old"].line == "6 frames in 1 press, not analysed yet"
+    assert found["old"].line == "10 frames in 1 press, not analysed yet"
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def wrenches(run: Run, press: str, rows: pd.DataFrame) -> tuple[Array, Array]:
     saturated = np.zeros(len(rows), bool)
     samples = run.force(press)
     windows_s = {kind: min(WINDOW_S, settle_s(run, kind)) for kind in rows["kind"].unique()}
-    if run.format == 2 or not settles(rows) or not any(windows_s.values()):
+    if not settles(rows) or not any(windows_s.values()):
         return wrench, saturated
     by_step = samples.groupby("step_id").indices
     values, at_s = samples[list(WRENCH)].to_numpy(float), samples["t_press_s"].to_numpy(float)

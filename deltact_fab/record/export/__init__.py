@@ -1,6 +1,6 @@
 """Runs in the formats of others. Press by press, whole or not at all.
 
-CSV, Parquet and MCAP are of one run; a dataset of LeRobot or Zarr may be of several.
+CSV, Parquet and MCAP are of one run; a dataset of LeRobot may be of several.
 """
 
 from __future__ import annotations
@@ -20,10 +20,8 @@ FORMATS = {
     "parquet": ("pyarrow",),
     "mcap": ("mcap",),
     "lerobot": ("av", "pyarrow"),
-    "zarr": ("zarr",),
 }
 """Each with what it is written with, where that is a package of the extra `export`."""
-DATASETS = ("lerobot", "zarr")
 
 
 def export(
@@ -35,7 +33,7 @@ def export(
 ) -> dict[str, int]:
     """Write runs to `out`, a new file (mcap) or folder; return rows by table.
 
-    form: one of FORMATS; more than one run for DATASETS only, as is `follow`: what measures the
+    form: one of FORMATS. More than one run is for lerobot only, as is `follow`: what measures the
     motion of the face, None to leave it out. Of a run that was cut off, what it has. Raises
     InputError where `out` is there already or has no folder, MissingLibrary without the extra
     `export`, RunFailed for a damaged run and a full disk.
@@ -45,8 +43,8 @@ def export(
         raise InputError(f"{out}: already there; name a new one")
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out.parent}: no such folder")
-    if form not in DATASETS and len(runs) > 1:
-        raise InputError(f"--format {form}: one run at a time; {', '.join(DATASETS)} take several")
+    if form != "lerobot" and len(runs) > 1:
+        raise InputError(f"--format {form}: one run at a time; lerobot takes several")
     report = progress or (lambda done, total, what: None)
     with disk_errors(out), whole(out) as made:
         if form == "mcap":
@@ -57,10 +55,6 @@ def export(
             from .lerobot import write as write_lerobot
 
             return write_lerobot(runs, made, follow, report)
-        if form == "zarr":
-            from .arrays import write as write_arrays
-
-            return write_arrays(runs, made, follow, report)
         from .tables import write as write_tables
 
         return write_tables(runs[0], made, form, report)

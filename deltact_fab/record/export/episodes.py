@@ -33,17 +33,17 @@ COLUMNS["contact"] = TableColumn("contact", "int8", "", _CONTACT)
 for name in _TARGET:
     COLUMNS[name] = TableColumn(name, "float64", "mm", "where the step under way leads the tip")
 
-FIELDS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "time_ns": ("time_ns", (LINE,)),
-    "t_press_s": ("t_press_s", ("t_press_s",)),
-    "seq": ("seq", ("seq",)),
-    "settled": ("settled", ("settled",)),
-    "position_mm": ("observation.state", POSE_COLUMNS),
-    "wrench": ("observation.wrench", FORCE_COLUMNS),
-    "contact": ("observation.contact", ("contact",)),
-    "target_mm": ("action", _TARGET),
+FIELDS: dict[str, tuple[str, ...]] = {
+    "time_ns": (LINE,),
+    "t_press_s": ("t_press_s",),
+    "seq": ("seq",),
+    "settled": ("settled",),
+    "observation.state": POSE_COLUMNS,
+    "observation.wrench": FORCE_COLUMNS,
+    "observation.contact": ("contact",),
+    "action": _TARGET,
 }
-"""Of each array: its name in Zarr, in LeRobot, and the columns that it is made of."""
+"""The columns that each feature of the dataset is made of."""
 
 Follow = Callable[[Run], Callable[[NDArray[np.uint8]], Any]]
 """What follows a press of a run, from its first image on; the record knows no tracker.

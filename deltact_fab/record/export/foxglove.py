@@ -52,72 +52,36 @@ ABOUT = {
 }
 
 
-def _object(title: str, **properties: Any) -> dict[str, Any]:
-    return {"title": title, "type": "object", "properties": properties}
+def _object(**properties: Any) -> dict[str, Any]:
+    return {"type": "object", "properties": properties}
 
 
-def _xyz(title: str) -> dict[str, Any]:
-    return _object(title, **{axis: {"type": "number"} for axis in "xyz"})
-
-
-_STRING = {"type": "string"}
-_NUMBER = {"type": "number"}
-_INTEGER = {"type": "integer"}
-_TIME = _object(
-    "time",
-    sec={"type": "integer", "minimum": 0},
-    nsec={"type": "integer", "minimum": 0, "maximum": 999_999_999},
+_STRING, _NUMBER, _INTEGER, _BOOLEAN = (
+    {"type": kind} for kind in ("string", "number", "integer", "boolean")
 )
-_QUATERNION = _object("foxglove.Quaternion", **dict.fromkeys("xyzw", _NUMBER))
+_TIME = _object(sec=_INTEGER, nsec=_INTEGER)
+_XYZ = _object(**dict.fromkeys("xyz", _NUMBER))
+_POSE = _object(position=_XYZ, orientation=_object(**dict.fromkeys("xyzw", _NUMBER)))
+_NAMES = dict.fromkeys(("id", "press", "step_id", "indenter", "kind", "file", "sha256"), _STRING)
 SCHEMAS = {
-    "/camera/image": _object(
-        "foxglove.CompressedImage",
-        timestamp=_TIME,
-        frame_id=_STRING,
-        data={"type": "string", "contentEncoding": "base64"},
+    "/camera/image": ("foxglove.CompressedImage", _object(
+        timestamp=_TIME, frame_id=_STRING, data=_STRING | {"contentEncoding": "base64"},
         format=_STRING,
-    ),
-    "/camera/frame": _object(
-        "deltact_fab.Frame",
-        timestamp=_TIME,
-        id=_STRING,
-        press=_STRING,
-        step_id=_STRING,
-        indenter=_STRING,
-        kind=_STRING,
-        k=_INTEGER,
-        settled={"type": "boolean"},
-        late={"type": "boolean"},
-        dropped=_INTEGER,
-        file=_STRING,
-        sha256=_STRING,
-    ),
-    "/stage/pose": _object(
-        "foxglove.PoseInFrame",
-        timestamp=_TIME,
-        frame_id=_STRING,
-        pose=_object("foxglove.Pose", position=_xyz("foxglove.Vector3"), orientation=_QUATERNION),
-    ),
-    "/force/wrench": _object(
-        "geometry_msgs/WrenchStamped",
-        header=_object("std_msgs/Header", stamp=_TIME, frame_id=_STRING),
-        wrench=_object(
-            "geometry_msgs/Wrench",
-            force=_xyz("geometry_msgs/Vector3"),
-            torque=_xyz("geometry_msgs/Vector3"),
-        ),
-        saturated={"type": "boolean"},
-    ),
-    "/events": _object(
-        "foxglove.Log",
-        timestamp=_TIME,
-        level=_INTEGER,
-        message=_STRING,
-        name=_STRING,
-        file=_STRING,
-        line=_INTEGER,
-    ),
-}
+    )),
+    "/camera/frame": ("deltact_fab.Frame", _object(
+        timestamp=_TIME, k=_INTEGER, dropped=_INTEGER, settled=_BOOLEAN, late=_BOOLEAN, **_NAMES,
+    )),
+    "/stage/pose": ("foxglove.PoseInFrame", _object(timestamp=_TIME, frame_id=_STRING, pose=_POSE)),
+    "/force/wrench": ("geometry_msgs/WrenchStamped", _object(
+        header=_object(stamp=_TIME, frame_id=_STRING), wrench=_object(force=_XYZ, torque=_XYZ),
+        saturated=_BOOLEAN,
+    )),
+    "/events": ("foxglove.Log", _object(
+        timestamp=_TIME, level=_INTEGER, line=_INTEGER,
+        **dict.fromkeys(("message", "name", "file"), _STRING),
+    )),
+}  # fmt: skip
+"""Of each topic the schema's name, by which Foxglove knows what to draw, and its fields."""
 Message = tuple[int, str, dict[str, Any]]  # time, topic, what is said
 
 
@@ -134,9 +98,9 @@ def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
         writer = Writer(out, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         writer.start(profile="", library="deltact-fab")
         channels = {}
-        for topic, schema in SCHEMAS.items():
-            data = json.dumps(schema).encode()
-            schema_id = writer.register_schema(schema["title"], "jsonschema", data)
+        for topic, (title, fields) in SCHEMAS.items():
+            data = json.dumps({"title": title, **fields}).encode()
+            schema_id = writer.register_schema(title, "jsonschema", data)
             channels[topic] = writer.register_channel(topic, "json", schema_id)
         said = {key: json.dumps(value) for key, value in described(run).items()}
         writer.add_metadata("deltact-fab", {**said, **ABOUT})

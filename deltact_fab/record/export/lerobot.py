@@ -115,7 +115,7 @@ def write(
             part = _Part(folder, part.chunk * CHUNK_FILES + part.file + 1, rate_hz)
         n = len(episode.table)
         task = f"press the sensor with {episode.indenter}"
-        columns = {key: _single(values_of(episode.table, c)) for key, c in FIELDS.values()}
+        columns = {key: _single(values_of(episode.table, c)) for key, c in FIELDS.items()}
         numbers = (np.arange(n), np.full(n, at), np.arange(frames, frames + n),
                    np.full(n, tasks.setdefault(task, len(tasks))))  # fmt: skip
         columns |= dict(zip(INDEX, numbers, strict=True))
@@ -142,7 +142,7 @@ def write(
         part.frames += n
         frames += n
         for key, values in columns.items():
-            names = list(dict(FIELDS.values()).get(key, (key,)))
+            names = list(FIELDS.get(key, (key,)))
             features[key] = {"dtype": values.dtype.name, "shape": [len(names)], "names": names}
     part.close()
     info = {
