@@ -1,4 +1,4 @@
-"""`deltact-fab numerics`: error against CPU time, stability, and what a scene may leave out."""
+"""`deltact-fab numerics`: error against CPU time, and stability."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ CURVES = {
     "reference_error", "times as fast": "times_as_fast", "as": "baseline", "pareto": "pareto",
 }  # fmt: skip
 CASES = ("engine", "outcome", "case", "expectation", "figure", "bound", "unit")
-COSTS = {"layer": "layer", "CPU seconds": "seconds", "MB": "megabytes", "modules": "modules",
-         "note": "note"}  # fmt: skip
 
 
 @click.command(epilog="Example: deltact-fab numerics lens --quick")
@@ -30,10 +28,9 @@ COSTS = {"layer": "layer", "CPU seconds": "seconds", "MB": "megabytes", "modules
 def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
     """Error against CPU time, and stability, of the numerical engines.
 
-    ENGINE is pattern, flow, gel, lens, measure, or bench: what each fault does to a run on a
-    simulated bench, at each moment of it. The default is all of them. Each time is the
-    best of several runs, with the slowest beside it. Nothing is measured on hardware. Exit code 1
-    when a row is wrong.
+    ENGINE is pattern, flow, gel, lens or measure; the default is all of them. Each time is the best
+    of several runs, with the slowest beside it. Nothing is measured on hardware. Exit code 1 when a
+    row is wrong.
     """
     from ..numerics import harness
 
@@ -51,8 +48,6 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
         *table(tuple(CURVES), [[r[k] for k in CURVES.values()] for r in told], names=4),
         "",
         *table(CASES, [[row[k] for k in CASES] for row in found.stability], names=3),
-        "\nwhat leaving a layer out of a scene saves",
-        *table(tuple(COSTS), [[row[k] for k in COSTS.values()] for row in found.scenes]),
     ]
     for row in found.wrong:
         said = row["note"] or f"{row['figure']} over {row['bound']} {row['unit']}"

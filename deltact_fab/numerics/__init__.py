@@ -1,7 +1,7 @@
-"""One harness for three questions about every numerical engine.
+"""One harness for two questions about every numerical engine.
 
 `work_precision`: error against run time. `stability`: stiff and extreme cases, each right within
-its bound or refused. `scenes`: what a layer costs that a scene may leave out.
+its bound or refused.
 
 An engine is a module in `engines` with a frozen `ENGINE`, and one line in `engines.REGISTRY`.
 """

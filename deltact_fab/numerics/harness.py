@@ -1,4 +1,4 @@
-"""All three questions of the engines that were asked for, as one result with its files."""
+"""Both questions of the engines that were asked for, as one result with its files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 from ..aliases import Progress
 from ..errors import InputError
-from . import scenes, stability, work_precision
+from . import stability, work_precision
 from .engines import REGISTRY, check_names, load
 
 Rows = list[dict[str, Any]]
@@ -23,14 +23,13 @@ class Numerics:
     """What `run` found, as plain rows.
 
     engines: name, title and about of each, in order. curves: as `work_precision` has them;
-    stability: as `stability.judge`; scenes: as `scenes.costs`.
+    stability: as `stability.judge`.
     """
 
     meta: dict[str, Any]
     engines: Rows
     curves: Rows
     stability: Rows
-    scenes: Rows
 
     @property
     def wrong(self) -> Rows:
@@ -58,7 +57,7 @@ class Numerics:
             raise InputError(f"{out}: cannot be made: {why.strerror}") from why
         data = self.as_dict()
         tables = {name: pd.DataFrame(data[name], dtype=object)
-                  for name in ("curves", "stability", "scenes") if data[name]}  # fmt: skip
+                  for name in ("curves", "stability") if data[name]}  # fmt: skip
         files = {"numerics.json": json.dumps(data, indent=1, allow_nan=False) + "\n"}
         files |= {f"{name}.csv": table.to_csv(index=False) for name, table in tables.items()}
         for name, text in files.items():
@@ -71,10 +70,10 @@ class Numerics:
 def run(
     names: Sequence[str] = (), quick: bool = False, progress: Progress | None = None
 ) -> Numerics:
-    """Curves and stability of the named engines (all by default), and the scenes.
+    """Curves and stability of the named engines, all by default.
 
-    quick: a few settings and cases a engine, and the scenes' cost only when it is known already.
-    Raises InputError for an unknown engine, RunFailed when a setting cannot be timed.
+    quick: a few settings and cases an engine. Raises InputError for an unknown engine, RunFailed
+    when a setting cannot be timed.
     """
     from ..experiment import versions
 
@@ -96,16 +95,14 @@ def run(
             for row in stability.measure(*place, cases, scratch, quick):
                 judged.append(row)
                 tell(len(curves) + len(judged), total, f"{name}: {row['case']}")
-        costs = scenes.costs(measure=not quick, progress=tell)
     return Numerics(
         meta={
             "quick": quick,
             "seconds": time.monotonic() - started,
-            "machine": scenes.machine(),
+            "machine": work_precision.machine(),
             "versions": versions(),
         },
         engines=[{"name": n, "title": e.title, "about": e.about} for n, e in engines.items()],
         curves=work_precision.compared(curves),
         stability=judged,
-        scenes=costs,
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
+import platform
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -89,7 +91,15 @@ def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return out
 
 
-# -- memory, by the standard library ---------------------------------------------------------------
+def machine() -> dict[str, Any]:
+    """What the times were measured on: processor, cores, system."""
+    model = platform.processor() or platform.machine()
+    if Path("/proc/cpuinfo").exists():
+        for line in Path("/proc/cpuinfo").read_text(errors="replace").splitlines():
+            if line.startswith("model name"):
+                model = line.partition(":")[2].strip()
+                break
+    return {"processor": model, "cores": os.cpu_count(), "system": platform.system()}
 
 
 def reset_peak_mb() -> float:

@@ -1,4 +1,4 @@
-"""One offline HTML page of the engines: error against CPU time, stability, cost of layers."""
+"""One offline HTML page of the engines: error against CPU time, stability."""
 
 from __future__ import annotations
 
@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 STABILITY = ["case", "outcome", "expectation", "figure", "bound", "unit", "note"]
-SCENES = {
-    "layer": "layer", "about": "what it does", "seconds": "CPU seconds saved",
-    "megabytes": "MB saved", "modules": "modules not loaded", "note": "note",
-}  # fmt: skip
 
 
 def write(data: dict[str, Any], out: Path) -> Path:
@@ -49,11 +45,9 @@ def write(data: dict[str, Any], out: Path) -> Path:
                 "counts": Counter(r["outcome"] for r in cases),
             }
         )  # fmt: skip
-    scenes = [row for row in data["scenes"] if row["seconds"] is not None]
     page = render(
         "numerics.html",
         engines=drawn,
-        scenes=table(pd.DataFrame(scenes, columns=list(SCENES)), SCENES),
         meta=data["meta"],
         verdict=verdict([_stable(data["stability"])]),
     )

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,7 @@ from click.testing import CliRunner
 
 from deltact_fab.cli.numerics import numerics
 from deltact_fab.errors import InputError, RunFailed
-from deltact_fab.numerics import engines, harness, scenes, stability, work_precision
+from deltact_fab.numerics import engines, harness, stability, work_precision
 
 TOY = """
 import os, time
@@ -78,45 +76,13 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "toy_engine"
 
 
-def test_verdicts(toy: str, tmp_path: Path) -> None:
-    rows = list(stability.measure("toy", toy, engines.load(toy).cases(True), tmp_path, True))
-    assert {r["case"]: r["outcome"] for r in rows} == {
-        "good": "right",
-        "off": "wrong",
-        "nan": "wrong",
-        "refuses": "refused",
-        "flags": "refused",
-        "refuses for another reason": "wrong",
-        "answers what it should refuse": "wrong",
-        "refuses what it should answer": "wrong",
-        "crashes": "wrong",
-    }
-    by_name = {r["case"]: r for r in rows}
-    assert by_name["good"]["figure"] == -0.5
-    assert by_name["good"]["note"] == "a note"
-    assert by_name["nan"]["figure"] is None
-    assert "ZeroDivisionError" in by_name["crashes"]["note"]
-
-
 def test_a_case_that_kills_or_hangs_is_wrong_and_the_rest_go_on(toy: str, tmp_path: Path) -> None:
     cases = engines.load(toy).cases(False)
-    rows = list(stability.measure("toy", toy, cases, tmp_path, False, silence_s=2.0))
+    rows = list(stability.measure("toy", toy, cases, tmp_path, False, silence_s=5.0))
     assert [r["case"] for r in rows] == [c.name for c in cases]
     assert [r["outcome"] for r in rows] == ["right", "wrong", "wrong", "right"]
     assert "exit 9" in rows[1]["note"]
-    assert "no answer for 2 s" in rows[2]["note"]
-
-
-def test_times_memory_and_threads_of_a_setting(toy: str, tmp_path: Path) -> None:
-    settings = engines.load(toy).curves(True)
-    small, large = rows = list(work_precision.measure("toy", toy, settings, tmp_path, True))
-    # The error is 1/n only where one thread on one core was given.
-    assert (small["error"], large["error"]) == (1.0, 0.5)
-    for row in rows:
-        assert row["repeats"] >= 5
-        assert row["compile_s"] > 0.12
-        assert row["cpu_s"] <= row["cpu_most_s"] < 0.1
-    assert large["peak_mb"] > 35 > small["peak_mb"]
+    assert "no answer for 5 s" in rows[2]["note"]
 
 
 def test_a_setting_that_fails_is_named(toy: str, tmp_path: Path) -> None:
@@ -140,43 +106,41 @@ def test_pareto_front() -> None:
     assert {r["baseline"] for r in found} == {"s, n"}
 
 
-def test_a_wrong_row_fails_the_command_and_stays_in_every_file(toy: str, tmp_path: Path) -> None:
+def test_every_row_is_judged_and_a_wrong_one_fails_the_command(toy: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = CliRunner().invoke(numerics, ["toy", "--quick", "--out", str(out)])
     assert done.exit_code == 1
     assert "wrong: toy: off: 2.0 over 1.0 mm" in done.stderr
     data = json.loads((out / "numerics.json").read_text())
     assert data["wrong"] == 6
-    assert {r["outcome"] for r in data["stability"]} == {"right", "refused", "wrong"}
-    assert [r["pareto"] for r in data["curves"]].count(True) >= 1
+    rows = {row["case"]: row for row in data["stability"]}
+    assert {case: row["outcome"] for case, row in rows.items()} == {
+        "good": "right", "off": "wrong", "nan": "wrong", "refuses": "refused", "flags": "refused",
+        "refuses for another reason": "wrong", "answers what it should refuse": "wrong",
+        "refuses what it should answer": "wrong", "crashes": "wrong",
+    }  # fmt: skip
+    assert (rows["good"]["figure"], rows["good"]["note"]) == (-0.5, "a note")
+    assert rows["nan"]["figure"] is None
+    assert "ZeroDivisionError" in rows["crashes"]["note"]
+    small, large = data["curves"]
+    # The error is 1/n only where one thread on one core was given.
+    assert (small["error"], large["error"]) == (1.0, 0.5)
+    for row in (small, large):
+        assert row["repeats"] >= 5
+        assert row["compile_s"] > 0.12
+        assert row["cpu_s"] <= row["cpu_most_s"] < 0.1
+    assert large["peak_mb"] > 35 > small["peak_mb"]
     page = (out / "numerics.html").read_text()
-    assert page.count('<tr class="bad">') == 6
-    assert page.count("<svg") == 1
+    assert (page.count('<tr class="bad">'), page.count("<svg")) == (6, 1)
     assert not re.search(r"""(src|href)=["'](http|//)|url\(http|@import""", page)
     header, *lines = (out / "curves.csv").read_text().splitlines()
     assert len(lines) == 2
-    for column in ("cpu_s", "cpu_most_s", "wall_s", "compile_s", "peak_mb", "error", "unit",
-                   "reference", "reference_error", "repeats"):  # fmt: skip
-        assert column in header.split(",")
+    assert {"cpu_s", "compile_s", "peak_mb", "error", "reference_error"} <= {*header.split(",")}
 
 
 def test_an_unknown_engine_is_exit_2() -> None:
     with pytest.raises(InputError, match="did you mean 'lens'"):
         harness.run(["lense"])
-
-
-@pytest.mark.slow
-def test_quick_pattern_end_to_end(tmp_path: Path) -> None:
-    environment = {**os.environ, "DELTACT_FAB_CACHE": str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, "-m", "deltact_fab.cli.main", "numerics", "pattern", "--quick", "--json"],
-        capture_output=True, text=True, env=environment, check=False, timeout=120,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    data = json.loads(done.stdout)
-    assert [e["name"] for e in data["engines"]] == ["pattern"]
-    assert data["wrong"] == 0
-    assert all(r["error"] > 0 for r in data["curves"])
 
 
 @pytest.mark.parametrize(
@@ -191,50 +155,3 @@ def test_everything_end_to_end(
     assert found.wrong == []
     assert {r["engine"] for r in found.stability} == set(engines.REGISTRY)
     assert {r["engine"] for r in found.curves} == set(engines.REGISTRY)
-
-
-@pytest.mark.slow
-def test_what_the_layers_cost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
-    monkeypatch.setattr(scenes, "REPEATS", 1)
-    costs = {c["layer"]: c for c in scenes.costs(measure=True)}
-    assert costs["camera, picture, printer"]["seconds"] > 0
-    assert costs["camera, picture, printer"]["megabytes"] > 50
-    assert costs["cadquery"]["modules"] > 100
-    # Friction is the dear one; sampling the face and a Prony series are within the noise.
-    assert costs["finite-strain gel"]["seconds"] > 0.1
-    assert costs["its friction and shear"]["seconds"] > 0.1
-    assert costs["its surface field"]["seconds"] is not None
-    assert costs["its viscosity"]["seconds"] is not None
-
-
-# -- scenes ------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_costs_are_measured_once_and_never_without_being_asked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
-    layer = {"report libraries": scenes.LAYERS["report libraries"]}
-    monkeypatch.setattr(scenes, "LAYERS", layer)
-    probes = {name: scenes.PROBES[name] for name in ("empty", "report")}
-    monkeypatch.setattr(scenes, "PROBES", probes)
-    monkeypatch.setattr(scenes, "REPEATS", 1)
-
-    (before,) = scenes.costs()
-    assert before["seconds"] is None
-    assert "not measured on this machine" in before["note"]
-    (measured,) = scenes.costs(measure=True)
-    assert measured["seconds"] is not None
-    assert measured["seconds"] > 0
-    assert measured["modules"] is not None
-    assert measured["modules"] > 200
-    assert measured["megabytes"] is not None
-    assert measured["megabytes"] > 10
-
-    monkeypatch.setattr(scenes, "_measured", lambda progress: pytest.fail("measured again"))
-    assert scenes.costs()[0] == measured
-    assert scenes.costs(measure=True)[0] == measured
-    monkeypatch.setattr(scenes, "machine", lambda: {"processor": "another"})
-    assert scenes.costs()[0]["seconds"] is None
