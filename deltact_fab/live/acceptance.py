@@ -19,7 +19,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import catalog
 from ..cad.check.electric import EVEN_SHARE, lit
 from ..cad.dimensions import Design
 from ..errors import InputError, SensorError
@@ -32,13 +31,12 @@ from ..measure.pipeline.measurement import Rectifier
 from ..measure.sensor_id import CalibrationSource, Head, SensorId, rest_table
 from ..optics import CameraModel, FlatField
 from ..optics.flat import FULL_SHARE
-from ..patterns import load_recipe
 from ..patterns.recipe import PatternRecipe
 from ..patterns.verify import Image, JudgedRow
 from ..record import encode_png
 from ..version import VERSION
 from .open import images
-from .print_in_view import RIM_PX, SCALES, PrintInView, aligned, luma
+from .print_in_view import RIM_PX, PrintInView, aligned, luma
 from .source import KnownSensor, Source
 
 FRAMES = 100
@@ -133,8 +131,8 @@ def accept(source: Source, recipe: PatternRecipe, design: Design, frames: int = 
     compared = None if placed is None else _Compared(view, sticker, placed)
     if placed is None or compared is None or compared.agreement < SURE:
         row = JudgedRow(
-            "recipe", _another(view, recipe, camera), "the recipe's pattern", False,
-            "is it this sensor, its cover off the face, its light on? Guide E, G",
+            "recipe", "not this recipe's pattern", "the recipe's pattern", False,
+            "is it this recipe and sensor, its cover off the face, its light on? Guide E, G",
         )  # fmt: skip
         return Accepted(source.name, still.count, (row,), None, still.raw)
     found = _found(compared, sticker, placed, design, still)
@@ -244,19 +242,6 @@ class _Still:
         if self._first is None or self.count < 2:
             return ()
         return health(self._first, self._last, self._camera).reasons
-
-
-def _another(view: Image, recipe: PatternRecipe, camera: CameraModel) -> str:
-    """Which of the known recipes it is instead."""
-    for name in catalog.names("patterns"):
-        other = load_recipe(name)
-        if other == recipe or other.patch_mm is None or other.law == "chessboard":
-            continue
-        sticker = PrintInView(other, camera)
-        placed = sticker.placed(view, SCALES[:1])
-        if placed is not None and _Compared(view, sticker, placed).agreement >= SURE:
-            return f"another one: {name}"
-    return "not this recipe's pattern, nor another one of `pattern list`"
 
 
 class _Tiles:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +14,6 @@ from ..aliases import Array
 from ..errors import InputError
 from ..files import disk_errors, making, whole, write_whole
 from ..record import encode_png
-from ..record.export.tables import parquet, shaped
 from ..version import VERSION
 from . import picture
 from .begin import told_once
@@ -31,9 +29,9 @@ def require_new(folder: Path) -> None:
 
 
 class KeptFolder(Output):
-    """Rows go to measured.csv as they come; `close` makes measured.parquet of it with pyarrow.
+    """Rows go to measured.csv as they come; all else is written whole.
 
-    All else is written whole, so that what is there can be read whenever the process ends.
+    So what is there can be read whenever the process ends.
     """
 
     def __init__(self, folder: Path, session: Session, pictures: bool) -> None:
@@ -43,12 +41,12 @@ class KeptFolder(Output):
             for part in ("fields", "pictures")[: 1 + pictures]:
                 (folder / part).mkdir(parents=True, exist_ok=True)
         known, pattern = session.source.known, session.pattern
-        self._about = {
+        about = {
             "source": session.source.name, "simulated": known.simulated, "version": VERSION,
             "mm_per_px": None if known.in_px else session.view.mm_per_px,
             "pattern": "dense" if pattern is None else pattern.kind, "told": told_once(session),
         }  # fmt: skip
-        write_whole(folder / "measured.json", json.dumps(self._about, indent=1).encode())
+        write_whole(folder / "measured.json", json.dumps(about, indent=1).encode())
         self._table = (folder / "measured.csv").open("w", encoding="utf-8", newline="")
         self._add([column.name for column in COLUMNS])
 
@@ -72,15 +70,6 @@ class KeptFolder(Output):
     def close(self) -> None:
         """There will be no more rows."""
         self._table.close()
-        if importlib.util.find_spec("pyarrow") is not None:
-            import pandas as pd
-
-            rows = self._folder / "measured.csv"
-            table = shaped(COLUMNS, pd.read_csv(rows))
-            made = rows.with_suffix(".parquet")
-            with whole(made) as part, parquet(part, COLUMNS, self._about) as add:
-                add(table)
-            rows.unlink()
 
 
 def _arrays(m: MeasuredImage) -> Iterator[tuple[str, Array]]:

@@ -57,11 +57,9 @@ class PrintInView:
         bare = np.asarray(1 - mask, np.float32)
         return (_warped(bare, self._step_mm, to_px, (w, h)) < 0.5).astype(np.uint8)
 
-    def placed(
-        self, view: Image, scales: Sequence[Sequence[float]] = SCALES
-    ) -> NDArray[np.float64] | None:
+    def placed(self, view: Image) -> NDArray[np.float64] | None:
         """From the sticker's mm to the view's px (3, 3); None where it is another pattern."""
-        for some in scales:
+        for some in SCALES:
             if (start := self._start(view, some)) is not None:
                 return self._refined(view, start)
         return None

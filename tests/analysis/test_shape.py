@@ -10,9 +10,7 @@ import pytest
 from called import called
 
 from deltact_fab.analysis.shape import GOALS, calibrate_depth
-from deltact_fab.analysis.shape.ball import DepthCalibration
 from deltact_fab.errors import InputError
-from deltact_fab.measure.sensor_id import CalibrationSource, Head, SensorId
 from deltact_fab.measure.shape import DepthModel
 
 
@@ -124,13 +122,3 @@ def test_a_ball_that_the_stage_had_elsewhere_is_no_calibration(
     monkeypatch.setattr(ball, "settled", lambda f: real(f).assign(z_mm=lambda t: t["z_mm"] - 4))
     with pytest.raises(InputError, match="times the sphere's"):
         calibrate_depth(mini_run)
-
-
-def test_a_gain_far_from_one_is_doubted() -> None:
-    def line(gain: float) -> str:
-        made = CalibrationSource((), True, 0, "0")
-        head = Head("depth", SensorId(None, "deltact", None, None), made)
-        return DepthCalibration(head, DepthModel(gain, 1.0), 10.0, [1.0], 0.1).line
-
-    assert "Doubtful" not in line(1.9)
-    assert "Doubtful: a gain between 0.5 and 2 is usual" in line(0.4)

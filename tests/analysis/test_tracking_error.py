@@ -9,15 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from called import called
 from numpy.typing import NDArray
 
 from deltact_fab import record
 from deltact_fab.analysis import tracking_error as te
-from deltact_fab.analysis.tracking_error.follow import DEFAULT_METHODS
 from deltact_fab.analysis.tracking_error.truth import DOT_MARGIN_PX, TrueFrame
 from deltact_fab.errors import InputError
-from deltact_fab.measure.flow import FlowTracker, named_tracker
+from deltact_fab.measure.flow import FlowTracker
 
 METHODS = ("fused", "dis-medium", "dis-medium/static")
 
@@ -29,17 +27,6 @@ def result(mini_run: Path) -> te.TrackingResult:
 
 
 @pytest.mark.slow
-def test_the_json_has_every_figure(result: te.TrackingResult) -> None:
-    data = json.loads(json.dumps(result.as_dict(), allow_nan=False))
-    for row in data["methods"]:
-        assert None not in row.values()
-        assert row["ms_per_frame"] > 0
-    assert data["simulated"] is True
-    assert data["seed"] == 3
-    assert data["paper_mean_at_dots_mm"] == 0.08
-
-
-@pytest.mark.slow
 def test_the_default_and_the_dots_hold_the_bounds(result: te.TrackingResult) -> None:
     best = result.methods[0]
     assert best["mean_off_dots_mm"] <= 0.004
@@ -48,12 +35,8 @@ def test_the_default_and_the_dots_hold_the_bounds(result: te.TrackingResult) -> 
     assert best["confident_wrong_share"] <= 0.0005
     assert best["peak_true_mm"] > 0.5
     assert result.dots["mean_vs_truth_mm"] <= 0.01
-
-
-def test_the_default_compares_four_that_there_are() -> None:
-    assert len(DEFAULT_METHODS) <= 4
-    for name in DEFAULT_METHODS:
-        named_tracker(name)
+    json.dumps(result.as_dict(), allow_nan=False)
+    assert all(None not in row.values() and row["ms_per_frame"] > 0 for row in result.methods)
 
 
 def test_all_indenters_together_are_their_parts(result: te.TrackingResult) -> None:
@@ -179,15 +162,3 @@ def test_an_unfinished_run_is_not_analysed(mini_run: Path, tmp_path: Path) -> No
     shutil.copytree(mini_run, tmp_path / "r", ignore=ignore)
     with pytest.raises(InputError, match=r"not finished; go on with `run --resume`"):
         te.analyse(tmp_path / "r")
-
-
-@pytest.mark.slow
-def test_the_command_says_first_which_method_to_take(mini_run: Path, tmp_path: Path) -> None:
-    words = ["analyze", "tracking", str(mini_run), "--method", "fused", "--out", str(tmp_path)]
-    done = called(*words)
-    assert done.returncode == 0, done.stderr
-    stored = json.loads((tmp_path / "tracking.json").read_text())
-    first = done.stdout.splitlines()[0]
-    assert first == stored["verdict"]["line"]
-    assert first.startswith("Use fused: mean error 0.00")
-    assert (tmp_path / "tracking.svg").is_file()

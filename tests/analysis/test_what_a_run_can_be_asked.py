@@ -52,9 +52,6 @@ def test_a_pattern_without_dots_is_held_against_truth_alone(
     assert result.dots is None
     assert result.left_out == ["error at the dots: the pattern has none"]
     assert result.verdict.error == "mean_off_dots_mm"
-    page = write(run, tmp_path / "r.html", result).read_text()
-    assert "left out of the analysis: error at the dots: the pattern has none" in page
-    assert ">at the dots, mm</th>" not in page
 
 
 @pytest.mark.slow
@@ -74,7 +71,6 @@ def test_a_skin_of_dots_alone_is_followed_by_its_dots(
     assert result.left_out == ["dense flow: the pattern has only dots to follow"]
     assert result.verdict.take == "dots"
     assert "of the moving dots" in result.verdict.line
-    json.dumps(result.as_dict(), allow_nan=False)
     assert result.verdict.line in write(run, tmp_path / "r.html", result).read_text()
     with pytest.raises(InputError, match=r"has only dots \(law 'dot-matrix'\).*'dis-fast'"):
         analysed(run, "dis-fast")

@@ -38,18 +38,3 @@ def test_no_arrow_leads_from_an_estimator_to_the_truth(graph: architecture.Graph
     assert truth
     for name in estimators:
         assert not architecture.reachable(graph, name) & truth
-
-
-def test_boxes_stand_apart_and_in_the_picture() -> None:
-    text = architecture.DIAGRAM.read_text()
-    found = re.findall(
-        r'<rect class="box[^"]*" x="(\d+)" y="(\d+)" width="(\d+)" height="30"', text
-    )
-    boxes = [tuple(map(int, box)) for box in found]
-    width, _ = map(int, re.findall(r'viewBox="0 0 (\d+) (\d+)"', text)[0])
-    assert len(boxes) == len(architecture.packages().splitlines()) - 2
-    for k, (x, y, wide) in enumerate(boxes):
-        assert x >= 0
-        assert x + wide <= width
-        for other_x, other_y, other in boxes[:k]:
-            assert abs(y - other_y) > 30 or x + wide + 8 <= other_x or other_x + other + 8 <= x

@@ -3,37 +3,17 @@
 from __future__ import annotations
 
 import json
-import math
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from benchmarks import evidence, held, presses, store, tables
+from benchmarks import evidence, held, store, tables
 from deltact_fab import digest
 from deltact_fab.errors import InputError
 from deltact_fab.protocols.plan import load
 from deltact_fab.rig.simulator import FiniteGelConfig
 
 MACHINE = {"machine": {"processor": "", "cores": 1}, "threads": 1, "load": None, "versions": {}}
-
-
-def test_coverage() -> None:
-    share, median = tables.coverage([(2.0, 1.0), (1.0, 2.0), (9.0, 3.0), (1.0, 1.0)])
-    assert share == 0.75
-    assert median == 1.5
-    assert math.isnan(tables.coverage([])[0])
-
-
-def test_random_presses_are_repeatable_and_on_the_face() -> None:
-    drawn = [presses.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
-    assert drawn == [presses.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
-    assert len(set(drawn)) == len(drawn)
-    for name, (x, y), depth in drawn:
-        assert name.startswith(("sphere:", "ellipsoid:"))
-        assert abs(x) < 18
-        assert abs(y) < 17
-        assert 0 < depth <= 6
 
 
 def test_caps_are_held_against_the_protocol_and_the_rig_as_they_stand() -> None:
@@ -84,33 +64,6 @@ def test_a_row_depends_on_its_own_level_and_an_edit_elsewhere_leaves_it() -> Non
     assert "gel/level_selection.py" not in of(energy)
     level = rows["stability: 10 mm in one increment, friction 0.5: against 10"]
     assert "gel/level_selection.py" in of(level)
-
-
-def test_a_key_holds_arguments_and_bounds() -> None:
-    rows = {r.name: r for r in evidence.rows()}
-    thin = rows["stability: thickness 1 mm, 5% deep: finer mesh"].key
-    assert "thickness_mm=1.0" in thin["asked"]
-    assert "right, 3.0, 't': thickness(" in thin["asked"]
-    assert "press_increment_mm=0.5" in rows["held: star to 5 mm"].key["asked"]
-
-
-@pytest.mark.slow
-def test_a_larger_cap_comes_closer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    dragged = held.Held("ellipsoid", 2.0, 1.0, 1.0, 1.0)
-    assert dragged.tips(1) == [(0, 0, 1.0), (0, 0, 2.0), (1.0, 0, 2.0)]
-    assert len(dragged.tips(2)) == 6
-    monkeypatch.setattr(held, "CAPS", (1500, 6000))
-    result = held.held_row(replace(dragged, shear_mm=0.0))
-    small, large = result["capped"]
-    assert small["unknowns"] <= 1500 < large["unknowns"] <= 6000
-    assert 0 < large["force_percent"] < small["force_percent"] < 50
-    assert 0 < large["in_plane_mm"] < small["in_plane_mm"] < result["largest_in_plane_mm"]
-    store.append(tmp_path / "rows.jsonl", {
-        "key": {"row": "held: star to 5 mm"}, "result": result, **MACHINE,
-    })  # fmt: skip
-    text = told(tmp_path / "rows.jsonl")
-    assert "What a cap on a path's unknowns costs" in text
-    assert text.count("| ellipsoid to 2 mm † |") == 2
 
 
 @pytest.mark.slow

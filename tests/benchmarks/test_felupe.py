@@ -5,7 +5,6 @@ import pytest
 
 from benchmarks import felupe, peer
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.errors import InputError
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.shapes import SkinDimensions, indenter
 
@@ -15,20 +14,6 @@ TIPS = [(1.0, -0.5, 1.0), (1.0, -0.5, 2.0)]
 def pressing(name="sphere:15", friction=0.0, points=2, **mesh):
     block = block_mesh(SkinDimensions(), 4.0, **mesh)
     return FinitePress(block, GelMaterial(), indenter.parse(name), friction=friction, points=points)
-
-
-@pytest.mark.parametrize(
-    ("bad", "says"),
-    [
-        ({"friction": 0.5}, "without friction"),
-        ({"name": "edges"}, "a sphere"),
-        ({"points": 5}, "2 x 2"),
-        ({"mirrors": (True, True)}, "planes of symmetry"),
-    ],
-)
-def test_what_the_script_lacks_is_refused(bad, says):
-    with pytest.raises(InputError, match=says):
-        felupe.felupe_case(pressing(**bad), TIPS)
 
 
 def test_the_case_is_the_contact_that_the_press_has():

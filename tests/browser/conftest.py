@@ -16,15 +16,17 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 CHROMIUM = shutil.which("chromium")
+# WebGL without a graphics card: a model is drawn by the processor.
 FLAGS = [
-    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
 ]  # fmt: skip
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    """A browser for the tests of one file."""
+    """One browser for all tests."""
     if CHROMIUM is None:
         pytest.skip("no chromium on this machine: apt-get install chromium")
     from playwright.sync_api import sync_playwright
@@ -59,20 +61,26 @@ def out_of_sight() -> Callable[[Page], list[str]]:
     return found
 
 
-@pytest.fixture(scope="module")
-def cut_off(
-    browser: Browser, out_of_sight: Callable[[Page], list[str]]
-) -> Callable[[Path, int], list[str]]:
-    """The same of a page in a window of so many pixels."""
+@pytest.fixture
+def opened(browser: Browser) -> Iterator[Callable[..., Page]]:
+    """Opens a page, by its address, in a window so wide; none may complain or fetch anything."""
+    wrong, tabs = list[str](), list[Page]()
 
-    def found(page: Path, width_px: int) -> list[str]:
-        tab = browser.new_page(viewport={"width": width_px, "height": 900})
-        tab.goto(page.as_uri())
-        bad = out_of_sight(tab)
+    def visit(url: str, width_px: int = 1280) -> Page:
+        tab = browser.new_page(viewport={"width": width_px, "height": 900}, color_scheme="light")
+        tabs.append(tab)
+        tab.on("console", lambda m: wrong.append(m.text) if m.type == "error" else None)
+        tab.on("pageerror", lambda error: wrong.append(str(error)))
+        own = (url, "data:", "about:")
+        tab.on("request", lambda r: None if r.url.startswith(own) else wrong.append(r.url))
+        tab.goto(url)
+        return tab
+
+    visit.wrong = wrong  # type: ignore[attr-defined]
+    yield visit
+    for tab in tabs:
         tab.close()
-        return bad
-
-    return found
+    assert wrong == []
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Page
 
 KINDS = ("run", "study", "index", "numerics", "patterns", "guide")
 SHEET_PX = 703  # an A4 sheet less its margins at 96 dpi
@@ -101,6 +101,11 @@ NAMELESS = """() => [
     .filter(c => !c.getAttribute('aria-label') && !c.getAttribute('aria-labelledby'))
     .map(c => c.id),
 ]"""
+# An image that did not decode has no natural width.
+UNDRAWN = """() => [
+  ...[...document.images].filter(i => !i.complete || !i.naturalWidth),
+  ...[...document.querySelectorAll('.plot svg')].filter(s => s.getBoundingClientRect().width < 99),
+].map(e => e.outerHTML.slice(0, 80))"""
 LEVELS = "() => [...document.querySelectorAll('h1, h2, h3, h4')].map(h => +h.tagName[1])"
 
 pytestmark = pytest.mark.slow
@@ -120,6 +125,8 @@ def checked(tab: Page, out_of_sight: Callable[[Page], list[str]]) -> None:
     assert tab.evaluate(BEFORE_THE_VERDICT) == 0
     assert tab.evaluate(EMPTY) == []
 
+    assert tab.evaluate(UNDRAWN) == []
+    assert out_of_sight(tab) == []
     assert tab.evaluate(CUT_FIGURES) == 0
     assert tab.evaluate(GROUND) > 230
     assert tab.evaluate(FAINT) == []
@@ -139,27 +146,69 @@ def checked(tab: Page, out_of_sight: Callable[[Page], list[str]]) -> None:
     assert tab.evaluate(HIDDEN) == []
 
 
-@pytest.fixture(params=KINDS)
-def tab(
-    request: pytest.FixtureRequest, browser: Browser, pages: Callable[[str], Path]
-) -> Iterator[Page]:
-    made = browser.new_page(viewport={"width": 1280, "height": 900}, color_scheme="light")
-    made.goto(pages(request.param).as_uri())
-    yield made
-    made.close()
-
-
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_page_of_each_kind_can_be_read_everywhere(
-    tab: Page, out_of_sight: Callable[[Page], list[str]]
+    kind: str,
+    opened: Callable[..., Page],
+    pages: Callable[[str], Path],
+    out_of_sight: Callable[[Page], list[str]],
 ) -> None:
-    checked(tab, out_of_sight)
+    checked(opened(pages(kind).as_uri()), out_of_sight)
 
 
-def test_the_live_page_too(
-    browser: Browser, live_url: str, out_of_sight: Callable[[Page], list[str]]
+def test_a_bad_page_is_caught(
+    opened: Callable[..., Page], out_of_sight: Callable[[Page], list[str]], tmp_path: Path
 ) -> None:
-    tab = browser.new_page(viewport={"width": 1280, "height": 900}, color_scheme="light")
-    tab.goto(live_url)
-    tab.wait_for_function("() => /image [2-9]/.test(document.body.innerText)", timeout=60_000)
+    page = tmp_path / "bad.html"
+    table = "<table><tr><td style='min-width: 600px'>x</td></tr></table>"
+    page.write_text(
+        f"<main><section style='overflow: hidden'>{table}</section></main><script>missing()"
+        "</script><img src='http://127.0.0.1:9/x.png'>"
+    )
+    tab = opened(page.as_uri(), 390)
+    assert any(found.startswith("<table>") for found in out_of_sight(tab))
+    assert len(tab.evaluate(UNDRAWN)) == 1
+    wrong = " ".join(opened.wrong)  # type: ignore[attr-defined]
+    assert "missing is not defined" in wrong
+    assert "http://127.0.0.1:9/x.png" in wrong
+    opened.wrong.clear()  # type: ignore[attr-defined]
+
+
+# Share of a canvas's pixels that differ from their neighbour on the left.
+DRAWN = """id => {
+  const c = document.getElementById(id), g = c.getContext('2d');
+  const d = new Uint32Array(g.getImageData(0, 0, c.width, c.height).data.buffer);
+  return d.filter((v, i) => i && v !== d[i - 1]).length / d.length;
+}"""
+STATE = "() => document.getElementById('state').innerText"
+
+
+def image(tab: Page) -> int:
+    """Number of the image that the live page shows."""
+    words = tab.inner_text("body").split()
+    return int(words[words.index("image", words.index("age")) + 1])
+
+
+def test_the_live_page_is_drawn_obeys_its_buttons_and_several_may_look(
+    opened: Callable[..., Page], live_url: str, out_of_sight: Callable[[Page], list[str]]
+) -> None:
+    tab = opened(live_url)
+    tab.wait_for_function("() => /image [5-9]/.test(document.body.innerText)", timeout=60_000)
+    words = tab.inner_text("body")
+    for word in ("simulated, seed 3", "the flow is trusted", "no force calibration", "Hz"):
+        assert word in words
+    assert tab.evaluate(DRAWN, "face") > 0.5
+    assert tab.evaluate(DRAWN, "plot") > 0.01
+
+    tab.click("#pause")
+    tab.wait_for_function(f"{STATE} == 'paused'")
+    tab.wait_for_timeout(1000)  # what was under way is shown
+    held = image(tab)
+    other = opened(live_url)  # a browser that comes later sees what is there
+    other.wait_for_function(f"() => /image {held}/.test(document.body.innerText)")
+    assert image(tab) == held
+    other.click("#reference")
+    other.click("#pause")
+    tab.wait_for_function(f"{STATE}.startsWith('ended')", timeout=120_000)
+    assert image(tab) == image(other) > held
     checked(tab, out_of_sight)
-    tab.close()

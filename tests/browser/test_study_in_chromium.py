@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,59 +22,19 @@ from deltact_fab.report.templating import MAX_COLUMNS, named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Page
 
-    Opened = Callable[[Path, int], Page]
+    Opened = Callable[..., Page]
 
 FIGURES = 20
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A made-up study with missing jobs."""
-    out = tmp_path_factory.mktemp("study") / "s"
-    study_page.write(study(missing=3), out)
-    return out
-
-
-@pytest.fixture(scope="module")
-def tabs(browser: Browser) -> Iterator[Opened]:
-    """Opens pages that may neither complain nor fetch anything."""
-    said: list[str] = []
-
-    def opened(page: Path, width_px: int) -> Page:
-        tab = browser.new_page(viewport={"width": width_px, "height": 900})
-        tab.on("console", lambda message: said.append(message.text))
-        tab.on("pageerror", lambda error: said.append(str(error)))
-        tab.on("request", lambda r: said.append(r.url) if r.url.startswith("http") else None)
-        tab.goto(page.as_uri())
-        return tab
-
-    yield opened
-    assert said == []
-
-
-@pytest.mark.parametrize("what", ["study", "index"])
-def test_every_column_can_be_reached_in_a_wide_window(
-    cut_off: Callable[[Path, int], list[str]], pages: Callable[[str], Path], what: str
+def test_headlines_are_read_at_390_px_without_scrolling(
+    opened: Opened, pages: Callable[[str], Path]
 ) -> None:
-    assert cut_off(pages(what), 1280) == []
-
-
-def test_what_a_section_cuts_off_is_caught(
-    cut_off: Callable[[Path, int], list[str]], tmp_path: Path
-) -> None:
-    page = tmp_path / "bad.html"
-    wide_table = "<table><tr><td style='min-width: 600px'>x</td></tr></table>"
-    page.write_text(f"<main><section style='overflow: hidden'>{wide_table}</section></main>")
-    assert any(found.startswith("<table>") for found in cut_off(page, 390))
-    assert cut_off(page, 1280) == []
-
-
-def test_headlines_are_read_at_390_px_without_scrolling(folder: Path, tabs: Opened) -> None:
-    tab = tabs(folder / "report.html", 390)
+    tab = opened(pages("study").as_uri(), 390)
     headlines = tab.locator("table").first
     box = headlines.bounding_box()
     assert box is not None
@@ -84,7 +44,6 @@ def test_headlines_are_read_at_390_px_without_scrolling(folder: Path, tabs: Open
     # What stands above a column at full width is written before each value.
     before = "getComputedStyle(document.querySelector('table td + td'), '::before').content"
     assert "value" in tab.evaluate(before)
-    tab.close()
 
 
 def printed(tab: Page, out: Path) -> Path:
@@ -103,9 +62,7 @@ def words_of(pdf: Path, sheet: int | None = None) -> str:
     return re.sub(r"\s", "", text.decode())
 
 
-def test_the_print_has_every_column_of_a_wide_table(
-    folder: Path, tabs: Opened, tmp_path: Path
-) -> None:
+def test_the_print_has_every_column_of_a_wide_table(opened: Opened, tmp_path: Path) -> None:
     many = pd.DataFrame({f"column_{i}_of_many_mm": [i + 0.5, 700.25 + i] for i in range(22)})
     page = study_page.write(
         replace(
@@ -113,7 +70,7 @@ def test_the_print_has_every_column_of_a_wide_table(
         ),
         tmp_path / "s",
     )
-    words = words_of(printed(tabs(page, 1280), tmp_path / "p.pdf"))
+    words = words_of(printed(opened(page.as_uri()), tmp_path / "p.pdf"))
     assert wide().shape[1] == COLUMNS
     for name in (*wide(), *many):
         assert re.sub(r"\s", "", named(name)) in words, name
@@ -139,7 +96,7 @@ def bar(colour: str, height_in: float) -> Callable[[], Figure]:
 
 
 def test_no_figure_is_split_between_two_sheets_or_from_its_words(
-    tabs: Opened, tmp_path: Path
+    opened: Opened, tmp_path: Path
 ) -> None:
     if shutil.which("pdftoppm") is None:
         pytest.skip("no pdftoppm on this machine: apt-get install poppler-utils")
@@ -151,7 +108,7 @@ def test_no_figure_is_split_between_two_sheets_or_from_its_words(
         for i, (green, height_in) in enumerate(zip(greens, heights_in, strict=True))
     )
     page = study_page.write(replace(study(), figures=drawn, tables=()), tmp_path / "s")
-    pdf = printed(tabs(page, 1280), tmp_path / "p.pdf")
+    pdf = printed(opened(page.as_uri()), tmp_path / "p.pdf")
     subprocess.run(["pdftoppm", "-r", "50", "-png", pdf, tmp_path / "sheet"], check=True)
     sheets = [cv2.imread(str(path)) for path in sorted(tmp_path.glob("sheet*.png"))]
     assert len(sheets) >= 8

@@ -105,16 +105,6 @@ def lint(x0: float, y0: float, mm: float, wide_mm: float = 0.12) -> Paint:
     return paint
 
 
-def speck(x0: float, y0: float, mm: float) -> Paint:
-    """Dust on the plate: dark, with a soft rim."""
-
-    def paint(values, x, y):
-        dark = np.clip(0.5 - (np.hypot(x - x0, y - y0) - mm / 2) / 0.1, 0, 1)
-        return values * (1 - 0.9 * dark[..., None])
-
-    return paint
-
-
 def gone(where: Callable[[np.ndarray, np.ndarray], np.ndarray], colour: float) -> Paint:
     """No print where that is: white coat, black coat or frame."""
     return lambda values, x, y: np.where(where(x, y)[..., None], colour, values)

@@ -75,27 +75,13 @@ def test_a_sound_sensor_is_accepted(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
 def test_a_bad_sensor_fails_its_own_row_and_no_other_without_cause(name):
-    made, (own, *follow) = BAD[name]
+    made, (own, *follow), painted = BAD[name]
     done = judged(made, recipe="dense-with-dots" if name == "wrong pattern" else "")
     assert own in failed(done) <= {own, *follow}
-
-
-@pytest.mark.slow
-def test_what_is_found_is_what_was_painted():
-    done = judged(Made(lens=(("tilt_x_deg", 2.6),)))
-    assert done.found.keystone == pytest.approx(0.066, abs=0.01)
-    done = judged(BAD["sticker turned by 5 degrees"][0])
-    assert done.found.turned_deg == pytest.approx(5.0, abs=0.05)
-    done = judged(BAD["film stretched"][0])
-    assert done.found.scale == pytest.approx(1.06, abs=0.001)
-    done = judged(BAD["sticker aside, dots out of view"][0])
-    assert done.found.place_mm == pytest.approx((0.3, -2.0), abs=0.03)
-    done = judged(BAD["frame in view"][0])
-    assert done.found.edges == {"-x": pytest.approx(1.5, abs=0.1)}
-    for made, px in ((Made(), 0.0), (BAD["out of focus"][0], 2.5), (BAD["far out of focus"][0], 4)):
-        known = [b for row in judged(made).found.blur_px for b in row if b is not None]
-        # Print, mosaic and demosaicing have nearly a pixel of their own.
-        assert px <= np.median(known) <= np.hypot(px, 0.95) + 0.6
+    assert {key: getattr(done.found, key) for key in painted} == painted
+    if name == "far out of focus":  # print, mosaic and demosaicing have nearly a pixel of their own
+        blur_px = np.median([b for row in done.found.blur_px for b in row if b is not None])
+        assert 4 <= blur_px <= np.hypot(4, 0.95) + 0.6
 
 
 @pytest.mark.slow
@@ -105,11 +91,6 @@ def test_the_guide_s_pictures_are_what_they_are_said_to_be():
         image = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR))
         done = accept(Given([image], Pinhole.of(DESIGN)), load_recipe("recommended"), DESIGN)
         assert failed(done) == rows
-
-
-def test_another_recipe_of_the_list_is_named():
-    done = judged(Made(recipe="binary"), images=1, recipe="dense-with-dots")
-    assert [(row.check, row.found) for row in done.rows] == [("recipe", "another one: binary")]
 
 
 @pytest.mark.slow

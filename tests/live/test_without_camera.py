@@ -149,7 +149,7 @@ if end != "silence":
 
 @pytest.mark.parametrize(
     ("n", "end", "code"),
-    [pytest.param(200, "file", 0, marks=pytest.mark.slow), (12, "silence", 0), (12, "half", 1)],
+    [pytest.param(12, "file", 0, marks=pytest.mark.slow), (12, "silence", 0), (12, "half", 1)],
 )
 def test_a_folder_in_the_making_is_measured_to_its_end(
     n: int, end: str, code: int, tmp_path: Path
@@ -168,21 +168,18 @@ def test_a_folder_in_the_making_is_measured_to_its_end(
 
 
 def test_what_is_measured_is_kept_by_name_and_unit(tmp_path: Path) -> None:
-    pq = pytest.importorskip("pyarrow.parquet")
     out = tmp_path / "out"
     done = called("measure", shots(tmp_path / "x", speckle()), "--out", out, "--pictures")
     assert done.returncode == 0, done.stderr
-    table = pq.read_table(out / "measured.parquet")
-    assert table.column_names == [row.key for row in rows(kind_named("measured"))]
-    assert table.schema.field("motion_px").metadata[b"unit"] == b"px"
-    last = table.to_pylist()[-1]
-    assert last["area_change_median"] == pytest.approx(0.0403, abs=0.003)
-    assert last["fx_n"] is None
+    with (out / "measured.csv").open() as lines:
+        *_, last = csv.DictReader(lines)
+    assert list(last) == [row.key for row in rows(kind_named("measured"))]
+    assert float(last["area_change_median"]) == pytest.approx(0.0403, abs=0.003)
+    assert last["fx_n"] == ""
     with np.load(out / last["fields"]) as arrays:
         assert set(arrays) <= {row.key for row in rows(kind_named("fields"))}
         assert arrays["flow_px"].shape == (H // 2, W // 2, 2)
     assert np.array_equal(cv2.imread(str(out / last["picture"])), moved(speckle()))
-    assert not (out / "measured.csv").exists()
 
 
 @pytest.mark.slow

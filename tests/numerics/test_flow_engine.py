@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.star import Star
-from deltact_fab.imaging import Exposure, ImageSensor, view_grid
-from deltact_fab.measure.flow import FLOW_METHODS, FlowTracker
+from deltact_fab.measure.flow import FlowTracker
 from deltact_fab.numerics.engines import flow, flow_frames, flow_hard
 from deltact_fab.numerics.engines.flow_frames import CAMERA, FlowSequence, Vectors
 from deltact_fab.numerics.stability import judge
@@ -26,12 +25,6 @@ def pixels() -> tuple[flow_frames.Field, flow_frames.Field]:
 @pytest.fixture
 def star() -> Vectors:
     return STAR.motion(*pixels()).astype(np.float32)
-
-
-def test_the_true_star_has_no_noise_and_loses_nothing(star: Vectors) -> None:
-    noise_px, loss_px = STAR.figures(star)
-    assert noise_px < 1e-6
-    assert np.isnan(loss_px)
 
 
 def test_noise_of_the_star_is_the_noise(star: Vectors) -> None:
@@ -55,20 +48,6 @@ def test_the_long_motion_is_121_px_and_squeezes_and_stretches() -> None:
     assert det.max() == pytest.approx(2.0, abs=0.01)
 
 
-def test_three_chips_see_every_colour_at_every_pixel() -> None:
-    red = np.zeros((64, 64, 3), np.float32)
-    red[:, 32, 0] = 0.8  # the mosaic has red in odd columns only
-    rng = np.random.default_rng(0)
-    seen = {
-        mosaic: Exposure(
-            ImageSensor(mosaic=mosaic, blur_px=0.01, shading=0), view_grid(64, 64)
-        ).expose(red, rng)[..., 2]
-        for mosaic in (True, False)
-    }
-    assert seen[False][8:-8, 32].min() > 150
-    assert seen[True][8:-8, 32].max() < 100
-
-
 @pytest.mark.slow
 def test_a_drawn_frame_moves_as_it_is_told(tmp_path: Path) -> None:
     """Its truth is the field itself, and the flow finds it."""
@@ -82,18 +61,6 @@ def test_a_drawn_frame_moves_as_it_is_told(tmp_path: Path) -> None:
     # The same against a truth that is 2 px elsewhere: every confident pixel is wrong.
     false = FlowSequence(given.images, given.truth_px + np.float32(2))
     assert flow_hard.judged(FlowTracker(), given.images[::4], false).wrong == 1
-
-
-@pytest.mark.slow
-def test_two_threads_find_what_one_finds(tmp_path: Path) -> None:
-    pair = flow_frames.scene(tmp_path, "press")
-    for method in FLOW_METHODS:
-        flows = []
-        for n in (2, 1):
-            cv2.setNumThreads(n)
-            flows.append(flow.found(method, pair))
-        off = pair._replace(truth_px=flows[1]).error_px(flows[0])[pair.moving()]
-        assert off.mean(dtype=np.float64) * flow_frames.MM_PER_PX < 0.002, method
 
 
 @pytest.mark.evidence

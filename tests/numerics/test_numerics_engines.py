@@ -11,7 +11,6 @@ from deltact_fab.elasticity.block import FreeBlock
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear.contact import LinearContact
-from deltact_fab.numerics.engine import Case, Engine
 from deltact_fab.numerics.engines import REGISTRY, load
 from deltact_fab.numerics.stability import judge
 from deltact_fab.patterns.laws import algorithm1 as patches
@@ -44,14 +43,6 @@ def test_no_quick_case_is_wrong(name: str, tmp_path: Path) -> None:
     assert {r["outcome"] for r in rows} == {"right", "refused"}, [
         r for r in rows if r["outcome"] == "wrong"
     ]
-
-
-def test_an_engine_is_an_engine() -> None:
-    with pytest.raises((TypeError, AttributeError)):
-        load("deltact_fab.numerics.engine")
-    with pytest.raises(ValueError, match="needs a bound"):
-        Case("x", "right", lambda scratch: 0.0)
-    assert isinstance(load(REGISTRY["pattern"]), Engine)
 
 
 def test_distance_to_the_law_sees_another_law() -> None:

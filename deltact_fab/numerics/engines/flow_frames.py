@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -159,23 +159,8 @@ def pressed(recipe: PatternRecipe = DOTS, sensor: ImageSensor | None = None) -> 
     return drawn(recipe, *_press(), sensor=sensor)
 
 
-USB: dict[str, Any] = {
-    "corner_blur_px": 1.1, "led_gradient": 6.0, "highlight": 0.5, "contact_glow_per_mm": 1.0,
-    "gamma": 1.8, "demosaic": "gradients", "sharpening": 0.5, "format": "mjpeg-420",
-}  # fmt: skip
-CAMERAS = {key: ImageSensor(**{key: value}) for key, value in USB.items()}
-CAMERAS |= {f"format {name}": ImageSensor(format=name) for name in ("mjpeg-422", "yuyv", "nv12")}
-CAMERAS["all of them, a gradient of 2"] = ImageSensor(**(USB | {"led_gradient": 2.0}))
-"""What an ordinary camera does, one key of the rig's file at a time, and all at once."""
-
-
 SCENES: dict[str, Callable[[], FlowSequence]] = {
     "press": pressed,
-    **{
-        f"{name}, {key}": partial(pressed, recipe, sensor)
-        for name, recipe in (("coarse", COARSE), ("fine", FINE))
-        for key, sensor in CAMERAS.items()
-    },
     "far": partial(in_plane, COARSE, far, 10),
     "far, fine": partial(in_plane, FINE, far, 10),
     "near": partial(in_plane, COARSE, near, 4),

@@ -17,10 +17,9 @@ import numpy as np
 from ...aliases import Image
 from ...measure.flow import FlowTracker
 from ..engine import Case, Flagged
-from .flow_frames import CAMERAS, MM_PER_PX, FlowSequence, scene
+from .flow_frames import FlowSequence, scene
 
 WRONG_PX = 1.0
-WRONG_MM, WRONG_CAMERA = 0.1, 0.001
 OTHER_SEEDS = {"near": "other seed", "near, fine": "other seed, fine"}
 SILENT = 0.005  # share of the view that may be confident of an unrelated image
 # Of a frame that is trusted: share of the confident pixels that may be off by more than 1 px.
@@ -124,26 +123,6 @@ def _wrong(what: str, names: tuple[str, ...], scratch: Path) -> tuple[float, str
     return s.wrong, f"{place}; {told}, trusted {len(trusted)} of {len(found)}"
 
 
-def _through(key: str, scratch: Path) -> tuple[float, str]:
-    """Greatest share of the confident pixels that are off by over WRONG_MM, on two patterns.
-
-    Raises Flagged where a frame is not trusted.
-    """
-    told, shares = [], []
-    for pattern in ("coarse", "fine"):
-        given = scene(scratch, f"{pattern}, {key}")
-        tracker = FlowTracker()
-        for image in given.images:
-            seen = tracker.update(image)
-        if not seen.diagnostics.trusted:
-            raise Flagged(f"flagged: {pattern} is not trusted")
-        sure = seen.confident & seen.visible
-        off_mm = given.error_px(seen.flow_px)[sure] * MM_PER_PX
-        shares.append(float((off_mm > WRONG_MM).mean()))
-        told.append(f"{pattern} {off_mm.mean():.4f} mm, cover {sure[seen.visible].mean():.2f}")
-    return max(shares), "; ".join(told)
-
-
 def cases(quick: bool) -> list[Case]:
     """What must not be trusted, nor be confident; what should still be read, or flagged."""
     near = ("near",) if quick else tuple(OTHER_SEEDS)
@@ -153,11 +132,6 @@ def cases(quick: bool) -> list[Case]:
     ]
     if quick:
         return out
-    out += [
-        Case(f"camera: {key}: confident pixels off by {WRONG_MM} mm", "right",
-             partial(_through, key), WRONG_CAMERA, "share of them")
-        for key in CAMERAS
-    ]  # fmt: skip
     read = [(what, what, near, WRONG) for what in SPOILT]
     read += [(f"{name.replace('far', '121 px')}, at once and in ten frames", "whole", (name,), most)
              for name, most in FAR_WRONG.items()]  # fmt: skip
