@@ -85,7 +85,6 @@ def flip(path: Path) -> None:
 PRESS = "sphere-10/p1"
 SPOILT: dict[str, tuple[Callable[[Path], object], str, str, str]] = {
     "image gone": (lambda r: first_image(r).unlink(), "damaged", "4dots/p1", "No such file"),
-    "image empty": (lambda r: first_image(r).write_bytes(b""), "damaged", "4dots/p1", "hash"),
     "one bit": (lambda r: flip(first_image(r)), "damaged", "4dots/p1", "hash"),
     "samples": (
         lambda r: sql(r, "UPDATE samples SET data = substr(data, 1, 40) "
@@ -93,8 +92,6 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str, str, str]] = {
         "damaged", PRESS, f"force of {PRESS}/rest",
     ),
     "truth gone": (lambda r: record.truth_file(r, PRESS).unlink(), "damaged", PRESS, "missing"),
-    "truth": (lambda r: flip(record.truth_file(r, PRESS)), "damaged", PRESS, "its truth"),
-    "lattice": (lambda r: record.lattice_file(r).unlink(), "damaged", PRESS, "lattice.json"),
     "frame gone": (
         lambda r: sql(r, f"DELETE FROM frames WHERE frame_id = '{PRESS}/rest#001'"),
         "missing", PRESS, "rest#001",
@@ -117,12 +114,7 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str, str, str]] = {
         lambda r: (r / "journal.sqlite").write_bytes(b"no journal"),
         "damaged", "journal.sqlite", "",
     ),
-    "journal gone": (lambda r: (r / "journal.sqlite").unlink(), "damaged", "journal.sqlite", ""),
     "run.json": (lambda r: (r / "run.json").write_text("{"), "damaged", "run.json", ""),
-    "protocol": (
-        lambda r: (r / "protocol.toml").write_text((r / "protocol.toml").read_text() + "#\nx=1"),
-        "damaged", "protocol.toml", "x",
-    ),
     "protocol's value": (
         lambda r: (r / "protocol.toml").write_text(
             (r / "protocol.toml").read_text().replace("1.5", "1.25")),
@@ -132,8 +124,6 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str, str, str]] = {
     "lattice's value": (
         lambda r: flip(record.lattice_file(r)), "damaged", "truth/lattice.json", "hash",
     ),
-    "no hash": (lambda r: sql(r, "DELETE FROM files WHERE file = 'run.json'"), "damaged",
-                "run.json", "no hash"),
     "hashed, and gone": (
         lambda r: (r / "truth/lattice.json").unlink(), "missing", "truth/lattice.json", "",
     ),

@@ -23,6 +23,8 @@ from deltact_fab.measure.force.calibration import load_force
 from deltact_fab.optics import as_toml
 from deltact_fab.record.lag import lag_of, motion
 
+# Half of the usual pixels: a quarter of the work.
+DESIGN = "[optics]\nimage_width_px = 400\nimage_height_px = 300\n"
 PROTOCOL = """
 name = "elsewhere"
 indenters = ["sphere:10"]
@@ -33,7 +35,9 @@ channels = ["image", "force", "shear"]
 amplitude_mm = 0.5
 axes = ["x"]
 [capture]
-rate_hz = 8.0
+rate_hz = 6.0
+[specimen]
+design = "design.toml"
 """
 RECORDING = """
 images = "images"
@@ -79,7 +83,9 @@ def elsewhere(
 
     def make(folder: Path) -> None:
         folder.mkdir()
-        (folder / "p.toml").write_text(PROTOCOL)
+        (folder / "design.toml").write_text(DESIGN)
+        design = str(folder / "design.toml")
+        (folder / "p.toml").write_text(PROTOCOL.replace("design.toml", design))
         run_folder = folder / "run"
         request = experiment.RunRequest(str(folder / "p.toml"), str(mini[1]), run_folder, seed=1)
         experiment.run(request)
@@ -110,7 +116,7 @@ def test_force_and_pose_come_back_in_the_faces_axes_and_units(elsewhere: Path) -
     assert run.imported
     assert not run.simulated
     frames, was = run.frames(), truth.frames()
-    assert len(frames) == len(was) > 50
+    assert len(frames) == len(was) > 40
     assert np.abs(run.raw(frames["file"][9]) - truth.raw(was["file"][9])).max() == 0
     pressed = (was["kind"] != "travel").to_numpy()
     for names, within in ((WRENCH, 0.05), (["x_mm", "y_mm", "z_mm"], 0.02)):
@@ -121,7 +127,7 @@ def test_force_and_pose_come_back_in_the_faces_axes_and_units(elsewhere: Path) -
     assert run.force()["saturated"].isna().all()
 
 
-@pytest.mark.parametrize("lag_s", [0.0, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize("lag_s", [0.0, 0.1])
 def test_a_lag_of_the_force_is_found_within_a_frame(elsewhere: Path, lag_s: float) -> None:
     run = record.open(elsewhere / "imported")
     frames, force, moved = run.frames(), run.force(), motion()
@@ -135,13 +141,16 @@ def test_a_lag_of_the_force_is_found_within_a_frame(elsewhere: Path, lag_s: floa
     assert found.between_s[1] - found.between_s[0] < 2 * found.frame_s
 
 
+@pytest.mark.slow
 def test_what_an_import_lacks_is_one_line_and_the_rest_works(
     elsewhere: Path, tmp_path: Path
 ) -> None:
     run = tmp_path / "imported"
     shutil.copytree(elsewhere / "imported", run)
     assert "whole (finished)" in command("record", "check", run).output
-    assert command("record", "show", run).exit_code == 0
+    shown = command("record", "show", run).output
+    assert "recorded elsewhere, imported, finished" in shown
+    assert "specimen: not known" in shown
     assert command("record", "export", run, "--format", "csv", "--out", run / "t").exit_code == 0
     assert (pd.read_csv(run / "t" / "frames.csv")["fz_n"].notna()).all()
     shutil.rmtree(run / "t")
@@ -157,6 +166,7 @@ def test_what_an_import_lacks_is_one_line_and_the_rest_works(
         assert "imported" in refusal(*words)
 
 
+@pytest.mark.slow
 def test_with_camera_design_and_pose_shape_and_force_are_as_of_a_run(
     elsewhere: Path, tmp_path: Path
 ) -> None:
@@ -165,7 +175,7 @@ def test_with_camera_design_and_pose_shape_and_force_are_as_of_a_run(
     text = RECORDING.replace('"images"', f'"{elsewhere}/images"')
     for name in ("times", "force", "pose"):
         text = text.replace(f"{name}.csv", f"{elsewhere}/{name}.csv")
-    above = 'camera = "camera.toml"\ndesign = "deltact"\nserial = "A1"\n'
+    above = f'camera = "camera.toml"\ndesign = "{elsewhere}/design.toml"\nserial = "A1"\n'
     (tmp_path / "recording.toml").write_text(above + text)
     run = tmp_path / "out"
     assert command("record", "import", tmp_path / "recording.toml", "--out", run).exit_code == 0
@@ -213,38 +223,27 @@ TOML = "recording.toml"
 WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "column": (edit(TOML, '"Fc"', '"Fz"'), r"force.csv: fz = 'Fz': no such column; .*Fa"),
     "unit": (edit(TOML, '"mN"', '"lbf"'), r"recording.toml: force.force_unit: .*'N' or 'mN' .*lbf"),
-    "component": (edit(TOML, "fx =", "f_x ="), r"force.columns.f_x.*'fx'"),
-    "no torque unit": (edit(TOML, 'torque_unit = "N m"', ""), r"torque_unit: missing key; valid: "),
     "mirror": (edit(TOML, "[0, 0, 1]", "[0, 0, -1]"), r"force: rotation: is a mirror"),
-    "no rotation": (edit(TOML, "[0, 0, 1]", "[0, 0.5, 1]"), r"force: rotation: is none: rows of"),
     "half a vector": (edit(TOML, 'fx = "Fa", ', ""), r"rotation: turns three components; .*'fy'"),
-    "no times": (edit(TOML, "[times]", "[other]"), r"recording.toml: other: unknown key"),
     "no rate": (
         edit(TOML, '[times]\nfile = "times.csv"\ntime = "t"\n', ""),
         r"recording.toml: rate_hz: missing key; .*images has no times",
     ),
-    "no camera's design": (edit(TOML, "[times]", 'camera = "c"\n[times]'), r"camera: needs design"),
     "times back": (
         lines("times.csv", lambda r: [*r[:2], *r[:0:-1][:3]]),
         r"times.csv: line 4: t = ",
     ),
     "a row less": (lines("times.csv", lambda r: r[:-1]), r"times.csv: t: 3 rows, and .* 4 images"),
-    "a row more": (lines("times.csv", lambda r: [*r, "99"]), r"times.csv: t: 5 rows, and .* 4 im"),
     "ms are s": (edit("times.csv", "t\n", "t\n1e12\n"), r"times.csv: t: up to 1.0e\+12 s; .*'ns'"),
     "words": (lines("force.csv", lambda r: [*r[:3], "a" + r[3]]), r"force.csv: line 4: .*= 'a"),
     "no file": (lambda f: (f / "pose.csv").unlink(), r"pose.csv: cannot be read: No such file"),
-    "empty": (
-        lambda f: (f / "pose.csv").write_text(""),
-        r"pose.csv: not a CSV file with a line of",
-    ),
     "image": (lambda f: (f / "images/2.png").write_bytes(b"x"), r"2.png: does not decode"),
     "size": (
         lambda f: (f / "images/3.png").write_bytes(
             record.encode_png(np.zeros((9, 8, 3), np.uint8))
         ),
-        r"image 4 is of 8 x 9 px, the first of 798 x 586",
+        r"image 4 is of 8 x 9 px, the first of 400 x 300",
     ),
-    "no images": (edit(TOML, '"images"', '"imgs"'), r"imgs: no such file or folder"),
 }
 
 
@@ -268,8 +267,6 @@ def sql(text: str) -> Callable[[Path], object]:
 
 DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
     "row": (sql("DELETE FROM frames WHERE k = 2"), "no row names it"),
-    "last row": (sql("UPDATE frames SET k = 9, file = NULL WHERE k = 4"), "no row names it"),
-    "samples": (sql("UPDATE samples SET data = substr(data, 1, 40)"), "its samples are damaged"),
     "stream": (sql("DELETE FROM samples WHERE stream = 'pose'"), "None of pose, and"),
     "image": (lambda r: next((r / "images").iterdir()).unlink(), "No such file"),
     "summary": (lambda r: (r / "summary.json").unlink(), "summary.json: without it"),
@@ -299,6 +296,30 @@ def test_a_stack_and_a_rate_are_enough(tmp_path: Path) -> None:
     assert np.allclose(frames["t_s"], [0, 0.05, 0.1])
     assert np.array_equal(run.raw(frames["file"][1])[..., ::-1], images[1])
     assert "no force was recorded" in refusal("analyze", "force", tmp_path / "out")
+
+
+def test_an_import_is_exported_as_a_dataset_and_for_foxglove(few: Path) -> None:
+    """Its times begin before its first image, and before 1970."""
+    pytest.importorskip("av")
+    rows = (few / "times.csv").read_text().splitlines()
+    first_s = float(rows[1])
+    moved = [rows[0], *(str(float(row) - first_s - 1) for row in rows[1:])]
+    (few / "times.csv").write_text("\n".join(moved))
+    force = pd.read_csv(few / "force.csv")
+    force.assign(stamp=force["stamp"] - 1e3 * (first_s + 1)).to_csv(few / "force.csv", index=False)
+    edit(TOML, RECORDING[RECORDING.index("[pose]") :], "")(few)
+    run = few / "out"
+    assert command("record", "import", few / TOML, "--out", run).exit_code == 0
+    done = command("record", "export", run, "--format", "lerobot", "--out", few / "dataset")
+    assert done.exit_code == 0, done.output
+    info = json.loads((few / "dataset" / "meta" / "info.json").read_text())
+    frames = record.open(run).frames()
+    assert info["fps"] == round(1 / np.median(np.diff(frames["t_s"])))
+    data = pd.read_parquet(few / "dataset" / "data")
+    assert np.allclose(np.stack(data["observation.wrench"])[:, 2], frames["fz_n"], atol=1e-6)
+    assert np.isnan(np.stack(data["observation.state"])).all()
+    done = command("record", "export", run, "--format", "mcap", "-o", few / "run.mcap")
+    assert done.exit_code == 0, done.output
 
 
 def test_force_is_not_calibrated_on_what_a_tracker_fills_in_between_markers(tmp_path: Path) -> None:

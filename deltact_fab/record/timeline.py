@@ -73,7 +73,11 @@ class TimeLine:
             end_ns = offsets[at] + to_ns(last_s)
         imported_ns = None
         if run.imported and rows:
-            offsets, imported_ns = [0] * len(offsets), to_ns(min(row[1] for row in rows))
+            first_s = min(row[1] for row in rows)
+            # The recording's own times, moved where they would begin before 1970.
+            early_s = np.nanmin([first_s, run.force()["t_s"].min(), run.pose()["t_s"].min()])
+            moved_ns = to_ns(max(-float(early_s), 0.0))
+            offsets, imported_ns = [moved_ns] * len(offsets), to_ns(first_s) + moved_ns
         presses = tuple(row[0] for row in sorted(rows, key=itemgetter(5)))
         return cls(presses, tuple(offsets), press_session, event_session, imported_ns)
 

@@ -64,7 +64,8 @@ def out_of_sight() -> Callable[[Page], list[str]]:
 @pytest.fixture
 def opened(browser: Browser) -> Iterator[Callable[..., Page]]:
     """Opens a page, by its address, in a window so wide; none may complain or fetch anything."""
-    wrong, tabs = list[str](), list[Page]()
+    wrong: list[str] = []
+    tabs: list[Page] = []
 
     def visit(url: str, width_px: int = 1280) -> Page:
         tab = browser.new_page(viewport={"width": width_px, "height": 900}, color_scheme="light")

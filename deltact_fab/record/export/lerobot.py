@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...aliases import Progress
 from ...errors import InputError
-from ..files import json_bytes
+from ..files import UNKNOWN, json_bytes
 from ..run import Run
 from .episodes import FIELDS, Episode, Follow, episodes, values_of
 from .tables import described
@@ -114,7 +114,8 @@ def write(
             part.close()
             part = _Part(folder, part.chunk * CHUNK_FILES + part.file + 1, rate_hz)
         n = len(episode.table)
-        task = f"press the sensor with {episode.indenter}"
+        known = episode.indenter != UNKNOWN
+        task = "press the sensor" + (f" with {episode.indenter}" if known else "")
         columns = {key: _single(values_of(episode.table, c)) for key, c in FIELDS.items()}
         numbers = (np.arange(n), np.full(n, at), np.arange(frames, frames + n),
                    np.full(n, tasks.setdefault(task, len(tasks))))  # fmt: skip
@@ -166,6 +167,9 @@ def write(
 
 
 def _rate_hz(run: Run) -> float:
+    if run.imported:  # no protocol said it
+        every_s = np.median(np.diff(run.frames()["t_s"])) if len(run.frames()) > 1 else 0.0
+        return 1 / float(every_s) if every_s > 0 else RATE_HZ
     capture = (run.meta.get("protocol") or {}).get("capture") or {}
     return float(capture.get("rate_hz") or RATE_HZ)
 
