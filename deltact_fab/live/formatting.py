@@ -5,12 +5,7 @@ from __future__ import annotations
 from math import isnan
 from typing import Any
 
-import numpy as np
-
-from .motion import Motion
 from .session import MeasuredImage
-
-_EXTREMES = ("median", "least", "most")
 
 
 def as_dict(m: MeasuredImage, outlines: bool = False) -> dict[str, Any]:
@@ -33,21 +28,12 @@ def as_dict(m: MeasuredImage, outlines: bool = False) -> dict[str, Any]:
         "torque_nmm": None if force is None else _rounded(force.torque_nmm),
         "contacts": None if contacts is None else [_contact(c, outlines) for c in contacts],
         "dropped": m.dropped,
-        **_moved(m.motion),
+        "motion_px": _one(m.motion.largest_px),
+        "motion_median_px": _one(m.motion.median_px),
+        "motion_mm": _one(m.motion.largest_mm),
+        "markers": m.motion.markers,
+        "markers_held": m.motion.markers_held,
     }
-
-
-def _moved(motion: Motion) -> dict[str, Any]:
-    """Lengths, and the strain's median with its extremes: 1 and 99 % of the picture."""
-    lengths = (motion.largest_px, motion.median_px, motion.largest_mm)
-    told = dict(
-        zip(("motion_px", "motion_median_px", "motion_mm"), map(_one, lengths), strict=True)
-    )
-    for name in ("area_change", "shear"):
-        values = getattr(motion, name)
-        found = np.percentile(values, (50, 1, 99)) if len(values) else (None, None, None)
-        told |= {f"{name}_{k}": _one(v) for k, v in zip(_EXTREMES, found, strict=True)}
-    return told | {"markers": motion.markers, "markers_held": motion.markers_held}
 
 
 def _contact(contact: Any, outline: bool) -> dict[str, Any]:
@@ -90,10 +76,6 @@ def line(m: MeasuredImage) -> str:
     elif told["motion_px"] is not None:
         mm, px = told["motion_mm"], told["motion_px"]
         parts.append(f"motion {px:.2f} px" if mm is None else f"motion {mm:.3f} mm")
-    if m.result.force is None and told["shear_median"] is not None:
-        low, high = told["area_change_least"], told["area_change_most"]
-        parts.append(f"area {told['area_change_median']:+.1%} ({low:+.1%} to {high:+.1%})")
-        parts.append(f"shear {told['shear_median']:.1%} (to {told['shear_most']:.1%})")
     if told["markers"] is not None:
         parts.append(f"{told['markers_held']} of {told['markers']} markers")
     if told["extrapolated"]:

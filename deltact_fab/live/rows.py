@@ -48,12 +48,6 @@ COLUMNS = [
         motion_px="Largest motion of the pattern in the picture, from the reference.",
         motion_median_px="Median length of that motion.",
         motion_mm="Largest motion on the resting face, where its scale is known.",
-        area_change_median="Share by which the picture of the pattern grew, smoothed over 12 px.",
-        area_change_least="The same at the first hundredth of the picture.",
-        area_change_most="The same at the last hundredth.",
-        shear_median="Difference of the principal stretches of the picture, in the same places.",
-        shear_least="The same at the first hundredth.",
-        shear_most="The same at the last hundredth.",
         **dict.fromkeys(WRENCH, "Force on the sensor, a press has fz_n < 0, and torque about the "
                         "centre of the resting face."),
         **dict.fromkeys(DEEPEST, "Of the deepest contact, in the frame of the sensor."),

@@ -62,14 +62,10 @@ _STRING, _NUMBER, _INTEGER, _BOOLEAN = (
 _TIME = _object(sec=_INTEGER, nsec=_INTEGER)
 _XYZ = _object(**dict.fromkeys("xyz", _NUMBER))
 _POSE = _object(position=_XYZ, orientation=_object(**dict.fromkeys("xyzw", _NUMBER)))
-_NAMES = dict.fromkeys(("id", "press", "step_id", "indenter", "kind", "file", "sha256"), _STRING)
 SCHEMAS = {
     "/camera/image": ("foxglove.CompressedImage", _object(
         timestamp=_TIME, frame_id=_STRING, data=_STRING | {"contentEncoding": "base64"},
         format=_STRING,
-    )),
-    "/camera/frame": ("deltact_fab.Frame", _object(
-        timestamp=_TIME, k=_INTEGER, dropped=_INTEGER, settled=_BOOLEAN, late=_BOOLEAN, **_NAMES,
     )),
     "/stage/pose": ("foxglove.PoseInFrame", _object(timestamp=_TIME, frame_id=_STRING, pose=_POSE)),
     "/force/wrench": ("geometry_msgs/WrenchStamped", _object(
@@ -133,27 +129,11 @@ def _stamp(time_ns: int) -> dict[str, int]:
 
 
 def _frames(run: Run, table: pd.DataFrame) -> Iterator[Message]:
-    for _, row in table.iterrows():
-        time_ns = int(row[LINE])
-        told: dict[str, Any] = {
-            "timestamp": _stamp(time_ns),
-            "id": str(row["frame_id"]),
-            **{key: str(row[key]) for key in ("press", "step_id", "indenter", "kind")},
-            "k": int(row["k"]),
-            "settled": bool(row["settled"]),
-            "late": bool(row["late"]),
-            "dropped": int(row["dropped"]),
-        }
-        if isinstance(row["file"], str):  # else the scene had no image
-            told |= {"file": row["file"], "sha256": row["sha256"]}
-            image = {
-                "timestamp": told["timestamp"],
-                "frame_id": CAMERA,
-                "data": base64.b64encode(_png(run, row["file"])).decode(),
-                "format": "png",
-            }
-            yield time_ns, "/camera/image", image
-        yield time_ns, "/camera/frame", told
+    for time_ns, file in zip(map(int, table[LINE]), table["file"], strict=True):
+        if isinstance(file, str):  # else the scene had no image
+            data = base64.b64encode(_png(run, file)).decode()
+            image = {"timestamp": _stamp(time_ns), "frame_id": CAMERA, "data": data}
+            yield time_ns, "/camera/image", {**image, "format": "png"}
 
 
 def _png(run: Run, file: str) -> bytes:
