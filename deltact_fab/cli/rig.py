@@ -363,8 +363,8 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
     """Put a protocol through every fault on the simulated stage of a rig file.
 
     Lost and mangled answers, silence, a pulled cable, alarms, switches, an open door, forces over
-    the limit, a lost sensor or camera, a full disk, a kill: at every change of state of the deepest
-    press, and at moments drawn between. Tells what the operator reads, how far the tip goes after
+    the limit, a lost sensor or camera, a full disk: at every change of state of the deepest press,
+    and at moments drawn between. Tells what the operator reads, how far the tip goes after
     that, and whether --resume gives the same record. No device is opened. Exit code 1 when a fault
     does not end as it must.
     """

@@ -1,20 +1,9 @@
 """A run is a folder that survives: frozen inputs, an SQLite journal, images written whole.
 
-RUN/run.json          name, seed, versions, protocol, rig, sensor, camera as it was calibrated
-RUN/protocol.toml     the protocol as it was given, byte for byte
-RUN/pattern.json      recipe and dot centres as data
-RUN/journal.sqlite    steps, frames, samples, events, hashes of what stands here but notes (WAL,
-                      synchronous=FULL)
-RUN/camera.flat.png   how the light falls off, where the camera file names it
-RUN/images/*          as the camera gave them, raw, PNG or JPEG XL; temporary file, fsync, rename
-RUN/truth/            written by a virtual rig only; read through `Run.truth()` in analysis only
-RUN/notes.jsonl       what operators had to say, a line each, at any time
-RUN/summary.json      written last: its presence says that the run is finished
-
-The folder appears whole, by one rename. Rows are committed in batches, each after its files
-(`pipeline`). A press is complete when its last step is journalled; what else it leaves (images,
-truth) is on the disk before that, and the samples of a step's streams come with its row. See
-docs/decisions/0005-resume.md and 0032-runner.md.
+`docs/architecture.md` lists its files. The folder appears whole, by one rename. Rows are committed
+in batches, each after its files (`pipeline`). A press is complete when its last step is journalled;
+what else it leaves (images, truth) is on the disk before that, and the samples of a step's streams
+come with its row. See docs/decisions/0005-resume.md and 0032-runner.md.
 """
 
 from __future__ import annotations

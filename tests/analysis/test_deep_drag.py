@@ -65,30 +65,3 @@ def test_a_short_deep_drag(tmp_path: Path) -> None:
     assert sure["confident_wrong_share"] <= 0.0005
     # Flow that is composed wanders off, and does not only lose what it cannot see.
     assert composed["mean_off_dots_mm"] > 2 * sure["mean_off_dots_mm"]
-
-
-@pytest.mark.evidence
-@pytest.mark.parametrize(
-    ("protocol", "all_mm", "sure_mm", "coverage", "wrong"),
-    [
-        ("deep-drag", 0.006, 0.003, 0.95, 0.0005),
-        ("deeper-drag", None, 0.003, 0.88, 0.001),
-    ],
-)
-def test_a_whole_deep_drag_from_an_empty_store(
-    protocol: str,
-    all_mm: float | None,
-    sure_mm: float,
-    coverage: float,
-    wrong: float,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "store"))
-    row = dragged(protocol, "virtual", tmp_path / "run", "fused")["fused"]
-    assert row["peak_true_mm"] > 4
-    if all_mm is not None:
-        assert row["mean_off_dots_mm"] <= all_mm
-    assert row["mean_confident_mm"] <= sure_mm
-    assert row["coverage"] >= coverage
-    assert row["confident_wrong_share"] <= wrong

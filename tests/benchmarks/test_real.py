@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from benchmarks import real
-from deltact_fab.errors import InputError
 
 
 def test_the_correlation_finds_a_known_motion_and_loses_another_picture() -> None:
@@ -47,50 +43,3 @@ def test_a_swap_of_identities_is_seen_by_the_chains() -> None:
     frames = [grid[::-1] + (step, 0) for step in range(0, 31, 10)]  # the last is a pitch away
     assert real.chained(frames, grid, 14.0)[-1] == pytest.approx(grid + (30, 0))
     assert np.isnan(real.chained([grid[1:]], grid, 14.0)[0, 0]).all()
-
-
-def test_a_clone_is_known_by_its_files_on_any_branch_and_another_folder_is_one_line(
-    tmp_path: Path,
-) -> None:
-    def git(*asked: str) -> None:
-        who = ("-c", "user.name=a", "-c", "user.email=a@b")
-        subprocess.run(["git", "-C", str(tmp_path), *who, *asked], check=True, capture_output=True)
-
-    with pytest.raises(InputError, match="git log"):
-        real.section_of(tmp_path)
-    git("init")
-    (tmp_path / "a").write_text("a")
-    git("add", "a")
-    git("commit", "-m", "a")
-    with pytest.raises(InputError, match=r"no recording known here.*gelsightinc/gsrobotics"):
-        real.section_of(tmp_path)
-    folder = tmp_path / "scripts" / "fv_lib" / "pynhhd" / "data"
-    folder.mkdir(parents=True)
-    rows = "".join(f"{i},0,0,{i % 3},{i // 3}\n" for i in range(9))
-    (folder / "one.csv").write_text(",x,y,xt,yt\n" + rows)
-    git("add", ".")
-    git("commit", "-m", "b")
-    held = (
-        real.git(tmp_path, "rev-parse", f"HEAD:{real.RECORDINGS[3].folder}/one.csv")
-        .decode()
-        .strip()
-    )
-    git("rm", "-r", "scripts")
-    git("commit", "-m", "c")
-    section = real.section_of(tmp_path)
-    assert "Guanlan-gkd/finger_vision_master @ " in section
-    assert "| one | 1.29 | " in section
-    (blob,) = (tmp_path / ".git" / "objects").glob(f"{held[:2]}/{held[2:]}")
-    blob.unlink()
-    with pytest.raises(InputError, match="all 1 files wanted are absent"):
-        real.section_of(tmp_path)
-    page = real.with_section(real.with_section("", "## Two gels"), section)
-    assert page == real.with_section(page, section)
-
-
-def test_the_page_has_each_recording_once() -> None:
-    text = real.PAGE.read_text(encoding="utf-8")
-    assert [line.removeprefix("## ") for line in text.splitlines() if line.startswith("## ")] == [
-        recording.about for recording in real.RECORDINGS
-    ]
-    assert "nHHD not run" not in text

@@ -117,8 +117,3 @@ def test_pause_and_end_are_told_to_every_browser(page: LivePage) -> None:
     for t in told:
         last = next(s for s in t if s["ended"])
         assert last["health"] == "state of health: fit to use"
-
-
-def test_a_result_that_is_no_number_is_not_sent(page: LivePage) -> None:
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        PageResult(lambda: {"x": float("nan")}, lambda: np.zeros((1, 1, 3), np.uint8)).json()

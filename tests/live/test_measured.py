@@ -80,16 +80,6 @@ def test_the_report_says_what_the_command_says(
     assert all(d.result.contacts for d in found.deepest)
 
 
-def test_without_calibrations_it_says_what_it_leaves_out(mini_run: Path) -> None:
-    run = record.open(mini_run)
-    found = measured(run, calibrations_of(run))
-    assert found.force is None
-    assert [line.partition(":")[0] for line in found.left_out] == [
-        "contacts, and depth in mm", "force from the flow",
-    ]  # fmt: skip
-    assert all(d.result.contacts is None for d in found.deepest)
-
-
 def test_another_sensors_calibration_is_refused(mini_run: Path, calibrations: list[Path]) -> None:
     text = calibrations[0].read_text()
     assert 'design = "deltact"' in text

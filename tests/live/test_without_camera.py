@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
-import time
 from pathlib import Path
 
 import cv2
@@ -147,7 +145,7 @@ if end != "silence":
 
 @pytest.mark.parametrize(
     ("n", "end", "code"),
-    [pytest.param(12, "file", 0, marks=pytest.mark.slow), (12, "silence", 0), (12, "half", 1)],
+    [(12, "file", 0), (12, "silence", 0), (12, "half", 1)],
 )
 def test_a_folder_in_the_making_is_measured_to_its_end(
     n: int, end: str, code: int, tmp_path: Path
@@ -178,22 +176,3 @@ def test_what_is_measured_is_kept_by_name_and_unit(tmp_path: Path) -> None:
         assert set(arrays) <= {row.key for row in rows(kind_named("fields"))}
         assert arrays["flow_px"].shape == (H // 2, W // 2, 2)
     assert np.array_equal(cv2.imread(str(out / last["picture"])), moved(speckle()))
-
-
-@pytest.mark.slow
-def test_what_a_killed_measurement_kept_can_be_read(tmp_path: Path) -> None:
-    folder, out = shots(tmp_path / "x", speckle()[:104, :128]), tmp_path / "out"
-    words = ["-m", "deltact_fab.cli.main", "measure", str(folder), "--follow", "--out", str(out)]
-    table = out / "measured.csv"
-    with started(*words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as going:
-        until_s = time.monotonic() + 120
-        while not table.exists() or table.read_text().count("\n") < 5:
-            assert time.monotonic() < until_s
-            assert going.poll() is None
-            time.sleep(0.05)
-        going.kill()
-    with table.open() as lines:
-        kept = list(csv.DictReader(lines))
-    assert [row["frame"] for row in kept] == ["0", "1", "2", "3"]
-    assert all(np.load(out / row["fields"])["flow_px"].any() for row in kept[1:])
-    assert json.loads((out / "measured.json").read_text())["pattern"] == "dense"

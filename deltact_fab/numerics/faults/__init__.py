@@ -1,5 +1,4 @@
 """What a fault does to a run, at each moment of it: the real host, runner and record in lockstep.
 
-`bench` is what they drive, `kinds` the faults, `cell` one of them at one moment. The table is the
-engine `bench` of `numerics`.
+`bench` is what they drive, `kinds` the faults, `cell` one of them at one moment.
 """

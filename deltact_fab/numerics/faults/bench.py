@@ -1,17 +1,13 @@
 """A cheap bench in lockstep: real host, force client, guard, runner and record; no gel is solved.
 
 A board outlives the sessions that drive it, as on a table: what a fault leaves it in is what the
-next session finds. `python -m deltact_fab.numerics.faults.bench RUN` is one in a process.
+next session finds.
 """
 
 from __future__ import annotations
 
 import math
-import pickle
-import subprocess
-import sys
 import threading
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -232,30 +228,3 @@ class FaultBench:
         out[:, 0] = 0.3 * normal_n * np.tanh(tips[:, 0])
         out[:, 2] = -normal_n - [self.extra_n(t_s) for t_s in times_s]
         return out
-
-
-def kill_after(of: Scenario, folder: Path, seconds: float) -> float | None:
-    """Go on with the run of a folder in a process and SIGKILL that after so long; None.
-
-    Ended before, the seconds that it took, from its first word on.
-    """
-    words = [sys.executable, "-m", "deltact_fab.numerics.faults.bench", str(folder)]
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        with process.stdin as told:
-            pickle.dump(of, told)
-        process.stdout.readline()
-        began_s = time.monotonic()
-        try:
-            process.wait(timeout=seconds)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            return None
-        return time.monotonic() - began_s
-
-
-if __name__ == "__main__":
-    bench = FaultBench(pickle.load(sys.stdin.buffer))
-    print("begins", flush=True)  # so that whoever kills it knows when it lives
-    bench.run(Path(sys.argv[1]))

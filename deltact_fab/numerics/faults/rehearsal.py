@@ -12,15 +12,11 @@ from typing import Any
 from ...aliases import Progress
 from ...errors import RunFailed
 from ...jobs import each
-from ...rig.stage.move import AHEAD_S, PIECE_S
-from .bench import FaultBench, kill_after
 from .cell import Disk, FaultOutcome, Matrix
 from .kinds import FAULTS, HOMING
 from .scenario import Scenario
 
 SHORT = len(FAULTS)  # faults at moments, where not all are asked for
-KILLED = "kill -9"
-KILLS, THOROUGH_KILLS = 2, 20
 
 
 @dataclass(frozen=True)
@@ -75,17 +71,15 @@ def rehearse(of: Scenario, thorough: bool, progress: Progress | None = None) -> 
             for moment in moments
             if fault.homing or moment != HOMING
         ]
-        kills = THOROUGH_KILLS if thorough else KILLS
-        total = len(pairs) + THOROUGH_KILLS
+        total = len(pairs)
         if not thorough and len(pairs) > SHORT:
             random.Random(0).shuffle(pairs)
             pairs = _covering(pairs)
         jobs = [(made, k, *pair) for k, pair in enumerate(pairs)]
-        jobs += [(made, len(pairs) + k, KILLED, f"{k + 1}/{kills + 1}") for k in range(kills)]
         names = [f"{fault}: {moment}" for _, _, fault, moment in jobs]
         cells = each(_cell, jobs, names, progress=progress)
     order = {fault.name: k for k, fault in enumerate(FAULTS)}
-    cells.sort(key=lambda c: (order.get(c.fault, len(order)), (*moments, c.moment).index(c.moment)))
+    cells.sort(key=lambda c: (order[c.fault], moments.index(c.moment)))
     return Rehearsal(tuple(cells), moments, total, len(of.steps))
 
 
@@ -103,22 +97,7 @@ def _cell(job: tuple[Matrix, int, str, str]) -> FaultOutcome:
     folder = made.folder / f"cell-{number}"
     folder.mkdir()
     try:
-        if name == KILLED:
-            return _killed(made, folder / "run", moment)
         fault = next(fault for fault in FAULTS if fault.name == name)
         return made.cell(fault, moment, Disk(folder))
     finally:
         shutil.rmtree(folder)
-
-
-def _killed(made: Matrix, folder: Path, moment: str) -> FaultOutcome:
-    """At a share of a session."""
-    shutil.copytree(made.begun, folder)
-    took_s = kill_after(made.of, folder, 600.0) or 600.0
-    shutil.rmtree(folder)
-    shutil.copytree(made.begun, folder)
-    n, of = map(int, moment.split("/"))
-    ended = kill_after(made.of, folder, took_s * n / of) is not None
-    wrong = made.resumed(FaultBench(made.of), folder, "killed")
-    said = "it was over before" if ended else f"the tip goes on for {AHEAD_S + PIECE_S:g} s at most"
-    return FaultOutcome(KILLED, f"{moment} of a session", said, wrong=wrong)
