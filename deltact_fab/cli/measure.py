@@ -42,12 +42,9 @@ VIEW_HZ = 10.0
               show_default="as fast as possible; with --view 10",
               help="Images per second at most, unless a camera gives them.")  # fmt: skip
 @click.option("--jsonl", is_flag=True, help="Print one JSON object per image, as it comes.")
-@click.option("--follow", is_flag=True,
-              help="Go on taking images that are written into the folder SOURCE.")  # fmt: skip
-@click.option("--done", metavar="NAME", default="DONE",
-              help="With --follow: file in the folder that ends it.")  # fmt: skip
-@click.option("--silence", type=Finite(min=0.1), metavar="S", show_default="no limit",
-              help="With --follow: seconds without a new image that end it.")  # fmt: skip
+@click.option("--follow", type=Finite(min=0.1), metavar="S",
+              help="Go on taking images that are written into the folder SOURCE, until none came "
+              "for S seconds.")  # fmt: skip
 @out_folder("New folder for a table of the results and each image's arrays.")
 @click.option("--pictures", is_flag=True, help="With --out: keep each image too, as tracked.")
 @click.option("--view", is_flag=True, help="Show everything live on a page on this computer.")
@@ -57,8 +54,8 @@ VIEW_HZ = 10.0
 def measure(
     source: str, camera: Path | None, calibrations: tuple[Path, ...], mm_per_px: float | None,
     show: str | None, design: str | None, serial: str | None, seed: int, hz: float | None,
-    jsonl: bool, follow: bool, done: str, silence: float | None, out: Path | None, pictures: bool,
-    view: bool, port: int, as_json: bool,
+    jsonl: bool, follow: float | None, out: Path | None, pictures: bool, view: bool, port: int,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Measure the images of SOURCE as they come; the first must show the face at rest.
 
@@ -71,9 +68,6 @@ def measure(
     """
     # Every BLAS reads it, when numpy is imported. The stages have the cores already.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    for flag, given in (("--done", done != "DONE"), ("--silence", silence is not None)):
-        if given and not follow:
-            raise click.UsageError(f"{flag}: only with --follow")
     if pictures and out is None:
         raise click.UsageError("--pictures: only with --out")
     if jsonl and as_json:
@@ -81,7 +75,6 @@ def measure(
     import cv2
 
     from ..live import open_session, told_once
-    from ..live.followed import Follow
     from ..live.kept import KeptFolder, require_new
     from ..live.outputs import HealthOutput, JsonLines, PageOutput, StatusLine, Summary, about
     from ..live.page import LivePage
@@ -96,8 +89,7 @@ def measure(
             source, camera, calibrations,
             None if show is None else [part.strip() for part in show.split(",")],
             design=design, serial=serial, seed=seed, mm_per_px=mm_per_px,
-            follow=Follow(done, silence) if follow else None,
-            most_hz=hz or (VIEW_HZ if view else None),
+            follow_s=follow, most_hz=hz or (VIEW_HZ if view else None),
         )  # fmt: skip
         opened, measurement = session.source, session.measurement
         stack.callback(opened.close)

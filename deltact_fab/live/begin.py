@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..errors import InputError, did_you_mean
 from ..measure.pipeline import OUTPUTS, MarkerMeasurement
@@ -14,9 +13,6 @@ from ..measure.recognised import recognise
 from ..optics import Pinhole
 from .open import images, measurement_of, open_source
 from .session import Session
-
-if TYPE_CHECKING:
-    from .followed import Follow
 
 
 def open_session(
@@ -29,18 +25,18 @@ def open_session(
     serial: str | None = None,
     seed: int = 0,
     mm_per_px: float | None = None,
-    follow: Follow | None = None,
+    follow_s: float | None = None,
     most_hz: float | None = None,
 ) -> Session:
     """Open a source; `results` of what is returned measures its images.
 
-    name, camera_file, design, serial, seed, follow: as of `open_source`; calibrations, show: as of
+    name, camera_file, design, serial, seed, follow_s: as of `open_source`; calibrations, show: of
     `measurement_of`; most_hz: as of Session. mm_per_px: of the resting face, where no camera is
     known; with neither, lengths are in pixels. Where the source does not know its pattern and no
     calibration is given, the first image is waited for, and markers are followed as such. Raises
     InputError, one line, and what the source raises.
     """
-    source = open_source(name, camera_file, design, serial, seed, follow=follow)
+    source = open_source(name, camera_file, design, serial, seed, follow_s=follow_s)
     try:
         frames, known = images(source), source.known
         if known.camera is not None and mm_per_px is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..aliases import Image
@@ -13,33 +12,23 @@ from ..rig.camera.files import IMAGE_NAMES, Folder, by_number, decoded
 
 POLL_S = 0.05
 STEADY_S = 0.5  # so long a TIFF must not grow: nothing in it says where it ends
-GRACE_S = 2.0  # so long an image that is not whole is waited for when the folder's end was told
-
-
-@dataclass(frozen=True)
-class Follow:
-    """What ends a folder: the file `done` in it, or silence_s without a byte, None for no limit."""
-
-    done: str = "DONE"
-    silence_s: float | None = None
 
 
 class FollowedFolder(Folder):
     """Every image of a folder once it is whole, those that wait in the order of their numbers.
 
-    One that is not whole is waited for, and so are those that follow it.
+    One that is not whole is waited for, and so are those that follow it. It ends when no byte came
+    for silence_s.
     """
 
-    def __init__(self, folder: Path, follow: Follow) -> None:
+    def __init__(self, folder: Path, silence_s: float) -> None:
         self.name = str(folder)
-        self._folder, self._follow = folder, follow
+        self._folder, self._silence_s = folder, silence_s
 
     def read(self) -> Generator[Image, None, None]:
         """As Folder. Raises RunFailed, also for an image that never becomes whole."""
         taken, size, heard_s = set[str](), 0, time.monotonic()
-        limit_s = self._follow.silence_s
         while True:
-            ended = (self._folder / self._follow.done).exists()  # before what is there is listed
             waits = None
             for file in self._new(taken):
                 try:
@@ -54,12 +43,12 @@ class FollowedFolder(Folder):
                 taken.add(file.name)
                 yield decoded(file, data)
                 size, heard_s = 0, time.monotonic()
-            quiet_s = time.monotonic() - heard_s
-            silent = limit_s is not None and quiet_s > limit_s
-            if waits is not None and (silent or (ended and quiet_s > GRACE_S)):
-                raise RunFailed(f"{waits}: not a whole image, and nothing came for {quiet_s:.1f} s")
-            if silent or (ended and waits is None):
-                return
+            if time.monotonic() - heard_s > self._silence_s:
+                if waits is None:
+                    return
+                raise RunFailed(
+                    f"{waits}: not a whole image, and nothing came for {self._silence_s:g} s"
+                )
             time.sleep(POLL_S)
 
     def _new(self, taken: set[str]) -> list[Path]:

@@ -27,8 +27,6 @@ from .source import KnownSensor, Source
 if TYPE_CHECKING:
     import pandas as pd
 
-    from .followed import Follow
-
 
 NAMES_A_FILE = re.compile(r"\w[\w.+-]*")  # of a serial number: others are never kept
 
@@ -80,7 +78,7 @@ def open_source(
     serial: str | None = None,
     seed: int = 0,
     rest_only: bool = False,
-    follow: Follow | None = None,
+    follow_s: float | None = None,
 ) -> Source:
     """Open what a name stands for, and tell it what the user knows of its sensor.
 
@@ -89,11 +87,11 @@ def open_source(
     the camera is opened. camera_file: as `deltact-fab calibrate lens` writes
     it. design, serial: of the sensor. They go before what the source knows. seed: of a virtual rig.
     rest_only: the images are looked at only to see what was made: where no one knows the camera,
-    the design's lens stands for it. follow: how a folder ends that is still written into. Raises
-    InputError for a name that is nothing of these.
+    the design's lens stands for it. follow_s: NAME is a folder that is still written into, and ends
+    when no image came for so long. Raises InputError for a name that is nothing of these.
     """
     given = None if camera_file is None else known_of(camera_file, design)
-    source = _opened(name, given, design, seed) if follow is None else _followed(name, follow)
+    source = _opened(name, given, design, seed) if follow_s is None else _followed(name, follow_s)
     try:
         own = source.known
         if given is not None:
@@ -175,7 +173,7 @@ def _opened(name: str, given: KnownSensor | None, design: str | None, seed: int)
     )
 
 
-def _followed(name: str, follow: Follow) -> Source:
+def _followed(name: str, silence_s: float) -> Source:
     folder = Path(name)
     if not folder.is_dir() or (folder / "run.json").is_file():
         wanted = "a folder that images are written into"
@@ -183,7 +181,7 @@ def _followed(name: str, follow: Follow) -> Source:
     from .camera import FileSource
     from .followed import FollowedFolder
 
-    return FileSource(FollowedFolder(folder, follow))
+    return FileSource(FollowedFolder(folder, silence_s))
 
 
 def measurement_of(

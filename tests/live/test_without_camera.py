@@ -115,7 +115,6 @@ def test_a_scale_gives_mm_and_what_needs_a_camera_is_one_line(tmp_path: Path) ->
     for words, says in (
         (["--show", "shape"], "--show shape: needs a scale: --mm-per-px or --camera"),
         (["--calibration", "f.toml"], "f.toml: a calibration holds for the camera"),
-        (["--silence", "3"], "--silence: only with --follow"),
         (["--pictures"], "--pictures: only with --out"),
         (["--out", source], "already there; name a new or empty --out folder"),
     ):
@@ -138,24 +137,16 @@ for k in range(n):
         out.write(data[len(data) // 2 :])
 if end == "half":
     (folder / f"{n}.png").write_bytes(data[: len(data) // 2])
-if end != "silence":
-    (folder / "END").touch()
 """
 
 
-@pytest.mark.parametrize(
-    ("n", "end", "code"),
-    [(12, "file", 0), (12, "silence", 0), (12, "half", 1)],
-)
-def test_a_folder_in_the_making_is_measured_to_its_end(
-    n: int, end: str, code: int, tmp_path: Path
-) -> None:
-    folder = tmp_path / "images"
+@pytest.mark.parametrize(("end", "code"), [("silence", 0), ("half", 1)])
+def test_a_folder_in_the_making_is_measured_to_its_end(end: str, code: int, tmp_path: Path) -> None:
+    folder, n = tmp_path / "images", 12
     folder.mkdir()
     np.save(tmp_path / "face.npy", speckle()[:72, :96])
     with started("-c", WRITER, str(folder), str(n), end):
-        silence = ["--silence", "8"] if end == "silence" else []
-        done = called("measure", str(folder), "--follow", "--done", "END", "--jsonl", *silence)
+        done = called("measure", str(folder), "--follow", "8", "--jsonl")
     told = [json.loads(line) for line in done.stdout.splitlines()]
     assert [row["frame"] for row in told] == list(range(n))
     assert [round(row["motion_median_px"]) for row in told] == [k % 3 for k in range(n)]
