@@ -6,6 +6,7 @@ import json
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import IO
 
 from . import picture
@@ -68,57 +69,51 @@ class StatusLine(Output):
         self._written = measured
 
 
+@dataclass
 class JsonLines(Output):
     """One JSON object a result, written at once."""
 
-    def __init__(self, to: IO[str], simulated: str | None) -> None:
-        self._to = to
-        self._simulated = simulated
+    to: IO[str]
+    simulated: str | None
 
     def show(self, measured: MeasuredImage) -> None:
         """As Output."""
         told = as_dict(measured)
-        if self._simulated is not None:
-            told["simulated"] = self._simulated
-        self._to.write(json.dumps(told, allow_nan=False) + "\n")
-        self._to.flush()
+        if self.simulated is not None:
+            told["simulated"] = self.simulated
+        self.to.write(json.dumps(told, allow_nan=False) + "\n")
+        self.to.flush()
 
 
+@dataclass
 class Summary(Output):
     """One JSON document when there are no more: how many images, and the last result."""
 
-    def __init__(self, to: Callable[[object], None], simulated: str | None) -> None:
-        self._to = to
-        self._simulated = simulated
-        self._last: MeasuredImage | None = None
+    to: Callable[[object], None]
+    simulated: str | None
+    last: MeasuredImage | None = None
 
     def show(self, measured: MeasuredImage) -> None:
         """As Output."""
-        self._last = measured
+        self.last = measured
 
     def end(self, why: str) -> None:
         """As Output."""
-        last = self._last
-        self._to(
-            {
-                "ended": why,
-                "images": 0 if last is None else last.given.frame + 1,
-                "simulated": self._simulated,
-                "last": None if last is None else as_dict(last),
-            }
-        )
+        images = 0 if self.last is None else self.last.given.frame + 1
+        last = None if self.last is None else as_dict(self.last)
+        self.to({"ended": why, "images": images, "simulated": self.simulated, "last": last})
 
 
+@dataclass
 class PageOutput(Output):
     """The page, which stays open when the results end, until it is closed."""
 
-    def __init__(self, session: Session, page: LivePage) -> None:
-        self._session = session
-        self._page = page
+    session: Session
+    page: LivePage
 
     def show(self, measured: MeasuredImage) -> None:
         """As Output; the work is done by the threads of the browsers."""
-        session = self._session
+        session = self.session
 
         def data() -> dict[str, object]:
             return picture.data(measured, session.view)
@@ -126,24 +121,24 @@ class PageOutput(Output):
         def image() -> picture.Array:
             return picture.image(measured, session.rectified(measured.given.image))
 
-        self._page.show(PageResult(data, image), picture.point(measured))
+        self.page.show(PageResult(data, image), picture.point(measured))
 
     def end(self, why: str) -> None:
         """As Output."""
-        self._page.end(why)
+        self.page.end(why)
 
 
+@dataclass
 class HealthOutput(Output):
     """Tells the state of health that each new reference shows, where a calibration can say it."""
 
-    def __init__(self, tell: Callable[[str, str], None]) -> None:
-        self._tell = tell
+    tell: Callable[[str, str], None]
 
     def show(self, measured: MeasuredImage) -> None:
         """As Output."""
         found = measured.result.health
         if measured.result.frame == 0 and found is not None:
-            self._tell(f"state of health: {found.line}", "; ".join(found.reasons))
+            self.tell(f"state of health: {found.line}", "; ".join(found.reasons))
 
 
 def about(source: Source, with_force: bool) -> dict[str, object]:

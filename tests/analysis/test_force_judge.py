@@ -12,14 +12,12 @@ from deltact_fab.analysis.force import ForceData
 from deltact_fab.analysis.force.judge import (
     FOLDS,
     REPEATS,
-    component,
     enough,
     figures,
     fit,
     folds,
     judge,
     learning_curve,
-    root_mean_square,
     score,
 )
 from deltact_fab.analysis.force.transfer import transfer
@@ -103,19 +101,6 @@ def test_no_fold_is_judged_on_what_it_has_seen_and_each_point_is_judged_once(spl
                 assert judged.sum() in (len(points) // FOLDS, len(points) // FOLDS + 1)
     again = folds(points, split, seed=1)[0][0][1]
     assert (again == repeats[0][0][1]).all()
-
-
-def test_the_figure_hangs_on_no_seed() -> None:
-    """Of 38 points, as many as once were the only ones that judged."""
-    data = made(noise_n=0.3)
-    few = _part(data, np.random.default_rng(0).permutation(len(data)) < 38)
-
-    def normal_n(seed: int) -> float | None:
-        said = component(judge(few, "sums", seed).predicted["point"], "normal")
-        return root_mean_square(said - component(few.wrench, "normal"))
-
-    found = np.array([normal_n(seed) for seed in range(5)], float)
-    assert np.ptp(found) < 0.05 * found.mean()
 
 
 def test_one_place_leaves_indenters_out_and_one_press_nothing() -> None:

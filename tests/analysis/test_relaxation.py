@@ -62,16 +62,6 @@ def test_the_time_to_a_bound_is_that_of_the_exponential():
     assert time_to([0.0, 1.0, 2.0, 3.0], [0.1, 0.01, 0.1, 0.001], 0.02) > 2.0
 
 
-@pytest.mark.parametrize(
-    ("shares", "times", "words"),
-    [((0.1,), (1.0, 2.0), "as many g"), ((-0.1,), (1.0,), "g > 0"),
-     ((0.1,), (float("nan"),), "tau_s > 0")],
-)  # fmt: skip
-def test_what_is_no_series_is_refused(shares, times, words):
-    with pytest.raises(InputError, match=words):
-        Series(shares, times)
-
-
 def stops(series: Series, noise_n: float, rest_s: float, seed: int = 0) -> list[Rest]:
     """Rests of a press with a drag to either side, with what each still has of the one before."""
     rng = np.random.default_rng(seed)
@@ -113,13 +103,6 @@ def test_a_gel_of_one_time_takes_no_second_branch():
     assert len(fitted.series.shares) == 1
     assert fitted.series.times_s[0] == pytest.approx(2.0, rel=0.03)
     assert fitted.series.shares[0] == pytest.approx(0.1, rel=0.03)
-
-
-def test_what_is_slower_than_the_rests_is_said_to_be_unsure():
-    slow = Series((0.08, 0.05), (0.4, 30.0))
-    fitted = fit(stops(slow, noise_n=0.002, rest_s=15.0))
-    assert len(fitted.unsure) == 1
-    assert fitted.unsure[0] == fitted.series.times_s[-1] > 7.5
 
 
 def test_a_run_whose_stops_do_not_rest_is_refused(mini_run: Path):

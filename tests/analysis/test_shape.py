@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 from called import called
 
-from deltact_fab.analysis.shape import GOALS, calibrate_depth
-from deltact_fab.errors import InputError
+from deltact_fab.analysis.shape import GOALS
 from deltact_fab.measure.shape import DepthModel
 
 
@@ -109,16 +108,3 @@ def test_a_bench_without_truth_has_its_gallery_and_pressures_and_no_errors(
     assert not {name for one in frames for name in one if "true" in name}
     for name in ("shape", "force-distribution"):
         assert (tmp_path / f"{name}.svg").stat().st_size > 10_000
-
-
-@pytest.mark.slow
-def test_a_ball_that_the_stage_had_elsewhere_is_no_calibration(
-    mini_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The stage's zero 4 mm too deep: the depth found is a small part of what it says."""
-    import deltact_fab.analysis.shape.ball as ball
-
-    real = ball.settled
-    monkeypatch.setattr(ball, "settled", lambda f: real(f).assign(z_mm=lambda t: t["z_mm"] - 4))
-    with pytest.raises(InputError, match="times the sphere's"):
-        calibrate_depth(mini_run)

@@ -75,14 +75,6 @@ def test_without_truth_the_errors_at_the_dots_are_compared() -> None:
     assert "no truth to compare with" in verdict.line
 
 
-def test_without_any_error_the_surest_is_taken() -> None:
-    rows = [row("a", None, 3.0, confident_share=0.85), row("b", None, 9.0, confident_share=0.97)]
-    verdict = judge(rows, simulated=False)
-    assert verdict.take == "b"
-    assert verdict.error is None
-    assert "mean error" not in verdict.line
-
-
 def test_a_run_of_one_frame_is_no_experiment() -> None:
     verdict = judge([{"name": "a", **ErrorTally().figures()}], simulated=True)
     assert not verdict.trusted

@@ -7,23 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import evidence, held, store, tables
+from benchmarks import evidence, store, tables
 from deltact_fab import digest
 from deltact_fab.errors import InputError
-from deltact_fab.protocols.plan import load
-from deltact_fab.rig.simulator import FiniteGelConfig
 
 MACHINE = {"machine": {"processor": "", "cores": 1}, "threads": 1, "load": None, "versions": {}}
-
-
-def test_caps_are_held_against_the_protocol_and_the_rig_as_they_stand() -> None:
-    (protocol, _), config = load("pattern-selection"), FiniteGelConfig()
-    every = held.every_held()
-    assert {h.indenter for h in every} == set(protocol.indenters)
-    assert {h.depth_mm for h in every} == set(protocol.depths_mm)
-    assert max(protocol.depths_mm) == protocol.shear.amplitude_mm == held.REACH_MM
-    assert held.CAPS[0] == config.most_unknowns
-    assert {h.press_increment_mm for h in every} == {config.press_increment_mm}
 
 
 def test_rows_have_names_of_their_own_and_the_file_has_them_all() -> None:
@@ -112,9 +100,3 @@ def test_rows_are_one_file_sorted_each_row_once(tmp_path: Path) -> None:
     path.write_text('{"key": {"row": "a"}}\n<<<<<<< ours\n')
     with pytest.raises(InputError, match="line 2: no row of evidence"):
         store.read(path)
-
-
-@pytest.mark.slow
-def test_a_row_that_fails_or_takes_too_long_says_so() -> None:
-    assert "StopIteration" in evidence.run_row("no such row", 1, 60.0)["failed"]
-    assert evidence.run_row("curve: x", 1, 0.01) == {"failed": "no answer within 0.01 s"}

@@ -130,10 +130,10 @@ def pages(
 
 @pytest.fixture
 def live_url(mini_run: Path) -> Iterator[str]:
-    """The live page on a run that is measured at five images a second."""
+    """The live page on a run that is measured at two images a second."""
     with subprocess.Popen(
         [sys.executable, "-m", "deltact_fab.cli.main", "measure", str(mini_run), "--view",
-         "--hz", "5"],
+         "--hz", "2"],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     ) as going:  # fmt: skip
         assert going.stderr is not None

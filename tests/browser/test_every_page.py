@@ -193,17 +193,16 @@ def test_the_live_page_is_drawn_obeys_its_buttons_and_several_may_look(
     opened: Callable[..., Page], live_url: str, out_of_sight: Callable[[Page], list[str]]
 ) -> None:
     tab = opened(live_url)
-    tab.wait_for_function("() => /image [5-9]/.test(document.body.innerText)", timeout=60_000)
-    words = tab.inner_text("body")
+    tab.wait_for_function("() => /image [3-9]/.test(document.body.innerText)", timeout=60_000)
+    tab.click("#pause")
+    tab.wait_for_function(f"{STATE} == 'paused'")
+    tab.wait_for_timeout(1000)  # what was under way is shown
+    words, held = tab.inner_text("body"), image(tab)
     for word in ("simulated, seed 3", "the flow is trusted", "no force calibration", "Hz"):
         assert word in words
     assert tab.evaluate(DRAWN, "face") > 0.5
     assert tab.evaluate(DRAWN, "plot") > 0.01
 
-    tab.click("#pause")
-    tab.wait_for_function(f"{STATE} == 'paused'")
-    tab.wait_for_timeout(1000)  # what was under way is shown
-    held = image(tab)
     other = opened(live_url)  # a browser that comes later sees what is there
     other.wait_for_function(f"() => /image {held}/.test(document.body.innerText)")
     assert image(tab) == held
