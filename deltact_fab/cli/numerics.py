@@ -20,7 +20,7 @@ CURVES = {
 CASES = ("engine", "outcome", "case", "expectation", "figure", "bound", "unit")
 
 
-@click.command(epilog="Example: deltact-fab numerics lens --quick")
+@click.command(epilog="Example: deltact-fab numerics pattern --quick")
 @click.argument("engines", nargs=-1, metavar="[ENGINE]...", type=ENGINE_NAME)
 @click.option("--quick", is_flag=True, help="Only a few settings and cases of each engine.")
 @out_folder("Folder for a page, JSON and CSV.")
@@ -28,9 +28,9 @@ CASES = ("engine", "outcome", "case", "expectation", "figure", "bound", "unit")
 def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
     """Error against CPU time, and stability, of the numerical engines.
 
-    ENGINE is pattern, flow, gel, lens or measure; the default is all of them. Each time is the best
-    of several runs, with the slowest beside it. Nothing is measured on hardware. Exit code 1 when a
-    row is wrong.
+    ENGINE is pattern, flow, gel or measure; the default is all of them. Each time is the best of
+    several runs, with the slowest beside it. Nothing is measured on hardware. Exit code 1 when a row
+    is wrong.
     """
     from ..numerics import harness
 

@@ -129,7 +129,7 @@ def completed(*words: str) -> set[str]:
         (["run", "smoke", "--dry"], {"--dry-run"}),
         (["study", "run", "set"], {"settling"}),
         (["schema", "virt"], {"virtual-rig"}),
-        (["numerics", "le"], {"lens"}),
+        (["numerics", "pa"], {"pattern"}),
         (["pattern", "sheet", "--transfer", "sl"], {"slide"}),
     ],
     ids=lambda w: "-".join(w) if isinstance(w, list) else "",

@@ -139,8 +139,8 @@ def test_every_row_is_judged_and_a_wrong_one_fails_the_command(toy: str, tmp_pat
 
 
 def test_an_unknown_engine_is_exit_2() -> None:
-    with pytest.raises(InputError, match="did you mean 'lens'"):
-        harness.run(["lense"])
+    with pytest.raises(InputError, match="did you mean 'flow'"):
+        harness.run(["flows"])
 
 
 @pytest.mark.parametrize(

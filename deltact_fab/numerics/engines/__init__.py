@@ -8,7 +8,7 @@ from ...errors import InputError, did_you_mean
 from ..engine import Engine
 
 # Modules, imported only when asked for: an engine needs libraries that another does not.
-REGISTRY = {name: f"{__name__}.{name}" for name in ("pattern", "flow", "gel", "lens", "measure")}
+REGISTRY = {name: f"{__name__}.{name}" for name in ("pattern", "flow", "gel", "measure")}
 
 
 def check_names(names: tuple[str, ...]) -> tuple[str, ...]:
