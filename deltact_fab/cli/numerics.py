@@ -29,8 +29,8 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
     """Error against CPU time, and stability, of the numerical engines.
 
     ENGINE is pattern, flow, gel or measure; the default is all of them. Each time is the best of
-    several runs, with the slowest beside it. Nothing is measured on hardware. Exit code 1 when a row
-    is wrong.
+    several runs, with the slowest beside it. Nothing is measured on hardware. Exit code 1 when a
+    row is wrong.
     """
     from ..numerics import harness
 

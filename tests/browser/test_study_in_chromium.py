@@ -10,23 +10,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import cv2
-import numpy as np
 import pandas as pd
 import pytest
 from made_up_study import COLUMNS, study, wide
 
-from deltact_fab.report import figures, study_page
-from deltact_fab.report.result import ReportFigure, ReportTable
+from deltact_fab.report import study_page
+from deltact_fab.report.result import ReportTable
 from deltact_fab.report.templating import MAX_COLUMNS, named
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from playwright.sync_api import Page
 
     Opened = Callable[..., Page]
-
-FIGURES = 20
 
 pytestmark = pytest.mark.slow
 
@@ -52,12 +47,11 @@ def printed(tab: Page, out: Path) -> Path:
     return out
 
 
-def words_of(pdf: Path, sheet: int | None = None) -> str:
-    """The words of a PDF or of one sheet, counted from 1, without blanks: lines break them."""
+def words_of(pdf: Path) -> str:
+    """The words of a PDF without blanks: lines break them."""
     if shutil.which("pdftotext") is None:
         pytest.skip("no pdftotext on this machine: apt-get install poppler-utils")
-    only = [] if sheet is None else ["-f", str(sheet), "-l", str(sheet)]
-    command = ["pdftotext", "-raw", *only, str(pdf), "-"]
+    command = ["pdftotext", "-raw", str(pdf), "-"]
     text = subprocess.run(command, capture_output=True, check=True).stdout
     return re.sub(r"\s", "", text.decode())
 
@@ -80,45 +74,3 @@ def test_the_print_has_every_column_of_a_wide_table(opened: Opened, tmp_path: Pa
         assert f"{value:.4g}".replace("-", "−") in words
     for head in ("95%interval,over", "goal", "remark"):
         assert head in words
-
-
-def bar(colour: str, height_in: float) -> Callable[[], Figure]:
-    """A figure that is one high bar of one colour."""
-
-    def draw() -> Figure:
-        figure, (axis,) = figures.blank(6, height_in)
-        axis.axis("off")
-        axis.barh([0], [1], 1, color=colour)
-        axis.margins(0)
-        return figure
-
-    return draw
-
-
-def test_no_figure_is_split_between_two_sheets_or_from_its_words(
-    opened: Opened, tmp_path: Path
-) -> None:
-    if shutil.which("pdftoppm") is None:
-        pytest.skip("no pdftoppm on this machine: apt-get install poppler-utils")
-    # So many heights that a sheet's end meets every part of a figure and of its words.
-    heights_in = [2.6 + 0.17 * (7 * i % FIGURES) for i in range(FIGURES)]
-    greens = [10 * i for i in range(FIGURES)]
-    drawn = tuple(
-        ReportFigure(f"f{i}", f"Figure {i}: " + "words " * 80, bar(f"#c8{green:02x}c8", height_in))
-        for i, (green, height_in) in enumerate(zip(greens, heights_in, strict=True))
-    )
-    page = study_page.write(replace(study(), figures=drawn, tables=()), tmp_path / "s")
-    pdf = printed(opened(page.as_uri()), tmp_path / "p.pdf")
-    subprocess.run(["pdftoppm", "-r", "50", "-png", pdf, tmp_path / "sheet"], check=True)
-    sheets = [cv2.imread(str(path)) for path in sorted(tmp_path.glob("sheet*.png"))]
-    assert len(sheets) >= 8
-    for i, (green, height_in) in enumerate(zip(greens, heights_in, strict=True)):
-        rows = [
-            int(np.all(np.abs(sheet.astype(int) - (200, green, 200)) < 4, axis=2).any(axis=1).sum())
-            for sheet in sheets
-            if sheet is not None
-        ]
-        assert sum(count > 0 for count in rows) == 1, i
-        assert max(rows) > 0.9 * 50 * height_in
-        words = words_of(pdf, 1 + int(np.argmax(rows)))
-        assert words.partition(f"Figure{i}:")[2].startswith("words" * 80), i
