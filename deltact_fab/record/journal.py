@@ -124,7 +124,7 @@ def misfits(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
             empty.execute("DROP TABLE files")
         lost = sorted(_columns(empty).keys() - have.keys())
     for table, column in lost:
-        yield f"{table}.{column}: no such column"
+        yield f"no such table or column: {table}.{column}"
     if not lost and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
         yield "events: none; a run begins with one"
     for (table, column), (kind, needed) in have.items():

@@ -190,7 +190,7 @@ def image(tab: Page) -> int:
 
 
 def test_the_live_page_is_drawn_obeys_its_buttons_and_several_may_look(
-    opened: Callable[..., Page], live_url: str, out_of_sight: Callable[[Page], list[str]]
+    live_url: str, opened: Callable[..., Page], out_of_sight: Callable[[Page], list[str]]
 ) -> None:
     tab = opened(live_url)
     tab.wait_for_function("() => /image [3-9]/.test(document.body.innerText)", timeout=60_000)
