@@ -9,14 +9,12 @@ from typing import Any
 import click
 
 from ..catalog import validate
-from ..errors import InputError, RunFailed
 from ..levels import LEVELS
 from . import gel_options
 from .gel_fit import fit
 from .gel_path import path
 from .group import CommandGroup
-from .options import JSON
-from .output import echo_json, progress
+from .output import Answer, answers, progress
 
 MODELS = ("auto", *LEVELS)
 
@@ -51,13 +49,13 @@ def gel() -> None:
 @click.option("--limit-s", "limit_s", default=120.0, metavar="S", help="CPU seconds it may take; "
               "the finest mesh solved by then gives the answer.")  # fmt: skip
 @gel_options.PLOT
-@JSON
+@answers
 def press(
     indenter: str, depth_mm: float, shear_x_mm: float, shear_y_mm: float,
     at_mm: tuple[float, float], model: str, thickness_mm: float, width_mm: float, length_mm: float,
     modulus_mpa: float, poisson: float, friction: float, tolerance: float,
-    spacing_mm: float | None, limit_s: float, plot_path: Path | None, as_json: bool,
-) -> None:  # fmt: skip
+    spacing_mm: float | None, limit_s: float, plot_path: Path | None,
+) -> Answer:  # fmt: skip
     """Force, contact area and in-plane displacement of one press (simulated).
 
     Chooses level, mesh and steps to meet the tolerance, says what it chose, and estimates the
@@ -65,36 +63,21 @@ def press(
     """
     from ..elasticity.material import GelMaterial
     from ..gel.press import press as run
-    from ..gel.press import refused
     from ..shapes.indenter import parse
 
-    try:
-        skin = gel_options.block(width_mm, length_mm, thickness_mm)
-        material = validate(
-            GelMaterial,
-            {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction},
-            "options",
-        )
-        shape = parse(indenter)
-        with progress("gel press") as report:
-            pressed = run(
-                skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
-                model, tolerance, spacing_mm, report, limit_s,  # click.Choice
-            )  # fmt: skip
-    except InputError as why:
-        if as_json:
-            echo_json(refused(depth_mm, model, str(why)).result)
-        raise
+    skin = gel_options.block(width_mm, length_mm, thickness_mm)
+    known = {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction}
+    material = validate(GelMaterial, known, "options")
+    shape = parse(indenter)
+    with progress("gel press") as report:
+        pressed = run(
+            skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
+            model, tolerance, spacing_mm, report, limit_s,
+        )  # fmt: skip
     result = pressed.result
-    if as_json:
-        echo_json(result)
+    flags = [f"warning: {flag}" for flag in result["flags"]]
     if not result["converged"]:
-        raise click.exceptions.Exit(1) if as_json else RunFailed(result["reason"])
-    if not as_json:
-        for line in _lines(result):
-            click.echo(line)
-    for flag in result["flags"]:
-        click.echo(f"warning: {flag}", err=True)
+        return Answer(result, failed=result["reason"], asides=flags)
     if plot_path is not None:
         from ..gel.figures import save_press
 
@@ -104,6 +87,7 @@ def press(
             f"{result['model']}"
         )
         save_press(pressed, plot_path, title)
+    return Answer(result, _lines(result), asides=flags)
 
 
 def _lines(result: dict[str, Any]) -> Iterator[str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import InputError
-from .options import ON, PROCESSES, PROTOCOL_NAME, RIG
+from .options import NAME_OR_PATH, ON, PROCESSES, RIG
 from .output import Answer, answers, progress, table
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @click.command(epilog="Example: deltact-fab gel path pattern-selection --jobs 2")
-@click.argument("protocol", type=PROTOCOL_NAME)
+@click.argument("protocol", type=NAME_OR_PATH)
 @RIG
 @PROCESSES
 @ON

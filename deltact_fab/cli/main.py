@@ -25,7 +25,6 @@ SECTIONS = {
         "demo": "The whole chain on the virtual rig, up to its report.",
         "doctor": "What is installed, what is missing, how to get it.",
         "schema": "Every key of every kind of file, explained.",
-        "completion": "Completion of commands and names in a shell.",
     },
     "Make a sensor": {
         "cad": "Parts: design, check, export, order, assemble.",

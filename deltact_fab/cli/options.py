@@ -1,4 +1,4 @@
-"""Options and arguments that several commands share, and how a shell completes them.
+"""Options and arguments that several commands share.
 
 One file is written by `-o FILE`, a folder by `--out DIR`, and `--json` prints one JSON document on
 stdout in place of the lines for a reader; whatever else is said goes to stderr.
@@ -6,14 +6,12 @@ stdout in place of the lines for a reader; whatever else is said goes to stderr.
 
 from __future__ import annotations
 
-import importlib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
-from click.shell_completion import CompletionItem
 
 from ..files import check_folder, check_place
 
@@ -99,48 +97,15 @@ class Point(click.ParamType):
         return x, y
 
 
-class Named(click.ParamType):
-    """A name that a shell completes; what it stands for, the command finds out.
-
-    known: every name there is, asked when a shell completes. files: whether a path does too.
-    """
-
-    name = "text"
-
-    def __init__(self, known: Callable[[], Iterable[str]], files: bool = True) -> None:
-        self._known = known
-        self._files = files
-
-    def shell_complete(
-        self, ctx: click.Context, param: click.Parameter, incomplete: str
-    ) -> list[CompletionItem]:
-        """Names that begin so; where there is none, the shell's own completion of paths."""
-        names = [name for name in self._known() if name.startswith(incomplete)]
-        # First, for a shell forgets what came before it.
-        paths = [CompletionItem(incomplete, type="file")] if self._files else []
-        return paths + [CompletionItem(name) for name in names]
-
-
-def _of(module: str, names: Callable[[Any], Iterable[str]], files: bool = False) -> Named:
-    """Names that a module knows, which is imported when a shell completes."""
-    return Named(lambda: names(importlib.import_module(f"deltact_fab.{module}")), files)
-
-
-DESIGN_NAME = _of("catalog", lambda catalog: catalog.designs(), files=True)
-CAMERA_NAME = _of("cad.cameras", lambda cameras: cameras.load_cameras())
-PATTERN_NAME = _of("catalog", lambda catalog: catalog.names("patterns"), files=True)
-PROTOCOL_NAME = _of("catalog", lambda catalog: catalog.names("protocols"), files=True)
-RIG_NAME = _of("catalog", lambda catalog: catalog.names("protocols/rigs"), files=True)
-PART_NAME = _of("cad.registry", lambda cad: [*cad.GROUPS, *(part.name for part in cad.listed())])
-KIND_NAME = _of("schema", lambda schema: [*schema.KINDS, *schema.OUTPUTS])
-ENGINE_NAME = _of("numerics.engines", lambda engines: engines.REGISTRY)
+NAME_OR_PATH = click.Path()
+"""What the catalogue finds, by its name or at a path."""
 
 DESIGN = click.option(
-    "--design", type=DESIGN_NAME, default="deltact", metavar="DESIGN",
+    "--design", type=NAME_OR_PATH, default="deltact", metavar="DESIGN",
     help="Design of the sensor: a name of `cad list designs` or a path.",
 )  # fmt: skip
 RIG = click.option(
-    "--rig", "rig_name", type=RIG_NAME, default="virtual", metavar="RIG",
+    "--rig", "rig_name", type=NAME_OR_PATH, default="virtual", metavar="RIG",
     help="Rig: a name of `rig list` or a path.",
 )  # fmt: skip
 TIP_IS_CLEAR = click.option(

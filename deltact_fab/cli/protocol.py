@@ -12,7 +12,7 @@ import click
 from .. import catalog
 from ..units import duration
 from .group import CommandGroup
-from .options import NEW_FILE, PROTOCOL_NAME, RIG, out_folder
+from .options import NAME_OR_PATH, NEW_FILE, RIG, out_folder
 from .output import Answer, answers, listed, progress, table, written
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def protocol() -> None:
     """
 
 
-PROTOCOL = click.argument("name", metavar="PROTOCOL", type=PROTOCOL_NAME)
+PROTOCOL = click.argument("name", metavar="PROTOCOL", type=NAME_OR_PATH)
 UNSOLVED = (
     "peak forces: not known yet, as deep presses have to be solved first; "
     "`protocol show PROTOCOL --forces` does so once (minutes)"
@@ -45,7 +45,7 @@ def list_() -> Answer:
 
 @protocol.command(epilog="Example: deltact-fab protocol new mine --from smoke")
 @click.argument("name")
-@click.option("--from", "source", default="smoke", type=PROTOCOL_NAME,
+@click.option("--from", "source", default="smoke", type=NAME_OR_PATH,
               metavar="PROTOCOL", help="Protocol to start from.")  # fmt: skip
 @NEW_FILE
 @answers

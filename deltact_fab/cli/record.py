@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import click
 
 from .group import CommandGroup
 from .options import PATH, out_file, out_folder
-from .output import Answer, answers, progress
+from .output import Answer, answers, facts, progress, table
 
 RUN = click.argument("run", type=PATH)
 
@@ -47,7 +46,9 @@ def show(run: Path) -> Answer:
     from ..record import open as open_run
 
     data = about(open_run(run))
-    return Answer(data, _described(data))
+    times = {key: data[key] and _day(data[key]) for key in ("begun_s", "ended_s")}
+    told = table(("key", "value"), facts({**data, **times, "notes": None}))
+    return Answer(data, [*told, *map(_note, data["notes"])])
 
 
 @record.command()
@@ -126,34 +127,8 @@ def export(
     return Answer({"out": str(out), "format": form, "rows": rows}, [told])
 
 
-def _described(data: dict[str, Any]) -> Iterator[str]:
-    simulated = f" (simulated, seed {data['seed']})" if data["simulated"] else ""
-    air = " in air" if data["air"] else ""
-    yield f"{data['folder']}: {data['protocol']} on {data['rig']}{simulated}{air}, {data['state']}"
-    if data["description"]:
-        yield f"  {data['description']}"
-    specimen = data["specimen"] or {}
-    serial = f", serial number {specimen['serial']}" if specimen.get("serial") else ""
-    yield f"  specimen: {specimen.get('design')}, {specimen.get('pattern')}{serial}"
-    if data["begun_s"] is not None:
-        yield f"  begun {_day(data['begun_s'])}, last event {_day(data['ended_s'])}"
-    yield (
-        f"  {data['presses']} presses, {data['steps']} steps, {data['frames']} frames "
-        f"({data['images']} images), sessions: {data['sessions']}, format {data['format']}"
-    )
-    yield from (f"  event {kind}: {count}" for kind, count in data["events"].items())
-    face = data["registration"]
-    if face["origin_machine_mm"] is not None:
-        by = face["registration"] or "the rig file, not registered"
-        at = ", ".join(f"{p:g}" for p in face["origin_machine_mm"])
-        yield f"  face at machine {at} mm, by {by}"
-    yield from (f"  indenter: {line}" for line in data["indenters"])
-    yield from (f"  remark: {text}" for text in data["remarks"])
-    yield from map(_note, data["notes"])
-
-
 def _note(note: dict[str, Any]) -> str:
-    return f"  note {_day(note['wall_s'])}: {note['text']}"
+    return f"note {_day(note['wall_s'])}: {note['text']}"
 
 
 def _day(wall_s: float) -> str:

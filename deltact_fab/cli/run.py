@@ -10,12 +10,12 @@ import click
 
 from ..files import check_folder
 from ..units import duration
-from .options import PATH, PROTOCOL_NAME, RIG, TIP_IS_CLEAR, seed
+from .options import NAME_OR_PATH, PATH, RIG, TIP_IS_CLEAR, seed
 from .output import Answer, answers, progress
 
 
 @click.command(epilog="Example: deltact-fab run smoke --rig virtual --seed 3 --out smoke-run")
-@click.argument("protocol", type=PROTOCOL_NAME)
+@click.argument("protocol", type=NAME_OR_PATH)
 @RIG
 @seed("Seed of everything random.")
 @click.option("--out", type=PATH, metavar="DIR", help="New folder for the run.")

@@ -11,28 +11,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
-from .options import FOLDER, JOBS_KEYS, ON_KEYS, PATH, RIG_NAME, SEED, Finite
+from .options import FOLDER, JOBS_KEYS, NAME_OR_PATH, ON_KEYS, PATH, SEED, Finite
 from .output import Answer, answers, progress
 
 if TYPE_CHECKING:
     from ..study.registry import Option, Study
 
 OUT = "study-out"
-
-
-class _Command(click.Command):
-    """Says of an option of other studies that this one does not take it."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        try:
-            return super().parse_args(ctx, args)
-        except click.NoSuchOption as why:
-            common = [flag for own in _common(None).values() for one in own for flag in one.opts]
-            if why.option_name not in common:
-                raise
-            raise InputError(
-                f"{why.option_name}: the study {self.name} has no such option"
-            ) from why
 
 
 def _common(scale: float | None) -> dict[str, list[click.Option]]:
@@ -48,7 +33,7 @@ def _common(scale: float | None) -> dict[str, list[click.Option]]:
                          help="Seed of everything random.")
         ],
         "rig": [
-            click.Option(["--rig"], type=RIG_NAME, metavar="RIG", show_default="the study's own",
+            click.Option(["--rig"], type=NAME_OR_PATH, metavar="RIG", show_default="the study's own",
                          help="Virtual rig: a name of `rig list` or a path.")
         ],
         "from": [
@@ -74,7 +59,7 @@ def command(name: str, one: Study) -> click.Command:
     told = answers(lambda **given: run(name, one, given))
     options += told.__click_params__  # type: ignore[attr-defined]  # --json
     about = f"{one.line}\n\n{one.about}".strip()
-    return _Command(name, params=options, callback=told, help=about, short_help=one.line)
+    return click.Command(name, params=options, callback=told, help=about, short_help=one.line)
 
 
 def _option(one: Option) -> click.Option:

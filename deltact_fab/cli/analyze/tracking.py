@@ -38,7 +38,7 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None) -> Answer:
     lines = [
         *(f"warning: {line}" for line in record.open(run).remarks()[0]),
         f"{result.verdict.line}\n",
-        *table(("method", "indenter", *keys), rows, names=2),
+        *table(("method", "indenter", *keys), rows),
         f"\n{origin}; the paper's best at the dots, on a real sensor: {PAPER_BEST_MM} mm",
     ]
     dots = result.dots

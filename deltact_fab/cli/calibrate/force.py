@@ -9,23 +9,16 @@ from typing import TYPE_CHECKING
 import click
 
 from ...errors import InputError
-from ..options import PATH, Named, out_file, out_folder, seed
+from ..options import PATH, out_file, out_folder, seed
 from ..output import Answer, answers, files_line, progress, save_figures, table
 
 if TYPE_CHECKING:
     from ...analysis.force import ForceResult
 
 
-def _models() -> list[str]:
-    from ...measure.force import FEATURES
-
-    return list(FEATURES)
-
-
 @click.command(epilog="Example: deltact-fab calibrate force run1 run2 -o calibration.toml")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH)
-@click.option("--model", "models", multiple=True, type=Named(_models, files=False), metavar="MODEL",
-              show_default="all", help="sums, paper or inverse-placed; repeatable.")  # fmt: skip
+@click.option("--model", "models", multiple=True, metavar="MODEL", show_default="all", help="sums, paper or inverse-placed; repeatable.")  # fmt: skip
 @click.option("--transfer", type=PATH, metavar="OTHER.toml", help="Carry another sensor's "
               "calibration over, using the few presses of RUN.")  # fmt: skip
 @out_file("Calibration to write.", "file", show_default="calibration.toml in --out")
@@ -84,7 +77,7 @@ def _lines(result: ForceResult, folder: Path) -> Iterator[str]:
         for row in result.rows()
         if row["model"] not in others
     ]
-    yield from table(head, rows, names=2)
+    yield from table(head, rows)
     if others:
         yield f"\nalso fitted: {', '.join(sorted(others))}; see {folder / 'force.json'}"
     yield (
