@@ -26,7 +26,7 @@ from .options import (
     out_file,
     out_folder,
 )
-from .output import Answer, answers, listed, progress, table, written
+from .output import Answer, answers, columns_of, listed, progress, table, written
 
 if TYPE_CHECKING:
     from ..cad.dimensions import Design
@@ -180,18 +180,17 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
 
     with progress("cad check") as tell:
         rows = run(load_design(design, changes), tell, cached=True)
-    columns = ("check", "part", "found", "limit", "verdict")
-    cells = [(r.check, r.part, r.found, r.limit, r.verdict) for r in rows]
     unverified = sum(bool(r.rests_on) for r in rows if r.passed)
     told = (
         f"{sum(r.passed for r in rows)} of {len(rows)} checks pass, {unverified} of them on "
         "values that nobody has measured yet"
     )
     data = [{**asdict(row), "verdict": row.verdict} for row in rows]
+    shown = columns_of(("check", "part", "found", "limit", "verdict"), data)
     failed = [row for row in rows if row.verdict == "FAIL"]
     named = dict.fromkeys(f"failed: {row.check} ({row.part})" for row in failed)
     why = f"{design}: {len(failed)} of {len(rows)} checks failed" if failed else None
-    return Answer(data, [*table(columns, cells), "", told, *named], why)
+    return Answer(data, [*shown, "", told, *named], why)
 
 
 @cad.command(epilog="Example: deltact-fab cad export sensor sphere:12.5 --out parts")
@@ -231,10 +230,10 @@ def export(
             dims, chosen, formats.split(","), tolerance_mm, out, tell,
             jobs=jobs, executor=where,
         )  # fmt: skip
-    rows = [(f.file, f.quantity, f.process, f.volume_mm3, f.mesh_deviation_mm) for f in files]
-    columns = ("file", "pieces", "process", "volume_mm3", "mesh_deviation_mm")
+    plain = [asdict(f) for f in files]
     told = f"{len(files)} files and manifest.json in {out}"
-    return Answer([asdict(f) for f in files], [*table(columns, rows), "", told])
+    shown = columns_of(("file", "quantity", "process", "volume_mm3", "mesh_deviation_mm"), plain)
+    return Answer(plain, [*shown, "", told])
 
 
 @cad.command(epilog="Example: deltact-fab cad bom --sensors 4 -o bom.csv")
@@ -283,8 +282,7 @@ def fit(readings: Path, design: str, out: Path | None) -> Answer:
     plain = [asdict(e) for e in found]
     for row in plain:
         row["spread_mm"] = None if math.isnan(row["spread_mm"]) else row["spread_mm"]
-    columns = ("key", "value", "before", "count", "bias_mm", "spread_mm")
-    told = table(columns, [[row[name] for name in columns] for row in plain])
+    told = columns_of(("key", "value", "before", "count", "bias_mm", "spread_mm"), plain)
     return Answer(plain, [*told, *([f"written: {out}"] if out else [])])
 
 

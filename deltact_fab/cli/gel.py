@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -14,7 +12,7 @@ from . import gel_options
 from .gel_fit import fit
 from .gel_path import path
 from .group import CommandGroup
-from .output import Answer, answers, progress
+from .output import Answer, answers, facts, progress, table
 
 MODELS = ("auto", *LEVELS)
 
@@ -87,28 +85,8 @@ def press(
             f"{result['model']}"
         )
         save_press(pressed, plot_path, title)
-    return Answer(result, _lines(result), asides=flags)
-
-
-def _lines(result: dict[str, Any]) -> Iterator[str]:
-    fx, fy, fz = result["force_n"]
-    estimate, picked = result["error_estimate"], result["picked"]
-    yield (
-        f"force on the sensor: {fx:+.3f} {fy:+.3f} {fz:+.3f} N (simulated), error about "
-        f"{100 * estimate['force_rel']:.2g} %"
-    )
-    stretch = result["max_stretch"]
-    yield (
-        f"contact {result['contact_area_mm2']:.3g} mm² ± {result['contact_area_error_mm2']:.2g}, "
-        f"sticking {result['stick_area_mm2']:.3g} mm² ± {result['stick_area_error_mm2']:.2g}, its "
-        "middle at ({:.2f}, {:.2f}) mm".format(*result["centroid_mm"])
-    )
-    yield (
-        "in plane at most "
-        f"{result['peak_in_plane_mm']:.3f} mm, error about {estimate['displacement_mm']:.2g} mm rms"
-        + (f", stretch up to {stretch:.2f}" if stretch else "")
-    )
-    yield f"chosen: {picked['why']}; {picked['dofs']} unknowns, {result['seconds']:.1f} s"
+    told = table(("simulated", "value"), facts({**result, "flags": None}))
+    return Answer(result, told, asides=flags)
 
 
 gel.add_command(fit)

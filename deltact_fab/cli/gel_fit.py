@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 
 from ..catalog import validate
 from . import gel_options
 from .options import PATH
-from .output import Answer, answers, progress
+from .output import Answer, answers, facts, progress, table
 
 
 def _or_fit(ctx: click.Context, param: click.Parameter, value: str | None) -> float | str | None:
@@ -47,6 +45,8 @@ def fit(
 ) -> Answer:  # fmt: skip
     """Fit the modulus, and the friction, of a gel to a measured press, with 95 % intervals.
 
+    Ends with the lines to copy into a protocol.
+
     CSV is a table with the columns depth_mm and normal_n (positive when pressed), and for a drag
     also shear_x_mm, shear_y_mm, fx_n and fy_n (the force on the sensor), its rows in the order in
     which they were measured.
@@ -74,28 +74,8 @@ def fit(
         from ..gel.figures import save_fit
 
         save_fit(found, plot_path, f"{data.name}, {shape.name}, {thickness_mm:g} mm gel")
-    return Answer(result, _lines(result), asides=result["notes"])
-
-
-def _lines(result: dict[str, Any]) -> Iterator[str]:
-    """For a reader, with the lines to copy into a protocol."""
-    yield f"modulus   {_interval(result['modulus_mpa'])} MPa"
-    if result["friction"]:
-        yield f"friction  {_interval(result['friction'])}"
-    else:
-        yield f"friction  {result['friction_used']:g}, taken as known"
-    if result["offset_mm"]:
-        yield f"touch at  depth_mm = {_interval(result['offset_mm'])}"
-    yield (
-        f"residual  {result['rms_n']:.3g} N rms of {result['points']} values, "
-        f"{100 * result['rms_rel']:.2g} % of the rms force; smooth part "
-        f"{100 * result['trend_rel']:.2g} %"
-    )
-    yield f"mesh      about {100 * result['mesh_error_rel']:.2g} % of the modulus, in its interval"
-    yield f"\n[specimen]\nmodulus_mpa = {result['modulus_mpa']['value']:.4g}"
-    if result["friction"]:
-        yield f"friction = {result['friction']['value']:.3g}"
-
-
-def _interval(value: dict[str, float]) -> str:
-    return f"{value['value']:.4g} (95 %: {value['low']:.4g} to {value['high']:.4g})"
+    told = [*table(("key", "value"), facts({**result, "notes": None})), "\n[specimen]"]
+    told.append(f"modulus_mpa = {found.modulus_mpa.value:.4g}")
+    if found.friction:
+        told.append(f"friction = {found.friction.value:.3g}")
+    return Answer(result, told, asides=result["notes"])

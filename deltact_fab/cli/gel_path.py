@@ -11,7 +11,7 @@ import click
 
 from ..errors import InputError
 from .options import NAME_OR_PATH, ON, PROCESSES, RIG
-from .output import Answer, answers, progress, table
+from .output import Answer, answers, columns_of, progress
 
 if TYPE_CHECKING:
     from ..virtual.presolve import PressRow, Told
@@ -62,7 +62,7 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
 
 
 def _told(tick: Callable[[int, int, str], None]) -> Told:
-    """Knots of all presses together, with the one that was solved last and its pace."""
+    """Knots of all presses together, with the press that was solved last."""
     rows: dict[str, PressRow] = {}
 
     def told(row: PressRow) -> None:
@@ -70,30 +70,20 @@ def _told(tick: Callable[[int, int, str], None]) -> Told:
         done = sum(r.done for r in rows.values())
         # A press that failed has no more to do.
         total = sum(r.done if r.failure else r.knots for r in rows.values())
-        pace = "failed" if row.failure else f"{row.seconds / max(row.done, 1):.2g} s a knot"
-        tick(done, total, f"{row.press}, {'found' if row.found else pace}")
+        tick(done, total, row.press)
 
     return told
 
 
 def _lines(rows: list[PressRow], level: str, seconds: float) -> list[str]:
-    told = table(
-        ("press", "knots", "done", "from", "s", "s/knot", "between_mm", "between_n",
-         "contact_mm2", "stick_mm2"),
-        [
-            (r.press, r.knots, r.done, _from(r), r.seconds, r.seconds / max(r.done, 1),
-             r.between_mm, r.between_n,
-             f"{r.zones.contact_area_mm2:.3g} ± {r.zones.contact_area_error_mm2:.1g}",
-             f"{r.zones.stick_area_mm2:.3g} ± {r.zones.stick_area_error_mm2:.1g}")
-            for r in rows
-        ],
-    )  # fmt: skip
+    names = ("press", "knots", "done", "found", "like", "seconds", "between_mm", "between_n")
+    zones = ("contact_area_mm2", "contact_area_error_mm2", "stick_area_mm2", "stick_area_error_mm2")
     solved = sum(r.done for r in rows if not r.found)
     return [
-        *told,
+        *columns_of((*names, *zones), [{**vars(row), **asdict(row.zones)} for row in rows]),
         f"{len(rows)} presses (simulated, {level}), {solved} knots solved in {seconds:.1f} s; "
-        "between_*: largest error of interpolating between knots, where it was tested; contact and "
-        "stick zone at the end",
+        "found: in the store; like: a mirror image of that press; between_*: largest error of "
+        "interpolating between knots, where it was tested; contact and stick zone at the end",
     ]
 
 
@@ -105,9 +95,3 @@ def _asides(rows: list[PressRow]) -> list[str]:
         if row.failure:
             lines.append(f"failed: {row.press}: {row.failure}")
     return lines
-
-
-def _from(row: PressRow) -> str:
-    if row.like:
-        return f"mirror of {row.like}"
-    return "store" if row.found else "solved"

@@ -8,7 +8,7 @@ import click
 
 from ..errors import MissingLibrary
 from .options import out_folder
-from .output import Answer, answers, files_line, progress, table
+from .output import Answer, answers, columns_of, files_line, progress
 
 CURVES = (
     "engine", "case", "series", "setting", "cpu_s", "cpu_most_s", "wall_s", "compile_s", "peak_mb",
@@ -42,11 +42,11 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
         except MissingLibrary as why:
             asides.append(f"no page: {why}")
     lines = [
-        *table(CURVES, [[row[k] for k in CURVES] for row in found.curves]),
+        *columns_of(CURVES, found.curves),
         "",
-        *table(CASES, [[row[k] for k in CASES] for row in found.stability]),
+        *columns_of(CASES, found.stability),
         "\nwhat leaving a layer out of a scene saves, in CPU seconds and MB",
-        *table(COSTS, [[row[k] for k in COSTS] for row in found.scenes]),
+        *columns_of(COSTS, found.scenes),
     ]
     for row in found.wrong:
         said = row["note"] or f"{row['figure']} over {row['bound']} {row['unit']}"

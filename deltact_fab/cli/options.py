@@ -49,9 +49,9 @@ def out_file(help: str, name: str = "out", **given: Any) -> Decorator:
     return click.option("-o", name, type=NEW, metavar="FILE", help=help, **given)
 
 
-def out_folder(help: str, name: str = "out", **given: Any) -> Decorator:
+def out_folder(help: str, flag: str = "--out", **given: Any) -> Decorator:
     """`--out DIR`, the folder that a command writes into."""
-    return click.option("--out", name, type=FOLDER, metavar="DIR", help=help, **given)
+    return click.option(flag, type=FOLDER, metavar="DIR", help=help, **given)
 
 
 NEW_FILE = out_file(
@@ -113,15 +113,14 @@ TIP_IS_CLEAR = click.option(
     help="You confirm that the tip touches nothing, so that the stage may home.",
 )  # fmt: skip
 
-JOBS_KEYS: dict[str, Any] = {
-    "type": click.IntRange(1, 256), "metavar": "N", "show_default": "one per processor",
-    "help": "Processes at a time.",
-}  # fmt: skip
-ON_KEYS: dict[str, Any] = {
-    "default": "local", "metavar": "WHERE",
-    "help": "Where jobs run: local, or a Dask scheduler as dask:tcp://HOST:PORT.",
-}  # fmt: skip
-PROCESSES, ON = click.option("--jobs", **JOBS_KEYS), click.option("--on", **ON_KEYS)
+PROCESSES = click.option(
+    "--jobs", type=click.IntRange(1, 256), metavar="N", show_default="one per processor",
+    help="Processes at a time.",
+)  # fmt: skip
+ON = click.option(
+    "--on", default="local", metavar="WHERE",
+    help="Where jobs run: local, or a Dask scheduler as dask:tcp://HOST:PORT.",
+)  # fmt: skip
 
 SEED = click.IntRange(min=0)
 

@@ -87,6 +87,11 @@ def listed(columns: Sequence[str], rows: Sequence[Sequence[Any]], *more: str) ->
     return Answer(data, [*table(columns, rows), *more])
 
 
+def columns_of(names: Sequence[str], records: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """A table of these values of records, each under its name."""
+    return table(names, [[record.get(name) for name in names] for record in records])
+
+
 def facts(data: Mapping[str, Any], at: str = "") -> Iterator[tuple[str, Any]]:
     """The values of nested tables, each with its path, without those that are None."""
     for key, value in data.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,7 +13,7 @@ from .. import catalog
 from ..units import duration
 from .group import CommandGroup
 from .options import NAME_OR_PATH, NEW_FILE, RIG, out_folder
-from .output import Answer, answers, listed, progress, table, written
+from .output import Answer, answers, columns_of, listed, progress, written
 
 if TYPE_CHECKING:
     from ..preflight import Peak
@@ -105,7 +105,7 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
     if predicted is not None:
         peaks = predicted[0]
         findings = [row.reason() for row in predicted[1] if row.warns or not row.ok]
-    data = {
+    data: dict[str, Any] = {
         "specimen": specimen.model_dump(mode="json"),
         "steps": [asdict(s) for s in steps],
         "estimate": asdict(estimate),
@@ -115,10 +115,7 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
     serial = f", serial number {specimen.serial}" if specimen.serial else ""
     lines = [
         f"specimen: design {specimen.design}, pattern {specimen.pattern}{serial}\n",
-        *table(
-            ("step", "kind", "x_mm", "y_mm", "z_mm", "feed_mm_min", "frames"),
-            [(s.id, s.kind, *s.target_mm, s.feed_mm_min, s.frames) for s in steps],
-        ),
+        *columns_of(("id", "kind", "target_mm", "feed_mm_min", "frames"), data["steps"]),
         f"\n{estimate.steps} steps, {estimate.presses} presses, {estimate.frames} frames "
         f"({estimate.settled} settled, up to {estimate.between_frames_mm:.2g} mm of the tip's way "
         f"between two), {duration(estimate.seconds)} of motion and settling, "
@@ -130,20 +127,11 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
 
 
 def _peaks(peaks: Sequence[Peak], findings: Sequence[str]) -> Iterator[str]:
-    """Per indenter and depth the largest over its positions, then what the rig says to it."""
-    groups: dict[tuple[str, float], list[Peak]] = {}
-    for peak in peaks:
-        groups.setdefault((peak.indenter, peak.depth_mm), []).append(peak)
-    rows = []
-    for (indenter, depth_mm), group in groups.items():
-        worst = max(group, key=lambda p: p.normal_n)
-        side = max(p.tangential_n for p in group)
-        high = group[0].high.normal_n / group[0].normal_n
-        loads = (worst.normal_n, high * worst.normal_n, side, high * side)
-        rows.append((indenter, depth_mm, *loads, worst.level))
-    yield "\npeak forces in N, expected and with the gel's modulus twice as high:"
-    yield from table(("indenter", "depth_mm", "normal", "high", "tangential", "high", "from"), rows)
+    """Each peak, then what the rig says to them."""
+    loads = ("normal_n", "normal_high_n", "tangential_n", "tangential_high_n")
+    yield "\npeak forces, expected and (high) with the gel's modulus twice as high:"
+    names = ("indenter", "position", "depth_mm", *loads, "level")
+    yield from columns_of(names, [p.as_dict() for p in peaks])
     for reason in dict.fromkeys(f"{p.indenter}: {p.reason}" for p in peaks if p.reason):
         yield f"upper estimate, {reason}"
-    for line in findings:
-        yield f"over: {line}"
+    yield from (f"over: {line}" for line in findings)

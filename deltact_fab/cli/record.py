@@ -90,13 +90,13 @@ def import_(recording: Path, out: Path) -> Answer:
 @click.option("--format", "form", required=True,
               type=click.Choice(["csv", "parquet", "mcap", "lerobot", "zarr"]),
               help="Format to write.")  # fmt: skip
-@out_folder("New folder for csv, parquet, lerobot or zarr.", "folder")
+@out_folder("New folder for csv, parquet, lerobot or zarr.")
 @out_file("New file for mcap.", "file")
 @click.option("--deformation/--no-deformation", default=True, help="In a dataset, the measured "
               "motion of the face, which takes most of the time.")  # fmt: skip
 @answers
 def export(
-    runs: tuple[Path, ...], form: str, folder: Path | None, file: Path | None, deformation: bool
+    runs: tuple[Path, ...], form: str, out: Path | None, file: Path | None, deformation: bool
 ) -> Answer:
     """Write RUN as CSV, Parquet or MCAP, or one or more as a dataset of LeRobot or Zarr.
 
@@ -111,8 +111,8 @@ def export(
     from ..record.export import DATASETS
     from ..record.export import export as write
 
-    out, other = (file, folder) if form == "mcap" else (folder, file)
-    if out is None or other is not None:
+    place, other = (file, out) if form == "mcap" else (out, file)
+    if place is None or other is not None:
         right = "-o FILE" if form == "mcap" else "--out DIR"
         raise click.UsageError(f"--format {form}: {right} says where it goes")
     with progress("export") as bar:
@@ -120,11 +120,11 @@ def export(
         if deformation and form in DATASETS:
             from ..analysis.flows import follower
 
-            rows = write(opened, form, out, bar, follower)
+            rows = write(opened, form, place, bar, follower)
         else:
-            rows = write(opened, form, out, bar)
-    told = f"{out}: " + ", ".join(f"{n} {name}" for name, n in rows.items())
-    return Answer({"out": str(out), "format": form, "rows": rows}, [told])
+            rows = write(opened, form, place, bar)
+    told = f"{place}: " + ", ".join(f"{n} {name}" for name, n in rows.items())
+    return Answer({"out": str(place), "format": form, "rows": rows}, [told])
 
 
 def _note(note: dict[str, Any]) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..options import PATH, out_folder
-from ..output import Answer, answers, files_line, progress, save_figures, table
+from ..output import Answer, answers, columns_of, files_line, progress, save_figures
 
 
 @click.command(epilog="Example: deltact-fab analyze shape smoke-run --depth depth.toml")
@@ -33,8 +33,8 @@ def shape(run: Path, depth: Path | None, force: Path | None, out: Path | None) -
     files = result.save(folder)
     keys = ("frames", "depth_error_contact_mm", "depth_error_face_mm", "relative_correlation",
             "contact_iou", "centroid_error_mm", "place_error_mm", "area_mm2", "cover")  # fmt: skip
-    rows = [("all", result.means()), *((name, result.means(name)) for name in result.indenters)]
-    told = table(("indenter", *keys), [(name, *(means[k] for k in keys)) for name, means in rows])
+    rows = [{"indenter": name, **result.means(name)} for name in result.indenters]
+    told = columns_of(("indenter", *keys), [{"indenter": "all", **result.means()}, *rows])
     pictures, field, note = result.pictures, result.field, result.note
     files += save_figures(
         folder,

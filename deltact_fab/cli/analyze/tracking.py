@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..options import PATH, out_folder
-from ..output import Answer, answers, files_line, progress, save_figures, table
+from ..output import Answer, answers, columns_of, files_line, progress, save_figures
 
 
 @click.command(epilog="Example: deltact-fab analyze tracking smoke-run --method fused")
@@ -30,15 +30,12 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None) -> Answer:
     keys = ("mean_off_dots_mm", "p95_off_dots_mm", "mean_confident_mm", "coverage",
             "confident_wrong_share", "mean_at_dots_mm", "peak_true_mm", "trusted_share",
             "ms_per_frame")  # fmt: skip
-    rows = [
-        (row["name"], row.get("indenter", "all"), *(row[key] for key in keys))
-        for row in (*result.methods, *result.by_indenter)
-    ]
+    rows = [{"indenter": "all", **row} for row in (*result.methods, *result.by_indenter)]
     origin = f"simulated, seed {result.seed}" if result.simulated else "measured"
     lines = [
         *(f"warning: {line}" for line in record.open(run).remarks()[0]),
         f"{result.verdict.line}\n",
-        *table(("method", "indenter", *keys), rows),
+        *columns_of(("name", "indenter", *keys), rows),
         f"\n{origin}; the paper's best at the dots, on a real sensor: {PAPER_BEST_MM} mm",
     ]
     dots = result.dots

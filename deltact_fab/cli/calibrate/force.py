@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 @click.command(epilog="Example: deltact-fab calibrate force run1 run2 -o calibration.toml")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH)
-@click.option("--model", "models", multiple=True, metavar="MODEL", show_default="all", help="sums, paper or inverse-placed; repeatable.")  # fmt: skip
+@click.option("--model", "models", multiple=True, metavar="MODEL",
+              show_default="all", help="sums, paper or inverse-placed; repeatable.")  # fmt: skip
 @click.option("--transfer", type=PATH, metavar="OTHER.toml", help="Carry another sensor's "
               "calibration over, using the few presses of RUN.")  # fmt: skip
 @out_file("Calibration to write.", "file", show_default="calibration.toml in --out")
