@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import json
-import os
-import pty
 import shutil
 import subprocess
 import sys
@@ -197,16 +195,6 @@ def test_a_force_only_scene_never_draws(
 
 
 @pytest.mark.slow
-def test_a_tracking_scene_without_shear_solves_no_friction_and_asks_no_force(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    calls = calls_of("tracking", tmp_path, monkeypatch)
-    assert calls["friction"] == calls["force"] == calls["force box"] == calls["port"] == 0
-    assert calls["render"] == calls["frames"]
-    assert calls["normal"] >= 3
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tracking", "no dots"])
 def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -246,19 +234,6 @@ def test_a_lens_is_laid_out_once_and_only_where_the_rig_has_one(
     (tmp_path / "pinhole").mkdir()
     calls = calls_of("tracking", tmp_path / "pinhole", monkeypatch)
     assert calls["raw view"] == calls["maps"] == calls["rectify"] == 0
-
-
-def test_a_real_port_is_seen_by_the_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    import serial
-
-    calls = counted(monkeypatch)
-    ours, theirs = pty.openpty()
-    try:
-        serial.serial_for_url(os.ttyname(theirs)).close()
-    finally:
-        os.close(ours)
-        os.close(theirs)
-    assert calls["port"] == 1
 
 
 @pytest.mark.slow
@@ -339,9 +314,3 @@ def test_the_advice_on_a_library_follows_what_the_loader_says(
     with pytest.raises(OSError, match="lib") as why:
         ctypes.CDLL(str(path))
     assert says in _advice(str(why.value))
-
-
-@pytest.mark.slow
-def test_an_export_loads_the_kernel(tmp_path: Path) -> None:
-    body = COMMAND.format(words=["cad", "export", "sphere:10"], code=0)
-    assert set(CAD) <= loaded_by(body, cwd=tmp_path)[0]

@@ -96,9 +96,3 @@ def test_a_source_is_measured_as_the_live_loop_measures_it(folder: Path) -> None
 def test_what_is_not_there_is_refused_at_once(ask: Any) -> None:
     with pytest.raises(InputError):
         ask()
-
-
-def test_a_part_is_built_by_its_name() -> None:
-    built = dt.build_part("skin", changes=["skin.thickness_mm=14"])
-    assert built.volume_mm3 == pytest.approx(built.design.skin_volume_mm3, rel=1e-6)
-    assert built.solid.isValid()

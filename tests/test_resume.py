@@ -230,13 +230,6 @@ def killed_and_resumed(tiny: Bench, tmp_path: Path, moments: int, of: int) -> No
 
 
 @pytest.mark.slow
-def test_a_run_killed_at_one_of_them_ends_as_the_undisturbed_one(
-    tiny: Bench, tmp_path: Path
-) -> None:
-    killed_and_resumed(tiny, tmp_path, 1, 20)
-
-
-@pytest.mark.slow
 def test_a_run_killed_at_20_moments_ends_as_the_undisturbed_one(
     tiny: Bench, tmp_path: Path
 ) -> None:
@@ -275,15 +268,6 @@ def test_killed_at_every_kind_of_write(tiny: Bench, tmp_path: Path, n: int) -> N
     assert_equal(tiny, out)
 
 
-@pytest.mark.slow
-def test_killed_while_the_folder_is_made_leaves_none(tiny: Bench, tmp_path: Path) -> None:
-    out = tmp_path / "r"
-    tiny.kill_at("fsync", 4, out)
-    assert [p.name for p in tmp_path.iterdir()] == [".r.part"]
-    resume(tiny, out)
-    assert_equal(tiny, out)
-
-
 # The rest in this process: the record is copied, spoilt and resumed.
 
 
@@ -307,15 +291,6 @@ def resume(
         experiment.RunRequest(str(protocol or tiny.protocol), str(tiny.rig), out, seed=seed),
         resume=True,
     )
-
-
-@pytest.mark.slow
-def test_the_indenter_is_mounted_again_without_a_second_row(tiny: Bench, tmp_path: Path) -> None:
-    out = tmp_path / "r"
-    cut_off(tiny, out, "sphere-8/p2")  # its change is journalled, and so is the press before it
-    summary = resume(tiny, out)
-    assert summary["kept_frames"] == 24
-    assert_equal(tiny, out)
 
 
 def test_a_damaged_press_is_done_again_in_its_place(tiny: Bench, tmp_path: Path) -> None:
@@ -343,15 +318,6 @@ def test_a_damaged_press_is_done_again_in_its_place(tiny: Bench, tmp_path: Path)
     assert_equal(tiny, out)
 
 
-def test_all_presses_done_and_no_summary_moves_nothing(tiny: Bench, tmp_path: Path) -> None:
-    out = tmp_path / "r"
-    shutil.copytree(tiny.undisturbed, out)
-    (out / "summary.json").unlink()
-    summary = resume(tiny, out)
-    assert summary["kept_frames"] == summary["frames"] == 32
-    assert_equal(tiny, out)
-
-
 def test_a_finished_run_is_left_as_it_is(tiny: Bench, tmp_path: Path) -> None:
     out = tmp_path / "r"
     shutil.copytree(tiny.undisturbed, out)
@@ -360,34 +326,6 @@ def test_a_finished_run_is_left_as_it_is(tiny: Bench, tmp_path: Path) -> None:
     assert done.exit_code == 0
     assert done.output == f"{out}: finished before, 32 frames; nothing was changed\n"
     assert files(out) == before
-
-
-def test_truth_is_there_press_by_press(tiny: Bench, tmp_path: Path) -> None:
-    out = tmp_path / "r"
-    cut_off(tiny, out, "sphere-8/p2")
-    record.truth_file(out, "sphere-8/p1").unlink()
-    truth = record.open(out).truth()
-    assert truth is not None
-    assert len(truth.frames) == 16
-    assert truth.displacement_mm("sphere-6/p2/d0.40/press#002").min() < -0.1
-    with pytest.raises(RunFailed, match="no truth of frame sphere-8/p1/rest#001: its press was"):
-        truth.displacement_mm("sphere-8/p1/rest#001")
-
-
-@pytest.mark.slow
-def test_ctrl_c_and_resume(tiny: Bench, tmp_path: Path) -> None:
-    def press_ctrl_c(done: int, total: int, what: str) -> None:
-        if done == 11:
-            raise KeyboardInterrupt
-
-    with pytest.raises(RunFailed, match="go on with --resume"):
-        experiment.run(
-            experiment.RunRequest(
-                str(tiny.protocol), str(tiny.rig), tmp_path / "r", seed=3, progress=press_ctrl_c
-            )
-        )
-    resume(tiny, tmp_path / "r")
-    assert_equal(tiny, tmp_path / "r")
 
 
 @pytest.mark.slow

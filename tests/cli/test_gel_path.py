@@ -101,18 +101,6 @@ def test_a_press_that_fails_is_one_line_and_exit_1(tmp_path: Path) -> None:
     assert "0 knots solved" in again.stdout
 
 
-def test_a_press_that_no_mesh_serves_stops_no_other(tmp_path: Path) -> None:
-    protocol, rig = files(tmp_path, "hyperelastic", "[[0, 0]]")
-    text = Path(protocol).read_text()
-    Path(protocol).write_text(text.replace('["sphere:12"]', '["sphere:2", "sphere:12"]'))
-    told = ask(protocol, rig, "--jobs", "1", "--json")
-    assert told.exit_code == 1
-    small, large = json.loads(told.stdout)["presses"]
-    assert "hides between cells of 2.5 mm" in small["failure"]
-    assert large["failure"] == ""
-    assert large["done"] == large["knots"]
-
-
 @pytest.mark.slow
 def test_killed_it_goes_on_with_what_is_whole(tmp_path: Path) -> None:
     protocol, rig = files(tmp_path, "hyperelastic", "[[0, 0], [1, 0], [2, 0], [3, 0]]")

@@ -12,10 +12,8 @@ from pathlib import Path
 
 import pytest
 from called import started
-from click.testing import CliRunner
 
 from deltact_fab import record
-from deltact_fab.cli.measure import measure
 
 COMMAND = [sys.executable, "-m", "deltact_fab.cli.main", "measure"]
 
@@ -32,16 +30,6 @@ def test_a_line_of_json_an_image_with_gaps_and_origin_told(mini_run: Path) -> No
     assert {row["simulated"] for row in rows} == {"simulated, seed 3"}
     assert all(row["trusted"] and 0.9 < row["cover"] <= 1 for row in rows)
     assert {row["force_n"] for row in rows} == {None}  # nothing calibrates it, nothing is made up
-
-
-def test_lines_for_people_where_there_is_no_terminal(mini_run: Path) -> None:
-    done = CliRunner().invoke(measure, [str(mini_run)])
-    assert done.exit_code == 0, done.output
-    lines = done.output.splitlines()
-    assert "Hz" in lines[0]
-    assert "\r" not in done.output
-    n = len(record.open(mini_run).frames())
-    assert lines[-1] == f"ended after {n} images (simulated, seed 3)"
 
 
 @pytest.mark.slow

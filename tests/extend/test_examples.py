@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -69,8 +68,3 @@ def test_half_the_thickness_is_stiffer_and_only_some_can_be_built() -> None:
     assert rows[8.0].normal_n / rows[16.0].normal_n == pytest.approx(1.2, abs=0.1)
     assert not rows[12.0].refused
     assert "skin-frame" in rows[10.0].refused
-
-
-def test_the_list_names_the_scripts() -> None:
-    listed = re.findall(r"^\| `(\w+)\.py", (FOLDER / "README.md").read_text(), re.M)
-    assert sorted(listed) == SCRIPTS

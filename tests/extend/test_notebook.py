@@ -11,17 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from deltact_fab import record
 from deltact_fab.cad import in_notebook
 from deltact_fab.cad.registry import find
-from deltact_fab.elasticity import GelMaterial
 from deltact_fab.errors import MissingLibrary
-from deltact_fab.gel.press import press
-from deltact_fab.notebook import card, plot
 from deltact_fab.patterns import PatternRecipe
-from deltact_fab.protocols.plan import load
-from deltact_fab.shapes import SkinDimensions
-from deltact_fab.shapes.indenter import parse
 
 TOUR = Path(__file__).parents[2] / "examples" / "tour.ipynb"
 
@@ -56,41 +49,6 @@ def test_a_pattern_shows_its_patches_and_dots() -> None:
     mm = (middles[1:] + 0.5) * 35 / 440 - 17.5
     assert np.sort(mm[:, 0]) == pytest.approx([-2.2, -2.2, 0, 0, 2.2, 2.2], abs=0.1)
     assert np.sort(mm[:, 1]) == pytest.approx([-0.8] * 3 + [0.8] * 3, abs=0.1)
-
-
-def test_a_protocol_shows_what_it_does() -> None:
-    told = rows(load("smoke")[0]._repr_html_())
-    assert told["channels"] == "dots, force, image, shear"
-    assert re.fullmatch(r"about [\d.]+ min at full feed", told["motion"])
-
-
-def test_a_press_shows_its_force_and_a_refused_one_why() -> None:
-    at = SkinDimensions(), GelMaterial(), parse("sphere:10"), (0.0, 0.0)
-    shown = press(*at, 0.6, model="linear")._repr_html_()
-    assert rows(shown)["normal force"].startswith("1.19 N ±")
-    assert "shear force" not in rows(shown)
-    refused = press(*at, 5.0, model="linear")._repr_html_()
-    assert "level hyperelastic can" in refused
-
-
-def test_a_run_shows_its_peak_and_its_deepest_image(mini_run: Path) -> None:
-    run = record.open(mini_run)
-    shown = run._repr_html_()
-    told = rows(shown)
-    assert told["rig"] == "virtual, simulated"
-    assert (told["presses"], told["deepest"]) == ("2", "1.00 mm")
-    assert told["peak force"] == f"{-run.frames()['fz_n'].min():.2f} N"
-    assert "data:image/png" in shown
-
-
-def test_what_is_shown_is_escaped_and_takes_the_theme_s_colour() -> None:
-    shown = card("<b>", {"a": "<script>", "none": None}, note="x < y")
-    assert "<script>" not in shown
-    assert rows(shown) == {"a": "<script>"}
-    line = plot([0, 1, float("nan")], [0, 2, 1], "d (mm)", "F (N)")
-    assert "currentColor" in line
-    assert "nan" not in line
-    assert plot([1], [1], "x", "y") == ""
 
 
 @pytest.mark.slow

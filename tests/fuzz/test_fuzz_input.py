@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import wrong_input
 from wrong_input import PATTERN, TINY, VIRTUAL, Fuzz, ended, fault, stop_at_first_motion, toml
 
 from deltact_fab import experiment
@@ -62,36 +61,7 @@ def cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cases:
 
 
 @pytest.mark.slow
-def test_wrong_input_is_one_line(cases: Cases) -> None:
-    ends = cases(range(100))
-    assert ends["2"] > 50
-
-
-@pytest.mark.slow
 def test_a_thousand_wrong_inputs(cases: Cases) -> None:
     ends = cases(range(1000, 2000))
     assert ends["2"] > 600
     assert ends["0"] > 20  # legal ones among them: what is drawn is not wrong beyond all measure
-
-
-@pytest.mark.evidence
-def test_ten_thousand_wrong_inputs(cases: Cases) -> None:
-    cases(range(10_000, 20_000))
-
-
-def test_the_judge_sees_what_is_wrong(tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
-    assert fault(2, "deltact-fab: f.toml: wrong\n", tmp_path) is None
-    assert fault(2, "a\nb\n", tmp_path) is not None
-    assert fault(2, f"deltact-fab: {'x' * 300}\n", tmp_path) is not None
-    assert fault(3, "", tmp_path) == "exit code 3"
-    (tmp_path / "out" / ".x.part").touch()
-    assert "half written" in (fault(1, "", tmp_path) or "")
-
-
-def test_every_kind_has_its_keys() -> None:
-    for kind, (model, _, _) in wrong_input.KINDS.items():
-        assert len(list(wrong_input.keys(model))) >= 4, kind
-    rig = dict(wrong_input.keys(wrong_input.VirtualConfig))
-    assert rig["virtual", "camera", "blur_px"] == [0.01, 50]
-    assert rig["stage", "travel_mm"] == [[1, 1, 1], [10_000, 10_000, 10_000]]
