@@ -121,6 +121,7 @@ def test_ctrl_c_stops_lifts_the_tip_and_keeps_the_frames(
     assert record.open(tmp_path / "r").summary() == {}
 
 
+@pytest.mark.slow
 def test_an_overloaded_force_sensor_stops_and_lifts(
     mini: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -167,16 +167,14 @@ def assert_completes(short: Short, out: Path) -> None:
 # ---- the disk ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "kib",
-    [300, *(pytest.param(k, marks=pytest.mark.slow) for k in range(60, 441, 20) if k != 300)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kib", [16, 80, 200, 300])
 def test_a_disk_that_fills_up(
     short: Short, cli: Cli, disk: Callable[[str], Path], kib: int
 ) -> None:
     out = disk(f"size={kib}k") / "r"
     done = cli(*short.arguments(out))
-    assert_one_line(done, 1, str(out))
+    assert_one_line(done, 1, str(out.parent))
     assert "No space left" in done.stderr or "disk is full" in done.stderr
     if out.exists():
         assert_nothing_half_written(out)
@@ -191,12 +189,7 @@ def test_a_disk_that_fills_up(
     ("limit", "culprit"),
     [
         (20_000, "journal.sqlite"),  # as the folder is made
-        (45_000, ".png|journal.sqlite"),
-        (
-            60_000,
-            ".npz|journal.sqlite",
-        ),  # the truth of a press; on a slow machine the journal's log
-        (90_000, ".npz|journal.sqlite"),  # in the middle of the run
+        (60_000, ".npz|.png|journal.sqlite"),
     ],
 )
 def test_a_file_that_may_not_grow(

@@ -180,8 +180,10 @@ def test_the_full_scene_calls_everything_but_a_real_port(
     assert calls["port"] == 0
 
 
-@pytest.mark.parametrize("name", ["force", "force and shear"])
-@pytest.mark.parametrize("lens", ["", LENS], ids=["pinhole", "lens"])
+@pytest.mark.parametrize(
+    ("name", "lens"),
+    [("force", LENS), pytest.param("force and shear", "", marks=pytest.mark.slow)],
+)
 def test_a_force_only_scene_never_draws(
     name: str, lens: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

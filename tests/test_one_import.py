@@ -62,6 +62,7 @@ def test_four_tasks_take_25_lines_at_most(folder: Path, capsys: pytest.CaptureFi
     assert depth_mm == pytest.approx(1.0, abs=0.4)  # the calibration's gain is made up
 
 
+@pytest.mark.slow
 def test_a_source_is_measured_as_the_live_loop_measures_it(folder: Path) -> None:
     files = [folder / "force.toml", folder / "depth.toml"]
     measured = [seen.result for seen in dt.measure_source(folder / "run", files, show=["force"])]

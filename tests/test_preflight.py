@@ -208,6 +208,7 @@ def test_finite_strain_agrees_with_the_facts_at_5_mm(deep: PressCurve) -> None:
     assert 48.8 <= 0.56 * force <= 57.2 * 1.1
 
 
+@pytest.mark.slow
 def test_extrapolation_and_bound_lie_above_what_was_solved(deep: PressCurve) -> None:
     for depth, force in deep.points[:-1]:
         for deeper, solved in deep.points:

@@ -44,6 +44,7 @@ def test_the_bill_is_a_table_or_json_by_its_name() -> None:
     assert len(json.loads(Path("b.json").read_text())) > 10
 
 
+@pytest.mark.slow
 def test_an_export_over_another_leaves_nothing_of_it() -> None:
     done("export", "acrylic", "cover", "--format", "dxf,step", "--out", "two")
     thick = ("--set", "optics.acrylic_mm=3", "--out", "two")

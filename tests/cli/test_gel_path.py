@@ -83,6 +83,7 @@ def test_what_is_solved_ahead_is_found_again_and_by_run(tmp_path: Path) -> None:
     assert any(note.startswith("0 contact problems solved, 4 found") for note in summary["notes"])
 
 
+@pytest.mark.slow
 def test_a_press_that_fails_is_one_line_and_exit_1(tmp_path: Path) -> None:
     # So light a touch meets a node of so coarse a grid only at odd millimetres.
     protocol, rig = files(tmp_path, positions="[[0, 0], [11, 1]]")

@@ -33,6 +33,7 @@ def test_a_part_has_the_volume_of_its_formula(tmp_path: Path) -> None:
     assert {p.suffix for p in (tmp_path / "out").iterdir()} >= {".step", ".stl"}
 
 
+@pytest.mark.slow
 def test_larger_patches_reach_the_camera() -> None:
     kept = load("pattern_quality").main()
     assert kept == pytest.approx({0.075: 0.15, 0.15: 0.39, 0.3: 0.59}, abs=0.02)

@@ -178,6 +178,7 @@ def test_the_environment_knows_the_wheel_and_not_the_checkout(borrowed: Installe
     assert list(borrowed.folder.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_pattern_has_the_bytes_that_the_checkout_makes(
     borrowed: Installed, tmp_path: Path
 ) -> None:
