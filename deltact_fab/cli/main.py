@@ -120,7 +120,8 @@ def _status() -> int:
         if "--debug" in sys.argv:
             raise
         stopped = isinstance(why, MissingLibrary) and _caused_by(why, KeyboardInterrupt)
-        click.echo(one_line(f"{PROGRAM}: {'stopped' if stopped else why}"), err=True)
+        first, *others = ("stopped",) if stopped else why.faults
+        click.echo(one_line(f"{PROGRAM}: {first}", *others, untold=why.untold), err=True)
         refused = _caused_by(why, OSError)
         if isinstance(refused, OSError) and refused.errno in DISK:
             return 1

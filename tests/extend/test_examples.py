@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -69,3 +70,23 @@ def test_half_the_thickness_is_stiffer_and_only_some_can_be_built() -> None:
     assert rows[8.0].normal_n / rows[16.0].normal_n == pytest.approx(1.2, abs=0.1)
     assert not rows[12.0].refused
     assert "skin-frame" in rows[10.0].refused
+
+
+@pytest.mark.slow
+def test_the_tour_runs_in_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every cell, by a kernel of its own."""
+    import nbformat
+    from nbclient import NotebookClient
+
+    monkeypatch.setenv("PYTHONPATH", str(FOLDER.parent))
+    notebook = nbformat.read(FOLDER / "tour.ipynb", as_version=4)
+    NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    said = "".join(o.get("text", "") for c in notebook.cells for o in c.get("outputs", []))
+    told = re.search(r"measured ([\d.]+) N, predicted ([\d.]+) N", said)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(float(told[2]), rel=0.05)
+    live = re.findall(r"([\d.]+) N, ([\d.]+) mm, \d+ ms", said)
+    normal_n, depth_mm = (max(map(float, column)) for column in zip(*live, strict=True))
+    assert normal_n == pytest.approx(float(told[1]), abs=0.3)
+    # The highest of all images: .56 mm for the press itself, .79 where the shear goes outwards.
+    assert depth_mm == pytest.approx(0.6, abs=0.25)
