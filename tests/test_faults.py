@@ -19,6 +19,7 @@ from called import called
 
 from deltact_fab import experiment, record
 
+pytestmark = pytest.mark.slow
 DESIGN = """
 [optics]
 image_width_px = 160
@@ -167,8 +168,7 @@ def assert_completes(short: Short, out: Path) -> None:
 # ---- the disk ---------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kib", [16, 80, 200, 300])
+@pytest.mark.parametrize("kib", [16, 200, 300])
 def test_a_disk_that_fills_up(
     short: Short, cli: Cli, disk: Callable[[str], Path], kib: int
 ) -> None:
@@ -184,7 +184,6 @@ def test_a_disk_that_fills_up(
     assert_completes(short, out)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("limit", "culprit"),
     [
@@ -221,7 +220,6 @@ def locked(
         path.chmod(0o755 if path.is_dir() else 0o644)
 
 
-@pytest.mark.slow
 def test_a_folder_that_may_not_be_written(
     short: Short, cli: Cli, locked: tuple[Path, Callable[[], None]]
 ) -> None:
@@ -248,8 +246,8 @@ def test_a_folder_that_may_not_be_written(
     ("content", "words"),
     [
         (b"not a database at all" * 50, "not a database"),
-        pytest.param(b"", "no such table", marks=pytest.mark.slow),
-        pytest.param(None, "unable to open", marks=pytest.mark.slow),
+        (b"", "no such table"),
+        (None, "unable to open"),
     ],
 )
 def test_a_corrupted_journal(
@@ -271,7 +269,6 @@ def test_a_corrupted_journal(
 # ---- the input --------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_a_run_folder_that_is_already_there(short: Short, cli: Cli, tmp_path: Path) -> None:
     done = cli(*short.arguments(short.finished))
     assert_one_line(done, 2, f"{short.finished}: already there; name a new --out folder")

@@ -46,6 +46,7 @@ def test_its_names_are_offered_and_no_module_takes_one() -> None:
         dt.trak  # type: ignore[attr-defined]  # noqa: B018
 
 
+@pytest.mark.slow
 def test_four_tasks_take_25_lines_at_most(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sum(len(task.splitlines()) for task in TASKS) <= 25
     names: dict[str, Any] = {"folder": folder}

@@ -23,6 +23,7 @@ from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.protocols import plan
 from deltact_fab.record import CLOCK_COLUMNS, PRESS_TABLES, RunWriter
 
+pytestmark = pytest.mark.slow
 # Two positions of two indenters, so that a resume may start after a change or after a press.
 PROTOCOL = """
 name = "tiny"
@@ -210,7 +211,6 @@ def assert_equal(tiny: Bench, resumed: Path) -> None:
     assert np.array_equal(truth.displacement_mm(frame_id), first.displacement_mm(frame_id))
 
 
-@pytest.mark.slow
 def test_a_run_killed_at_any_moment_ends_as_the_undisturbed_one(
     tiny: Bench, tmp_path: Path
 ) -> None:
@@ -229,7 +229,6 @@ def test_a_run_killed_at_any_moment_ends_as_the_undisturbed_one(
         shutil.rmtree(out)
 
 
-@pytest.mark.slow
 def test_killed_inside_the_writing_of_an_image(tiny: Bench, tmp_path: Path) -> None:
     out = tmp_path / "r"
     tiny.kill_at("image", 8 + 4, out)  # one of the second press, not yet renamed
@@ -251,7 +250,6 @@ def test_killed_inside_the_writing_of_an_image(tiny: Bench, tmp_path: Path) -> N
     ]  # fmt: skip
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 4, 7, 12, 40])
 def test_killed_at_every_kind_of_write(tiny: Bench, tmp_path: Path, n: int) -> None:
     """Creation (1-7), images, their folder, truth (of each of four presses)."""
@@ -323,7 +321,6 @@ def test_a_finished_run_is_left_as_it_is(tiny: Bench, tmp_path: Path) -> None:
     assert files(out) == before
 
 
-@pytest.mark.slow
 def test_a_force_only_run_is_resumed_too(tiny: Bench, tmp_path: Path) -> None:
     quiet = tmp_path / "quiet.toml"
     text = tiny.protocol.read_text()
@@ -344,7 +341,6 @@ def test_a_force_only_run_is_resumed_too(tiny: Bench, tmp_path: Path) -> None:
         assert rows(out, table) == rows(tmp_path / "whole", table)
 
 
-@pytest.mark.slow
 def test_other_conditions_are_refused_by_name(tiny: Bench, tmp_path: Path) -> None:
     out = tmp_path / "r"
     cut_off(tiny, out, "sphere-6/p2")

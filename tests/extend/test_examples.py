@@ -27,6 +27,7 @@ def load(name: str) -> ModuleType:
     return importlib.import_module(name)
 
 
+@pytest.mark.slow
 def test_a_part_has_the_volume_of_its_formula(tmp_path: Path) -> None:
     solid_mm3, formula_mm3 = load("build_a_part").main(tmp_path / "out")
     assert solid_mm3 == pytest.approx(formula_mm3, rel=1e-6)
@@ -40,6 +41,7 @@ def test_larger_patches_reach_the_camera() -> None:
     assert kept == pytest.approx({0.075: 0.15, 0.15: 0.39, 0.3: 0.59}, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_run_measures_hertz_and_the_gel_s_rigid_back(tmp_path: Path) -> None:
     """A layer is stiffer than a half-space, the more so the wider the contact."""
     found = load("run_a_protocol").main(tmp_path / "out")

@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 from deltact_fab import catalog, lab
 from deltact_fab.cad.design import load_design
 from deltact_fab.cli.main import main
-from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.errors import InputError
 from deltact_fab.lab.folder import SHIPPED
 from deltact_fab.patterns import load_recipe
 from deltact_fab.patterns.laws import LAWS
@@ -75,21 +75,6 @@ def test_an_empty_folder_and_a_repository_are_taken(here: Path) -> None:
     (here / ".git").mkdir()
     lab.init(Path())
     assert (here / "README.md").is_file()
-
-
-def test_a_disk_that_refuses_leaves_nothing(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = Path.write_text
-
-    def full(self: Path, text: str, **how: str) -> int:
-        if self.name == "smoke.toml":
-            whole(self, text[:10])
-            raise OSError(28, "No space left on device")
-        return whole(self, text, **how)
-
-    monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(RunFailed, match="No space left"):
-        lab.init(Path("a/my-lab"))
-    assert not (here / "a").exists()
 
 
 @pytest.mark.parametrize("source", catalog.names("protocols"))
