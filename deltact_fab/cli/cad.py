@@ -188,9 +188,8 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
     data = [{**asdict(row), "verdict": row.verdict} for row in rows]
     shown = columns_of(("check", "part", "found", "limit", "verdict"), data)
     failed = [row for row in rows if row.verdict == "FAIL"]
-    named = dict.fromkeys(f"failed: {row.check} ({row.part})" for row in failed)
     why = f"{design}: {len(failed)} of {len(rows)} checks failed" if failed else None
-    return Answer(data, [*shown, "", told, *named], why)
+    return Answer(data, [*shown, "", told], why)
 
 
 @cad.command(epilog="Example: deltact-fab cad export sensor sphere:12.5 --out parts")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -14,7 +14,8 @@ from .options import NAME_OR_PATH, ON, PROCESSES, RIG
 from .output import Answer, answers, columns_of, progress
 
 if TYPE_CHECKING:
-    from ..virtual.presolve import PressRow, Told
+    from ..aliases import Progress
+    from ..virtual.presolve import PressRow
 
 
 @click.command(epilog="Example: deltact-fab gel path pattern-selection --jobs 2")
@@ -48,7 +49,8 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     level = declared.specimen.gel_model
     started = time.monotonic()
     with executor(on, jobs) as where, progress("gel path") as tick:
-        rows = solve_ahead(declared, sensor.skin, rig.virtual.gel, where, _told(tick))
+        told = partial(_tell, tick)
+        rows = solve_ahead(declared, sensor.skin, rig.virtual.gel, where, told)
     seconds = time.monotonic() - started
     failed = [row for row in rows if row.failure]
     data = {
@@ -61,18 +63,8 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     return Answer(data, _lines(rows, level, seconds), "" if failed else None, _asides(rows))
 
 
-def _told(tick: Callable[[int, int, str], None]) -> Told:
-    """Knots of all presses together, with the press that was solved last."""
-    rows: dict[str, PressRow] = {}
-
-    def told(row: PressRow) -> None:
-        rows[row.press] = row
-        done = sum(r.done for r in rows.values())
-        # A press that failed has no more to do.
-        total = sum(r.done if r.failure else r.knots for r in rows.values())
-        tick(done, total, row.press)
-
-    return told
+def _tell(tick: Progress, row: PressRow) -> None:
+    tick(row.done, row.knots, row.press)
 
 
 def _lines(rows: list[PressRow], level: str, seconds: float) -> list[str]:

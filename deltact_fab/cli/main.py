@@ -133,11 +133,10 @@ def _of_the_system(why: OSError) -> int:
     """Says what the system refused, but for a reader that has enough; the exit code."""
     if isinstance(why, BrokenPipeError):  # most are click's, which ends with 1 as well
         return 1
-    too_long = why.errno == errno.ENAMETOOLONG
-    what = "too long for a file's name" if too_long else f"cannot be written: {why.strerror}"
     with suppress(OSError):
-        click.echo(one_line(f"{PROGRAM}: {why.filename or 'output'}: {what}"), err=True)
-    return 2 if too_long else 1
+        told = f"{PROGRAM}: {why.filename or 'output'}: cannot be written: {why.strerror}"
+        click.echo(one_line(told), err=True)
+    return 2 if why.errno == errno.ENAMETOOLONG else 1
 
 
 def _caused_by(why: BaseException | None, kind: type[BaseException]) -> BaseException | None:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from ..errors import MissingLibrary
 from .options import out_folder
 from .output import Answer, answers, columns_of, files_line, progress
 
@@ -32,15 +31,13 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
     when a row is wrong.
     """
     from ..numerics import harness
+    from ..report.templating import require_pages
 
+    if out is not None:
+        require_pages()
     with progress("numerics") as report:
         found = harness.run(engines, quick, report)
-    written, asides = [], []
-    if out is not None:
-        try:
-            written = ["", files_line(found.save(out))]
-        except MissingLibrary as why:
-            asides.append(f"no page: {why}")
+    asides = []
     lines = [
         *columns_of(CURVES, found.curves),
         "",
@@ -51,5 +48,6 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
     for row in found.wrong:
         said = row["note"] or f"{row['figure']} over {row['bound']} {row['unit']}"
         asides.append(f"deltact-fab: wrong: {row['engine']}: {row['case']}: {said}")
-    failed = "" if found.wrong else None
-    return Answer(found.as_dict(), [*lines, *written], failed, asides)
+    if out is not None:
+        lines += ["", files_line(found.save(out))]
+    return Answer(found.as_dict(), lines, "" if found.wrong else None, asides)

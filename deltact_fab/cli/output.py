@@ -25,10 +25,8 @@ from .options import JSON
 if TYPE_CHECKING:
     from ..aliases import Progress
 
-LINE_EVERY_S = 5.0
+LINE_EVERY_S = 10.0
 """Where no terminal shows a bar: a line so often, when there is something new to say."""
-LONG_S, LONG_LINE_EVERY_S = 600.0, 60.0
-"""What takes longer than that says so once a minute."""
 _GAP = "  "
 
 
@@ -156,20 +154,13 @@ def _column(values: Sequence[Any]) -> list[str]:
     numbers = [abs(v) for v in values if isinstance(v, int | float) and math.isfinite(v) and v]
     largest = max(numbers, default=0.0)
     # What cancelled is none.
+    kept = [0 if isinstance(v, float) and 0 < abs(v) <= 1e-9 * largest else v for v in values]
     some = [n for n in numbers if n > 1e-9 * largest]
-    alike = all(map(_is_number, values))
-    if alike and some and min(some) >= 1e-4 and largest < 1e3 * min(some):
-        decimals = max(0, DIGITS - 1 - math.floor(math.log10(largest)))
-        cells = [f"{v:.{decimals}f}" if isinstance(v, float) else _cell(v) for v in values]
-        while decimals and all(
-            c.endswith("0") for c, v in zip(cells, values, strict=True) if isinstance(v, float)
-        ):
-            decimals -= 1
-            cells = [f"{v:.{decimals}f}" if isinstance(v, float) else _cell(v) for v in values]
-        return cells
-    return [
-        "0" if isinstance(v, float) and 0 < abs(v) <= 1e-9 * largest else _cell(v) for v in values
-    ]
+    alike = all(map(_is_number, values)) and min(some, default=0) >= max(1e-4, largest / 1e3)
+    if not alike:
+        return list(map(_cell, kept))
+    decimals = max(0, DIGITS - 1 - math.floor(math.log10(largest)))
+    return [f"{v:.{decimals}f}" if isinstance(v, float) else _cell(v) for v in kept]
 
 
 def _is_number(value: Any) -> bool:
@@ -244,8 +235,7 @@ def _in_lines(title: str) -> Iterator[Progress]:
     def tick(done: int, total: int, what: str) -> None:
         nonlocal state
         state = f"{done} of {total}" + (f", {what}" if what else "")
-        now_s = time.monotonic()
-        if now_s - told_s >= (LINE_EVERY_S if now_s - begun_s < LONG_S else LONG_LINE_EVERY_S):
+        if time.monotonic() - told_s >= LINE_EVERY_S:
             say()
 
     yield tick

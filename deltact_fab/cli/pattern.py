@@ -173,12 +173,11 @@ TRANSFER = click.option(
     "--transfer", type=click.Choice(("face-down", "slide")), default="face-down",
     help="Which side faces the gel: the ink, or the film (mirrored).",
 )  # fmt: skip
-SCALE_X = click.option("--scale-x", type=float, metavar="FACTOR", show_default="1",
-                       help="100 mm divided by what the printed ruler in x measures."
-                       )  # fmt: skip
-SCALE_Y = click.option("--scale-y", type=float, metavar="FACTOR", show_default="1",
-                       help="100 mm divided by what the printed ruler in y measures."
-                       )  # fmt: skip
+SCALE_X, SCALE_Y = (
+    click.option(f"--scale-{axis}", type=float, metavar="FACTOR", show_default="1",
+                 help=f"100 mm divided by what the printed ruler in {axis} measures.")
+    for axis in "xy"
+)  # fmt: skip
 
 
 def _scales(

@@ -28,10 +28,6 @@ def protocol() -> None:
 
 
 PROTOCOL = click.argument("name", metavar="PROTOCOL", type=NAME_OR_PATH)
-UNSOLVED = (
-    "peak forces: not known yet, as deep presses have to be solved first; "
-    "`protocol show PROTOCOL --forces` does so once (minutes)"
-)
 
 
 @protocol.command("list")
@@ -79,8 +75,6 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path) -> A
         rows = asked.checks()
     good = all(r.ok for r in rows)
     lines = [r.line() + ("" if r.ok and not r.warns else f"  at {r.where}") for r in rows]
-    if good and not air and not asked.protocol.weights and not any("force" in r.name for r in rows):
-        lines.append(UNSOLVED)
     return Answer([asdict(r) for r in rows], lines, None if good else "")
 
 
@@ -122,7 +116,8 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
         f"about {estimate.disk_mb:.0f} MB",
     ]
     if peaks is None or findings is None:
-        return Answer(data, [*lines, UNSOLVED, PAPER_REMARK])
+        lines.append("peak forces: --forces solves the deep presses, once (minutes)")
+        return Answer(data, [*lines, PAPER_REMARK])
     return Answer(data, [*lines, *_peaks(peaks, findings)])
 
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -146,13 +144,10 @@ def new(name: str, out: Path | None) -> Answer:
     from ..lab import rig as write
 
     file, found = write(name, out)
-    lines = []
-    for what, devices in found.items():
-        for number, device in enumerate(devices):
-            use = "used" if number == 0 else "in a comment"
-            lines.append(f"{what[:-1]} {device.name}: {device.text or 'no name'} ({use})")
-        if not devices:
-            lines.append(f"no {what[:-1]} was found: the file has an example in its place")
+    lines = [
+        f"{what}: {', '.join(one.name for one in devices) or 'none was found'}"
+        for what, devices in found.items()
+    ]
     then = f"`deltact-fab rig check {name if out is None else out}`"
     lines.append(f"{file}: written; fill in what it lists under MEASURE, then {then}")
     data = {what: [asdict(device) for device in devices] for what, devices in found.items()}
@@ -270,18 +265,10 @@ def accept(
         write_whole(picture, acceptance.picture(done, known.camera))
     if out is not None and done.passed:
         acceptance.save(done, known, seed, out)
-    return judged(source, done, "accepted", *_accepted(done, known.simulated, out))
-
-
-def _accepted(done: Any, simulated: str | None, out: Path | None) -> Iterator[str]:
-    if done.found is not None:
-        yield "\nblur in px over the view, x to the right, y down:"
-        for row in done.found.blur_px[1::3]:
-            yield " ".join("   -" if b is None else f"{b:4.1f}" for b in row[1::3])
-    if simulated:
-        yield f"\n{simulated}"
+    told = [known.simulated] if known.simulated else []
     if done.passed:
-        yield f"\nkept: {out}" if out else "\nnot kept: name it with --serial"
+        told.append(f"kept: {out}" if out else "not kept: name it with --serial")
+    return judged(source, done, "accepted", "", *told)
 
 
 @click.command()

@@ -140,8 +140,8 @@ def test_numbers_have_as_many_digits_as_are_of_use() -> None:
         [(0.30000000000000004, 1e-17, 76777.25, True), (12.0, 1.0, 1.0, False)],
     )
     assert [line.split() for line in lines][1:] == [
-        ["0.3", "0", "76777", "yes"],
-        ["12.0", "1", "1", "no"],
+        ["0.30", "0", "76777", "yes"],
+        ["12.00", "1", "1", "no"],
     ]
 
 

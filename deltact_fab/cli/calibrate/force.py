@@ -72,18 +72,15 @@ def _lines(result: ForceResult, folder: Path) -> Iterator[str]:
         "adjusted_r2", "adjusted_r2_about_zero", "rmse_fitted",
         *(f"rmse_left_out_{split}" for split in SPLITS), "range", "percent_of_range",
     )  # fmt: skip
-    others = {one.name for one in result.judged} - {result.best.name, result.paper.name}
+    shown = {result.best.name, result.paper.name}
     rows = [
         (row["model"], f"{row['component']}, {row['unit']}", *(row.get(key) for key in keys))
         for row in result.rows()
-        if row["model"] not in others
+        if row["model"] in shown
     ]
     yield from table(head, rows)
-    if others:
-        yield f"\nalso fitted: {', '.join(sorted(others))}; see {folder / 'force.json'}"
     yield (
-        f"\nRMSE on the {len(result.data)} points fitted to, and on what was left out (unseen: "
-        "position and indenter together; press, point: a fifth); "
-        f"{result.calibration.head.origin}; as printed: the paper's table, on a real sensor, whose "
-        "R2 is about the mean or about 0"
+        f"\n{folder / 'force.json'} has all models; RMSE on the {len(result.data)} points "
+        "fitted to, and on what was left out (unseen: position and indenter together; press, point: a fifth); "
+        f"{result.calibration.head.origin}; as printed: the paper's table, on a real sensor"
     )
