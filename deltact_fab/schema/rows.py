@@ -141,14 +141,17 @@ def limits_of(key: dict[str, Any]) -> str:
         return limits_of(entry)
     said = []
     if key.get("type") == "array":
-        said.append(_range(key, "minItems", "maxItems", " long") if "items" in key else "")
+        if "items" in key:
+            said.append(
+                _range(key, "minItems", "maxItems", " entries").replace(
+                    "st 1 entries", "st 1 entry"
+                )
+            )
         inner = _each(" and ", key.get("prefixItems") or [key.get("items", {})])
         said.append(f"each {inner}" if inner else "")
     said.append(_range(key, "minLength", "maxLength", " characters"))
     said.append(f"matches {key['pattern']}" if "pattern" in key else "")
-    said.append(_range(key, "minimum", "maximum"))
-    said.append(f"above {key['exclusiveMinimum']:g}" if "exclusiveMinimum" in key else "")
-    said.append(f"below {key['exclusiveMaximum']:g}" if "exclusiveMaximum" in key else "")
+    said.append(_range(key, "minimum", "maximum", "", "exclusiveMinimum", "exclusiveMaximum"))
     return ", ".join(filter(None, said))
 
 
@@ -156,10 +159,10 @@ def _each(between: str, keys: list[dict[str, Any]]) -> str:
     return between.join(dict.fromkeys(filter(None, map(limits_of, keys))))
 
 
-def _range(key: dict[str, Any], low: str, high: str, of: str = "") -> str:
-    least, most = (key.get(name) for name in (low, high))
+def _range(key: dict[str, Any], low: str, high: str, of: str, *beyond: str) -> str:
+    """beyond: names of what a value must be above, and below."""
+    least, most, above, below = (*map(key.get, (low, high, *beyond)), None, None)[:4]
     if least is not None and most is not None:
-        return f"{least:.12g}{of}" if least == most else f"{least:.12g} to {most:.12g}{of}"
-    if least is None and most is None:
-        return ""
-    return f"at least {least:.12g}{of}" if most is None else f"at most {most:.12g}{of}"
+        return (f"{least:.12g}" if least == most else f"{least:.12g} to {most:.12g}") + of
+    words = {"above": above, "at least": least, "below": below, "at most": most}
+    return ", ".join(f"{word} {v:.12g}{of}" for word, v in words.items() if v is not None)

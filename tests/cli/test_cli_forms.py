@@ -141,7 +141,7 @@ def test_numbers_have_as_many_digits_as_are_of_use() -> None:
     )
     assert [line.split() for line in lines][1:] == [
         ["0.30", "0", "76777", "yes"],
-        ["12.00", "1", "1", "no"],
+        ["12.00", "1.000", "1", "no"],
     ]
 
 

@@ -138,7 +138,7 @@ def test_defaults_are_those_of_the_model(kind: Kind) -> None:
         ({"type": "number", "minimum": 0, "exclusiveMaximum": 1},
          ("number", "at least 0, below 1")),
         ({"type": "array", "items": {"enum": ["x", "y"]}, "minItems": 1},
-         ('list of "x", "y"', "at least 1 long")),
+         ('list of "x", "y"', "at least 1 entry")),
         ({"type": "array", "prefixItems": [{"type": "number", "maximum": 5}] * 2},
          ("list of 2 numbers", "each at most 5")),
         ({"anyOf": [{"type": "integer"}, {"type": "string", "minLength": 1, "maxLength": 9}]},

@@ -81,6 +81,7 @@ def _lines(result: ForceResult, folder: Path) -> Iterator[str]:
     yield from table(head, rows)
     yield (
         f"\n{folder / 'force.json'} has all models; RMSE on the {len(result.data)} points "
-        "fitted to, and on what was left out (unseen: position and indenter together; press, point: a fifth); "
+        "fitted to, and on what was left out (unseen: position and indenter together; press, "
+        "point: a fifth); "
         f"{result.calibration.head.origin}; as printed: the paper's table, on a real sensor"
     )
