@@ -130,7 +130,7 @@ def _several(key: dict[str, Any]) -> str:
     if "enum" in key:
         return ", ".join(map(literal, key["enum"]))
     first, *more = type_of(key).split(" of ", 1)
-    return " of ".join([first if first in ("text", "true, false") else f"{first}s", *more])
+    return " of ".join([first if first == "true, false" else f"{first}s", *more])
 
 
 def limits_of(key: dict[str, Any]) -> str:
@@ -148,7 +148,7 @@ def limits_of(key: dict[str, Any]) -> str:
                 )
             )
         inner = _each(" and ", key.get("prefixItems") or [key.get("items", {})])
-        said.append(f"each {inner}" if inner else "")
+        said.append(inner if inner.startswith("each") or not inner else f"each {inner}")
     said.append(_range(key, "minLength", "maxLength", " characters"))
     said.append(f"matches {key['pattern']}" if "pattern" in key else "")
     said.append(_range(key, "minimum", "maximum", "", "exclusiveMinimum", "exclusiveMaximum"))
