@@ -163,6 +163,12 @@ def _range(key: dict[str, Any], low: str, high: str, of: str, *beyond: str) -> s
     """beyond: names of what a value must be above, and below."""
     least, most, above, below = (*map(key.get, (low, high, *beyond)), None, None)[:4]
     if least is not None and most is not None:
-        return (f"{least:.12g}" if least == most else f"{least:.12g} to {most:.12g}") + of
+        return (
+            f"{_number(least)}" if least == most else f"{_number(least)} to {_number(most)}"
+        ) + of
     words = {"above": above, "at least": least, "below": below, "at most": most}
-    return ", ".join(f"{word} {v:.12g}{of}" for word, v in words.items() if v is not None)
+    return ", ".join(f"{word} {_number(v)}{of}" for word, v in words.items() if v is not None)
+
+
+def _number(value: float) -> str:
+    return "2^63" if value == 2**63 else f"{value:.12g}"
