@@ -77,17 +77,3 @@ def test_trim_keeps_what_was_used_last(folder: Path) -> None:
     assert cache.trim("kind", 2 * size + 1) == 3 * size
     assert {n for n, path in paths.items() if path.exists()} == {0, 4}
     assert cache.get("kind", {"n": 4}) == b"x" * 1000
-
-
-def test_trim_clears_what_a_dead_process_left(folder: Path) -> None:
-    cache.put("kind", {"a": 1}, 5)
-    fresh, old = folder / "kind" / ".a.1.part", folder / "kind" / ".b.2.part"
-    for path in (fresh, old):
-        path.write_text("half")
-    os.utime(old, (1000, 1000))
-    assert cache.trim("kind", 10**6) == 4
-    assert fresh.exists()
-    assert not old.exists()
-    assert cache.get("kind", {"a": 1}) == 5
-    assert cache.trim("kind", 0) > 0
-    assert cache.get("kind", {"a": 1}) is None

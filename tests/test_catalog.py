@@ -103,12 +103,3 @@ def test_a_damaged_file_here_is_told_and_not_passed_over(
     with pytest.raises(InputError, match=r"smoke.toml: not valid TOML"):
         catalog.find("protocols", "smoke")
     assert "smoke" in catalog.names("protocols")
-
-
-@pytest.mark.parametrize("kind", catalog.KINDS)
-def test_every_shipped_file_is_told_by_its_keys(kind: str) -> None:
-    files = sorted(catalog.shipped_dir(kind).glob("*.toml"))
-    assert len(files) > 4
-    for file in files:
-        data = catalog.read(file)
-        assert [k for k in catalog.KINDS if catalog.is_of(k, data)] == [kind], file.name

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import json
-import tomllib
 from importlib import metadata
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -14,8 +12,6 @@ from click.testing import CliRunner
 from deltact_fab import doctor
 from deltact_fab.cli.main import main
 from deltact_fab.rig.devices import FoundDevice
-
-PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
 
 
 def test_requirements_are_read() -> None:

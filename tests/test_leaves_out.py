@@ -221,24 +221,6 @@ def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
 
 
 @pytest.mark.slow
-def test_a_lens_is_laid_out_once_and_only_where_the_rig_has_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from deltact_fab import record
-
-    calls = calls_of("tracking", tmp_path, monkeypatch, LENS)
-    assert calls["raw view"] == 1
-    assert calls["render"] == calls["frames"]
-    assert calls["rectify"] == 0  # images are kept raw
-    run = record.open(tmp_path / "run")
-    run.image(run.frames()["file"].iloc[0])
-    assert calls["rectify"] == 1
-    (tmp_path / "pinhole").mkdir()
-    calls = calls_of("tracking", tmp_path / "pinhole", monkeypatch)
-    assert calls["raw view"] == calls["maps"] == calls["rectify"] == 0
-
-
-@pytest.mark.slow
 def test_a_force_only_run_imports_nothing_that_draws(tmp_path: Path) -> None:
     protocol, rig = scene("force and shear", tmp_path, LENS)
     (run,) = loaded_by(RUN.format(protocol=protocol, rig=rig), cwd=tmp_path)
@@ -284,15 +266,6 @@ def test_a_command_of_numbers_loads_no_kernel_no_pages_and_no_opencv(
 ) -> None:
     (loaded,) = loaded_by(COMMAND.format(words=words, code=0), cwd=tmp_path)
     assert loaded <= ({"scipy.interpolate"} if words[0] in ("gel", "protocol") else set())
-
-
-@pytest.mark.slow
-def test_the_parts_are_listed_where_cadquery_is_absent_and_export_says_so(tmp_path: Path) -> None:
-    # None in sys.modules is an import that fails: the list must not even try.
-    absent = "".join(f"sys.modules[{name!r}] = None\n" for name in CAD)
-    listed = COMMAND.format(words=["cad", "list"], code=0)
-    export = COMMAND.format(words=["cad", "export", "sphere:10"], code=2)
-    loaded_by(absent + listed, export, cwd=tmp_path)
 
 
 @pytest.mark.parametrize(

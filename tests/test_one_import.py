@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 import deltact_fab as dt
-from deltact_fab.errors import InputError
 
 TOUR = json.loads((Path(__file__).parents[1] / "examples/tour.ipynb").read_text())
 TASKS = ["".join(c["source"]) for c in TOUR["cells"] if "task" in c["metadata"].get("tags", ())]
@@ -82,19 +81,3 @@ def test_a_source_is_measured_as_the_live_loop_measures_it(folder: Path) -> None
     assert rested is not None
     assert rested.force is not None
     assert np.abs(rested.force.force_n).max() < 0.1
-
-
-@pytest.mark.parametrize(
-    "ask",
-    [
-        lambda: dt.track("no-such-folder"),
-        lambda: dt.measure_source("no-such-folder"),
-        lambda: dt.Live("no-such-camera.toml"),
-        lambda: dt.load_run("no-such-run"),
-        lambda: dt.make_pattern("dense", "out.jpg"),
-        lambda: dt.build_part("skinn"),
-    ],
-)
-def test_what_is_not_there_is_refused_at_once(ask: Any) -> None:
-    with pytest.raises(InputError):
-        ask()

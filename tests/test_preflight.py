@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from deltact_fab import experiment, preflight
 from deltact_fab.cad.design import load_design
-from deltact_fab.cli.protocol import protocol as command
 from deltact_fab.elasticity.block import FreeBlock
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
@@ -68,17 +65,6 @@ def _with(protocol: Protocol, **changes: object) -> Protocol:
 
 def test_smoke_is_within_a_nano17_and_says_nothing(smoke: Protocol) -> None:
     assert _over(smoke, REAL) == []
-
-
-def test_every_indenter_position_and_depth_has_a_peak(smoke: Protocol) -> None:
-    many = _with(smoke, positions_mm=((-3.0, -2.0), (3.0, 2.0)), depths_mm=(0.6, 1.2))
-    peaks = _peaks(many)
-    keys = [(p.indenter, p.at_mm, p.depth_mm) for p in peaks]
-    wanted = [
-        (n, at, d) for n in many.indenters for at in many.positions_mm for d in many.depths_mm
-    ]
-    assert keys == wanted
-    assert peaks[0].normal_n == peaks[2].normal_n  # mirror images share a curve
 
 
 @pytest.mark.parametrize(
@@ -244,12 +230,3 @@ def test_where_the_engine_refuses_the_bound_and_its_reason_stand(
 def test_a_depth_outside_of_the_gel_is_refused() -> None:
     with pytest.raises(InputError, match="12 mm is needed: 12 mm fails"):
         press_curve(SENSOR.skin, GelMaterial(), parse("sphere:15"), (0.0, 0.0), [12.0])
-
-
-def test_show_does_not_solve_deep_presses_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deltact_fab.gel.finite.FinitePress", None)
-    text = CliRunner().invoke(command, ["show", "pattern-selection"])
-    assert "--forces" in text.output
-    assert "271 N" in text.output
-    data = CliRunner().invoke(command, ["show", "pattern-selection", "--json"]).output
-    assert json.loads(data)["peaks"] is None

@@ -19,7 +19,7 @@ from click.testing import CliRunner
 
 from deltact_fab import experiment, record
 from deltact_fab.cli.main import main
-from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.errors import InputError
 from deltact_fab.protocols import plan
 from deltact_fab.record import CLOCK_COLUMNS, PRESS_TABLES, RunWriter
 
@@ -321,26 +321,6 @@ def test_a_finished_run_is_left_as_it_is(tiny: Bench, tmp_path: Path) -> None:
     assert files(out) == before
 
 
-def test_a_force_only_run_is_resumed_too(tiny: Bench, tmp_path: Path) -> None:
-    quiet = tmp_path / "quiet.toml"
-    text = tiny.protocol.read_text()
-    quiet.write_text(text.replace('["image", "dots", "force", "shear"]', '["force", "shear"]'))
-    experiment.run(experiment.RunRequest(str(quiet), str(tiny.rig), tmp_path / "whole", seed=3))
-
-    def press_ctrl_c(done: int, total: int, what: str) -> None:
-        if done == 21:
-            raise KeyboardInterrupt
-
-    out = tmp_path / "r"
-    with pytest.raises(RunFailed, match="go on with --resume"):
-        experiment.run(
-            experiment.RunRequest(str(quiet), str(tiny.rig), out, seed=3, progress=press_ctrl_c)
-        )
-    assert resume(tiny, out, protocol=quiet)["kept_frames"] == 16
-    for table in PRESS_TABLES:
-        assert rows(out, table) == rows(tmp_path / "whole", table)
-
-
 def test_other_conditions_are_refused_by_name(tiny: Bench, tmp_path: Path) -> None:
     out = tmp_path / "r"
     cut_off(tiny, out, "sphere-6/p2")
@@ -400,14 +380,3 @@ def test_two_processes_never_write_one_run(tiny: Bench, tmp_path: Path) -> None:
         RunWriter.resume(out, steps)
     first.abandon()
     RunWriter.resume(out, steps).abandon()
-
-
-def test_an_existing_folder_names_resume_when_it_would_help(tiny: Bench, tmp_path: Path) -> None:
-    out = tmp_path / "r"
-    cut_off(tiny, out, "sphere-8/p2")
-    with pytest.raises(InputError, match="unfinished run of this protocol: go on with --resume"):
-        experiment.run(experiment.RunRequest(str(tiny.protocol), str(tiny.rig), out, seed=3))
-    with pytest.raises(InputError, match="already there; name a new --out folder"):
-        experiment.run(
-            experiment.RunRequest(str(tiny.protocol), str(tiny.rig), tiny.undisturbed, seed=3)
-        )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import re
 from pathlib import Path
 
 import pytest
@@ -56,19 +55,3 @@ def test_an_export_over_another_leaves_nothing_of_it() -> None:
     assert {p.name for p in Path("two").iterdir()} == {
         "acrylic.dxf", "acrylic.svg", "manifest.json"
     }  # fmt: skip
-
-
-def _plate(value: str) -> None:
-    Path("cad").mkdir(exist_ok=True)
-    Path("cad/indenters.toml").write_text(
-        f'[body]\nplate_mm = {value}\n\n[[indenter]]\nname = "sphere:10"\n'
-    )
-
-
-@pytest.mark.parametrize("value", ["1e9", "50.1", "0.99", "0", "-4", "nan", "inf"])
-def test_a_plate_outside_its_limits_is_refused(value: str) -> None:
-    _plate(value)
-    line = refused("export", "indenters", "--out", "o")
-    assert "cad/indenters.toml: body.plate_mm: Input should be " in line
-    assert re.search(r"equal to (1|50) \(got ", line)
-    assert not Path("o").exists()

@@ -61,13 +61,6 @@ def place(photos: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_photograph_comes_again_bit_for_bit(photos: Path, tmp_path: Path) -> None:
-    words = ("--board", "skin", "--seed", "3", "--out", tmp_path / "again")
-    say(rig, "photograph", photos.parent / "bench.toml", *words)
-    first = (photos / "contact" / "1.png").read_bytes()
-    assert (tmp_path / "again" / "contact" / "1.png").read_bytes() == first
-
-
 def test_from_photographs_to_a_camera_file(place: Path) -> None:
     out = place / "camera.toml"
     photos = place / "photos"

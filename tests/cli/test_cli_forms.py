@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import get_args
 
 import click
 import pytest
@@ -18,13 +17,6 @@ from benchmarks.reference import commands
 from deltact_fab.cli import options, output
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
-from deltact_fab.measure.flow import FLOW_METHODS, Reference
-from deltact_fab.measure.force import FEATURES
-from deltact_fab.measure.pipeline.plan import OUTPUTS
-from deltact_fab.numerics.engines import REGISTRY
-from deltact_fab.patterns.sheet.layout import PAPERS
-from deltact_fab.schema import KINDS
-from deltact_fab.shapes import indenter
 
 LEAVES = {c.command_path: (c, one) for c, one in commands() if not isinstance(one, click.Group)}
 
@@ -83,28 +75,6 @@ def test_the_examples_of_the_helps_are_commands() -> None:
             assert inner is not None, example
             command, context = inner, click.Context(inner, context, **inner.context_settings)
         command.parse_args(context, words)
-
-
-def help_of(path: str) -> str:
-    context, command = LEAVES[f"deltact-fab {path}"]
-    return " ".join(command.get_help(context).split()).replace("- ", "-")  # a line's end
-
-
-@pytest.mark.parametrize(
-    ("path", "names"),
-    [
-        ("gel press", indenter.KINDS),
-        ("calibrate force", FEATURES),
-        ("analyze tracking", [*FLOW_METHODS, *get_args(Reference)]),
-        ("measure", OUTPUTS),
-        ("numerics", REGISTRY),
-        ("pattern sheet", PAPERS),
-        ("schema", KINDS),
-    ],
-)
-def test_the_help_lists_all_choices(path: str, names: list[str]) -> None:
-    told = help_of(path)
-    assert not [name for name in names if name not in told]
 
 
 def test_a_table_on_a_narrow_terminal_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

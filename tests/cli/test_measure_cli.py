@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -45,18 +44,6 @@ def test_ctrl_c_ends_it_with_130_and_whole_lines(mini_run: Path) -> None:
     assert said == ""
     rows = [json.loads(line) for line in (first + rest).splitlines()]
     assert [row["frame"] for row in rows] == list(range(len(rows)))
-
-
-@pytest.mark.slow
-def test_a_reader_that_has_enough_ends_it_without_a_word(mini_run: Path) -> None:
-    reads, writes = os.pipe()
-    words = [*COMMAND[1:], str(mini_run), "--jsonl"]
-    with started(*words, stdout=writes, stderr=subprocess.PIPE) as going:
-        os.close(writes)
-        with os.fdopen(reads) as pipe:
-            json.loads(pipe.readline())
-        _, said = going.communicate(timeout=60)
-    assert (going.returncode, said) == (1, "")
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shlex
 import tomllib
 from pathlib import Path
 
@@ -135,25 +134,3 @@ def test_a_file_is_never_overwritten_and_a_name_is_a_name(here: Path) -> None:
         assert says in str(told.exception)
     assert Path("there.toml").read_bytes() == before
     assert [p.name for p in here.iterdir()] == ["there.toml"]
-
-
-@pytest.mark.slow
-def test_a_stranger_comes_from_init_to_a_report(mine: Path) -> None:
-    """The README's own first lines, with two values changed on the way."""
-    block = re.search(r"```console\n(.*?)```", (mine / "README.md").read_text(), re.DOTALL)
-    assert block is not None
-    lines = [shlex.split(line)[1:] for line in block[1].splitlines()]
-    assert [words[0] for words in lines[-3:]] == ["run", "record", "report"]
-    for words in lines:
-        run(*words)
-        if words[:2] == ["protocol", "new"]:
-            file = mine / "protocols" / "mine.toml"
-            text, one = re.subn(
-                r"(?m)^indenters = .*", 'indenters = ["sphere:12"]', file.read_text()
-            )
-            text, two = re.subn(r"(?m)^depths_mm = .*", "depths_mm = [0.9]", text)
-            assert (one, two) == (1, 1)
-            file.write_text(text)
-    page = (mine / "mine.html").read_text()
-    assert "sphere:12" in page
-    assert "mine" in page

@@ -167,18 +167,6 @@ def test_the_wheel_holds_the_package_the_catalogue_and_no_more(wheel: Path) -> N
 
 
 @pytest.mark.slow
-def test_the_environment_knows_the_wheel_and_not_the_checkout(borrowed: Installed) -> None:
-    seen = json.loads(call(borrowed.bin / "python", "-c", WHERE, cwd=borrowed.folder).stdout)
-    inside = str(borrowed.environment)
-    assert seen["package"].startswith(inside)
-    assert seen["distribution"].startswith(inside)
-    assert len(seen["shipped"]) == 4
-    assert all(folder.startswith(inside) and "_shipped" in folder for folder in seen["shipped"])
-    assert str(ROOT) not in seen["path"]
-    assert list(borrowed.folder.iterdir()) == []
-
-
-@pytest.mark.slow
 def test_a_pattern_has_the_bytes_that_the_checkout_makes(
     borrowed: Installed, tmp_path: Path
 ) -> None:

@@ -10,11 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 from pydantic import TypeAdapter
 
 from deltact_fab import catalog
-from deltact_fab.cli.main import main
 from deltact_fab.configuration import resolved
 from deltact_fab.errors import InputError
 from deltact_fab.lab.folder import kind_of
@@ -166,15 +164,3 @@ def test_a_table_a_key_and_a_name_are_found() -> None:
     assert [row.key for row in matching(kind, "settle_s")] == ["capture.settle_s"]
     (row,) = matching(kind, "shear.points_per_side")
     assert (row.type, row.default, row.limits) == ("whole number", "1", "1 to 100")
-
-
-def test_the_command_prints_for_people_and_for_editors() -> None:
-    run = CliRunner().invoke
-    assert (
-        "capture.settle_s  (number or table of number by name; s; 0 to 600; not set)"
-        in run(main, ["schema", "protocol", "settle_s"]).output
-    )
-    assert json.loads(run(main, ["schema", "design", "--json"]).output) == document(KINDS["design"])
-    listed = json.loads(run(main, ["schema", "--json"]).output)
-    assert {k["kind"] for k in listed} == set(KINDS | OUTPUTS)
-    assert "motion_px  (number; px; not set)" in run(main, ["schema", "measured"]).output
