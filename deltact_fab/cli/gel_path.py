@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -14,7 +13,6 @@ from .options import NAME_OR_PATH, ON, PROCESSES, RIG
 from .output import Answer, answers, columns_of, progress
 
 if TYPE_CHECKING:
-    from ..aliases import Progress
     from ..virtual.presolve import PressRow
 
 
@@ -49,8 +47,10 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     level = declared.specimen.gel_model
     started = time.monotonic()
     with executor(on, jobs) as where, progress("gel path") as tick:
-        told = partial(_tell, tick)
-        rows = solve_ahead(declared, sensor.skin, rig.virtual.gel, where, told)
+        rows = solve_ahead(
+            declared, sensor.skin, rig.virtual.gel, where,
+            lambda row: tick(row.done, row.knots, row.press),
+        )  # fmt: skip
     seconds = time.monotonic() - started
     failed = [row for row in rows if row.failure]
     data = {
@@ -61,10 +61,6 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
         "presses": [asdict(row) for row in rows],
     }
     return Answer(data, _lines(rows, level, seconds), "" if failed else None, _asides(rows))
-
-
-def _tell(tick: Progress, row: PressRow) -> None:
-    tick(row.done, row.knots, row.press)
 
 
 def _lines(rows: list[PressRow], level: str, seconds: float) -> list[str]:
