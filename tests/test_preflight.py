@@ -67,6 +67,11 @@ def test_smoke_is_within_a_nano17_and_says_nothing(smoke: Protocol) -> None:
     assert _over(smoke, REAL) == []
 
 
+def test_a_check_has_the_rows_of_force_and_plate() -> None:
+    names = {row.name for row in experiment.RunRequest("smoke", "virtual").checks()}
+    assert {"peak force", "plate stress"} <= names
+
+
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
