@@ -14,7 +14,6 @@ import importlib.metadata
 import json
 import os
 import platform
-import sys
 import time
 import zlib
 from collections.abc import Iterable, Mapping
@@ -32,16 +31,10 @@ _BYTES = "\0bytes"  # a name that no plain data has
 
 
 def user_folder() -> Path:
-    """$DELTACT_FAB_CACHE, else the platform's cache folder; it need not exist."""
+    """$DELTACT_FAB_CACHE, else deltact-fab in the user's cache folder; it need not exist."""
     if named := os.environ.get(FOLDER_VARIABLE):
         return Path(named)
-    if sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    elif sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "deltact-fab"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "deltact-fab"
 
 
 def key(

@@ -159,9 +159,7 @@ def validate(kind: type[T], data: object, source: str) -> T:
     except ValidationError as why:
         faults = why.errors()
         lines = [_line(source, kind, fault) for fault in faults[:MAX_FAULTS]]
-        if len(faults) > MAX_FAULTS:
-            lines.append(f"and {len(faults) - MAX_FAULTS} more")
-        raise InputError(" | ".join(lines)) from why
+        raise InputError(*lines, untold=max(0, len(faults) - MAX_FAULTS)) from why
 
 
 OUT_OF_LIMITS = {

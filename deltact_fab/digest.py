@@ -56,31 +56,16 @@ def files(*modules: str, package: Path = PACKAGE) -> list[Path]:
 
 
 def meaning(tree: ast.AST) -> str:
-    """A syntax tree in words, without docstrings and places; the same for all Pythons from 3.11."""
-    words: list[str] = []
-    _tell(tree, words)
-    return " ".join(words)
+    """The text of a syntax tree without comments, layout and docstrings."""
+    for node in ast.walk(tree):
+        if isinstance(body := getattr(node, "body", None), list):
+            node.body = [one for one in body if not _is_text(one)] or [ast.Pass()]  # type: ignore[attr-defined]
+    return ast.unparse(tree)
 
 
-def _tell(node: ast.AST, words: list[str]) -> None:
-    words.append(node.__class__.__name__)
-    for name in node._fields:
-        value = getattr(node, name, None)
-        # What is left empty differs from one Python to the next, and the context is in the place.
-        if value is None or value == [] or name == "ctx":
-            continue
-        words.append(name)
-        for one in value if isinstance(value, list) else (value,):
-            if not isinstance(one, ast.AST):
-                words.append(repr(one))
-            elif not _says_nothing(one):
-                _tell(one, words)
-    words.append(".")
-
-
-def _says_nothing(node: ast.AST) -> bool:
-    """`pass`, and a string that stands alone: the docstring of whatever is above it."""
-    return isinstance(node, ast.Pass) or (
+def _is_text(node: ast.AST) -> bool:
+    """A string that stands alone: the docstring of whatever is above it."""
+    return (
         isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Constant)
         and isinstance(node.value.value, str)
@@ -111,8 +96,8 @@ def _home(path: Path, package: Path) -> Path:
 def _read(path: Path, package: Path) -> tuple[str, Imports, tuple[Path, ...]]:
     """The hash of what a file means, what it imports of the package, and what it looks through."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    text = hashlib.sha256(meaning(tree).encode()).hexdigest()
-    return text, _imports(tree, path, package), _looked_through(tree, path)
+    found = _imports(tree, path, package), _looked_through(tree, path)
+    return hashlib.sha256(meaning(tree).encode()).hexdigest(), *found
 
 
 def _looked_through(tree: ast.Module, path: Path) -> tuple[Path, ...]:

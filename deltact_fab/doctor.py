@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Literal
 
 from . import cache
-from .errors import DeltactFabError
 from .extras import EXTRAS
 from .rig.devices import cameras, ports
 
@@ -50,11 +49,11 @@ class InstalledItem:
         return f"{self.state:<8}{self.group:<9}{self.name:<32}{self.text}{tail}"
 
 
-def look(deep: bool = False) -> list[InstalledItem]:
-    """Everything, in order. Fast: no large package is imported, unless deep asks for it."""
+def look() -> list[InstalledItem]:
+    """Everything, in order. Fast: no large package is imported."""
     found = f"{platform.python_version()} {sys.executable}"
     python = InstalledItem(NEEDED, "python", "ok", found)
-    return [python, *_packages(deep), *_system(), *_devices(), *_disk()]
+    return [python, *_packages(), *_system(), *_devices(), *_disk()]
 
 
 def is_broken(findings: list[InstalledItem]) -> bool:
@@ -62,7 +61,7 @@ def is_broken(findings: list[InstalledItem]) -> bool:
     return any(f.group == NEEDED and f.state != "ok" for f in findings)
 
 
-def _packages(deep: bool) -> Iterator[InstalledItem]:
+def _packages() -> Iterator[InstalledItem]:
     try:
         version, wanted = metadata.version(PACKAGE), metadata.requires(PACKAGE) or []
     except metadata.PackageNotFoundError:
@@ -73,7 +72,7 @@ def _packages(deep: bool) -> Iterator[InstalledItem]:
     for line in wanted:
         name, group = required(line)
         if group == NEEDED or group in EXTRAS:
-            yield _package(name, group, line, deep)
+            yield _package(name, group, line)
 
 
 def required(line: str) -> tuple[str, str]:
@@ -84,7 +83,7 @@ def required(line: str) -> tuple[str, str]:
     return name[0], extra[1] if extra else NEEDED
 
 
-def _package(name: str, group: str, line: str, deep: bool) -> InstalledItem:
+def _package(name: str, group: str, line: str) -> InstalledItem:
     brings = "" if group == NEEDED else EXTRAS[group]
     get = "pip install " + (name if group == NEEDED else f"'{PACKAGE}[{group}]'")
     again = f"pip install --force-reinstall {name}"
@@ -103,14 +102,6 @@ def _package(name: str, group: str, line: str, deep: bool) -> InstalledItem:
         there = False
     if not there:
         return InstalledItem(group, name, "broken", f"{version}, without {module}", brings, again)
-    if deep:
-        try:
-            _import(module)
-        except DeltactFabError as why:
-            return InstalledItem(group, name, "broken", f"{version}: {why}", brings)
-        except Exception as why:  # whatever a broken package raises
-            fault = " ".join(f"{version}: {type(why).__name__}: {why}".split())
-            return InstalledItem(group, name, "broken", fault, brings, again)
     return InstalledItem(group, name, "ok", version)
 
 
@@ -122,16 +113,6 @@ def module_of(distribution: metadata.Distribution) -> str:
         named = [parts[0] for parts in paths if len(parts) == 2 and parts[1] == "__init__.py"]
     own = [name for name in named if not name.startswith("_")]
     return own[0] if own else distribution.name.replace("-", "_")
-
-
-def _import(module: str) -> None:
-    """Raises what the import raises; MissingLibrary with advice for the CAD kernel."""
-    if module == "cadquery":
-        from .cad.kernel import require
-
-        require()
-    else:
-        importlib.import_module(module)
 
 
 def _system() -> Iterator[InstalledItem]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 MAX_CHARACTERS = 300
 """Of a message on the command line."""
@@ -16,9 +16,17 @@ INTERRUPTED = 130
 
 
 class DeltactFabError(Exception):
-    """Base of every error that the package raises on purpose. Its text is one line."""
+    """Base of every error that the package raises on purpose. Its text is one line.
+
+    faults: what is wrong, each with its place; untold: how many more there are.
+    """
 
     exit_code = 1
+
+    def __init__(self, *faults: str, untold: int = 0) -> None:
+        super().__init__(_joined(faults, untold))
+        self.faults = faults
+        self.untold = untold
 
 
 class InputError(DeltactFabError):
@@ -66,23 +74,28 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"did you mean {near[0]!r}?" if near else f"valid: {', '.join(names)}"
 
 
-def one_line(message: str) -> str:
-    """A message as one line of at most MAX_CHARACTERS that any terminal can show.
+def one_line(*faults: str, untold: int = 0) -> str:
+    """Faults as one line of at most MAX_CHARACTERS that any terminal can show.
 
     What is too long loses first faults from the end, then the inside of its long words.
     """
-    line = "".join(
-        c if c.isprintable() else c.encode("unicode_escape").decode()
-        for c in " ".join(message.split())
-    )
-    counted = re.search(r" \| and (\d+) more$", line)
-    beyond, line = (int(counted[1]), line[: counted.start()]) if counted else (0, line)
-    short = re.sub(r"\S{61,}", lambda word: f"{word[0][:40]}...{word[0][-16:]}", line)
-    for faults in (line.split(" | "), short.split(" | ")):
-        for shown in range(len(faults), 0, -1):
-            left = len(faults) - shown + beyond
-            more = f" | and {left} more" if left else ""
-            line = " | ".join(faults[:shown]) + more
+    plain = [_printable(fault) for fault in faults]
+    short = [re.sub(r"\S{61,}", lambda word: f"{word[0][:40]}...{word[0][-16:]}", f) for f in plain]
+    for told in (plain, short):
+        for shown in range(min(len(told), MAX_CHARACTERS // 3), 0, -1):
+            line = _joined(told[:shown], len(told) - shown + untold)
             if len(line) <= MAX_CHARACTERS:
                 return line
-    return line[: MAX_CHARACTERS - len(more) - 3].removesuffix(more) + "..." + more
+    more = _joined(["..."], len(faults) - 1 + untold)
+    return short[0][: MAX_CHARACTERS - len(more)] + more
+
+
+def _printable(text: str) -> str:
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode()
+        for c in " ".join(text.split())
+    )
+
+
+def _joined(faults: Sequence[str], untold: int) -> str:
+    return " | ".join([*faults, *([f"and {untold} more"] if untold else [])])

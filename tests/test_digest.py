@@ -61,11 +61,6 @@ def test_comments_docstrings_and_layout_do_not_count(package: Path) -> None:
     assert now(package) == before
 
 
-def test_a_missing_module_is_named(package: Path) -> None:
-    with pytest.raises(ValueError, match="no module 'absent' in pack"):
-        digest.of("absent", package=package)
-
-
 def test_the_gel_knows_its_solver_and_no_picture() -> None:
     names = {p.relative_to(digest.PACKAGE).as_posix() for p in digest.files("gel.press")}
     assert {"gel/finite/newton.py", "elasticity/edge_compliance.py", "shapes/prism.py"} <= names

@@ -4,36 +4,20 @@ from __future__ import annotations
 
 import ctypes
 import json
-import subprocess
-import sys
-import tomllib
 from importlib import metadata
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from deltact_fab import doctor
 from deltact_fab.cli.main import main
-from deltact_fab.errors import MissingLibrary
 from deltact_fab.rig.devices import FoundDevice
-
-PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
 
 
 def test_requirements_are_read() -> None:
     assert doctor.required("numpy>=1.26") == ("numpy", "core")
     line = "pypardiso>=0.4.5; platform_machine == 'x86_64' and extra == 'fast'"
     assert doctor.required(line) == ("pypardiso", "fast")
-
-
-@pytest.mark.parametrize(
-    ("name", "module"),
-    [("Pillow", "PIL"), ("pyserial", "serial"), ("opencv-contrib-python-headless", "cv2"),
-     ("numpy", "numpy"), ("import-linter", "importlinter")],
-)  # fmt: skip
-def test_the_name_of_the_import_is_the_package_s_own(name: str, module: str) -> None:
-    assert doctor.module_of(metadata.distribution(name)) == module
 
 
 def test_the_core_is_complete_here() -> None:
@@ -69,43 +53,3 @@ def test_what_is_missing_is_named_with_the_way_to_get_it(monkeypatch: pytest.Mon
     assert "apt-get install libgl1" in lines["libGL.so.1"]
     assert "video" in lines["/dev/no-such-camera"]
     assert "the core is broken" in done.output
-
-
-def test_a_missing_extra_leaves_the_core_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = metadata.distribution
-
-    def without(name: str) -> metadata.Distribution:
-        if name == "mcap":
-            raise metadata.PackageNotFoundError(name)
-        return whole(name)
-
-    monkeypatch.setattr(metadata, "distribution", without)
-    assert CliRunner().invoke(main, ["doctor"]).exit_code == 0
-
-
-def test_deep_imports_and_tells_what_breaks(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(module: str) -> None:
-        if module == "cadquery":
-            raise MissingLibrary("cadquery needs libGL.so.1: apt-get install libgl1")
-        if module == "cv2":
-            raise AttributeError("no such thing\nin it")
-
-    monkeypatch.setattr(doctor, "_import", broken)
-    found = {f.name: f for f in doctor.look(deep=True)}
-    assert found["cadquery"].state == "broken"
-    assert "libGL.so.1" in found["cadquery"].text
-    opencv = found["opencv-contrib-python-headless"]
-    assert (opencv.state, opencv.get) == (
-        "broken", "pip install --force-reinstall opencv-contrib-python-headless",
-    )  # fmt: skip
-    assert "\n" not in opencv.line()
-    assert doctor.is_broken(list(found.values()))
-
-
-def test_nothing_large_is_imported() -> None:
-    code = (
-        "import sys; from deltact_fab.doctor import look; look();"
-        "print(sorted({'cadquery', 'cv2', 'pandas', 'matplotlib', 'scipy'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

@@ -33,13 +33,6 @@ def test_a_folder_appears_with_all_that_is_in_it_or_not_at_all(tmp_path: Path) -
     assert [p.name for p in tmp_path.iterdir()] == ["made"]
 
 
-def test_a_name_as_long_as_names_can_be_is_written(tmp_path: Path) -> None:
-    name = "n" * 255
-    files.write_whole(tmp_path / name, b"first")
-    files.write_whole(tmp_path / name, b"second")
-    assert contents(tmp_path) == {name: b"second"}
-
-
 def test_a_full_disk_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(handle: int) -> None:
         raise OSError(28, "No space left on device")

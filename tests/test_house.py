@@ -168,15 +168,3 @@ def test_a_class_name_has_one_meaning(sources: Sources) -> None:
                     homes.setdefault(node.name, []).append(module)
     assert len(homes) > 400
     assert {name: found for name, found in homes.items() if len(found) > 1} == {}
-
-
-def test_both_rules_find_what_breaks_them() -> None:
-    found = Sources(
-        {
-            "deltact_fab": "",
-            "deltact_fab.a": "from .b import _one\nfrom . import b\nb._two()\nb.three",
-            "deltact_fab.b": "def _one(): ...\ndef _two(): ...\nthree = _one()\ndef four(): ...",
-        }
-    )
-    assert sorted(found.foreign_private()) == ["deltact_fab.a: _one", "deltact_fab.a: b._two"]
-    assert list(found.unused()) == ["deltact_fab.b: four"]

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import json
-import os
-import pty
 import shutil
 import subprocess
 import sys
@@ -175,8 +173,10 @@ def test_the_full_scene_calls_everything_but_a_real_port(
     assert calls["port"] == 0
 
 
-@pytest.mark.parametrize("name", ["force", "force and shear"])
-@pytest.mark.parametrize("lens", ["", LENS], ids=["pinhole", "lens"])
+@pytest.mark.parametrize(
+    ("name", "lens"),
+    [("force", LENS), pytest.param("force and shear", "", marks=pytest.mark.slow)],
+)
 def test_a_force_only_scene_never_draws(
     name: str, lens: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,16 +187,6 @@ def test_a_force_only_scene_never_draws(
     assert calls["normal"] >= 3
     assert calls["force"] >= calls["frames"]
     assert (calls["friction"] > 0) == (name == "force and shear")
-
-
-@pytest.mark.slow
-def test_a_tracking_scene_without_shear_solves_no_friction_and_asks_no_force(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    calls = calls_of("tracking", tmp_path, monkeypatch)
-    assert calls["friction"] == calls["force"] == calls["force box"] == calls["port"] == 0
-    assert calls["render"] == calls["frames"]
-    assert calls["normal"] >= 3
 
 
 @pytest.mark.slow
@@ -221,37 +211,6 @@ def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
         bare = analyse(tmp_path / "run", ["dis-fast"], executor)
     assert calls["truth"] == calls["frames"] - 1
     assert bare.left_out[-1] == "error against truth: a real rig knows none"
-
-
-@pytest.mark.slow
-def test_a_lens_is_laid_out_once_and_only_where_the_rig_has_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from deltact_fab import record
-
-    calls = calls_of("tracking", tmp_path, monkeypatch, LENS)
-    assert calls["raw view"] == 1
-    assert calls["render"] == calls["frames"]
-    assert calls["rectify"] == 0  # images are kept raw
-    run = record.open(tmp_path / "run")
-    run.image(run.frames()["file"].iloc[0])
-    assert calls["rectify"] == 1
-    (tmp_path / "pinhole").mkdir()
-    calls = calls_of("tracking", tmp_path / "pinhole", monkeypatch)
-    assert calls["raw view"] == calls["maps"] == calls["rectify"] == 0
-
-
-def test_a_real_port_is_seen_by_the_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    import serial
-
-    calls = counted(monkeypatch)
-    ours, theirs = pty.openpty()
-    try:
-        serial.serial_for_url(os.ttyname(theirs)).close()
-    finally:
-        os.close(ours)
-        os.close(theirs)
-    assert calls["port"] == 1
 
 
 @pytest.mark.slow
@@ -302,15 +261,6 @@ def test_a_command_of_numbers_loads_no_kernel_no_pages_and_no_opencv(
     assert loaded <= ({"scipy.interpolate"} if words[0] in ("gel", "protocol") else set())
 
 
-@pytest.mark.slow
-def test_the_parts_are_listed_where_cadquery_is_absent_and_export_says_so(tmp_path: Path) -> None:
-    # None in sys.modules is an import that fails: the list must not even try.
-    absent = "".join(f"sys.modules[{name!r}] = None\n" for name in CAD)
-    listed = COMMAND.format(words=["cad", "list"], code=0)
-    export = COMMAND.format(words=["cad", "export", "sphere:10"], code=2)
-    loaded_by(absent + listed, export, cwd=tmp_path)
-
-
 @pytest.mark.parametrize(
     ("library", "content", "says"),
     [
@@ -332,9 +282,3 @@ def test_the_advice_on_a_library_follows_what_the_loader_says(
     with pytest.raises(OSError, match="lib") as why:
         ctypes.CDLL(str(path))
     assert says in _advice(str(why.value))
-
-
-@pytest.mark.slow
-def test_an_export_loads_the_kernel(tmp_path: Path) -> None:
-    body = COMMAND.format(words=["cad", "export", "sphere:10"], code=0)
-    assert set(CAD) <= loaded_by(body, cwd=tmp_path)[0]

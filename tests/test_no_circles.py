@@ -69,20 +69,3 @@ def test_no_circle_among_files() -> None:
     assert len(needs) > 200
     assert any(needs.values())
     assert [path.relative_to(digest.PACKAGE).as_posix() for path in circle(needs)] == []
-
-
-@pytest.mark.parametrize(
-    "late",
-    [
-        "def f():\n    from .room import g\n",
-        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from .room import g\n",
-        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from .room.b import g\n",
-    ],
-)
-def test_a_circle_is_found(tmp_path: Path, late: str) -> None:
-    (tmp_path / "room").mkdir()
-    (tmp_path / "room/__init__.py").write_text("from .b import g\n")
-    (tmp_path / "room/b.py").write_text("from ..a import f\n")
-    (tmp_path / "a.py").write_text(late)
-    found = {path.relative_to(tmp_path).as_posix() for path in circle(graph(tmp_path))}
-    assert {"a.py", "room/b.py"} <= found

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 import deltact_fab as dt
-from deltact_fab.errors import InputError
 
 TOUR = json.loads((Path(__file__).parents[1] / "examples/tour.ipynb").read_text())
 TASKS = ["".join(c["source"]) for c in TOUR["cells"] if "task" in c["metadata"].get("tags", ())]
@@ -46,6 +45,7 @@ def test_its_names_are_offered_and_no_module_takes_one() -> None:
         dt.trak  # type: ignore[attr-defined]  # noqa: B018
 
 
+@pytest.mark.slow
 def test_four_tasks_take_25_lines_at_most(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sum(len(task.splitlines()) for task in TASKS) <= 25
     names: dict[str, Any] = {"folder": folder}
@@ -62,6 +62,7 @@ def test_four_tasks_take_25_lines_at_most(folder: Path, capsys: pytest.CaptureFi
     assert depth_mm == pytest.approx(1.0, abs=0.4)  # the calibration's gain is made up
 
 
+@pytest.mark.slow
 def test_a_source_is_measured_as_the_live_loop_measures_it(folder: Path) -> None:
     files = [folder / "force.toml", folder / "depth.toml"]
     measured = [seen.result for seen in dt.measure_source(folder / "run", files, show=["force"])]
@@ -80,25 +81,3 @@ def test_a_source_is_measured_as_the_live_loop_measures_it(folder: Path) -> None
     assert rested is not None
     assert rested.force is not None
     assert np.abs(rested.force.force_n).max() < 0.1
-
-
-@pytest.mark.parametrize(
-    "ask",
-    [
-        lambda: dt.track("no-such-folder"),
-        lambda: dt.measure_source("no-such-folder"),
-        lambda: dt.Live("no-such-camera.toml"),
-        lambda: dt.load_run("no-such-run"),
-        lambda: dt.make_pattern("dense", "out.jpg"),
-        lambda: dt.build_part("skinn"),
-    ],
-)
-def test_what_is_not_there_is_refused_at_once(ask: Any) -> None:
-    with pytest.raises(InputError):
-        ask()
-
-
-def test_a_part_is_built_by_its_name() -> None:
-    built = dt.build_part("skin", changes=["skin.thickness_mm=14"])
-    assert built.volume_mm3 == pytest.approx(built.design.skin_volume_mm3, rel=1e-6)
-    assert built.solid.isValid()

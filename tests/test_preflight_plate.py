@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
-from click.testing import CliRunner
 
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.stiffness import press
-from deltact_fab.cli.protocol import protocol as command
-from deltact_fab.errors import InputError
 from deltact_fab.preflight import Peak, plate_checks
-from deltact_fab.protocols.limits import require
 
 DESIGN = load_design()
 NAMES = ["plate stress", "plate clear of the light holder", "plate deflection"]
@@ -43,17 +37,3 @@ def test_figures_are_those_of_the_plate_with_the_modulus_that_counts():
     assert light.figure == pytest.approx(2 * found.over_ring_mm, rel=5e-3)
     assert yields.figure == pytest.approx(found.deflection_mm / 1.6, rel=5e-3)
     assert f"up to {found.deflection_mm:.3f} mm as expected, which a simulated press" in yields.what
-
-
-def test_what_would_break_the_plate_does_not_start_on_a_real_rig():
-    deep = [peak(271.0, 10.0)]
-    with pytest.raises(InputError, match="plate stress: with twice the modulus"):
-        require(plate_checks(deep, DESIGN, False), "bench.toml")
-    require(plate_checks(deep, DESIGN, True), "bench.toml")
-    assert not any(row.warns for row in plate_checks([peak(10.0, 1.6)], DESIGN, False))
-
-
-def test_protocol_check_has_the_plates_rows(mini: tuple[Path, Path], tmp_path: Path):
-    done = CliRunner().invoke(command, ["check", str(mini[0]), "--rig", str(mini[1])])
-    assert done.exit_code == 0
-    assert sum(line.startswith("pass  plate") for line in done.output.splitlines()) == 3

@@ -7,7 +7,6 @@ brings are a record among the sections, and a field of Design.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
@@ -138,9 +137,3 @@ class Part:
         """How it is made, in words."""
         said = (self.lies.words if self.printed else "", self.how)
         return "; ".join(words for words in said if words)
-
-    def _repr_html_(self) -> str:
-        """For a notebook."""
-        # By name: what shows a part needs designs, and a design needs every part.
-        shown: str = importlib.import_module(f"{__package__}.in_notebook").html(self)
-        return shown

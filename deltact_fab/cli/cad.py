@@ -17,18 +17,16 @@ from ..errors import InputError
 from ..files import write_whole
 from .group import CommandGroup
 from .options import (
-    CAMERA_NAME,
     DESIGN,
-    DESIGN_NAME,
+    NAME_OR_PATH,
     NEW_FILE,
     ON,
-    PART_NAME,
     PATH,
     PROCESSES,
     out_file,
     out_folder,
 )
-from .output import Answer, answers, listed, progress, table, written
+from .output import Answer, answers, columns_of, listed, progress, table, written
 
 if TYPE_CHECKING:
     from ..cad.dimensions import Design
@@ -73,12 +71,12 @@ def load(design: str, changes: tuple[str, ...]) -> Design:
 
 @cad.command(epilog="Example: deltact-fab cad new mine --base skin-44x40")
 @click.argument("name")
-@click.option("--base", type=DESIGN_NAME, default="deltact", metavar="DESIGN",
+@click.option("--base", type=NAME_OR_PATH, default="deltact", metavar="DESIGN",
               help="Design to start from: a name of `cad list designs` or a path.")  # fmt: skip
 @click.option("--face", metavar="WxL", help="Solve for a face of these sides in mm, as in 60x50.")
 @click.option("--share", type=float, default=0.55,
               help="Least share of the face that the camera sees.")  # fmt: skip
-@click.option("--camera", type=CAMERA_NAME, metavar="CAMERA",
+@click.option("--camera", metavar="CAMERA",
               help="A camera of `cad list cameras`; the base's unless given.")  # fmt: skip
 @NEW_FILE
 @answers
@@ -150,7 +148,7 @@ def _designs() -> Answer:
 
 
 @cad.command(epilog="Example: deltact-fab cad show shell --design franka")
-@click.argument("part", type=PART_NAME)
+@click.argument("part")
 @of_design
 @answers
 def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
@@ -182,22 +180,20 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
 
     with progress("cad check") as tell:
         rows = run(load_design(design, changes), tell, cached=True)
-    columns = ("check", "part", "found", "limit", "verdict")
-    cells = [(r.check, r.part, r.found, r.limit, r.verdict) for r in rows]
     unverified = sum(bool(r.rests_on) for r in rows if r.passed)
     told = (
         f"{sum(r.passed for r in rows)} of {len(rows)} checks pass, {unverified} of them on "
         "values that nobody has measured yet"
     )
     data = [{**asdict(row), "verdict": row.verdict} for row in rows]
+    shown = columns_of(("check", "part", "found", "limit", "verdict"), data)
     failed = [row for row in rows if row.verdict == "FAIL"]
-    named = dict.fromkeys(f"failed: {row.check} ({row.part})" for row in failed)
     why = f"{design}: {len(failed)} of {len(rows)} checks failed" if failed else None
-    return Answer(data, [*table(columns, cells), "", told, *named], why)
+    return Answer(data, [*shown, "", told], why)
 
 
 @cad.command(epilog="Example: deltact-fab cad export sensor sphere:12.5 --out parts")
-@click.argument("parts", nargs=-1, metavar="[PART]...", type=PART_NAME)
+@click.argument("parts", nargs=-1, metavar="[PART]...")
 @of_design
 @click.option("--format", "formats", default="step,stl,3mf,dxf,glb,svg,pdf", metavar="LIST",
               help="Formats, separated by commas; each part gets those that suit it.")  # fmt: skip
@@ -233,16 +229,10 @@ def export(
             dims, chosen, formats.split(","), tolerance_mm, out, tell,
             jobs=jobs, executor=where,
         )  # fmt: skip
-    rows = []
-    for part in dict.fromkeys(f.part for f in files):
-        own = [f for f in files if f.part == part]
-        deviations = [f.mesh_deviation_mm for f in own if f.mesh_deviation_mm is not None]
-        kinds = " ".join(f.file.removeprefix(f"{part}.") for f in own)
-        worst = max(deviations, default=None)
-        rows.append((part, own[0].quantity, kinds, own[0].volume_mm3, worst, own[0].process))
-    columns = ("part", "pieces", "files", "volume_mm3", "mesh_deviation_mm", "process")
+    plain = [asdict(f) for f in files]
     told = f"{len(files)} files and manifest.json in {out}"
-    return Answer([asdict(f) for f in files], [*table(columns, rows), "", told])
+    shown = columns_of(("file", "quantity", "process", "volume_mm3", "mesh_deviation_mm"), plain)
+    return Answer(plain, [*shown, "", told])
 
 
 @cad.command(epilog="Example: deltact-fab cad bom --sensors 4 -o bom.csv")
@@ -267,7 +257,7 @@ def bom(design: str, changes: tuple[str, ...], sensors: int, out: Path | None) -
         (*(line[c] for c in columns), str(at.source or "made here"))
         for line, at in zip(plain, found, strict=True)
     ]
-    return Answer(plain, table((*columns, "to order"), rows, names=2))
+    return Answer(plain, table((*columns, "to order"), rows))
 
 
 @cad.command(epilog="Example: deltact-fab cad fit readings.csv -o mine.toml")
@@ -291,15 +281,8 @@ def fit(readings: Path, design: str, out: Path | None) -> Answer:
     plain = [asdict(e) for e in found]
     for row in plain:
         row["spread_mm"] = None if math.isnan(row["spread_mm"]) else row["spread_mm"]
-    rows = [
-        (
-            e.key, f"{e.value:g}", f"{e.before:g}", e.count, f"{e.bias_mm:+.3f}",
-            "" if math.isnan(e.spread_mm) else f"{e.spread_mm:.3f}",
-        )
-        for e in found
-    ]  # fmt: skip
-    columns = ("key", "read", "design", "readings", "bias_mm", "spread_mm (95 %)")
-    return Answer(plain, [*table(columns, rows), *([f"written: {out}"] if out else [])])
+    told = columns_of(("key", "value", "before", "count", "bias_mm", "spread_mm"), plain)
+    return Answer(plain, [*told, *([f"written: {out}"] if out else [])])
 
 
 @cad.command(epilog="Example: deltact-fab cad guide --sensors 4 -o guide.html")

@@ -10,9 +10,8 @@ from .output import Answer, answers
 
 
 @click.command()
-@click.option("--deep", is_flag=True, help="Also import each package (about 20 s).")
 @answers
-def doctor(deep: bool) -> Answer:
+def doctor() -> Answer:
     """Say what is installed, what each missing thing would bring, and how to get it.
 
     Looks at Python, the packages of the core and of each extra, system libraries, serial ports,
@@ -20,7 +19,7 @@ def doctor(deep: bool) -> Answer:
     """
     from ..doctor import is_broken, look
 
-    findings = look(deep)
+    findings = look()
     broken = is_broken(findings)
     absent = sum(f.state != "ok" for f in findings)
     verdict = f"the core is {'broken' if broken else 'complete'}; {absent} things are not there"

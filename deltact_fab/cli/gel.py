@@ -2,23 +2,78 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from ..catalog import validate
-from ..errors import InputError, RunFailed
 from ..levels import LEVELS
-from . import gel_options
-from .gel_fit import fit
 from .gel_path import path
 from .group import CommandGroup
-from .options import JSON
-from .output import echo_json, progress
+from .options import PATH, Point
+from .output import Answer, answers, facts, progress, table
+
+if TYPE_CHECKING:
+    from ..shapes import SkinDimensions
 
 MODELS = ("auto", *LEVELS)
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _place(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
+    """Checked here, for what is solved before the figure is drawn may take an hour."""
+    if value is not None:
+        from ..gel.figures import require_place
+
+        require_place(value)
+    return value
+
+
+AT = click.option(
+    "--at", "at_mm", type=Point(), default="0,0", metavar="X,Y",
+    help="Where it presses, mm from the centre of the face.",
+)  # fmt: skip
+PLOT = click.option(
+    "--plot", "plot_path", type=PATH, callback=_place, metavar="FILE",
+    help="Figure to write: .png, .svg or .pdf.",
+)  # fmt: skip
+
+
+def of_block(command: F) -> F:
+    """Options that say what block of gel is pressed."""
+    for option in (
+        click.option("--poisson", default=0.49, metavar="NU",
+                     help="Poisson's ratio of the gel."),
+        click.option("--length", "length_mm", default=34.0, metavar="MM",
+                     help="Length of the gel, along y."),
+        click.option("--width", "width_mm", default=36.0, metavar="MM",
+                     help="Width of the gel, along x."),
+        click.option("--thickness", "thickness_mm", default=12.0, metavar="MM",
+                     help="Thickness of the gel."),
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+def block(width_mm: float, length_mm: float, thickness_mm: float) -> SkinDimensions:
+    """The gel as the levels know it. Raises InputError for sizes out of range."""
+    from ..shapes import SkinDimensions
+
+    return validate(
+        SkinDimensions,
+        {
+            "width_mm": width_mm,
+            "length_mm": length_mm,
+            "thickness_mm": thickness_mm,
+            # No level has a frame or a fillet: these need only be consistent.
+            "protrusion_mm": thickness_mm,
+            "edge_fillet_mm": min(2.0, thickness_mm / 2, width_mm / 4, length_mm / 4),
+        },
+        "options",
+    )
 
 
 @click.group(cls=CommandGroup)
@@ -37,10 +92,10 @@ def gel() -> None:
               help="Motion along x after pressing.")  # fmt: skip
 @click.option("--shear-y", "shear_y_mm", default=0.0, metavar="MM",
               help="Motion along y after pressing.")  # fmt: skip
-@gel_options.AT
+@AT
 @click.option("--model", type=click.Choice(MODELS), default="auto",
               help="Level of the gel; auto takes the cheapest within the tolerance.")  # fmt: skip
-@gel_options.of_block
+@of_block
 @click.option("--modulus", "modulus_mpa", default=0.56, metavar="MPA",
               help="Young's modulus of the gel.")  # fmt: skip
 @click.option("--friction", default=0.5, metavar="MU", help="Coefficient of friction.")
@@ -50,14 +105,14 @@ def gel() -> None:
               help="Size of the grid or the cells.")  # fmt: skip
 @click.option("--limit-s", "limit_s", default=120.0, metavar="S", help="CPU seconds it may take; "
               "the finest mesh solved by then gives the answer.")  # fmt: skip
-@gel_options.PLOT
-@JSON
+@PLOT
+@answers
 def press(
     indenter: str, depth_mm: float, shear_x_mm: float, shear_y_mm: float,
     at_mm: tuple[float, float], model: str, thickness_mm: float, width_mm: float, length_mm: float,
     modulus_mpa: float, poisson: float, friction: float, tolerance: float,
-    spacing_mm: float | None, limit_s: float, plot_path: Path | None, as_json: bool,
-) -> None:  # fmt: skip
+    spacing_mm: float | None, limit_s: float, plot_path: Path | None,
+) -> Answer:  # fmt: skip
     """Force, contact area and in-plane displacement of one press (simulated).
 
     Chooses level, mesh and steps to meet the tolerance, says what it chose, and estimates the
@@ -65,67 +120,96 @@ def press(
     """
     from ..elasticity.material import GelMaterial
     from ..gel.press import press as run
-    from ..gel.press import refused
     from ..shapes.indenter import parse
 
-    try:
-        skin = gel_options.block(width_mm, length_mm, thickness_mm)
-        material = validate(
-            GelMaterial,
-            {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction},
-            "options",
-        )
-        shape = parse(indenter)
-        with progress("gel press") as report:
-            pressed = run(
-                skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
-                model, tolerance, spacing_mm, report, limit_s,  # click.Choice
-            )  # fmt: skip
-    except InputError as why:
-        if as_json:
-            echo_json(refused(depth_mm, model, str(why)).result)
-        raise
+    skin = block(width_mm, length_mm, thickness_mm)
+    known = {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction}
+    material = validate(GelMaterial, known, "options")
+    shape = parse(indenter)
+    with progress("gel press") as report:
+        pressed = run(
+            skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
+            model, tolerance, spacing_mm, report, limit_s,
+        )  # fmt: skip
     result = pressed.result
-    if as_json:
-        echo_json(result)
+    flags = [f"warning: {flag}" for flag in result["flags"]]
     if not result["converged"]:
-        raise click.exceptions.Exit(1) if as_json else RunFailed(result["reason"])
-    if not as_json:
-        for line in _lines(result):
-            click.echo(line)
-    for flag in result["flags"]:
-        click.echo(f"warning: {flag}", err=True)
+        return Answer(result, failed=result["reason"], asides=flags)
     if plot_path is not None:
         from ..gel.figures import save_press
 
-        title = (
-            f"{shape.name} {depth_mm:g} mm deep, sheared by {shear_x_mm:g}, {shear_y_mm:g} mm; "
-            f"{thickness_mm:g} mm gel, {modulus_mpa:g} MPa, friction {friction:g}; "
-            f"{result['model']}"
-        )
+        title = f"{shape.name} {depth_mm:g} mm deep in {thickness_mm:g} mm, {result['model']}"
         save_press(pressed, plot_path, title)
+    told = table(("simulated", "value"), facts({**result, "flags": None}))
+    return Answer(result, told, asides=flags)
 
 
-def _lines(result: dict[str, Any]) -> Iterator[str]:
-    fx, fy, fz = result["force_n"]
-    estimate, picked = result["error_estimate"], result["picked"]
-    yield (
-        f"force on the sensor: {fx:+.3f} {fy:+.3f} {fz:+.3f} N (simulated), error about "
-        f"{100 * estimate['force_rel']:.2g} %"
-    )
-    stretch = result["max_stretch"]
-    yield (
-        f"contact {result['contact_area_mm2']:.3g} mm² ± {result['contact_area_error_mm2']:.2g}, "
-        f"sticking {result['stick_area_mm2']:.3g} mm² ± {result['stick_area_error_mm2']:.2g}, its "
-        "middle at ({:.2f}, {:.2f}) mm".format(*result["centroid_mm"])
-    )
-    yield (
-        "in plane at most "
-        f"{result['peak_in_plane_mm']:.3f} mm, error about {estimate['displacement_mm']:.2g} mm rms"
-        + (f", stretch up to {stretch:.2f}" if stretch else "")
-    )
-    yield f"chosen: {picked['why']}; {picked['dofs']} unknowns, {result['seconds']:.1f} s"
+def _or_fit(ctx: click.Context, param: click.Parameter, value: str | None) -> float | str | None:
+    if value is None or value == "fit":
+        return value
+    try:
+        return float(value)
+    except ValueError as why:
+        what = "number of mm" if param.name == "offset_mm" else "number"
+        raise click.BadParameter(f"{value!r}: a {what} or fit is needed") from why
 
 
-gel.add_command(fit)
+@gel.command(epilog="Example: deltact-fab gel fit measured.csv --indenter sphere:15 --offset fit")
+@click.argument("csv", type=PATH)
+@click.option("--indenter", required=True, metavar="NAME",
+              help="What pressed, as in `gel press`: sphere:15.")  # fmt: skip
+@AT
+@of_block
+@click.option("--friction", callback=_or_fit, metavar="MU|fit",
+              show_default="fit where the file has a drag, else 0.5",
+              help="Coefficient of friction, or fit.")  # fmt: skip
+@click.option("--offset", "offset_mm", default="0", callback=_or_fit,
+              metavar="MM|fit", help="depth_mm at first touch, or fit.")  # fmt: skip
+@click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
+              help="Size of the mesh below the indenter.")  # fmt: skip
+@PLOT
+@answers
+def fit(
+    csv: Path, indenter: str, at_mm: tuple[float, float], thickness_mm: float, width_mm: float,
+    length_mm: float, poisson: float, friction: float | str | None, offset_mm: float | str,
+    spacing_mm: float | None, plot_path: Path | None,
+) -> Answer:  # fmt: skip
+    """Fit the modulus, and the friction, of a gel to a measured press, with 95 % intervals.
+
+    Ends with the lines to copy into a protocol.
+
+    CSV is a table with the columns depth_mm and normal_n (positive when pressed), and for a drag
+    also shear_x_mm, shear_y_mm, fx_n and fy_n (the force on the sensor), its rows in the order in
+    which they were measured.
+    """
+    from ..elasticity.material import GelMaterial
+    from ..gel.fit.fit import fit_press
+    from ..gel.fit.measured import read_csv
+    from ..shapes.indenter import parse
+
+    skin = block(width_mm, length_mm, thickness_mm)
+    known = friction if isinstance(friction, float) else None
+    validate(GelMaterial, {"poisson": poisson, "friction": known or 0.0}, "options")
+    shape = parse(indenter)
+    data = read_csv(csv)
+    if isinstance(offset_mm, float):
+        data = replace(data, depth_mm=data.depth_mm - offset_mm)
+    with progress("gel fit") as report:
+        found = fit_press(
+            data, skin, shape, at_mm, poisson, known,
+            fit_friction=True if friction == "fit" else None, fit_offset=offset_mm == "fit",
+            spacing_mm=spacing_mm, progress=report,
+        )  # fmt: skip
+    result = found.as_dict()
+    if plot_path is not None:
+        from ..gel.figures import save_fit
+
+        save_fit(found, plot_path, f"{data.name}, {shape.name}, {thickness_mm:g} mm gel")
+    told = [*table(("key", "value"), facts({**result, "notes": None})), "\n[specimen]"]
+    told.append(f"modulus_mpa = {found.modulus_mpa.value:.4g}")
+    if found.friction:
+        told.append(f"friction = {found.friction.value:.3g}")
+    return Answer(result, told, asides=result["notes"])
+
+
 gel.add_command(path)

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
 
 from ..errors import InputError
-from .options import ON, PROCESSES, PROTOCOL_NAME, RIG
-from .output import Answer, answers, progress, table
+from .options import NAME_OR_PATH, ON, PROCESSES, RIG
+from .output import Answer, answers, columns_of, progress
 
 if TYPE_CHECKING:
-    from ..virtual.presolve import PressRow, Told
+    from ..virtual.presolve import PressRow
 
 
 @click.command(epilog="Example: deltact-fab gel path pattern-selection --jobs 2")
-@click.argument("protocol", type=PROTOCOL_NAME)
+@click.argument("protocol", type=NAME_OR_PATH)
 @RIG
 @PROCESSES
 @ON
@@ -48,7 +47,10 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     level = declared.specimen.gel_model
     started = time.monotonic()
     with executor(on, jobs) as where, progress("gel path") as tick:
-        rows = solve_ahead(declared, sensor.skin, rig.virtual.gel, where, _told(tick))
+        rows = solve_ahead(
+            declared, sensor.skin, rig.virtual.gel, where,
+            lambda row: tick(row.done, row.knots, row.press),
+        )  # fmt: skip
     seconds = time.monotonic() - started
     failed = [row for row in rows if row.failure]
     data = {
@@ -61,39 +63,15 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     return Answer(data, _lines(rows, level, seconds), "" if failed else None, _asides(rows))
 
 
-def _told(tick: Callable[[int, int, str], None]) -> Told:
-    """Knots of all presses together, with the one that was solved last and its pace."""
-    rows: dict[str, PressRow] = {}
-
-    def told(row: PressRow) -> None:
-        rows[row.press] = row
-        done = sum(r.done for r in rows.values())
-        # A press that failed has no more to do.
-        total = sum(r.done if r.failure else r.knots for r in rows.values())
-        pace = "failed" if row.failure else f"{row.seconds / max(row.done, 1):.2g} s a knot"
-        tick(done, total, f"{row.press}, {'found' if row.found else pace}")
-
-    return told
-
-
 def _lines(rows: list[PressRow], level: str, seconds: float) -> list[str]:
-    told = table(
-        ("press", "knots", "done", "from", "s", "s/knot", "between_mm", "between_n",
-         "contact_mm2", "stick_mm2"),
-        [
-            (r.press, r.knots, r.done, _from(r), r.seconds, r.seconds / max(r.done, 1),
-             r.between_mm, r.between_n,
-             f"{r.zones.contact_area_mm2:.3g} ± {r.zones.contact_area_error_mm2:.1g}",
-             f"{r.zones.stick_area_mm2:.3g} ± {r.zones.stick_area_error_mm2:.1g}")
-            for r in rows
-        ],
-    )  # fmt: skip
+    names = ("press", "knots", "done", "found", "like", "seconds", "between_mm", "between_n")
+    zones = ("contact_area_mm2", "contact_area_error_mm2", "stick_area_mm2", "stick_area_error_mm2")
     solved = sum(r.done for r in rows if not r.found)
     return [
-        *told,
+        *columns_of((*names, *zones), [{**vars(row), **asdict(row.zones)} for row in rows]),
         f"{len(rows)} presses (simulated, {level}), {solved} knots solved in {seconds:.1f} s; "
-        "between_*: largest error of interpolating between knots, where it was tested; contact and "
-        "stick zone at the end",
+        "found: in the store; like: a mirror image of that press; between_*: largest error of "
+        "interpolating between knots, where it was tested; contact and stick zone at the end",
     ]
 
 
@@ -105,9 +83,3 @@ def _asides(rows: list[PressRow]) -> list[str]:
         if row.failure:
             lines.append(f"failed: {row.press}: {row.failure}")
     return lines
-
-
-def _from(row: PressRow) -> str:
-    if row.like:
-        return f"mirror of {row.like}"
-    return "store" if row.found else "solved"

@@ -25,7 +25,6 @@ SECTIONS = {
         "demo": "The whole chain on the virtual rig, up to its report.",
         "doctor": "What is installed, what is missing, how to get it.",
         "schema": "Every key of every kind of file, explained.",
-        "completion": "Completion of commands and names in a shell.",
     },
     "Make a sensor": {
         "cad": "Parts: design, check, export, order, assemble.",
@@ -121,7 +120,8 @@ def _status() -> int:
         if "--debug" in sys.argv:
             raise
         stopped = isinstance(why, MissingLibrary) and _caused_by(why, KeyboardInterrupt)
-        click.echo(one_line(f"{PROGRAM}: {'stopped' if stopped else why}"), err=True)
+        first, *others = ("stopped",) if stopped else why.faults
+        click.echo(one_line(f"{PROGRAM}: {first}", *others, untold=why.untold), err=True)
         refused = _caused_by(why, OSError)
         if isinstance(refused, OSError) and refused.errno in DISK:
             return 1
@@ -133,11 +133,10 @@ def _of_the_system(why: OSError) -> int:
     """Says what the system refused, but for a reader that has enough; the exit code."""
     if isinstance(why, BrokenPipeError):  # most are click's, which ends with 1 as well
         return 1
-    too_long = why.errno == errno.ENAMETOOLONG
-    what = "too long for a file's name" if too_long else f"cannot be written: {why.strerror}"
     with suppress(OSError):
-        click.echo(one_line(f"{PROGRAM}: {why.filename or 'output'}: {what}"), err=True)
-    return 2 if too_long else 1
+        told = f"{PROGRAM}: {why.filename or 'output'}: cannot be written: {why.strerror}"
+        click.echo(one_line(told), err=True)
+    return 2 if why.errno == errno.ENAMETOOLONG else 1
 
 
 def _caused_by(why: BaseException | None, kind: type[BaseException]) -> BaseException | None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import INTERRUPTED
-from .options import DESIGN_NAME, PATH, RIG_NAME, Finite, out_folder, seed
+from .options import NAME_OR_PATH, PATH, Finite, out_folder, seed
 from .output import echo_json
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ VIEW_HZ = 10.0
 
 
 @click.command(epilog="Example: deltact-fab measure smoke-run --view")
-@click.argument("source", type=RIG_NAME)
+@click.argument("source", type=NAME_OR_PATH)
 @click.option("--camera", type=PATH, metavar="FILE", help="Camera file made by `calibrate lens`.")
 @click.option("--calibration", "calibrations", multiple=True, type=PATH, metavar="FILE",
               help="Calibration of depth or force; repeatable.")  # fmt: skip
@@ -33,7 +33,7 @@ VIEW_HZ = 10.0
 @click.option("--show", metavar="LIST", show_default="all that the calibrations allow",
               help="flow, observation, shape, contacts, force, traction; separated by commas."
               )  # fmt: skip
-@click.option("--design", type=DESIGN_NAME, metavar="DESIGN",
+@click.option("--design", type=NAME_OR_PATH, metavar="DESIGN",
               help="Design of the sensor, where the source does not say.")  # fmt: skip
 @click.option("--serial", metavar="TEXT",
               help="Serial number of the sensor, where the source does not say.")  # fmt: skip

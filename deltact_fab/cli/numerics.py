@@ -6,22 +6,18 @@ from pathlib import Path
 
 import click
 
-from ..errors import MissingLibrary
-from .options import ENGINE_NAME, out_folder
-from .output import Answer, answers, files_line, progress, table
+from .options import out_folder
+from .output import Answer, answers, columns_of, files_line, progress
 
-# Heads and keys of the rows.
-CURVES = {
-    "engine": "engine", "case": "case", "series": "series", "setting": "setting", "cpu_s": "cpu_s",
-    "to, s": "cpu_most_s", "wall_s": "wall_s", "compile_s": "compile_s", "peak_mb": "peak_mb",
-    "error": "error", "unit": "unit", "reference": "reference", "of the reference":
-    "reference_error", "times as fast": "times_as_fast", "as": "baseline", "pareto": "pareto",
-}  # fmt: skip
+CURVES = (
+    "engine", "case", "series", "setting", "cpu_s", "cpu_most_s", "wall_s", "compile_s", "peak_mb",
+    "error", "unit", "kind", "reference", "reference_error", "times_as_fast", "baseline", "pareto",
+)  # fmt: skip
 CASES = ("engine", "outcome", "case", "expectation", "figure", "bound", "unit")
 
 
 @click.command(epilog="Example: deltact-fab numerics pattern --quick")
-@click.argument("engines", nargs=-1, metavar="[ENGINE]...", type=ENGINE_NAME)
+@click.argument("engines", nargs=-1, metavar="[ENGINE]...")
 @click.option("--quick", is_flag=True, help="Only a few settings and cases of each engine.")
 @out_folder("Folder for a page, JSON and CSV.")
 @answers
@@ -33,24 +29,21 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
     row is wrong.
     """
     from ..numerics import harness
+    from ..report.templating import require_pages
 
+    if out is not None:
+        require_pages()
     with progress("numerics") as report:
         found = harness.run(engines, quick, report)
-    written, asides = [], []
-    if out is not None:
-        try:
-            written = ["", files_line(found.save(out))]
-        except MissingLibrary as why:
-            asides.append(f"no page: {why}")
-    told = [{**row, "reference": f"{row['kind']}: {row['reference']}",
-             "pareto": "*" if row["pareto"] else ""} for row in found.curves]  # fmt: skip
+    asides = []
     lines = [
-        *table(tuple(CURVES), [[r[k] for k in CURVES.values()] for r in told], names=4),
+        *columns_of(CURVES, found.curves),
         "",
-        *table(CASES, [[row[k] for k in CASES] for row in found.stability], names=3),
+        *columns_of(CASES, found.stability),
     ]
     for row in found.wrong:
         said = row["note"] or f"{row['figure']} over {row['bound']} {row['unit']}"
         asides.append(f"deltact-fab: wrong: {row['engine']}: {row['case']}: {said}")
-    failed = "" if found.wrong else None
-    return Answer(found.as_dict(), [*lines, *written], failed, asides)
+    if out is not None:
+        lines += ["", files_line(found.save(out))]
+    return Answer(found.as_dict(), lines, "" if found.wrong else None, asides)

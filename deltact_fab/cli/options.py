@@ -1,4 +1,4 @@
-"""Options and arguments that several commands share, and how a shell completes them.
+"""Options and arguments that several commands share.
 
 One file is written by `-o FILE`, a folder by `--out DIR`, and `--json` prints one JSON document on
 stdout in place of the lines for a reader; whatever else is said goes to stderr.
@@ -6,14 +6,12 @@ stdout in place of the lines for a reader; whatever else is said goes to stderr.
 
 from __future__ import annotations
 
-import importlib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
-from click.shell_completion import CompletionItem
 
 from ..files import check_folder, check_place
 
@@ -51,9 +49,9 @@ def out_file(help: str, name: str = "out", **given: Any) -> Decorator:
     return click.option("-o", name, type=NEW, metavar="FILE", help=help, **given)
 
 
-def out_folder(help: str, name: str = "out", **given: Any) -> Decorator:
+def out_folder(help: str, flag: str = "--out", **given: Any) -> Decorator:
     """`--out DIR`, the folder that a command writes into."""
-    return click.option("--out", name, type=FOLDER, metavar="DIR", help=help, **given)
+    return click.option(flag, type=FOLDER, metavar="DIR", help=help, **given)
 
 
 NEW_FILE = out_file(
@@ -99,48 +97,15 @@ class Point(click.ParamType):
         return x, y
 
 
-class Named(click.ParamType):
-    """A name that a shell completes; what it stands for, the command finds out.
-
-    known: every name there is, asked when a shell completes. files: whether a path does too.
-    """
-
-    name = "text"
-
-    def __init__(self, known: Callable[[], Iterable[str]], files: bool = True) -> None:
-        self._known = known
-        self._files = files
-
-    def shell_complete(
-        self, ctx: click.Context, param: click.Parameter, incomplete: str
-    ) -> list[CompletionItem]:
-        """Names that begin so; where there is none, the shell's own completion of paths."""
-        names = [name for name in self._known() if name.startswith(incomplete)]
-        # First, for a shell forgets what came before it.
-        paths = [CompletionItem(incomplete, type="file")] if self._files else []
-        return paths + [CompletionItem(name) for name in names]
-
-
-def _of(module: str, names: Callable[[Any], Iterable[str]], files: bool = False) -> Named:
-    """Names that a module knows, which is imported when a shell completes."""
-    return Named(lambda: names(importlib.import_module(f"deltact_fab.{module}")), files)
-
-
-DESIGN_NAME = _of("catalog", lambda catalog: catalog.designs(), files=True)
-CAMERA_NAME = _of("cad.cameras", lambda cameras: cameras.load_cameras())
-PATTERN_NAME = _of("catalog", lambda catalog: catalog.names("patterns"), files=True)
-PROTOCOL_NAME = _of("catalog", lambda catalog: catalog.names("protocols"), files=True)
-RIG_NAME = _of("catalog", lambda catalog: catalog.names("protocols/rigs"), files=True)
-PART_NAME = _of("cad.registry", lambda cad: [*cad.GROUPS, *(part.name for part in cad.listed())])
-KIND_NAME = _of("schema", lambda schema: [*schema.KINDS, *schema.OUTPUTS])
-ENGINE_NAME = _of("numerics.engines", lambda engines: engines.REGISTRY)
+NAME_OR_PATH = click.Path()
+"""What the catalogue finds, by its name or at a path."""
 
 DESIGN = click.option(
-    "--design", type=DESIGN_NAME, default="deltact", metavar="DESIGN",
+    "--design", type=NAME_OR_PATH, default="deltact", metavar="DESIGN",
     help="Design of the sensor: a name of `cad list designs` or a path.",
 )  # fmt: skip
 RIG = click.option(
-    "--rig", "rig_name", type=RIG_NAME, default="virtual", metavar="RIG",
+    "--rig", "rig_name", type=NAME_OR_PATH, default="virtual", metavar="RIG",
     help="Rig: a name of `rig list` or a path.",
 )  # fmt: skip
 TIP_IS_CLEAR = click.option(
@@ -148,15 +113,14 @@ TIP_IS_CLEAR = click.option(
     help="You confirm that the tip touches nothing, so that the stage may home.",
 )  # fmt: skip
 
-JOBS_KEYS: dict[str, Any] = {
-    "type": click.IntRange(1, 256), "metavar": "N", "show_default": "one per processor",
-    "help": "Processes at a time.",
-}  # fmt: skip
-ON_KEYS: dict[str, Any] = {
-    "default": "local", "metavar": "WHERE",
-    "help": "Where jobs run: local, or a Dask scheduler as dask:tcp://HOST:PORT.",
-}  # fmt: skip
-PROCESSES, ON = click.option("--jobs", **JOBS_KEYS), click.option("--on", **ON_KEYS)
+PROCESSES = click.option(
+    "--jobs", type=click.IntRange(1, 256), metavar="N", show_default="one per processor",
+    help="Processes at a time.",
+)  # fmt: skip
+ON = click.option(
+    "--on", default="local", metavar="WHERE",
+    help="Where jobs run: local, or a Dask scheduler as dask:tcp://HOST:PORT.",
+)  # fmt: skip
 
 SEED = click.IntRange(min=0)
 

@@ -6,17 +6,13 @@ import json
 import math
 import os
 import shutil
-import signal
 import sys
-import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
-from itertools import zip_longest
 from pathlib import Path
-from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -29,13 +25,8 @@ from .options import JSON
 if TYPE_CHECKING:
     from ..aliases import Progress
 
-LINE_EVERY_S = 5.0
+LINE_EVERY_S = 10.0
 """Where no terminal shows a bar: a line so often, when there is something new to say."""
-STILL_EVERY_S = 30.0
-"""A line so often when there is not."""
-LONG_S, LONG_LINE_EVERY_S = 600.0, 60.0
-"""What takes longer than that says so once a minute."""
-_NARROWEST = 12
 _GAP = "  "
 
 
@@ -94,6 +85,20 @@ def listed(columns: Sequence[str], rows: Sequence[Sequence[Any]], *more: str) ->
     return Answer(data, [*table(columns, rows), *more])
 
 
+def columns_of(names: Sequence[str], records: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """A table of these values of records, each under its name."""
+    return table(names, [[record.get(name) for name in names] for record in records])
+
+
+def facts(data: Mapping[str, Any], at: str = "") -> Iterator[tuple[str, Any]]:
+    """The values of nested tables, each with its path, without those that are None."""
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            yield from facts(value, f"{at}{key}.")
+        elif value is not None:
+            yield f"{at}{key}", value
+
+
 def judged(name: str, done: Any, right: str, *more: str) -> Answer:
     """A verdict, then its rows (`patterns.verify.JudgedRow`): those of done.rows."""
     failed = [row.check for row in done.rows if not row.passed]
@@ -106,57 +111,42 @@ def judged(name: str, done: Any, right: str, *more: str) -> Answer:
     return Answer(done.as_dict(), lines, failed="" if failed else None)
 
 
-def table(columns: Sequence[str], rows: Sequence[Sequence[Any]], names: int = 1) -> Iterator[str]:
+def table(columns: Sequence[str], given: Iterable[Sequence[Any]]) -> Iterator[str]:
     """The lines of rows under their columns, numbers to the right.
 
-    On a terminal that is too narrow text is wrapped, and columns that still do not fit follow
-    below; each part repeats the first `names` columns. Elsewhere a row is always one line.
+    On a terminal that is too narrow cells are wrapped. Elsewhere a row is always one line.
     """
+    rows = list(given)
     right = [bool(rows) and all(_is_number(row[i]) for row in rows) for i in range(len(columns))]
     cells = [_column([row[i] for row in rows]) for i in range(len(columns))]
     whole = [max(map(len, (c, *column))) for c, column in zip(columns, cells, strict=True)]
-    most = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
-    for k, part in enumerate(_parts(whole, right, names, most)):
-        if k:
-            yield ""
-        widths = _narrowed(whole, right, part, most)
-        for row in [columns, *zip(*cells, strict=True)]:
-            wrapped = [
-                textwrap.wrap(row[i], widths[i]) or [""] if len(row[i]) > widths[i] else [row[i]]
-                for i in part
-            ]
-            for words in zip_longest(*wrapped, fillvalue=""):
-                placed = [
-                    word.rjust(widths[i]) if right[i] else word.ljust(widths[i])
-                    for word, i in zip(words, part, strict=True)
-                ]
-                yield _GAP.join(placed).rstrip()
+    most = shutil.get_terminal_size().columns
+    if sys.stdout.isatty() and sum(whole) + len(_GAP) * (len(whole) - 1) > most:
+        yield from _wrapped(columns, right, list(zip(*cells, strict=True)), most)
+        return
+    for row in [columns, *zip(*cells, strict=True)]:
+        placed = [
+            cell.rjust(width) if number else cell.ljust(width)
+            for cell, width, number in zip(row, whole, right, strict=True)
+        ]
+        yield _GAP.join(placed).rstrip()
 
 
-def _parts(widths: list[int], right: list[bool], names: int, most: int) -> list[list[int]]:
-    """Columns by number, as they stand beside each other."""
-    least = [w if r else min(w, _NARROWEST) for w, r in zip(widths, right, strict=True)]
-    first, parts = list(range(min(names, len(widths)))), []
-    part = first.copy()
-    for i in range(len(first), len(widths)):
-        if part != first and sum(least[j] + len(_GAP) for j in (*part, i)) - len(_GAP) > most:
-            parts.append(part)
-            part = first.copy()
-        part.append(i)
-    return [*parts, part]
+def _wrapped(
+    columns: Sequence[str], right: list[bool], rows: Sequence[Sequence[str]], width: int
+) -> list[str]:
+    from rich.console import Console
+    from rich.table import Table
 
-
-def _narrowed(
-    widths: list[int], right: list[bool], part: Sequence[int], most: int
-) -> dict[int, int]:
-    """Widths of the columns of a part, the widest text narrowed until all fit, if they can."""
-    found = {i: widths[i] for i in part}
-    while sum(found.values()) + len(_GAP) * (len(part) - 1) > most:
-        wide = [i for i in part if not right[i] and found[i] > _NARROWEST]
-        if not wide:
-            break
-        found[max(wide, key=found.__getitem__)] -= 1
-    return found
+    shown = Table(box=None, padding=(0, len(_GAP), 0, 0), pad_edge=False, header_style="")
+    for name, number in zip(columns, right, strict=True):
+        shown.add_column(name, justify="right" if number else "left", overflow="fold")
+    for row in rows:
+        shown.add_row(*row)
+    console = Console(width=width, markup=False, highlight=False, emoji=False, color_system=None)
+    with console.capture() as said:
+        console.print(shown)
+    return [line.rstrip() for line in said.get().splitlines()]
 
 
 def _column(values: Sequence[Any]) -> list[str]:
@@ -164,20 +154,13 @@ def _column(values: Sequence[Any]) -> list[str]:
     numbers = [abs(v) for v in values if isinstance(v, int | float) and math.isfinite(v) and v]
     largest = max(numbers, default=0.0)
     # What cancelled is none.
+    kept = [0 if isinstance(v, float) and 0 < abs(v) <= 1e-9 * largest else v for v in values]
     some = [n for n in numbers if n > 1e-9 * largest]
-    alike = all(map(_is_number, values))
-    if alike and some and min(some) >= 1e-4 and largest < 1e3 * min(some):
-        decimals = max(0, DIGITS - 1 - math.floor(math.log10(largest)))
-        cells = [f"{v:.{decimals}f}" if isinstance(v, float) else _cell(v) for v in values]
-        while decimals and all(
-            c.endswith("0") for c, v in zip(cells, values, strict=True) if isinstance(v, float)
-        ):
-            decimals -= 1
-            cells = [f"{v:.{decimals}f}" if isinstance(v, float) else _cell(v) for v in values]
-        return cells
-    return [
-        "0" if isinstance(v, float) and 0 < abs(v) <= 1e-9 * largest else _cell(v) for v in values
-    ]
+    alike = all(map(_is_number, values)) and min(some, default=0) >= max(1e-4, largest / 1e3)
+    if not alike:
+        return list(map(_cell, kept))
+    decimals = max(0, DIGITS - 1 - math.floor(math.log10(largest)))
+    return [f"{v:.{decimals}f}" if isinstance(v, float) else _cell(v) for v in kept]
 
 
 def _is_number(value: Any) -> bool:
@@ -241,37 +224,20 @@ def progress(title: str) -> Iterator[Progress]:
 
 @contextmanager
 def _in_lines(title: str) -> Iterator[Progress]:
-    begun_s = time.monotonic()
-    ended = Event()
-    state, told = "working", ""
-    told_s = begun_s
-
-    def tick(done: int, total: int, what: str) -> None:
-        nonlocal state
-        state = f"{done} of {total}" + (f", {what}" if what else "")
+    begun_s = told_s = time.monotonic()
+    state = told = ""
 
     def say() -> None:
         nonlocal told, told_s
         told, told_s = state, time.monotonic()
-        click.echo(f"{title}: {duration(time.monotonic() - begun_s)}: {told}", err=True)
+        click.echo(f"{title}: {duration(told_s - begun_s)}: {told}", err=True)
 
-    def talk() -> None:
-        # Ctrl-C is for the main thread, which holds it back at times.
-        if hasattr(signal, "pthread_sigmask"):
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        every_s = LINE_EVERY_S
-        while not ended.wait(every_s):
-            if state != told or time.monotonic() - told_s >= STILL_EVERY_S:
-                say()
-            if time.monotonic() - begun_s > LONG_S:
-                every_s = LONG_LINE_EVERY_S
-
-    talking = Thread(target=talk, daemon=True)
-    talking.start()
-    try:
-        yield tick
-    finally:
-        ended.set()
-        talking.join()
-        if told and told != state:
+    def tick(done: int, total: int, what: str) -> None:
+        nonlocal state
+        state = f"{done} of {total}" + (f", {what}" if what else "")
+        if time.monotonic() - told_s >= LINE_EVERY_S:
             say()
+
+    yield tick
+    if told and told != state:
+        say()

@@ -13,20 +13,14 @@ from ..catalog import as_toml, write_new
 from ..errors import InputError, MissingLibrary
 from .cad import load, of_design
 from .group import CommandGroup
-from .options import NEW_FILE, PATH, PATTERN_NAME, SEED, Named, out_file, out_folder, seed
-from .output import Answer, answers, judged, listed, progress, table, written
+from .options import NAME_OR_PATH, NEW_FILE, PATH, SEED, out_file, out_folder, seed
+from .output import Answer, answers, facts, judged, listed, progress, table, written
 
 if TYPE_CHECKING:
     from ..patterns import PatternRecipe
 
 
-def _laws() -> list[str]:
-    from ..patterns.laws import LAWS
-
-    return list(LAWS)
-
-
-RECIPES = click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...", type=PATTERN_NAME)
+RECIPES = click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...", type=NAME_OR_PATH)
 PRINTER = click.option("--printer", type=PATH, metavar="FILE",
                        help="The printer as `pattern verify -o` found it.")  # fmt: skip
 
@@ -63,7 +57,7 @@ def list_() -> Answer:
 
 @pattern.command(epilog="Example: deltact-fab pattern new mine --law octave")
 @click.argument("name")
-@click.option("--law", default="algorithm1", type=Named(_laws, files=False), metavar="LAW",
+@click.option("--law", default="algorithm1", metavar="LAW",
               help="How patches are coloured; `schema pattern law` lists the laws.")  # fmt: skip
 @NEW_FILE
 @answers
@@ -78,7 +72,7 @@ def new(name: str, law: str, out: Path | None) -> Answer:
 
 
 @pattern.command(epilog="Example: deltact-fab pattern make -d 0.15 -r 0.1 --dots -o sticker.png")
-@click.argument("recipe", required=False, type=PATTERN_NAME)
+@click.argument("recipe", required=False, type=NAME_OR_PATH)
 @click.option("-d", "patch_mm", type=float, metavar="MM", help="Patch size, instead of a RECIPE.")
 @click.option("-r", "factor", type=float, metavar="R",
               help="Randomness factor, 0 <= r < 1; goes with -d.")  # fmt: skip
@@ -116,7 +110,7 @@ def make(
 
 
 @pattern.command(epilog="Example: deltact-fab pattern show sticker.png")
-@click.argument("recipe", type=PATTERN_NAME)
+@click.argument("recipe", type=NAME_OR_PATH)
 @answers
 def show(recipe: str) -> Answer:
     """Show the keys of RECIPE, which may also be the PNG of a pattern or a sheet's code."""
@@ -127,10 +121,8 @@ def show(recipe: str) -> Answer:
     else:
         found = _coded(recipe) or load_recipe(recipe)
     data = found.model_dump(exclude_none=True)
-    rows = [(key, value) for key, value in data.items() if key != "dots"]
-    rows += [("n", found.n), ("printed_mm", found.printed_mm)]
-    rows += [(f"dots.{key}", value) for key, value in data.get("dots", {}).items()]
-    return Answer(data, table(("key", "value"), rows))
+    told = {**data, "n": found.n, "printed_mm": found.printed_mm}
+    return Answer(data, table(("key", "value"), facts(told)))
 
 
 @pattern.command(epilog="Example: deltact-fab pattern quality dense octave")
@@ -161,42 +153,31 @@ def quality(
         for done, (name, recipe) in enumerate(chosen):
             tell(done, len(chosen), name)
             found.append((name, measure(recipe, model, None, mm_per_px, seed)))
-        tell(len(chosen), len(chosen), "done")
-    columns = ("recipe", "", "gradient", "SSSIG", "contrast level 0", "level 3", "level 4", "peak",
-               "peak_mm")  # fmt: skip
+    figures = ("mean_gradient", "sssig", "contrast", "peak", "peak_mm")
     rows = [
-        (name, when, f.mean_gradient, f.sssig, f.contrast[0], f.contrast[3], f.contrast[4], f.peak,
-         f.peak_mm)
+        (name, when, *(getattr(f, key) for key in figures))
         for name, q in found
         for when, f in (("designed", q.designed), ("photographed", q.photographed))
-    ]  # fmt: skip
-    seen = table(
-        ("recipe", "dots a patch", "print keeps", "printable", "px a patch", "camera keeps",
-         "seen"),
-        [
-            (name, q.dots_a_patch, q.print_contrast, q.printable, q.px_a_patch,
-             q.camera_contrast, q.seen)
-            for name, q in found
-        ],
-    )  # fmt: skip
+    ]
+    kept = ("dots_a_patch", "print_contrast", "printable", "px_a_patch", "camera_contrast", "seen")
+    seen = table(("recipe", *kept), [(n, *(getattr(q, key) for key in kept)) for n, q in found])
     told = (
         f"photographed: simulated at {dpi} dpi and {mm_per_px:g} mm/px, seed {seed}; values of "
         f"{'printer and camera' if printer is None else 'the camera'} are assumed"
     )
     data = [{"recipe": name, "simulated": True, **asdict(q)} for name, q in found]
-    return Answer(data, [*table(columns, rows, names=2), "", *seen, "", told])
+    return Answer(data, [*table(("recipe", "", *figures), rows), "", *seen, "", told])
 
 
 TRANSFER = click.option(
     "--transfer", type=click.Choice(("face-down", "slide")), default="face-down",
     help="Which side faces the gel: the ink, or the film (mirrored).",
 )  # fmt: skip
-SCALE_X = click.option("--scale-x", type=float, metavar="FACTOR", show_default="1",
-                       help="100 mm divided by what the printed ruler in x measures."
-                       )  # fmt: skip
-SCALE_Y = click.option("--scale-y", type=float, metavar="FACTOR", show_default="1",
-                       help="100 mm divided by what the printed ruler in y measures."
-                       )  # fmt: skip
+SCALE_X, SCALE_Y = (
+    click.option(f"--scale-{axis}", type=float, metavar="FACTOR", show_default="1",
+                 help=f"100 mm divided by what the printed ruler in {axis} measures.")
+    for axis in "xy"
+)  # fmt: skip
 
 
 def _scales(
@@ -263,7 +244,7 @@ def sheet(
 
 @pattern.command(epilog="Example: deltact-fab pattern verify scan.png dense -o my-printer.toml")
 @click.argument("scan", type=PATH)
-@click.argument("recipe", type=PATTERN_NAME)
+@click.argument("recipe", type=NAME_OR_PATH)
 @click.option("--dpi", type=float, metavar="DPI", show_default="the file's",
               help="Resolution of the scan.")  # fmt: skip
 @TRANSFER

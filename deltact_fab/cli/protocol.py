@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from .. import catalog
 from ..units import duration
 from .group import CommandGroup
-from .options import NEW_FILE, PROTOCOL_NAME, RIG, out_folder
-from .output import Answer, answers, listed, progress, table, written
+from .options import NAME_OR_PATH, NEW_FILE, RIG, out_folder
+from .output import Answer, answers, columns_of, listed, progress, written
 
 if TYPE_CHECKING:
     from ..preflight import Peak
@@ -27,11 +27,7 @@ def protocol() -> None:
     """
 
 
-PROTOCOL = click.argument("name", metavar="PROTOCOL", type=PROTOCOL_NAME)
-UNSOLVED = (
-    "peak forces: not known yet, as deep presses have to be solved first; "
-    "`protocol show PROTOCOL --forces` does so once (minutes)"
-)
+PROTOCOL = click.argument("name", metavar="PROTOCOL", type=NAME_OR_PATH)
 
 
 @protocol.command("list")
@@ -45,7 +41,7 @@ def list_() -> Answer:
 
 @protocol.command(epilog="Example: deltact-fab protocol new mine --from smoke")
 @click.argument("name")
-@click.option("--from", "source", default="smoke", type=PROTOCOL_NAME,
+@click.option("--from", "source", default="smoke", type=NAME_OR_PATH,
               metavar="PROTOCOL", help="Protocol to start from.")  # fmt: skip
 @NEW_FILE
 @answers
@@ -79,8 +75,6 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path) -> A
         rows = asked.checks()
     good = all(r.ok for r in rows)
     lines = [r.line() + ("" if r.ok and not r.warns else f"  at {r.where}") for r in rows]
-    if good and not air and not asked.protocol.weights and not any("force" in r.name for r in rows):
-        lines.append(UNSOLVED)
     return Answer([asdict(r) for r in rows], lines, None if good else "")
 
 
@@ -105,7 +99,7 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
     if predicted is not None:
         peaks = predicted[0]
         findings = [row.reason() for row in predicted[1] if row.warns or not row.ok]
-    data = {
+    data: dict[str, Any] = {
         "specimen": specimen.model_dump(mode="json"),
         "steps": [asdict(s) for s in steps],
         "estimate": asdict(estimate),
@@ -115,35 +109,24 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
     serial = f", serial number {specimen.serial}" if specimen.serial else ""
     lines = [
         f"specimen: design {specimen.design}, pattern {specimen.pattern}{serial}\n",
-        *table(
-            ("step", "kind", "x_mm", "y_mm", "z_mm", "feed_mm_min", "frames"),
-            [(s.id, s.kind, *s.target_mm, s.feed_mm_min, s.frames) for s in steps],
-        ),
+        *columns_of(("id", "kind", "target_mm", "feed_mm_min", "frames"), data["steps"]),
         f"\n{estimate.steps} steps, {estimate.presses} presses, {estimate.frames} frames "
         f"({estimate.settled} settled, up to {estimate.between_frames_mm:.2g} mm of the tip's way "
         f"between two), {duration(estimate.seconds)} of motion and settling, "
         f"about {estimate.disk_mb:.0f} MB",
     ]
     if peaks is None or findings is None:
-        return Answer(data, [*lines, UNSOLVED, PAPER_REMARK])
+        lines.append("peak forces: --forces solves the deep presses, once (minutes)")
+        return Answer(data, [*lines, PAPER_REMARK])
     return Answer(data, [*lines, *_peaks(peaks, findings)])
 
 
 def _peaks(peaks: Sequence[Peak], findings: Sequence[str]) -> Iterator[str]:
-    """Per indenter and depth the largest over its positions, then what the rig says to it."""
-    groups: dict[tuple[str, float], list[Peak]] = {}
-    for peak in peaks:
-        groups.setdefault((peak.indenter, peak.depth_mm), []).append(peak)
-    rows = []
-    for (indenter, depth_mm), group in groups.items():
-        worst = max(group, key=lambda p: p.normal_n)
-        side = max(p.tangential_n for p in group)
-        high = group[0].high.normal_n / group[0].normal_n
-        loads = (worst.normal_n, high * worst.normal_n, side, high * side)
-        rows.append((indenter, depth_mm, *loads, worst.level))
-    yield "\npeak forces in N, expected and with the gel's modulus twice as high:"
-    yield from table(("indenter", "depth_mm", "normal", "high", "tangential", "high", "from"), rows)
+    """Each peak, then what the rig says to them."""
+    loads = ("normal_n", "normal_high_n", "tangential_n", "tangential_high_n")
+    yield "\npeak forces, expected and (high) with the gel's modulus twice as high:"
+    names = ("indenter", "position", "depth_mm", *loads, "level")
+    yield from columns_of(names, [p.as_dict() for p in peaks])
     for reason in dict.fromkeys(f"{p.indenter}: {p.reason}" for p in peaks if p.reason):
         yield f"upper estimate, {reason}"
-    for line in findings:
-        yield f"over: {line}"
+    yield from (f"over: {line}" for line in findings)

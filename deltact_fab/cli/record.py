@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import click
 
 from .group import CommandGroup
 from .options import PATH, out_file, out_folder
-from .output import Answer, answers, progress
+from .output import Answer, answers, facts, progress, table
 
 RUN = click.argument("run", type=PATH)
 
@@ -47,7 +46,9 @@ def show(run: Path) -> Answer:
     from ..record import open as open_run
 
     data = about(open_run(run))
-    return Answer(data, _described(data))
+    times = {key: data[key] and _day(data[key]) for key in ("begun_s", "ended_s")}
+    told = table(("key", "value"), facts({**data, **times, "notes": None}))
+    return Answer(data, [*told, *map(_note, data["notes"])])
 
 
 @record.command()
@@ -89,13 +90,13 @@ def import_(recording: Path, out: Path) -> Answer:
 @click.option("--format", "form", required=True,
               type=click.Choice(["csv", "parquet", "mcap", "lerobot"]),
               help="Format to write.")  # fmt: skip
-@out_folder("New folder for csv, parquet or lerobot.", "folder")
+@out_folder("New folder for csv, parquet or lerobot.")
 @out_file("New file for mcap.", "file")
 @click.option("--deformation/--no-deformation", default=True, help="In a dataset, the measured "
               "motion of the face, which takes most of the time.")  # fmt: skip
 @answers
 def export(
-    runs: tuple[Path, ...], form: str, folder: Path | None, file: Path | None, deformation: bool
+    runs: tuple[Path, ...], form: str, out: Path | None, file: Path | None, deformation: bool
 ) -> Answer:
     """Write RUN as CSV, Parquet or MCAP, or one or more as a LeRobot dataset.
 
@@ -109,8 +110,8 @@ def export(
     from ..record import open as open_run
     from ..record.export import export as write
 
-    out, other = (file, folder) if form == "mcap" else (folder, file)
-    if out is None or other is not None:
+    place, other = (file, out) if form == "mcap" else (out, file)
+    if place is None or other is not None:
         right = "-o FILE" if form == "mcap" else "--out DIR"
         raise click.UsageError(f"--format {form}: {right} says where it goes")
     with progress("export") as bar:
@@ -118,44 +119,15 @@ def export(
         if deformation and form == "lerobot":
             from ..analysis.flows import follower
 
-            rows = write(opened, form, out, bar, follower)
+            rows = write(opened, form, place, bar, follower)
         else:
-            rows = write(opened, form, out, bar)
-    told = f"{out}: " + ", ".join(f"{n} {name}" for name, n in rows.items())
-    return Answer({"out": str(out), "format": form, "rows": rows}, [told])
-
-
-def _described(data: dict[str, Any]) -> Iterator[str]:
-    simulated = f" (simulated, seed {data['seed']})" if data["simulated"] else ""
-    air = " in air" if data["air"] else ""
-    imported = data["kind"] == "imported"
-    what = "recorded elsewhere, imported" if imported else f"{data['protocol']} on {data['rig']}"
-    yield f"{data['folder']}: {what}{simulated}{air}, {data['state']}"
-    if data["description"]:
-        yield f"  {data['description']}"
-    specimen = data["specimen"] or {}
-    serial = specimen.get("serial")
-    known = (specimen.get("design"), specimen.get("pattern"), serial and f"serial number {serial}")
-    yield f"  specimen: {', '.join(filter(None, known)) or 'not known'}"
-    yield f"  begun {_day(data['begun_s'])}, last event {_day(data['ended_s'])}"
-    planned = "" if imported else f"{data['presses']} presses, {data['steps']} steps, "
-    yield (
-        f"  {planned}{data['frames']} frames ({data['images']} images), "
-        f"sessions: {data['sessions']}, format {data['format']}"
-    )
-    yield from (f"  event {kind}: {count}" for kind, count in data["events"].items())
-    face = data["registration"]
-    if face["origin_machine_mm"] is not None:
-        by = face["registration"] or "the rig file, not registered"
-        at = ", ".join(f"{p:g}" for p in face["origin_machine_mm"])
-        yield f"  face at machine {at} mm, by {by}"
-    yield from (f"  indenter: {line}" for line in data["indenters"])
-    yield from (f"  remark: {text}" for text in data["remarks"])
-    yield from map(_note, data["notes"])
+            rows = write(opened, form, place, bar)
+    told = f"{place}: " + ", ".join(f"{n} {name}" for name, n in rows.items())
+    return Answer({"out": str(place), "format": form, "rows": rows}, [told])
 
 
 def _note(note: dict[str, Any]) -> str:
-    return f"  note {_day(note['wall_s'])}: {note['text']}"
+    return f"note {_day(note['wall_s'])}: {note['text']}"
 
 
 def _day(wall_s: float) -> str:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -19,14 +17,11 @@ from . import rig_stage
 from .group import CommandGroup
 from .options import (
     DESIGN,
-    DESIGN_NAME,
     JSON,
+    NAME_OR_PATH,
     NEW,
     NEW_FILE,
     PATH,
-    PATTERN_NAME,
-    PROTOCOL_NAME,
-    RIG_NAME,
     TIP_IS_CLEAR,
     Finite,
     Point,
@@ -34,9 +29,9 @@ from .options import (
     out_folder,
     seed,
 )
-from .output import Answer, answers, echo_json, judged, listed, progress, table
+from .output import Answer, answers, echo_json, facts, judged, listed, progress, table
 
-RIG = click.argument("name", metavar="RIG", type=RIG_NAME)
+RIG = click.argument("name", metavar="RIG", type=NAME_OR_PATH)
 
 
 @click.group(cls=CommandGroup)
@@ -73,10 +68,7 @@ def show(name: str) -> Answer:
 
     rig_config, path = config.load(name)
     data = rig_config.model_dump(mode="json")
-    rows = [row for row in _rows(data, "") if row[0] != "kind"]
-    return Answer(
-        data, [f"{name} ({path.name}): {rig_config.kind}\n", *table(("key", "value"), rows)]
-    )
+    return Answer(data, [f"{name} ({path.name})\n", *table(("key", "value"), facts(data))])
 
 
 @rig.command(epilog="Example: deltact-fab rig photograph fisheye --board skin --out photos")
@@ -152,13 +144,10 @@ def new(name: str, out: Path | None) -> Answer:
     from ..lab import rig as write
 
     file, found = write(name, out)
-    lines = []
-    for what, devices in found.items():
-        for number, device in enumerate(devices):
-            use = "used" if number == 0 else "in a comment"
-            lines.append(f"{what[:-1]} {device.name}: {device.text or 'no name'} ({use})")
-        if not devices:
-            lines.append(f"no {what[:-1]} was found: the file has an example in its place")
+    lines = [
+        f"{what}: {', '.join(one.name for one in devices) or 'none was found'}"
+        for what, devices in found.items()
+    ]
     then = f"`deltact-fab rig check {name if out is None else out}`"
     lines.append(f"{file}: written; fill in what it lists under MEASURE, then {then}")
     data = {what: [asdict(device) for device in devices] for what, devices in found.items()}
@@ -168,7 +157,7 @@ def new(name: str, out: Path | None) -> Answer:
 @rig.command(epilog="Example: deltact-fab rig simulate grbl-bench --out bench")
 @RIG
 @DESIGN
-@click.option("--pattern", "recipe", type=PATTERN_NAME, default="dense-with-dots",
+@click.option("--pattern", "recipe", type=NAME_OR_PATH, default="dense-with-dots",
               metavar="RECIPE", help="Of the face.")  # fmt: skip
 @click.option("--indenter", default="sphere:10", metavar="NAME", help="The one that is mounted.")
 @seed("Seed of noise.")
@@ -195,9 +184,7 @@ def simulate(
         if as_json:
             echo_json({"rig": str(file), "simulated": True, "seed": seed})
         else:
-            click.echo(
-                f"{file}: simulated devices, until Ctrl-C; as `deltact-fab rig check {file}`"
-            )
+            click.echo(f"{file}: simulated devices, until Ctrl-C")
         signal.sigwait({signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
 
 
@@ -205,8 +192,8 @@ def simulate(
 @RIG
 @click.option("--seconds", type=Finite(0.1, 60), default=2.0, metavar="S",
               help="How long to watch each device.")  # fmt: skip
-@JSON
-def check(name: str, seconds: float, as_json: bool) -> None:
+@answers
+def check(name: str, seconds: float) -> Answer:
     """Talk to each device of RIG and say what is wrong and how to put it right.
 
     Nothing moves. Nothing may touch the sensor, as its force is zeroed. Exit code 1 when a line
@@ -218,26 +205,21 @@ def check(name: str, seconds: float, as_json: bool) -> None:
     bench, path = config.load(name)
     if not isinstance(bench, config.GrblConfig):
         raise InputError(f"{path}: kind: 'virtual' has no device to talk to; expected a 'grbl' rig")
-    rows = []
-    for row in look(bench, path.parent, seconds):
-        rows.append(row)
-        if not as_json:
-            click.echo(row.line())
+    with progress("rig check"):
+        rows = list(look(bench, path.parent, seconds))
     failed = sum(row.verdict == "FAIL" for row in rows)
-    if as_json:
-        echo_json({"rig": str(path), "ok": not failed, "rows": [row._asdict() for row in rows]})
-    else:
-        click.echo(f"{path}: {f'{failed} to put right' if failed else 'ready'}")
-    raise click.exceptions.Exit(1 if failed else 0)
+    told = f"{path}: {f'{failed} to put right' if failed else 'ready'}"
+    data = {"rig": str(path), "ok": not failed, "rows": [row._asdict() for row in rows]}
+    return Answer(data, [*(row.line() for row in rows), told], "" if failed else None)
 
 
 @rig.command(epilog="Example: deltact-fab rig accept 0 dense --serial A1")
-@click.argument("source", type=RIG_NAME)
-@click.argument("recipe", required=False, type=PATTERN_NAME)
+@click.argument("source", type=NAME_OR_PATH)
+@click.argument("recipe", required=False, type=NAME_OR_PATH)
 @click.option("--serial", metavar="TEXT", help="Serial number, under which it is kept.")
 @click.option("--camera", type=PATH, metavar="FILE", show_default="the design's lens",
               help="Camera file made by `calibrate lens`.")  # fmt: skip
-@click.option("--design", type=DESIGN_NAME, metavar="DESIGN", help="Design of the sensor.")
+@click.option("--design", type=NAME_OR_PATH, metavar="DESIGN", help="Design of the sensor.")
 @click.option("--frames", type=click.IntRange(1, 10000), default=100,
               metavar="N", help="Images at rest to look at.")  # fmt: skip
 @click.option("--step", type=PATH, metavar="RUN",
@@ -283,18 +265,10 @@ def accept(
         write_whole(picture, acceptance.picture(done, known.camera))
     if out is not None and done.passed:
         acceptance.save(done, known, seed, out)
-    return judged(source, done, "accepted", *_accepted(done, known.simulated, out))
-
-
-def _accepted(done: Any, simulated: str | None, out: Path | None) -> Iterator[str]:
-    if done.found is not None:
-        yield "\nblur in px over the view, x to the right, y down:"
-        for row in done.found.blur_px[1::3]:
-            yield " ".join("   -" if b is None else f"{b:4.1f}" for b in row[1::3])
-    if simulated:
-        yield f"\n{simulated}"
+    told = [known.simulated] if known.simulated else []
     if done.passed:
-        yield f"\nkept: {out}" if out else "\nnot kept: name it with --serial"
+        told.append(f"kept: {out}" if out else "not kept: name it with --serial")
+    return judged(source, done, "accepted", "", *told)
 
 
 @click.command()
@@ -344,18 +318,10 @@ def register(
     return Answer(data, [f"{out}: {found.line()}"])
 
 
-def _rows(table: dict[str, Any], before: str) -> Iterator[tuple[str, Any]]:
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _rows(value, f"{before}{key}.")
-        else:
-            yield f"{before}{key}", value
-
-
 @rig.command(epilog="Example: deltact-fab rig rehearse smoke --rig bench.toml --out rehearsed")
-@click.argument("protocol", metavar="PROTOCOL", type=PROTOCOL_NAME)
+@click.argument("protocol", metavar="PROTOCOL", type=NAME_OR_PATH)
 @click.option("--rig", "name", default="virtual", metavar="RIG",
-              type=RIG_NAME, help="Whose stage and guard are simulated.")  # fmt: skip
+              type=NAME_OR_PATH, help="Whose stage and guard are simulated.")  # fmt: skip
 @click.option("--thorough", is_flag=True, help="Every fault at every moment; minutes.")
 @out_folder("Folder for a page and JSON.")
 @answers

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import InputError, RunFailed, StageError
-from .options import DESIGN, RIG_NAME, TIP_IS_CLEAR, Finite
+from .options import DESIGN, NAME_OR_PATH, TIP_IS_CLEAR, Finite
 from .output import Answer, answers
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..rig.interface import ForceSensor, Guard
     from ..rig.stage.grbl import GrblStage
 
-RIG = click.argument("rig", type=RIG_NAME)
+RIG = click.argument("rig", type=NAME_OR_PATH)
 FEED = click.option(
     "--feed", type=Finite(0, min_open=True), default=300.0, metavar="MM/MIN", help="Speed.",
 )  # fmt: skip

@@ -10,12 +10,12 @@ import click
 
 from ..files import check_folder
 from ..units import duration
-from .options import PATH, PROTOCOL_NAME, RIG, TIP_IS_CLEAR, seed
+from .options import NAME_OR_PATH, PATH, RIG, TIP_IS_CLEAR, seed
 from .output import Answer, answers, progress
 
 
 @click.command(epilog="Example: deltact-fab run smoke --rig virtual --seed 3 --out smoke-run")
-@click.argument("protocol", type=PROTOCOL_NAME)
+@click.argument("protocol", type=NAME_OR_PATH)
 @RIG
 @seed("Seed of everything random.")
 @click.option("--out", type=PATH, metavar="DIR", help="New folder for the run.")
@@ -67,7 +67,12 @@ def run(
                 live=lambda it: report(it.done, it.total, it.line()),
             )  # fmt: skip
     if dry_run:
-        return Answer(found, _dry_run_lines(found, protocol, rig_name))
+        told = (
+            f"{protocol} on {rig_name}: {found['steps']} steps, {found['presses']} presses, "
+            f"{found['frames']} frames, about {duration(found['seconds'])} of rig time, "
+            f"{found['disk_mb']:.0f} MB; nothing was moved or recorded"
+        )
+        return Answer(found, [told, *(f"  {it}" for it in (*found["devices"], *found["notes"]))])
     return Answer(summary, _run_lines(summary, out))
 
 
@@ -77,22 +82,13 @@ def _run_lines(summary: dict[str, Any], out: Path | None) -> Iterator[str]:
         return
     if summary["sessions"] > 1:
         yield f"{out}: resumed, {summary['kept_frames']} frames kept"
-        for press, why in summary["redone"].items():
-            yield f"  done again: {press}: {why}"
+        yield from (f"  done again: {press}: {why}" for press, why in summary["redone"].items())
+    how = " (simulated)" if summary["simulated"] else ""
+    how += " in air" if summary["air"] else ""
     yield (
-        f"{out}: {summary['frames']} frames of {summary['protocol']} on {summary['rig']}"
-        f"{' (simulated)' if summary['simulated'] else ''}{' in air' if summary['air'] else ''}, "
+        f"{out}: {summary['frames']} frames of {summary['protocol']} on {summary['rig']}{how}, "
         f"seed {summary['seed']}: "
         f"{summary['rig_seconds']:.1f} s of rig time in {summary['wall_seconds']:.1f} s"
     )
     yield from (f"  {kind}: {n}" for kind, n in summary["frame_counts"].items())
     yield from (f"  left out: {line}" for line in summary["left_out"])
-
-
-def _dry_run_lines(found: dict[str, Any], protocol: str, rig_name: str) -> Iterator[str]:
-    yield (
-        f"{protocol} on {rig_name}: {found['steps']} steps, {found['presses']} presses, "
-        f"{found['frames']} frames, about {duration(found['seconds'])} of rig time, "
-        f"{found['disk_mb']:.0f} MB; nothing was moved or recorded"
-    )
-    yield from (f"  {line}" for line in (*found["devices"], *found["notes"]))

@@ -7,12 +7,11 @@ from dataclasses import asdict
 
 import click
 
-from .options import KIND_NAME
 from .output import Answer, answers, listed
 
 
 @click.command(no_args_is_help=False, epilog="Example: deltact-fab schema protocol capture")
-@click.argument("kind", required=False, type=KIND_NAME)
+@click.argument("kind", required=False)
 @click.argument("key", required=False)
 @answers
 def schema(kind: str | None, key: str | None) -> Answer:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
-from .options import FOLDER, JOBS_KEYS, ON_KEYS, PATH, RIG_NAME, SEED, Finite
+from .options import NAME_OR_PATH, ON, PATH, PROCESSES, Decorator, Finite, out_folder, seed
 from .output import Answer, answers, progress
 
 if TYPE_CHECKING:
@@ -20,64 +20,42 @@ if TYPE_CHECKING:
 OUT = "study-out"
 
 
-class _Command(click.Command):
-    """Says of an option of other studies that this one does not take it."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        try:
-            return super().parse_args(ctx, args)
-        except click.NoSuchOption as why:
-            common = [flag for own in _common(None).values() for one in own for flag in one.opts]
-            if why.option_name not in common:
-                raise
-            raise InputError(
-                f"{why.option_name}: the study {self.name} has no such option"
-            ) from why
-
-
-def _common(scale: float | None) -> dict[str, list[click.Option]]:
+def _common(scale: float | None) -> dict[str, tuple[Decorator, ...]]:
     """The options that studies share, by what `Study.takes` calls them."""
     return {
-        "scale": [
-            click.Option(["--scale"], type=Finite(0, 1, min_open=True), default=scale,
-                         show_default=scale is not None, metavar="SHARE",
-                         help="Share of the paper's points or frames, up to 1.")
-        ],
-        "seed": [
-            click.Option(["--seed"], type=SEED, default=0, metavar="N",
-                         help="Seed of everything random.")
-        ],
-        "rig": [
-            click.Option(["--rig"], type=RIG_NAME, metavar="RIG", show_default="the study's own",
-                         help="Virtual rig: a name of `rig list` or a path.")
-        ],
-        "from": [
-            click.Option(["--from"], multiple=True, type=PATH, metavar="RUN",
-                         help="Use this recorded run instead of simulating; repeatable.")
-        ],
-        "grid": [click.Option(["--jobs"], **JOBS_KEYS), click.Option(["--on"], **ON_KEYS)],
+        "scale": (
+            click.option("--scale", type=Finite(0, 1, min_open=True), default=scale,
+                         metavar="SHARE", help="Share of the paper's points or frames, up to 1."),
+        ),
+        "seed": (seed("Seed of everything random."),),
+        "rig": (
+            click.option("--rig", type=NAME_OR_PATH, metavar="RIG", show_default="the study's own",
+                         help="Virtual rig: a name of `rig list` or a path."),
+        ),
+        "from": (
+            click.option("--from", multiple=True, type=PATH, metavar="RUN",
+                         help="Use this recorded run instead of simulating; repeatable."),
+        ),
+        "grid": (PROCESSES, ON),
     }  # fmt: skip
 
 
 def command(name: str, one: Study) -> click.Command:
     """`study run NAME`, with the options that this study takes."""
-    options: list[click.Parameter] = [
-        option for what, own in _common(one.scale).items() if what in one.takes for option in own
-    ]
-    options += [
-        *map(_option, one.options),
-        click.Option(["--out"], type=FOLDER, default=Path(OUT) / name,
-                     metavar="DIR", help="Folder for the page and the tables."),
-        click.Option(["--figures"], type=FOLDER, metavar="DIR",
-                     help="Also write the figures as SVG and PDF into this folder."),
-    ]  # fmt: skip
-    told = answers(lambda **given: run(name, one, given))
-    options += told.__click_params__  # type: ignore[attr-defined]  # --json
+    options = [o for what, own in _common(one.scale).items() if what in one.takes for o in own]
+    options += map(_option, one.options)
+    options.append(out_folder("Folder for the page and the tables.", default=Path(OUT) / name))
+    options.append(
+        out_folder("Also write the figures as SVG and PDF into this folder.", flag="--figures")
+    )
+    made = answers(lambda **given: run(name, one, given))
+    for option in reversed(options):
+        made = option(made)
     about = f"{one.line}\n\n{one.about}".strip()
-    return _Command(name, params=options, callback=told, help=about, short_help=one.line)
+    return click.command(name, help=about, short_help=one.line)(made)
 
 
-def _option(one: Option) -> click.Option:
+def _option(one: Option) -> Decorator:
     kind = one.kind if one.default is None else type(one.default)
     given: dict[str, Any] = {"help": one.help}
     if kind is tuple:
@@ -86,7 +64,7 @@ def _option(one: Option) -> click.Option:
         given["type"] = Finite() if kind is float else kind
     if one.default not in (None, ()):
         given |= {"default": one.default}
-    return click.Option([f"--{one.name}"], **given)
+    return click.option(f"--{one.name}", **given)
 
 
 def run(name: str, one: Study, given: dict[str, Any]) -> Answer:

@@ -168,9 +168,9 @@ class RunRequest:
     def _rows(self) -> list[limits.LimitCheck]:
         """Every check but that of the forces; check and run ask it alone."""
         protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
-        wall_clock, by_stage = not rig.simulated, protocol.weights is None
+        by_stage = protocol.weights is None
         rows = limits.check(protocol, design, rig.stage.box, self.steps) if by_stage else []
-        rows += preflight.needs(protocol, self.steps, rig, self.view, self.out, wall_clock)
+        rows += preflight.needs(protocol, self.steps, rig, self.view, self.out)
         refused = kind.refusals(protocol, design, str(self.source))
         rows.append(limits.refusals(kind.part, refused))
         rows.append(limits.refusals("pattern", self._pattern()))

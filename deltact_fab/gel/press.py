@@ -50,28 +50,6 @@ class Pressed:
     y_mm: Field
     displacement_mm: Field
 
-    def _repr_html_(self) -> str:
-        """For a notebook: force, how sure it is, and how it grew with depth."""
-        from ..notebook import card, plot
-
-        told = self.result
-        if not told["converged"]:
-            return card("Press", {"depth": f"{told['depth_mm']:g} mm"}, note=told["reason"])
-        x, y, z = told["force_n"]
-        pressed = np.hypot(*(self.tips_mm[:, :2] - self.tips_mm[0, :2]).T) < 1e-9
-        rows = {
-            "depth": f"{told['depth_mm']:g} mm",
-            "normal force": f"{-z:.3g} N ± {told['error_estimate']['force_rel']:.1%}",
-            "shear force": f"{math.hypot(x, y):.3g} N" if not pressed.all() else None,
-            "contact": f"{told['contact_area_mm2']:.3g} ± {told['contact_area_error_mm2']:.1g} mm²",
-            "level": told["picked"]["why"],
-        }
-        picture = plot(
-            self.tips_mm[pressed, 2].tolist(), (-self.forces_n[pressed, 2]).tolist(),
-            "depth (mm)", "normal force (N)",
-        )  # fmt: skip
-        return card("Press", rows, picture, "; ".join(told["flags"]))
-
 
 def press(
     skin: SkinDimensions,

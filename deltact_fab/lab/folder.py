@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from .. import catalog
-from ..errors import InputError, RunFailed
+from ..errors import InputError
+from ..files import disk_errors
 from ..schema import KINDS, document
 
 SHIPPED = ("cad", "patterns", "protocols")
@@ -20,25 +20,17 @@ def init(folder: Path) -> list[Path]:
     """Write the folder and return its files.
 
     Raises InputError for a folder that holds anything but hidden files, RunFailed when the disk
-    refuses; what was written until then is removed again.
+    refuses.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: a file; expected the name of a new or empty folder")
     if folder.is_dir() and any(not path.name.startswith(".") for path in folder.iterdir()):
         raise InputError(f"{folder}: not empty; expected the name of a new or empty folder")
     texts = _texts()
-    made: list[Path] = []
-    try:
-        for name, text in texts.items():
-            file = folder / name
-            made += [path for path in (*reversed(file.parents), file) if not path.exists()]
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(text, encoding="utf-8")
-    except OSError as why:
-        for path in reversed(made):
-            with suppress(OSError):
-                path.rmdir() if path.is_dir() else path.unlink()
-        raise RunFailed(f"{folder}: cannot be written: {why.strerror}") from why
+    for name, text in texts.items():
+        with disk_errors(folder / name):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in texts]
 
 

@@ -60,7 +60,7 @@ def design(
     """
     from ..cad.design import load_design
 
-    hoped: tuple[str, ...] = ()
+    hoped = ""
     inherited = asdict(load_design(base))
     given: dict[str, Any] = {"base": base}
     if wish is not None:
@@ -71,10 +71,9 @@ def design(
             changed = {k: v for k, v in values.items() if v != inherited[section][k]}
             given |= {section: changed} if changed else {}
         x, y = wish.face_mm
-        hoped = (f"Made for a face of {x:g} x {y:g} mm, {100 * wish.share:g} % of it seen.",)
+        hoped = f"Made for a face of {x:g} x {y:g} mm, {100 * wish.share:g} % of it seen. "
     about = (
-        *hoped,
-        f"A design that takes from {base!r} all that it does not set itself. Afterwards:",
+        f"{hoped}A design that takes from {base!r} all that it does not set itself. Afterwards:",
         f"    deltact-fab cad check --design {name}",
         f"    deltact-fab cad export --design {name} --out parts",
         "What is assumed and not measured is to be measured, and then listed under `measured`.",
@@ -128,16 +127,16 @@ def rig_text(ports: Sequence[FoundDevice] = (), cameras: Sequence[FoundDevice] =
 
     Of ports and of cameras the first is taken, the others stand beside it in comments.
     """
-    from ..rig.devices import FoundDevice
-
     given: dict[str, Any] = {"kind": "grbl"}
     written = {}
-    example = FoundDevice("/dev/ttyACM0", "an example: none was found")
-    for table, key, found in (("stage", "port", ports or [example]), ("camera", "source", cameras)):
+    for table, key, found in (("stage", "port", ports), ("camera", "source", cameras)):
         values = [f"{catalog.literal(one.name)}  # {one.text}".rstrip(" #") for one in found]
         if found:
             given[table] = {key: found[0].name}
             written[f"{table}.{key}"] = f"\n#or {key} = ".join(values)
+    if not ports:
+        given["stage"] = {"port": "/dev/ttyACM0"}
+        written["stage.port"] = '"/dev/ttyACM0"  # an example: none was found'
     return commented(KINDS["grbl-rig"], given, ABOUT_RIG, written=written)
 
 

@@ -218,44 +218,6 @@ class PatternRecipe(Table, strict=True):
         """The side of the printed square, n d: 466 x 0.075 = 34.95 of 35 mm."""
         return _printed_mm(self.size_mm, self.patch_mm)
 
-    def _repr_html_(self) -> str:
-        """For a notebook: its keys, and the sticker as the camera sees it."""
-        from ..notebook import card, image
-
-        dots = self.dots and f"{self.dots.columns} x {self.dots.rows} of {self.dots.diameter_mm:g}"
-        rows = {
-            "law": f"{self.law}: {LAWS[self.law].about}",
-            "sticker": f"{self.printed_mm:g} x {self.printed_mm:g} mm",
-            "patches": self.patch_mm and f"{self.n} x {self.n} of {self.patch_mm:g} mm",
-            "r": self.r,
-            "dots": dots and f"{dots} mm",
-            "seed": self.seed,
-        }
-        return card("Pattern", rows, image(self._picture()))
-
-    def _picture(self) -> bytes:
-        """Patches and dots as a PNG, to look at."""
-        import io
-
-        from PIL import Image, ImageDraw
-
-        side_px = 440
-        picture = Image.fromarray(draw_patches(self)).resize((side_px,) * 2, Image.Resampling.BOX)
-        if (grid := self.dots) is not None:
-            pen, per_mm = ImageDraw.Draw(picture), side_px / self.printed_mm
-            corner_mm = [
-                o - h + self.printed_mm / 2
-                for o, h in zip(grid.offset_mm, grid.half_mm, strict=True)
-            ]
-            side = grid.diameter_mm * per_mm
-            for row, column in itertools.product(range(grid.rows), range(grid.columns)):
-                x = (corner_mm[0] + column * grid.pitch_x_mm) * per_mm
-                y = (corner_mm[1] + row * grid.pitch_y_mm) * per_mm
-                pen.ellipse((x, y, x + side, y + side), grid.colour)
-        data = io.BytesIO()
-        picture.save(data, "PNG")
-        return data.getvalue()
-
 
 def draw_patches(recipe: PatternRecipe) -> NDArray[np.uint8]:
     """The patches of a recipe, (n, n, 3) uint8 RGB; row 0, column 0 is the corner at (-x, -y).

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from ..aliases import Progress, Vector
@@ -59,11 +59,10 @@ class Peak:
     def high(self) -> Peak:
         """The same with the modulus on the high side."""
         f, m = MODULUS_FACTOR, self.moment_nmm
-        return Peak(
-            self.indenter, self.position, self.at_mm, self.depth_mm,
-            f * self.normal_n, f * self.tangential_n,
-            None if m is None else (f * m[0], f * m[1], f * m[2]), self.level, self.reason,
-        )  # fmt: skip
+        moment = None if m is None else (f * m[0], f * m[1], f * m[2])
+        return replace(
+            self, normal_n=f * self.normal_n, tangential_n=f * self.tangential_n, moment_nmm=moment
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, the high side beside the expected one."""

@@ -79,15 +79,11 @@ def limits_of(rig: RigConfig, source: str, protocol: Protocol) -> ForceLimits:
 
 def _guard_keys(rig: RigConfig) -> tuple[str, str]:
     """What sets the guard's limits on the axes: keys of force and of torque."""
-    own = rig.guard
+    given = {} if rig.guard is None else rig.guard.model_dump(exclude_none=True)
     force, torque = (f"the guard, {SHARE:g} of [force] {key}" for key in ("range_n", "range_nmm"))
-    if own is not None and own.axes_n is not None:
-        force = "[guard] axes_n"
-    elif own is not None and own.force_n is not None:
-        force = "[guard] force_n"
-    if own is not None and own.torque_nmm is not None:
-        torque = "[guard] torque_nmm"
-    return force, torque
+    named = [key for key in ("axes_n", "force_n") if key in given]
+    force = f"[guard] {named[0]}" if named else force
+    return force, "[guard] torque_nmm" if "torque_nmm" in given else torque
 
 
 def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[LimitCheck]:
@@ -105,19 +101,18 @@ def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[LimitCheck]:
         ]
         row = refusals("force limits", lines)
         rows.append(replace(row, ok=limits.simulated, warns=limits.simulated))
-    for what, limit, key, loads in _declared(limits, [p.high for p in peaks]):
-        load, where = worst(loads, peaks)
-        over = load > limit
-        text, ok = f"{what} {HIGH}, {key}", limits.simulated or not over
-        rows.append(LimitCheck("peak force", ok, text, round(load, 1), limit, where, over and ok))
-    for what, limit, key, loads in _guarded(limits, peaks):
-        load, where = worst(loads, peaks)
-        over, text = load > limit, f"{what} as expected, {key}"
-        ok = limits.simulated or not over
-        warns = over and ok
-        if not over and MODULUS_FACTOR * load > limit:
-            load, text, warns = MODULUS_FACTOR * load, f"{what} {HIGH}, {key}", True
-        rows.append(LimitCheck("guard", ok, text, round(load, 1), limit, where, warns))
+    for name, breaks in (("peak force", _declared), ("guard", _guarded)):
+        for what, limit, key, loads in breaks(limits, peaks):
+            load, where = worst(loads, peaks)
+            high = MODULUS_FACTOR * load
+            fails = (high if name == "peak force" else load) > limit
+            if name == "peak force" or (high > limit and not fails):
+                load, text = high, f"{what} {HIGH}, {key}"
+            else:
+                text = f"{what} as expected, {key}"
+            ok = limits.simulated or not fails
+            warns = ok and load > limit
+            rows.append(LimitCheck(name, ok, text, round(load, 1), limit, where, warns))
     return rows
 
 
@@ -125,16 +120,14 @@ Loads = tuple[str, float, str, list[float]]
 """What, its limit, the limit's key with the unit, and the load of each peak."""
 
 
-def _declared(limits: ForceLimits, high: Sequence[Peak]) -> Iterator[Loads]:
+def _declared(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[Loads]:
     """Against what stage and sensor bear."""
-    for limit, key in (
-        (limits.stage_n, "[stage] max_force_n (N)"),
-        (limits.sensor_n, "[force] range_n (N)"),
-    ):
-        if limit is not None:
-            yield from _forces(high, limit, key)
+    if limits.stage_n is not None:
+        yield from _forces(peaks, limits.stage_n, "[stage] max_force_n (N)")
+    if limits.sensor_n is not None:
+        yield from _forces(peaks, limits.sensor_n, "[force] range_n (N)")
     if limits.sensor_nmm is not None:
-        yield from _moments(high, limits.sensor_nmm, "[force] range_nmm (N mm)")
+        yield from _moments(peaks, limits.sensor_nmm, "[force] range_nmm (N mm)")
 
 
 def _guarded(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[Loads]:

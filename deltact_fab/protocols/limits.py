@@ -114,14 +114,12 @@ def check(
 
 
 def require(rows: Iterable[LimitCheck], source: str) -> None:
-    """Raise InputError with every failed row on one line."""
+    """Raise InputError with every failed row."""
     failed = [r for r in rows if not r.ok]
     if failed:
         told = [r.reason() for r in failed if r.what == REFUSALS]
-        figures = [r.reason() for r in failed if r.what != REFUSALS]
-        if figures:
-            told.append(f"{source}: {' | '.join(figures)}")
-        raise InputError(" | ".join(told))
+        told += [f"{source}: {r.reason()}" for r in failed if r.what != REFUSALS]
+        raise InputError(*told)
 
 
 def refusals(name: str, reasons: Sequence[str]) -> LimitCheck:

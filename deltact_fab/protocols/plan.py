@@ -6,7 +6,6 @@ that do not change when the run is repeated or resumed.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -337,36 +336,6 @@ class Protocol(Table):
     def _in_one_order(self, channels: frozenset[str]) -> list[str]:
         """A set's own order differs from one process to the next, and results are kept by it."""
         return sorted(channels)
-
-    def _repr_html_(self) -> str:
-        """For a notebook: what is pressed where, how deep, and the way of the tip's depth."""
-        from ..notebook import card, plot
-
-        steps = expand(self)
-        ways = [(0.0, 0.0, self.motion.park_mm), *(s.target_mm for s in steps)]
-        seconds, t_s = [0.0], 0.0
-        for (a, b), step in zip(itertools.pairwise(ways), steps, strict=True):
-            t_s += math.dist(a, b) / step.feed_mm_min * 60 + step.hold_s + step.settle_s
-            seconds.append(t_s)
-        shear = self.shear and f"{self.shear.at_depth_mm(max(self.depths_mm)):g} mm at the deepest"
-        rows = {
-            "indenters": ", ".join(self.indenters),
-            "places": f"{len(self.positions_mm)} on the face",
-            "depths": self.depths_mm and f"{', '.join(f'{d:g}' for d in self.depths_mm)} mm",
-            "masses": self.weights and f"{', '.join(f'{m:g}' for m in self.weights.masses_g)} g",
-            "shear": shear,
-            "channels": ", ".join(sorted(self.channels)) or "none",
-            "gel": f"{self.specimen.gel_model}, {self.specimen.modulus_mpa:g} MPa",
-            "steps": f"{len(steps)}, {sum(s.frames for s in steps)} frames",
-            "motion": f"about {t_s / 60:.1f} min at full feed",
-        }
-        picture = plot(
-            [s / 60 for s in seconds],
-            [z for _, _, z in ways],
-            "time (min)",
-            "tip above the face (mm)",
-        )
-        return card(f"Protocol {self.name}", rows, picture, self.description)
 
 
 @dataclass(frozen=True)

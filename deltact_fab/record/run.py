@@ -19,7 +19,7 @@ from ..shapes import Indenter
 from ..shapes.indenter import of_run
 from . import notes
 from .files import IMPORTED, flat_file, kept, lattice_file
-from .images import decode, encode_png
+from .images import decode
 from .journal import misfits
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
 from .truth import RunTruth, load
@@ -195,34 +195,6 @@ class Run:
         """True when the run came to its end; False while it goes on or when it was cut off."""
         return (self.folder / "summary.json").is_file()
 
-    def _repr_html_(self) -> str:
-        """For a notebook: where it is from, what it holds, force over time, its deepest image."""
-        from ..notebook import card, image, plot
-
-        frames = self.frames()
-        touched = frames.dropna(subset=["z_mm"]) if "z_mm" in frames else frames
-        normal_n = -frames["fz_n"]
-        known = normal_n.notna()
-        picture = plot(
-            frames["t_s"][known].tolist(), normal_n[known].tolist(), "time (s)", "normal force (N)"
-        )
-        seen = touched[touched["file"].notna()]
-        if len(seen):
-            deepest = seen["file"].iloc[int(np.argmin(seen["z_mm"]))]
-            picture += image(_small(self.raw(str(deepest))), 170)
-        rows = {
-            "folder": self.folder,
-            "rig": f"{self.meta['rig']['kind']}, {'simulated' if self.simulated else 'real'}",
-            "indenters": ", ".join(dict.fromkeys(frames["indenter"])),
-            "presses": frames["press"].nunique(),
-            "deepest": f"{-touched['z_mm'].min():.2f} mm" if len(touched) else None,
-            "frames": len(frames),
-            "peak force": f"{normal_n.max():.2f} N" if known.any() else None,
-            "seed": self.meta["seed"] if self.simulated else None,
-        }
-        note = "" if self.finished else "not finished: go on with `run --resume`"
-        return card(f"Run of {self.meta['protocol']['name']}", rows, picture, note)
-
     def indenter(self, name: str) -> Indenter:
         """An indenter by its name in this run; a lab's own shape is as the run kept it."""
         return of_run(name, self.meta.get("shapes", {}), f"{self.folder / 'run.json'}: shapes")
@@ -348,15 +320,6 @@ class Run:
                 yield db
         except sqlite3.Error as why:
             raise RunFailed(f"{path}: the journal cannot be read: {why}") from why
-
-
-def _small(image: NDArray[np.uint8], width_px: int = 300) -> bytes:
-    """PNG of an image made smaller."""
-    import cv2
-
-    height_px = round(width_px * image.shape[0] / image.shape[1])
-    small = cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_AREA)
-    return encode_png(np.asarray(small, np.uint8))
 
 
 def open(folder: str | Path) -> Run:

@@ -114,64 +114,61 @@ def type_of(key: dict[str, Any]) -> str:
     if "anyOf" in key:
         return " or ".join(dict.fromkeys(map(type_of, key["anyOf"])))
     kind = key.get("type", "any")
+    if kind == "array" and "prefixItems" in key:
+        kinds = dict.fromkeys(map(_several, key["prefixItems"]))
+        return f"list of {len(key['prefixItems'])} {' and '.join(kinds)}"
     if kind == "array":
-        return f"list of {_entries(key)}"
+        return f"list of {_several(key['items'])}"
     if kind == "object":
         entry = key.get("additionalProperties")
         return f"table of {type_of(entry)} by name" if isinstance(entry, dict) else "table"
     return _TYPES[kind]
 
 
-def _entries(key: dict[str, Any]) -> str:
-    if "prefixItems" in key:
-        parts = key["prefixItems"]
-        kinds = {part.get("type") for part in parts}
-        return f"{len(parts)} {_TYPES[kinds.pop()]}s" if len(kinds) == 1 else "values"
-    item = key["items"]
-    if "enum" in item:
-        return ", ".join(map(literal, item["enum"]))
-    if item.get("type") == "array":
-        return f"lists of {_entries(item)}"
-    return (
-        f"{type_of(item)}s"
-        if item.get("type") in ("number", "integer", "string")
-        else type_of(item)
-    )
+def _several(key: dict[str, Any]) -> str:
+    """The type of entries: numbers, whole numbers, lists of numbers; a choice by its values."""
+    if "enum" in key:
+        return ", ".join(map(literal, key["enum"]))
+    first, *more = type_of(key).split(" of ", 1)
+    return " of ".join([first if first == "true, false" else f"{first}s", *more])
 
 
 def limits_of(key: dict[str, Any]) -> str:
     """What a value may be at least and at most, in plain words."""
     if "anyOf" in key:
-        return " or ".join(dict.fromkeys(filter(None, map(limits_of, key["anyOf"]))))
+        return _each(" or ", key["anyOf"])
     if isinstance(entry := key.get("additionalProperties"), dict):
         return limits_of(entry)
     said = []
     if key.get("type") == "array":
-        if "prefixItems" not in key and (count := _range(key, "minItems", "maxItems")):
-            said.append(f"{count} {'entry' if count.endswith(' 1') else 'entries'}")
-        parts = key.get("prefixItems") or [key.get("items", {})]
-        inner = " and ".join(dict.fromkeys(filter(None, map(limits_of, parts))))
-        if inner:
-            said.append(inner if inner.startswith("each") else f"each {inner}")
-    if count := _range(key, "minLength", "maxLength"):
-        said.append(f"{count} characters")
-    if "pattern" in key:
-        said.append(f"matches {key['pattern']}")
-    if value := _range(key, "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"):
-        said.append(value)
-    return ", ".join(said)
+        if "items" in key:
+            said.append(
+                _range(key, "minItems", "maxItems", " entries").replace(
+                    "st 1 entries", "st 1 entry"
+                )
+            )
+        inner = _each(" and ", key.get("prefixItems") or [key.get("items", {})])
+        said.append(inner if inner.startswith("each") or not inner else f"each {inner}")
+    said.append(_range(key, "minLength", "maxLength", " characters"))
+    said.append(f"matches {key['pattern']}" if "pattern" in key else "")
+    said.append(_range(key, "minimum", "maximum", "", "exclusiveMinimum", "exclusiveMaximum"))
+    return ", ".join(filter(None, said))
 
 
-def _range(key: dict[str, Any], *names: str) -> str:
-    """names: of the least and the most value, then of what it must be above and below."""
-    least, most, above, below = (*map(key.get, names), None, None)[:4]
+def _each(between: str, keys: list[dict[str, Any]]) -> str:
+    return between.join(dict.fromkeys(filter(None, map(limits_of, keys))))
+
+
+def _range(key: dict[str, Any], low: str, high: str, of: str, *beyond: str) -> str:
+    """beyond: names of what a value must be above, and below."""
+    least, most, above, below = (*map(key.get, (low, high, *beyond)), None, None)[:4]
     if least is not None and most is not None:
-        return _number(least) if least == most else f"{_number(least)} to {_number(most)}"
+        return (
+            f"{_number(least)}" if least == most else f"{_number(least)} to {_number(most)}"
+        ) + of
     words = {"above": above, "at least": least, "below": below, "at most": most}
-    return ", ".join(f"{word} {_number(v)}" for word, v in words.items() if v is not None)
+    return ", ".join(f"{word} {_number(v)}{of}" for word, v in words.items() if v is not None)
 
 
 def _number(value: float) -> str:
-    if isinstance(value, int) and value.bit_length() > 40 and value & (value - 1) == 0:
-        return f"2^{value.bit_length() - 1}"
-    return f"{value:.12g}"
+    return "2^63" if value == 2**63 else f"{value:.12g}"

@@ -61,32 +61,6 @@ def place(photos: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.slow
-def test_photographs_are_labelled_and_name_no_truth(photos: Path) -> None:
-    found = sorted(str(p.relative_to(photos)) for p in photos.rglob("*") if p.is_file())
-    assert found == [
-        "air/1.png",
-        "air/photographs.json",
-        "blank.png",
-        "contact/1.png",
-        "contact/photographs.json",
-        "photographs.json",
-        "truth/lens.toml",
-    ]
-    said = json.loads((photos / "contact" / "photographs.json").read_text())
-    assert said == {"simulated": True, "seed": 3}
-    lens, tables = load_camera(photos / "truth" / "lens.toml")
-    assert isinstance(lens, Fisheye)
-    assert (lens.cx_px, tables) == (322.0, {"simulated": {"seed": 3}})
-
-
-def test_a_photograph_comes_again_bit_for_bit(photos: Path, tmp_path: Path) -> None:
-    words = ("--board", "skin", "--seed", "3", "--out", tmp_path / "again")
-    say(rig, "photograph", photos.parent / "bench.toml", *words)
-    first = (photos / "contact" / "1.png").read_bytes()
-    assert (tmp_path / "again" / "contact" / "1.png").read_bytes() == first
-
-
 def test_from_photographs_to_a_camera_file(place: Path) -> None:
     out = place / "camera.toml"
     photos = place / "photos"
@@ -146,16 +120,6 @@ def test_what_cannot_be_used_is_one_line_and_writes_nothing(
         say(calibrate, *asked, "-o", "camera.toml")
     assert "\n" not in str(refused.value)
     assert not list(place.glob("camera*"))
-
-
-def test_the_camera_file_needs_a_place(place: Path) -> None:
-    said = say(
-        calibrate, place / "photos" / "contact", "--board", "skin", "-o", place / "camera.txt"
-    )
-    assert (said.exit_code, "ends in .toml" in said.output) == (2, True)
-    gone = place / "gone" / "camera.toml"
-    with pytest.raises(InputError, match="there is no folder"):
-        say(calibrate, place / "photos" / "contact", "--board", "skin", "-o", gone)
 
 
 @pytest.mark.parametrize(

@@ -70,12 +70,13 @@ def test_what_is_solved_ahead_is_found_again_and_by_run(tmp_path: Path) -> None:
     assert [p["between_n"] > 0 for p in told["presses"]] == [True, False]
     again = ask(protocol, rig)
     assert again.exit_code == 0
-    assert again.stdout.count("store") == 2
+    assert again.stdout.count(" yes ") == 2  # found in the store
     assert " 0 knots solved" in again.stdout
     summary = experiment.run(experiment.RunRequest(protocol, rig, tmp_path / "run"))
     assert any(note.startswith("0 contact problems solved, 4 found") for note in summary["notes"])
 
 
+@pytest.mark.slow
 def test_a_press_that_fails_is_one_line_and_exit_1(tmp_path: Path) -> None:
     # So light a touch meets a node of so coarse a grid only at odd millimetres.
     protocol, rig = files(tmp_path, positions="[[0, 0], [11, 1]]")
@@ -92,18 +93,6 @@ def test_a_press_that_fails_is_one_line_and_exit_1(tmp_path: Path) -> None:
     assert again.exit_code == 1
     assert lines[0] in again.stderr.splitlines()
     assert "0 knots solved" in again.stdout
-
-
-def test_a_press_that_no_mesh_serves_stops_no_other(tmp_path: Path) -> None:
-    protocol, rig = files(tmp_path, "hyperelastic", "[[0, 0]]")
-    text = Path(protocol).read_text()
-    Path(protocol).write_text(text.replace('["sphere:12"]', '["sphere:2", "sphere:12"]'))
-    told = ask(protocol, rig, "--jobs", "1", "--json")
-    assert told.exit_code == 1
-    small, large = json.loads(told.stdout)["presses"]
-    assert "hides between cells of 2.5 mm" in small["failure"]
-    assert large["failure"] == ""
-    assert large["done"] == large["knots"]
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -12,10 +11,8 @@ from pathlib import Path
 
 import pytest
 from called import started
-from click.testing import CliRunner
 
 from deltact_fab import record
-from deltact_fab.cli.measure import measure
 
 COMMAND = [sys.executable, "-m", "deltact_fab.cli.main", "measure"]
 
@@ -34,16 +31,6 @@ def test_a_line_of_json_an_image_with_gaps_and_origin_told(mini_run: Path) -> No
     assert {row["force_n"] for row in rows} == {None}  # nothing calibrates it, nothing is made up
 
 
-def test_lines_for_people_where_there_is_no_terminal(mini_run: Path) -> None:
-    done = CliRunner().invoke(measure, [str(mini_run)])
-    assert done.exit_code == 0, done.output
-    lines = done.output.splitlines()
-    assert "Hz" in lines[0]
-    assert "\r" not in done.output
-    n = len(record.open(mini_run).frames())
-    assert lines[-1] == f"ended after {n} images (simulated, seed 3)"
-
-
 @pytest.mark.slow
 def test_ctrl_c_ends_it_with_130_and_whole_lines(mini_run: Path) -> None:
     # Without a pipe's buffer of results in front of us: it is measuring when it is interrupted.
@@ -57,18 +44,6 @@ def test_ctrl_c_ends_it_with_130_and_whole_lines(mini_run: Path) -> None:
     assert said == ""
     rows = [json.loads(line) for line in (first + rest).splitlines()]
     assert [row["frame"] for row in rows] == list(range(len(rows)))
-
-
-@pytest.mark.slow
-def test_a_reader_that_has_enough_ends_it_without_a_word(mini_run: Path) -> None:
-    reads, writes = os.pipe()
-    words = [*COMMAND[1:], str(mini_run), "--jsonl"]
-    with started(*words, stdout=writes, stderr=subprocess.PIPE) as going:
-        os.close(writes)
-        with os.fdopen(reads) as pipe:
-            json.loads(pipe.readline())
-        _, said = going.communicate(timeout=60)
-    assert (going.returncode, said) == (1, "")
 
 
 @pytest.mark.slow

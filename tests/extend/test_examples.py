@@ -27,6 +27,7 @@ def load(name: str) -> ModuleType:
     return importlib.import_module(name)
 
 
+@pytest.mark.slow
 def test_a_part_has_the_volume_of_its_formula(tmp_path: Path) -> None:
     solid_mm3, formula_mm3 = load("build_a_part").main(tmp_path / "out")
     assert solid_mm3 == pytest.approx(formula_mm3, rel=1e-6)
@@ -34,11 +35,13 @@ def test_a_part_has_the_volume_of_its_formula(tmp_path: Path) -> None:
     assert {p.suffix for p in (tmp_path / "out").iterdir()} >= {".step", ".stl"}
 
 
+@pytest.mark.slow
 def test_larger_patches_reach_the_camera() -> None:
     kept = load("pattern_quality").main()
     assert kept == pytest.approx({0.075: 0.15, 0.15: 0.39, 0.3: 0.59}, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_run_measures_hertz_and_the_gel_s_rigid_back(tmp_path: Path) -> None:
     """A layer is stiffer than a half-space, the more so the wider the contact."""
     found = load("run_a_protocol").main(tmp_path / "out")
@@ -71,6 +74,21 @@ def test_half_the_thickness_is_stiffer_and_only_some_can_be_built() -> None:
     assert "skin-frame" in rows[10.0].refused
 
 
-def test_the_list_names_the_scripts() -> None:
-    listed = re.findall(r"^\| `(\w+)\.py", (FOLDER / "README.md").read_text(), re.M)
-    assert sorted(listed) == SCRIPTS
+@pytest.mark.slow
+def test_the_tour_runs_in_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every cell, by a kernel of its own."""
+    import nbformat
+    from nbclient import NotebookClient
+
+    monkeypatch.setenv("PYTHONPATH", str(FOLDER.parent))
+    notebook = nbformat.read(FOLDER / "tour.ipynb", as_version=4)
+    NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    said = "".join(o.get("text", "") for c in notebook.cells for o in c.get("outputs", []))
+    told = re.search(r"measured ([\d.]+) N, predicted ([\d.]+) N", said)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(float(told[2]), rel=0.05)
+    live = re.findall(r"([\d.]+) N, ([\d.]+) mm, \d+ ms", said)
+    normal_n, depth_mm = (max(map(float, column)) for column in zip(*live, strict=True))
+    assert normal_n == pytest.approx(float(told[1]), abs=0.3)
+    # The highest of all images: .56 mm for the press itself, .79 where the shear goes outwards.
+    assert depth_mm == pytest.approx(0.6, abs=0.25)

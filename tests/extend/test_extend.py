@@ -80,10 +80,12 @@ def test_a_law_leaves_no_place_without_contrast(answers: Any, home: Path) -> Non
     assert blocks.std(axis=1).min() > 70  # of 73.9; independent patches come down to 40
 
 
+@pytest.mark.slow
 def test_a_part_is_shown_with_its_inequality(answers: Any) -> None:
     assert "1 <= shell.wall_mm" in good(answers["part"])
 
 
+@pytest.mark.slow
 def test_an_indenter_is_a_part_in_any_size(answers: Any) -> None:
     assert "8" in good(answers["indenter"])
 

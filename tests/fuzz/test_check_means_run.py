@@ -92,12 +92,7 @@ def agree(numbers: range, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
 
 @pytest.mark.slow
 def test_check_passes_what_run_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert 0 < agree(range(12), tmp_path, monkeypatch) < 12
-
-
-@pytest.mark.slow
-def test_of_two_hundred_protocols(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert 30 < agree(range(1000, 1200), tmp_path, monkeypatch) < 170
+    assert 8 < agree(range(1000, 1050), tmp_path, monkeypatch) < 42
 
 
 @pytest.mark.parametrize(

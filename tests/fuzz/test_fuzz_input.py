@@ -8,13 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import wrong_input
-from wrong_input import PATTERN, TINY, VIRTUAL, Fuzz, ended, fault, stop_at_first_motion, toml
+from called import called
+from wrong_input import LIMIT_S, TINY, VIRTUAL, Fuzz, fault, limited, stop_at_first_motion, toml
 
 from deltact_fab import experiment
 from deltact_fab.analysis import tracking_error
-from deltact_fab.patterns.code import encode
-from deltact_fab.patterns.recipe import recipe_from
 from deltact_fab.report import study_folder
 from deltact_fab.report.result import Headline, StudyResult
 
@@ -32,24 +30,19 @@ def cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cases:
     headline = Headline("error", 0.3, "mm", 0.2, 0.4, "5 seeds")
     study = StudyResult("s", "S", True, 3, 0.1, headlines=(headline,), settings={"a": "b"})
     (tmp_path / "result.json").write_bytes(study_folder.contents(study)["result.json"])
-    sheet = encode(recipe_from(PATTERN, "pattern"))
     stop_at_first_motion(monkeypatch.setattr)
 
     def carried_out(numbers: range) -> Counter[str]:
         wrong, ends = [], Counter[str]()
-        fuzz = Fuzz(tmp_path / "run", sheet, light=len(numbers) < 1000)
+        fuzz = Fuzz(tmp_path / "run", light=len(numbers) < 1000)
         for number in numbers:
             folder = tmp_path / str(number)
             what, words = fuzz.prepare(number, folder)
             monkeypatch.chdir(folder)
-            try:
-                code, _, err = ended(words)
-                problem = fault(code, err, folder)
-                ends[str(code)] += 1
-            except TimeoutError as why:
-                problem = str(why)
-            except Exception as why:  # a user would see a traceback
-                problem = f"{type(why).__name__}: {why}"[:300]
+            with limited(LIMIT_S):
+                done = called(*words)
+            problem = fault(done.returncode, done.stderr, folder)
+            ends[str(done.returncode)] += 1
             if problem:
                 wrong.append(f"{number}: {what}: {' '.join(words)[:80]}: {problem}")
             monkeypatch.chdir(tmp_path)
@@ -63,35 +56,11 @@ def cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cases:
 
 @pytest.mark.slow
 def test_wrong_input_is_one_line(cases: Cases) -> None:
-    ends = cases(range(100))
-    assert ends["2"] > 50
-
-
-@pytest.mark.slow
-def test_a_thousand_wrong_inputs(cases: Cases) -> None:
-    ends = cases(range(1000, 2000))
-    assert ends["2"] > 600
-    assert ends["0"] > 20  # legal ones among them: what is drawn is not wrong beyond all measure
+    ends = cases(range(150))
+    assert ends["2"] > 75
+    assert ends["0"] > 3  # legal ones among them: what is drawn is not wrong beyond all measure
 
 
 @pytest.mark.evidence
-def test_ten_thousand_wrong_inputs(cases: Cases) -> None:
-    cases(range(10_000, 20_000))
-
-
-def test_the_judge_sees_what_is_wrong(tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
-    assert fault(2, "deltact-fab: f.toml: wrong\n", tmp_path) is None
-    assert fault(2, "a\nb\n", tmp_path) is not None
-    assert fault(2, f"deltact-fab: {'x' * 300}\n", tmp_path) is not None
-    assert fault(3, "", tmp_path) == "exit code 3"
-    (tmp_path / "out" / ".x.part").touch()
-    assert "half written" in (fault(1, "", tmp_path) or "")
-
-
-def test_every_kind_has_its_keys() -> None:
-    for kind, (model, _, _) in wrong_input.KINDS.items():
-        assert len(list(wrong_input.keys(model))) >= 4, kind
-    rig = dict(wrong_input.keys(wrong_input.VirtualConfig))
-    assert rig["virtual", "camera", "blur_px"] == [0.01, 50]
-    assert rig["stage", "travel_mm"] == [[1, 1, 1], [10_000, 10_000, 10_000]]
+def test_a_thousand_wrong_inputs(cases: Cases) -> None:
+    assert cases(range(1000, 2000))["2"] > 600

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from deltact_fab.cli.gel_fit import fit as command
+from deltact_fab.cli.gel import fit as command
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.gel.fit.fit import GelFit, fit_press

@@ -128,16 +128,3 @@ def test_measure_pattern_protocol_and_doctor_need_no_extra(
     assert said["ok"]
     state = {f["name"]: f["state"] for f in said["findings"]}
     assert (state["numpy"], state["cadquery"], state["matplotlib"]) == ("ok", "missing", "missing")
-
-
-@pytest.mark.slow
-def test_a_run_is_made_and_analysed_without_an_extra(
-    base: Path, mini: tuple[Path, Path], tmp_path: Path
-) -> None:
-    protocol, rig = map(str, mini)
-    command = ("-m", "deltact_fab.cli.main")
-    done = python(base, tmp_path, *command, "run", protocol, "--rig", rig, "--out", "run")
-    assert done.returncode == 0, done.stderr
-    done = python(base, tmp_path, *command, "analyze", "tracking", "run")
-    assert done.returncode == 0, done.stderr
-    assert "no figures: a figure needs matplotlib" in done.stderr

@@ -79,6 +79,7 @@ def test_all_is_every_extra_of_the_program() -> None:
     assert line == f"deltact-fab[{','.join(EXTRAS)}]"
 
 
+@pytest.mark.slow
 def test_the_extra_that_a_message_names_brings_the_module() -> None:
     packages = packages_distributions()
     seen = set()

@@ -140,20 +140,6 @@ def of_the_checkout(*folders: str) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
-def test_a_lab_begins_from_the_wheel(borrowed: Installed, tmp_path: Path) -> None:
-    borrowed("init", str(tmp_path))
-    mine = Installed(borrowed.environment, tmp_path)
-    mine("protocol", "new", "mine")
-    mine("protocol", "check", "mine")
-    mine("pattern", "new", "mine")
-    mine("cad", "new", "mine")
-    assert json.loads(mine("doctor", "--json"))["ok"]
-    assert json.loads(mine("schema", "protocol", "--json")) == json.loads(
-        (mine.folder / "schemas" / "protocol.json").read_text()
-    )
-
-
-@pytest.mark.slow
 def test_the_sdist_holds_what_builds_tests_and_reads_and_nothing_else(built: Path) -> None:
     with tarfile.open(next(built.glob("*.tar.gz"))) as archive:
         names = {name.split("/", 1)[1] for name in archive.getnames()}
@@ -181,43 +167,12 @@ def test_the_wheel_holds_the_package_the_catalogue_and_no_more(wheel: Path) -> N
 
 
 @pytest.mark.slow
-def test_the_environment_knows_the_wheel_and_not_the_checkout(borrowed: Installed) -> None:
-    seen = json.loads(call(borrowed.bin / "python", "-c", WHERE, cwd=borrowed.folder).stdout)
-    inside = str(borrowed.environment)
-    assert seen["package"].startswith(inside)
-    assert seen["distribution"].startswith(inside)
-    assert len(seen["shipped"]) == 4
-    assert all(folder.startswith(inside) and "_shipped" in folder for folder in seen["shipped"])
-    assert str(ROOT) not in seen["path"]
-    assert list(borrowed.folder.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_the_parts_and_protocols_are_listed(borrowed: Installed) -> None:
-    parts = [row["part"] for row in json.loads(borrowed("cad", "list", "--json"))]
-    assert {"skin", "skin-frame"} <= set(parts)
-    shown = json.loads(borrowed("protocol", "show", "smoke", "--json"))
-    assert len(shown["steps"]) > 10
-    for kind, column in (("patterns", "recipe"), ("protocols", "protocol")):
-        command = kind.removesuffix("s")
-        assert {row[column] for row in json.loads(borrowed(command, "list", "--json"))} >= {
-            p.stem for p in (ROOT / kind).glob("*.toml")
-        }
-
-
 def test_a_pattern_has_the_bytes_that_the_checkout_makes(
     borrowed: Installed, tmp_path: Path
 ) -> None:
     borrowed("pattern", "make", "dense", "-o", "x.png")
     make_pattern(load_recipe(str(ROOT / "patterns" / "dense.toml")), tmp_path / "x.png")
     assert (borrowed.folder / "x.png").read_bytes() == (tmp_path / "x.png").read_bytes()
-
-
-@pytest.mark.slow
-def test_a_short_run(borrowed: Installed) -> None:
-    (borrowed.folder / "short.toml").write_text(SHORT)
-    summary = json.loads(borrowed("run", "short.toml", "--seed", "3", "--out", "r", "--json"))
-    check_run(borrowed.folder / "r", summary["frames"])
 
 
 def check_run(folder: Path, frames: int) -> None:

@@ -42,14 +42,6 @@ def test_four_of_its_nine_places_are_solved() -> None:
     assert len(solved) == 20
 
 
-def test_of_the_small_one_no_place_is_the_image_of_another() -> None:
-    protocol, _ = plan.load("force-calibration-small")
-    places = {(abs(x), abs(y)) for x, y in protocol.positions_mm}
-    assert len(places) == len(protocol.positions_mm) >= 3
-    assert all(x and y for x, y in places)
-    assert len(protocol.indenters) == 3
-
-
 def test_a_twist_pulls_along_the_circle_about_the_centre_both_ways() -> None:
     protocol, _ = plan.load("twist")
     (ball,) = protocol.indenters

@@ -28,13 +28,6 @@ def declare(**changes: object) -> Protocol:
     return catalog.validate(Protocol, data | changes, "t.toml")
 
 
-def test_ids_are_unique_and_do_not_depend_on_what_comes_after() -> None:
-    both = [s.id for s in plan.expand(declare())]
-    first = [s.id for s in plan.expand(declare(positions_mm=[[1.0, -2.0]]))]
-    assert len(set(both)) == len(both)
-    assert both[: len(first)] == first
-
-
 def test_path_is_connected_and_returns_to_the_centre_after_each_axis() -> None:
     steps = plan.expand(declare())
     shear = [s for s in steps if s.kind == "shear"]
@@ -45,11 +38,6 @@ def test_path_is_connected_and_returns_to_the_centre_after_each_axis() -> None:
     assert shear[1].target_mm == (-1.0, -2.0, -0.5)
     assert shear[2].target_mm == (1.0, -2.0, -0.5)
     assert shear[3].target_mm == (1.0, 0.0, -0.5)
-
-
-def test_sweep_frames_follow_from_length_feed_and_rate() -> None:
-    leg = next(s for s in plan.expand(declare()) if s.id.endswith("shear-x-"))
-    assert leg.frames == round(4.0 / (30.0 / 60) * 2.0)
 
 
 def test_a_stop_is_read_once_after_settling_and_the_way_back_is_no_stop() -> None:
@@ -175,13 +163,6 @@ def test_outward_the_mirror_image_of_a_place_has_the_mirror_image_of_its_path(
         assert its[2] == mine[2]
 
 
-def test_the_amplitude_is_a_length_or_a_share_of_the_depth() -> None:
-    steps = plan.expand(declare(shear={"amplitude_of_depth": 0.4}))
-    assert [s.target_mm[0] for s in steps if s.id.startswith("sphere-10/p1/") and "x+" in s.id] == [
-        pytest.approx(1.0 + 0.4 * d) for d in (0.5, 1.0)
-    ]
-
-
 def test_outward_goes_away_from_the_centre_first() -> None:
     shear = {"amplitude_mm": 2.0, "first": "outward"}
     places = [[-1.0, 3.0], [0.0, -2.0]]
@@ -203,15 +184,6 @@ def test_what_is_kept_of_it_has_one_order_in_every_process() -> None:
     told = [protocol.model_copy(update={"channels": order}).model_dump(mode="json")["channels"]
             for order in itertools.permutations(protocol.channels)]  # fmt: skip
     assert all(channels == sorted(protocol.channels) for channels in told)
-
-
-def test_smoke_is_what_the_issue_asks_for() -> None:
-    protocol, _ = plan.load("smoke")
-    assert protocol.indenters == ("sphere:10", "4dots")
-    assert protocol.depths_mm == (1.0,)
-    assert protocol.specimen.friction == 0.5
-    assert protocol.shear is not None
-    assert protocol.shear.amplitude_mm == 3.0
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ from click.testing import CliRunner
 
 from deltact_fab.cli.main import main
 from deltact_fab.cli.study import study
-from deltact_fab.errors import InputError
 from deltact_fab.study.grid import KIND
 from deltact_fab.study.registry import STUDIES, Option, Study
 
@@ -78,8 +77,7 @@ def test_options_of_one_study_have_their_types(monkeypatch: pytest.MonkeyPatch) 
         assert told.exit_code == 2
         assert words[0] in told.output
     told = CliRunner().invoke(study, ["run", "own", "--from", "run"])
-    assert isinstance(told.exception, InputError)
-    assert str(told.exception) == "--from: the study own has no such option"
+    assert (told.exit_code, "No such option" in told.output) == (2, True)
 
 
 @pytest.mark.slow
@@ -88,7 +86,7 @@ def test_what_is_refused_is_one_line_and_nothing_is_written(tmp_path: Path) -> N
     strange.mkdir()
     (strange / "mine.txt").write_text("mine")
     for words, says in (
-        (["--scale", "0.5"], "--scale: the study tiny has no such option"),
+        (["--scale", "0.5"], "No such option"),
         (["--jobs", "0"], "Invalid value for '--jobs'"),
         (["--on", "cloud"], "--on 'cloud': expected 'local' or 'dask:tcp://HOST:PORT'"),
         (["--out", str(strange)], f"{strange}: "),

@@ -9,22 +9,16 @@ from typing import TYPE_CHECKING
 import click
 
 from ...errors import InputError
-from ..options import PATH, Named, out_file, out_folder, seed
+from ..options import PATH, out_file, out_folder, seed
 from ..output import Answer, answers, files_line, progress, save_figures, table
 
 if TYPE_CHECKING:
     from ...analysis.force import ForceResult
 
 
-def _models() -> list[str]:
-    from ...measure.force import FEATURES
-
-    return list(FEATURES)
-
-
 @click.command(epilog="Example: deltact-fab calibrate force run1 run2 -o calibration.toml")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH)
-@click.option("--model", "models", multiple=True, type=Named(_models, files=False), metavar="MODEL",
+@click.option("--model", "models", multiple=True, metavar="MODEL",
               show_default="all", help="sums, paper or inverse-placed; repeatable.")  # fmt: skip
 @click.option("--transfer", type=PATH, metavar="OTHER.toml", help="Carry another sensor's "
               "calibration over, using the few presses of RUN.")  # fmt: skip
@@ -78,18 +72,16 @@ def _lines(result: ForceResult, folder: Path) -> Iterator[str]:
         "adjusted_r2", "adjusted_r2_about_zero", "rmse_fitted",
         *(f"rmse_left_out_{split}" for split in SPLITS), "range", "percent_of_range",
     )  # fmt: skip
-    others = {one.name for one in result.judged} - {result.best.name, result.paper.name}
+    shown = {result.best.name, result.paper.name}
     rows = [
         (row["model"], f"{row['component']}, {row['unit']}", *(row.get(key) for key in keys))
         for row in result.rows()
-        if row["model"] not in others
+        if row["model"] in shown
     ]
-    yield from table(head, rows, names=2)
-    if others:
-        yield f"\nalso fitted: {', '.join(sorted(others))}; see {folder / 'force.json'}"
+    yield from table(head, rows)
     yield (
-        f"\nRMSE on the {len(result.data)} points fitted to, and on what was left out (unseen: "
-        "position and indenter together; press, point: a fifth); "
-        f"{result.calibration.head.origin}; as printed: the paper's table, on a real sensor, whose "
-        "R2 is about the mean or about 0"
+        f"\n{folder / 'force.json'} has all models; RMSE on the {len(result.data)} points "
+        "fitted to, and on what was left out (unseen: position and indenter together; press, "
+        "point: a fifth); "
+        f"{result.calibration.head.origin}; as printed: the paper's table, on a real sensor"
     )

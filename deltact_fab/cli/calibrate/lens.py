@@ -11,7 +11,7 @@ import click
 from ...errors import InputError
 from ...files import write_whole
 from ..options import DESIGN, PATH, out_file
-from ..output import Answer, answers, table
+from ..output import Answer, answers, columns_of
 
 if TYPE_CHECKING:
     from ...measure.lens import Calibration, Checkerboard
@@ -94,20 +94,11 @@ def _files(names: tuple[Path, ...]) -> list[Path]:
 
 def _lines(found: Calibration) -> Iterator[str]:
     said = found.as_dict()
-    rows = [
-        (name, p["value"], p["sigma"], p["prior"], p["prior_sigma"])
-        for name, p in said["parameters"].items()
-    ]
-    yield from table(("parameter", "value", "sigma", "prior", "prior sigma"), rows)
+    known = [{"parameter": name, **p} for name, p in said["parameters"].items()]
+    yield from columns_of(("parameter", "value", "sigma", "prior", "prior_sigma"), known)
     yield ""
-    yield from table(
-        ("image", "board", "on", "corners", "outliers", "rms_px"),
-        [
-            (i["file"], i["board"], "face" if i["contact"] else "air", i["corners"],
-             i["outliers"], i["rms_px"])
-            for i in said["images"]
-        ],
-    )  # fmt: skip
+    seen = ("file", "board", "contact", "corners", "outliers", "rms_px")
+    yield from columns_of(seen, said["images"])
     yield (
         "\nuncertainty in px of the raw image (one sigma, over 95 % of the view): "
         f"face {found.face_px:.3f}, "
