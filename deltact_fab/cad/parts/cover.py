@@ -43,13 +43,11 @@ def build(design: Design) -> Shape:
     """The cover as one solid in the sensor frame, z from the back to the bosses or the pegs."""
     cq = require()
     row, (outer_x, outer_y) = design.screw.row, design.frame_outer_mm
-    back_mm = design.z_back_mm
-    boss_mm = max(design.z_boss_mm, design.z_floor_mm)
+    back_mm, boss_mm = design.z_back_mm, design.z_boss_mm
     body = cq.Workplane().workplane(offset=back_mm).rect(outer_x, outer_y)
     body = body.extrude(boss_mm - back_mm)
-    if boss_mm > design.z_floor_mm:
-        between = without_corners((outer_x / 2 + 1, outer_y / 2 + 1), design.post_edge_mm)
-        body = body.cut(prism(between, design.z_floor_mm, boss_mm - design.z_floor_mm + 1))
+    between = without_corners((outer_x / 2 + 1, outer_y / 2 + 1), design.post_edge_mm)
+    body = body.cut(prism(between, design.z_floor_mm, boss_mm - design.z_floor_mm + 1))
     for diameter_mm, low_mm, high_mm in (
         (row.bore_mm, back_mm - 1, design.z_head_mm),
         (row.clearance_mm, back_mm, boss_mm + 1),
