@@ -63,11 +63,8 @@ def _leg(cq: Any, design: Design) -> Any:
     cover = design.cover
     low, under = design.z_floor_mm - cover.floor_mm / 2, design.z_floor_mm + design.peg_leg_mm
     # The lip is round below and conical above, down to no wider than the peg: legs find the hole.
-    radius, tip, height = (
-        cover.hole_mm / 2,
-        cover.peg_mm / 2 - cover.lip_mm,
-        cover.lip_height_mm / 2,
-    )
+    radius, tip = cover.hole_mm / 2, cover.peg_mm / 2 - cover.lip_mm
+    height = cover.lip_height_mm / 2
     at = [cq.Vector(cover.lip_mm, 0, z) for z in (under, under + height)]
     shaft = cq.Solid.makeCylinder(cover.peg_mm / 2, under - low, cq.Vector(0, 0, low))
     lip = cq.Solid.makeCylinder(radius, height, at[0])

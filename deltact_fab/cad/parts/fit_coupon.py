@@ -36,22 +36,15 @@ def box(design: Design) -> Box:
 def build(design: Design) -> Shape:
     """The coupon as one solid in its own frame, z from 0 to the peg's end."""
     coupon, (x, y) = design.fit_coupon, design.fit_coupon.outer_mm
-    base, row_y, block_x, half = (
-        coupon.base_mm,
-        coupon.row_y_mm,
-        coupon.block_x_mm,
-        coupon.block_mm / 2,
-    )
+    base, row_y, block_x = coupon.base_mm, coupon.row_y_mm, coupon.block_x_mm
     body = cuboid(around(x / 2, y / 2, 0.0, base))
     for at, size in zip(coupon.at_x_mm, coupon.sizes_mm, strict=True):
         body = body.cut(cylinders([(at, row_y)], size, -1, base + 2))
         # One more millimetre outside: a cutter does not end in the face that it opens.
-        low, high = (
-            (at - size / 2, -y / 2 - 1, -1),
-            (at + size / 2, coupon.slot_mm - y / 2, base + 1),
-        )
-        body = body.cut(cuboid((low, high)))
-    top = base + coupon.block_height_mm
+        end = coupon.slot_mm - y / 2
+        slot = ((at - size / 2, -y / 2 - 1, -1.0), (at + size / 2, end, base + 1))
+        body = body.cut(cuboid(slot))
+    top, half = base + coupon.block_height_mm, coupon.block_mm / 2
     block = cuboid(((block_x - half, row_y - half, base), (block_x + half, row_y + half, top)))
     peg = cylinders([(block_x, row_y)], coupon.peg_mm, top, coupon.peg_height_mm)
     return body.union(block).union(peg).val()

@@ -4,8 +4,8 @@
     | [] | [] | [] |        at every LED; a LED in the middle of each, pads on either side of
     +----+----+----+        a cut. The wires leave at the -x end.
 
-Frame: z = 0 is the adhesive's side, z up to the LEDs, x and y from the middle of the strip. LEDs are
-taken to be square (5050: 5 x 5).
+Frame: z = 0 is the adhesive's side, z up to the LEDs, x and y from the middle of the strip. LEDs
+are taken to be square (5050: 5 x 5).
 """
 
 from __future__ import annotations

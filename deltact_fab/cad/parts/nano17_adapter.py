@@ -1,4 +1,4 @@
-"""The ATI Nano17, the bench's force and torque sensor, and the plate between it and the tool holder.
+"""The ATI Nano17, the bench's force sensor, and the plate between it and the tool holder.
 
 Section:  +--+  +--+---------+--+  +--+   z = thickness: the sensor's tool side stands here
           |  |  |  +-+     +-+  |  |  |   three screws M2 from below, heads sunk
