@@ -36,7 +36,7 @@ def changes(draw: st.DrawFn) -> list[str]:
     return [*drawn, f"mount.kind={kind}"]
 
 
-def outcome(change: list[str], parts: tuple) -> str:
+def outcome(change: list[str], parts: list) -> str:
     """'built' with every part gated, or 'refused'; whatever else is raised fails the test."""
     try:
         design = load_design("deltact", change)
@@ -53,56 +53,38 @@ def outcome(change: list[str], parts: tuple) -> str:
 
 
 @pytest.mark.slow
-@settings(
-    max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
-)
-@given(changes(), st.sampled_from(PARTS))
-def test_random_dimensions_give_one_gated_part_or_one_line(change, part):
-    assert outcome(change, (part,)) in ("built", "refused")
-
-
-@pytest.mark.parametrize(
-    "sets",
-    [pytest.param(44, marks=pytest.mark.slow), pytest.param(220, marks=pytest.mark.evidence)],
-)
-def test_many_random_designs_give_gated_solids_or_one_line(sets):
+def test_random_designs_give_gated_solids_or_one_line():
+    """Of each set three parts in turn, so that every part is built of several."""
     seen = {"built": 0, "refused": 0}
 
     @settings(
-        max_examples=sets,
+        max_examples=30,
         deadline=None,
         derandomize=True,
         suppress_health_check=[HealthCheck.too_slow],
     )
     @given(changes())
     def each(change):
-        seen[outcome(change, PARTS)] += 1
+        start = 3 * sum(seen.values())
+        seen[outcome(change, [PARTS[(start + k) % len(PARTS)] for k in range(3)])] += 1
 
     each()
-    print(f"\n{seen['built']} sets built whole, {seen['refused']} refused")
-    assert sum(seen.values()) >= 10 * sets // 11
-    assert seen["built"] >= 2 * sets // 11, "most sets are refused: the draw tests little"
+    assert seen["built"] >= 5, f"most sets are refused, the draw tests little: {seen}"
 
 
 @pytest.mark.slow
-def test_the_draw_is_the_same_again_and_goes_far():
+def test_the_draw_of_the_benchmark_is_the_same_again_and_goes_far():
+    """`python -m benchmarks.cad_random` checks such designs on their solids by the hundred."""
     assert drawn(3) == drawn(3)
     widths = [float(drawn(i)[0].partition("=")[2]) for i in range(40)]
     assert min(widths) < 30 < 55 < max(widths)
-    assert {c for i in range(40) for c in drawn(i) if c.startswith("screw.thread")} == {
-        f"screw.thread={name}" for name in ("M1.6", "M2", "M2.5", "M3")
-    }
-
-
-def test_a_message_without_a_key_is_told_from_one_with():
     assert names_a_key("screw: 2 x thread M3 <= screw.engagement_mm: 6 <= 4.6 fails")
     assert not names_a_key("shell closes a chain: 14.5 (left)")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("index", range(1000, 1010))
+@pytest.mark.parametrize("index", range(1000, 1003))
 def test_random_designs_pass_or_name_a_key(index, tmp_path, monkeypatch):
-    """Ten of those that `python -m benchmarks.cad_random` checks by the hundred, of other seeds."""
     monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path))
     found = checked(index)
     assert found["outcome"] in ("passed", "rows", "refused"), found
