@@ -56,10 +56,7 @@ def cylinder(cq, diameter_mm, start, end):
     return cq.Solid.makeCylinder(diameter_mm / 2, axis.Length, cq.Vector(*start), axis.normalized())
 
 
-@pytest.mark.parametrize(
-    "design",
-    ["deltact", *(pytest.param(n, marks=pytest.mark.slow) for n in ("franka", "plate", "wide"))],
-)
+@pytest.mark.parametrize("design", ["deltact", pytest.param("wide", marks=pytest.mark.slow)])
 def test_every_variant_passes_the_gate_and_overlaps_nothing(design, built):
     names = ("skin", "skin-frame", "acrylic", *SHELLS)
     for a, b in itertools.combinations(names, 2):
@@ -189,12 +186,3 @@ def test_every_hole_of_mount_and_tabs_is_open_and_takes_its_head(built, cq):
         x, y = sx * (39 / 2 + table.tab_mm / 2), sy * table.hole_pitch_mm / 2
         hole = cylinder(cq, table.hole_mm - 1e-3, (x, y, -31.0), (x, y, 0.0))
         assert hole.intersect(built("deltact", "testing-shell")).Volume() < 1e-9
-
-
-def test_the_sensor_ends_where_the_design_says(built):
-    for name in ("deltact", "franka", "plate", "skin-44x40"):
-        dims = DESIGNS[name]
-        found = built(name, "shell").BoundingBox()
-        assert found.ymax - found.ymin == pytest.approx(dims.outer_mm[1], abs=1e-5)
-        assert found.xmax - found.xmin == pytest.approx(dims.outer_mm[0], abs=1e-5)
-        assert found.zmax < dims.z_front_mm

@@ -36,9 +36,11 @@ def box(design: Design) -> Box:
 def build(design: Design) -> Shape:
     """The coupon as one solid in its own frame, z from 0 to the peg's end."""
     coupon, (x, y) = design.fit_coupon, design.fit_coupon.outer_mm
-    base, row_y, block_x = coupon.base_mm, coupon.row_y_mm, coupon.block_x_mm
+    base, block_x = coupon.base_mm, coupon.block_x_mm
+    row_y = coupon.slot_mm / 2  # midway between the slots' ends and the edge
     body = cuboid(around(x / 2, y / 2, 0.0, base))
-    for at, size in zip(coupon.at_x_mm, coupon.sizes_mm, strict=True):
+    for i, size in enumerate(coupon.sizes_mm):
+        at = coupon.pitch_mm * (i + 0.5) - x / 2
         body = body.cut(cylinders([(at, row_y)], size, -1, base + 2))
         # One more millimetre outside: a cutter does not end in the face that it opens.
         end = coupon.slot_mm - y / 2
