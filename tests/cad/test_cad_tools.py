@@ -11,6 +11,7 @@ from closed_forms import held
 from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
+from deltact_fab.cad.features import features_of
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.parts import coupon_mold, mold, skin, skin_frame
@@ -123,3 +124,13 @@ def test_the_coupon_mold_holds_its_wells(changes: tuple[str, ...], cq: Any) -> N
     assert ends[0] == pytest.approx(-ends[-1])
     edge = x / 2 - ends[-1] - design.coupon.diameter_mm / 2
     assert edge == pytest.approx(design.coupon.wall_mm)
+
+
+def test_the_fit_coupon_s_holes_grow_along_x_over_their_slots(cq: Any) -> None:
+    coupon, solid = DEFAULT.fit_coupon, held(registry.find("fit-coupon"), DEFAULT)[0]
+    rounds = sorted((r for r in features_of(solid).rounds if r.hole), key=lambda r: r.low_mm)
+    assert [2 * r.radius_mm for r in rounds] == pytest.approx(coupon.sizes_mm)
+    for i, hole in enumerate(rounds):
+        x = coupon.pitch_mm * (i + 0.5) - coupon.outer_mm[0] / 2
+        assert hole.low_mm[:2] == pytest.approx((x, coupon.slot_mm / 2))
+        assert not solid.isInside(cq.Vector(x, -coupon.outer_mm[1] / 2 + 0.1, coupon.base_mm / 2))
