@@ -26,14 +26,14 @@ ON_STAGE = ("tool-holder", "nano17-adapter", "nano17")
 
 
 @dataclass(frozen=True)
-class Place:
+class PartPlace:
     """Where one piece of a part goes: index counts the pieces from 0, shift_mm moves it there."""
 
     part: Part
     index: int
     shift_mm: Shift
 
-    def up(self, by_mm: float) -> Place:
+    def up(self, by_mm: float) -> PartPlace:
         """The place higher by so much."""
         x, y, z = self.shift_mm
         return replace(self, shift_mm=(x, y, z + by_mm))
@@ -60,10 +60,10 @@ class PlacedPart:
     shift_mm: Shift
 
 
-def places(design: Design, parts: Sequence[Part]) -> list[Place]:
+def places(design: Design, parts: Sequence[Part]) -> list[PartPlace]:
     """The place of every piece of the parts."""
     return [
-        Place(part, index, shift)
+        PartPlace(part, index, shift)
         for part in parts
         for index, shift in enumerate(part.places(design))
     ]
@@ -87,7 +87,7 @@ def assemble(
 
 
 def _put(
-    design: Design, wanted: Sequence[Place], solids: Mapping[str, Any] | None
+    design: Design, wanted: Sequence[PartPlace], solids: Mapping[str, Any] | None
 ) -> list[PlacedPart]:
     ready = dict(solids or {})
     for place in wanted:
@@ -106,7 +106,7 @@ def lifted(piece: PlacedPart, shift_mm: Shift) -> PlacedPart:
 
 def on_bench(
     design: Design, indenter: Part, depth_mm: float = 0.0
-) -> tuple[list[Place], list[Place]]:
+) -> tuple[list[PartPlace], list[PartPlace]]:
     """What stands on the bench's table, and what hangs over it, the tip depth_mm in the face.
 
     The tool holder's mouth bears on the indenter's back plate, over the middle of the face.

@@ -9,20 +9,20 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations, product
 
-from ..assembly import Place, common_mm3, meet
+from ..assembly import PartPlace, common_mm3, meet
 from ..solid_gate import Box, shifted
 from .built import BuiltDesign
 
 Pair = tuple[str, str, float]
 
 
-def box_of(built: BuiltDesign, place: Place) -> Box:
+def box_of(built: BuiltDesign, place: PartPlace) -> Box:
     """The box of a piece where it stands."""
     return shifted(built.box(place.part.name), place.shift_mm)
 
 
 def shared(
-    built: BuiltDesign, some: Sequence[Place], others: Sequence[Place] | None = None
+    built: BuiltDesign, some: Sequence[PartPlace], others: Sequence[PartPlace] | None = None
 ) -> Iterator[Pair]:
     """Names of two parts and the volume in mm3 that their pieces share, where boxes meet.
 
@@ -39,6 +39,6 @@ def shared(
             yield first, second, built.fact(what, names, partial(_common_mm3, built, a, b))
 
 
-def _common_mm3(built: BuiltDesign, *pair: Place) -> float:
+def _common_mm3(built: BuiltDesign, *pair: PartPlace) -> float:
     one, other = (place.put(built.solid(place.part.name)) for place in pair)
     return common_mm3(one, other)

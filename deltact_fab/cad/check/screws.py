@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ...errors import RunFailed
-from ..assembly import Place, places
+from ..assembly import PartPlace, places
 from ..features import Round, near
 from ..parts.camera import BOARD_KEYS
 from .built import BuiltDesign
@@ -41,7 +41,7 @@ def engagement(built: BuiltDesign) -> Iterator[Row]:
         )
 
 
-def _grip_mm(built: BuiltDesign, shank: Round, place: Place, holder: str) -> float:
+def _grip_mm(built: BuiltDesign, shank: Round, place: PartPlace, holder: str) -> float:
     """How far a screw stands in its pilot. Raises RunFailed where it has none."""
     x, y, z = place.shift_mm
     holes = [c for c in built.cylinders(holder) if c.hole]

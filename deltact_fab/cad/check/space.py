@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..assembly import Place, places
+from ..assembly import PartPlace, places
 from .built import BuiltDesign
 from .pairs import box_of, shared
 from .row import Row
@@ -35,7 +35,7 @@ def envelope(built: BuiltDesign) -> Iterator[Row]:
     )
 
 
-def _sensor(built: BuiltDesign) -> list[Place]:
+def _sensor(built: BuiltDesign) -> list[PartPlace]:
     return places(built.design, [part for part in built.parts if part.group == "sensor"])
 
 
