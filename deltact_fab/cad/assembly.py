@@ -12,7 +12,7 @@ from typing import Any
 from ..errors import RunFailed
 from .build import build_part
 from .dimensions import Design
-from .kernel import guarded, require
+from .kernel import guarded
 from .part import Part, Shift
 from .registry import of_design, of_group
 from .solid_gate import VOLUME_TOLERANCE, Box
@@ -23,6 +23,27 @@ TOUCH_MM = 1e-6
 ON_TABLE = ("stage-plate", "testing-shell")
 IN_PLACE_OF = "shell"
 ON_STAGE = ("tool-holder", "nano17-adapter", "nano17")
+
+
+@dataclass(frozen=True)
+class PartPlace:
+    """Where one piece of a part goes: index counts the pieces from 0, shift_mm moves it there."""
+
+    part: Part
+    index: int
+    shift_mm: Shift
+
+    def up(self, by_mm: float) -> PartPlace:
+        """The place higher by so much."""
+        x, y, z = self.shift_mm
+        return replace(self, shift_mm=(x, y, z + by_mm))
+
+    def put(self, solid: Any) -> PlacedPart:
+        """The part's solid, from where its builder made it, in this place."""
+        from cadquery import Location
+
+        moved = solid.moved(Location(self.shift_mm))
+        return PlacedPart(self.part, self.index, moved, self.shift_mm)
 
 
 @dataclass(frozen=True)
@@ -39,6 +60,15 @@ class PlacedPart:
     shift_mm: Shift
 
 
+def places(design: Design, parts: Sequence[Part]) -> list[PartPlace]:
+    """The place of every piece of the parts."""
+    return [
+        PartPlace(part, index, shift)
+        for part in parts
+        for index, shift in enumerate(part.places(design))
+    ]
+
+
 def assemble(
     design: Design,
     explode: float = 0.0,
@@ -51,18 +81,19 @@ def assemble(
     solids: ready solids by part name, not moved yet, to use instead of building; they are not
     gated. Raises what build_part raises for the others.
     """
-    cq = require()
+    chosen = of_group("sensor", design) if parts is None else parts
+    wanted = [place.up(explode * place.part.explode_mm) for place in places(design, chosen)]
+    return _put(design, wanted, solids)
+
+
+def _put(
+    design: Design, wanted: Sequence[PartPlace], solids: Mapping[str, Any] | None
+) -> list[PlacedPart]:
     ready = dict(solids or {})
-    placed = []
-    for part in of_group("sensor", design) if parts is None else parts:
-        if part.name not in ready:
-            ready[part.name] = build_part(part, design)[0]
-        for index, (x, y, z) in enumerate(part.places(design)):
-            shift = (x, y, z + explode * part.explode_mm)
-            placed.append(
-                PlacedPart(part, index, ready[part.name].moved(cq.Location(shift)), shift)
-            )
-    return placed
+    for place in wanted:
+        if place.part.name not in ready:
+            ready[place.part.name] = build_part(place.part, design)[0]
+    return [place.put(ready[place.part.name]) for place in wanted]
 
 
 def lifted(piece: PlacedPart, shift_mm: Shift) -> PlacedPart:
@@ -73,14 +104,22 @@ def lifted(piece: PlacedPart, shift_mm: Shift) -> PlacedPart:
     return replace(piece, solid=piece.solid.moved(Location(shift_mm)), shift_mm=(x, y, z))
 
 
-def mouth_mm(indenter: Part) -> float:
-    """z of the tool holder's mouth above the tip: the back plate bears on it.
+def on_bench(
+    design: Design, indenter: Part, depth_mm: float = 0.0
+) -> tuple[list[PartPlace], list[PartPlace]]:
+    """What stands on the bench's table, and what hangs over it, the tip depth_mm in the face.
 
+    The tool holder's mouth bears on the indenter's back plate, over the middle of the face.
     Raises ValueError for what is no indenter.
     """
     if indenter.indenter is None:
         raise ValueError(f"{indenter.name}: no indenter")
-    return indenter.indenter.plate_z_mm + indenter.indenter.body.plate_mm
+    every = {part.name: part for part in of_design(design)}
+    sensor = [part for part in of_group("sensor", design) if part.name != IN_PLACE_OF]
+    standing = places(design, [*(every[name] for name in ON_TABLE), *sensor])
+    mouth_mm = indenter.indenter.plate_z_mm + indenter.indenter.body.plate_mm
+    over = [place.up(mouth_mm) for place in places(design, [every[name] for name in ON_STAGE])]
+    return standing, [place.up(-depth_mm) for place in (*places(design, [indenter]), *over)]
 
 
 def bench(
@@ -88,15 +127,10 @@ def bench(
 ) -> list[PlacedPart]:
     """The test bench: stage plate and sensor, and what hangs over it, its tip on the face.
 
-    indenter: in the tool holder, over the middle of the face. solids: as for `assemble`. Raises
-    what build_part raises.
+    solids: as for `assemble`. Raises what `on_bench` and build_part raise.
     """
-    every = {part.name: part for part in of_design(design)}
-    sensor = [part for part in of_group("sensor", design) if part.name != IN_PLACE_OF]
-    standing = [*(every[name] for name in ON_TABLE), *sensor, indenter]
-    hanging = assemble(design, 0.0, [every[name] for name in ON_STAGE], solids)
-    up = (0.0, 0.0, mouth_mm(indenter))
-    return [*assemble(design, 0.0, standing, solids), *(lifted(piece, up) for piece in hanging)]
+    standing, hanging = on_bench(design, indenter)
+    return _put(design, [*standing, *hanging], solids)
 
 
 def meet(a: Box, b: Box) -> bool:
@@ -114,10 +148,10 @@ def common_mm3(a: PlacedPart, b: PlacedPart) -> float:
     pair = f"{a.part.name} {a.index + 1} and {b.part.name} {b.index + 1}"
     # A boolean that fails returns an empty shape without an exception: that would read as 0.
     with guarded(pair):
-        both = float(
-            Shape.cast(BRepAlgoAPI_Common(a.solid.wrapped, b.solid.wrapped).Shape()).Volume()
+        both, left = (
+            float(Shape.cast(boolean(a.solid.wrapped, b.solid.wrapped).Shape()).Volume())
+            for boolean in (BRepAlgoAPI_Common, BRepAlgoAPI_Cut)
         )
-        left = float(Shape.cast(BRepAlgoAPI_Cut(a.solid.wrapped, b.solid.wrapped).Shape()).Volume())
         whole = float(a.solid.Volume())
     if not abs(both + left - whole) <= VOLUME_TOLERANCE * whole:
         raise RunFailed(

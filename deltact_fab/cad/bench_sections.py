@@ -49,16 +49,6 @@ class FitCouponDimensions(Record):
         return self.count * self.pitch_mm + self.block_mm + self.pitch_mm / 2, self.slot_mm + row
 
     @property
-    def row_y_mm(self) -> float:
-        """y of the holes and of the block, midway between the slots' ends and the edge."""
-        return self.slot_mm / 2
-
-    @property
-    def at_x_mm(self) -> tuple[float, ...]:
-        """x of the holes and slots."""
-        return tuple(self.pitch_mm * (i + 0.5) - self.outer_mm[0] / 2 for i in range(self.count))
-
-    @property
     def block_x_mm(self) -> float:
         """x of the block's middle, half a pitch from the end."""
         return self.outer_mm[0] / 2 - (self.pitch_mm + self.block_mm) / 2
@@ -204,9 +194,3 @@ class ToolDimensions(Record):
     def pin_at_mm(self) -> Point2:
         """The pin's place."""
         return self.bolt_circle_mm / 2, 0.0
-
-    @property
-    def clocking_deg(self) -> float:
-        """Turn of the stem per 0.1 mm that the two flats are out of parallel."""
-        half = math.sqrt((Indenter.stem_diameter_mm / 2) ** 2 - Indenter.stem_flat_at_mm**2)
-        return math.degrees(math.atan2(0.1, 2 * half))

@@ -8,10 +8,9 @@ can move further. No solid is built: what only solids tell, `cad check` tells of
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -31,9 +30,6 @@ THREADS = (("M1.6", 45.0), ("M2", 50.0), ("M2.5", 55.0))  # up to which longer s
 SHARE = 0.55
 FACE_MM = 10.0, 200.0
 STEPS = 400
-# Changes that a refusal tries, the smallest first.
-FACES = [1 + sign * k / 25 for k in range(1, 18) for sign in (-1, 1)]
-SHARES = [1 - k / 25 for k in range(1, 18)]
 CHEESE_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # lengths that are sold
 NEAREST = "focus, nearest"
 CORNER_RAD = math.radians(79.0)  # short of where the acrylic reflects a third
@@ -126,51 +122,27 @@ def wished(wish: Wish, base: Design) -> Design:
     try:
         return solved(wish, base)
     except Unsolved as why:
+        # No face and no share lets a lens focus nearer.
+        changes = [] if NEAREST in str(why) else list(_changes(wish))
+        changes += [(f"--camera {name}", replace(wish, camera=name)) for name in load_cameras()]
+        typed = next((typed for typed, changed in changes if _passes(changed, base)), "")
+        told = f"the smallest change that passes: {typed}" if typed else "no camera would do"
         x, y = wish.face_mm
-        ways = []
-        if NEAREST not in str(why):  # no face and no share lets a lens focus nearer
-            ways = [
-                way
-                for key, factors, changed in (
-                    ("face", FACES, _scaled),
-                    ("face", FACES, _shortened),
-                    ("share", SHARES, _seen_less),
-                )
-                if (way := _nearest(key, factors, partial(changed, wish), base))
-            ]
-        if not ways:
-            others = [name for name in load_cameras() if _passes(replace(wish, camera=name), base)]
-            ways = [(1.0, f"--camera {name}") for name in others[:1]]
-        told = f"the smallest change that passes: {min(ways)[1]}" if ways else "no camera would do"
         raise InputError(f"a face of {x:g} x {y:g} mm: {why}; {told}") from why
 
 
-def _scaled(wish: Wish, by: float) -> Wish:
-    x, y = (float(round(by * side)) for side in wish.face_mm)
-    return replace(wish, face_mm=(x, y))
+def _changes(wish: Wish) -> Iterator[tuple[str, Wish]]:
+    """Wishes that differ in face or share, as the change is typed, the smallest change first.
 
-
-def _shortened(wish: Wish, by: float) -> Wish:
-    """The longer side alone: round what is seen stands a round light."""
-    long = max(wish.face_mm)
-    x, y = (float(round(by * side)) if side == long else side for side in wish.face_mm)
-    return replace(wish, face_mm=(x, y))
-
-
-def _seen_less(wish: Wish, by: float) -> Wish:
-    return replace(wish, share=round(by * wish.share, 2))
-
-
-def _nearest(
-    key: str, factors: Sequence[float], changed: Callable[[float], Wish], base: Design
-) -> tuple[float, str] | None:
-    """By how much the first wish that passes differs, and how it is typed."""
-    for factor in factors:
-        wish = changed(factor)
-        if _passes(wish, base):
-            typed = f"{wish.share:g}" if key == "share" else "{:g}x{:g}".format(*wish.face_mm)
-            return abs(factor - 1), f"--{key} {typed}"
-    return None
+    Of the face both sides or the longer one alone: round what is seen stands a round light.
+    """
+    for k in range(1, 18):
+        for by in (1 - k / 25, 1 + k / 25):
+            for scaled in (wish.face_mm, (max(wish.face_mm),)):
+                x, y = (float(round(by * s)) if s in scaled else s for s in wish.face_mm)
+                yield f"--face {x:g}x{y:g}", replace(wish, face_mm=(x, y))
+        share = round((1 - k / 25) * wish.share, 2)
+        yield f"--share {share:g}", replace(wish, share=share)
 
 
 def _passes(wish: Wish, base: Design) -> bool:
@@ -207,7 +179,8 @@ def failures(design: Design, wish: Wish) -> Iterator[str]:
 def _made(wish: Wish, choices: Choices, base: Design) -> Design:
     """The design of a wish and of choices; raises ShapeError at the limits of a dimension."""
     width, length = wish.face_mm
-    thread = _thread(max(wish.face_mm))
+    # For a face's longer side, as the shipped designs have it.
+    thread = next((name for name, most in THREADS if max(wish.face_mm) <= most), "M3")
     design = replace(
         base,
         skin=replace(
@@ -298,11 +271,6 @@ def _held(design: Design) -> Design:
     return replace(design, cover=replace(cover, peg_y_mm=max(cover.peg_y_mm, peg_mm)))
 
 
-def _thread(side_mm: float) -> str:
-    """The thread for a face's longer side, as the shipped designs have it."""
-    return next((name for name, most in THREADS if side_mm <= most), "M3")
-
-
 def _screw_mm(design: Design) -> float:
     """The longest stock screw whose head stays inside the sensor."""
     screw = design.screw
@@ -357,21 +325,28 @@ Remedy = Callable[[Choices, Design, Wish], "Choices | None"]
 
 
 def _to_next(name: str, values: tuple[float, ...]) -> Remedy:
+    """The next larger of some values."""
+
     def moved(choices: Choices, design: Design, wish: Wish) -> Choices | None:
         larger = [value for value in values if value > getattr(choices, name)]
-        changed: dict[str, Any] = {name: larger[0]} if larger else {}
-        return replace(choices, **changed) if larger else None
+        return _with(choices, name, larger[0]) if larger else None
 
     return moved
 
 
 def _by(name: str, step: float, most: float) -> Remedy:
+    """A step further, up or down to an end."""
+
     def moved(choices: Choices, design: Design, wish: Wish) -> Choices | None:
         value = round(getattr(choices, name) + step, 2)
-        changed: dict[str, Any] = {name: value}
-        return replace(choices, **changed) if step * value <= step * most else None
+        return _with(choices, name, value) if step * value <= step * most else None
 
     return moved
+
+
+def _with(choices: Choices, name: str, value: float) -> Choices:
+    changed: dict[str, Any] = {name: value}
+    return replace(choices, **changed)
 
 
 def _more_leds(choices: Choices, design: Design, wish: Wish) -> Choices | None:

@@ -53,15 +53,6 @@ def in_its_place(design: Design) -> list[Shift]:
 
 
 @dataclass(frozen=True)
-class Flat:
-    """A polyline of a flat drawing in mm: corners (x, y, bulge as DXF has it) on a layer."""
-
-    layer: str
-    corners: tuple[tuple[float, float, float], ...]
-    closed: bool = True
-
-
-@dataclass(frozen=True)
 class Part:
     """One part.
 
@@ -84,8 +75,6 @@ class Part:
     adds, with a design's values in braces (`{d.table.screw} screws`), or what makes it. lies: how a
     printed one lies on the platform. how: what else there is to know of making it, and all there is
     of what is not printed; look_for: what to look at afterwards.
-
-    flat: what its DXF holds in place of a plate's outline, of a part that is no plate.
     """
 
     name: str
@@ -112,7 +101,6 @@ class Part:
     how: str = ""
     look_for: str = ""
     indenter: IndenterDimensions | None = None
-    flat: Callable[[Any], tuple[Flat, ...]] | None = None
 
     def source(self, design: Design) -> Any:
         """What `build`, `box` and `callouts` take."""

@@ -234,12 +234,6 @@ class LightDimensions(Record):
         return self.supply_v * (1 + self.supply_tolerance) - self.led_v + self.led_spread_v
 
     @property
-    def least_v(self) -> float:
-        """Least over the resistors = supply (1 - tolerance) - led_v - spread, at least 0: 1.6."""
-        v = self.supply_v * (1 - self.supply_tolerance) - self.led_v - self.led_spread_v
-        return max(v, 0.0)
-
-    @property
     def circuit_ohm(self) -> float:
         """All resistors = resistor + strip's own / count (in parallel): 750."""
         return self.resistor_ohm + self.strip_resistor_ohm / self.led_count
@@ -251,8 +245,9 @@ class LightDimensions(Record):
 
     @property
     def least_ma(self) -> float:
-        """Least current of all LEDs = least over the resistors / all resistors: 2.13."""
-        return self.least_v / self.circuit_ohm * 1000
+        """Least current of all LEDs, at least 0, by the supply's least and led_v's most: 2.13."""
+        v = self.supply_v * (1 - self.supply_tolerance) - self.led_v - self.led_spread_v
+        return max(v, 0.0) / self.circuit_ohm * 1000
 
     @property
     def most_ma(self) -> float:

@@ -156,7 +156,7 @@ def test_the_wiring_goes_with_the_sensor_and_is_kept(tmp_path, store_of_its_own)
     again = {f.file: f for f in _export(["sensor"], ["svg", "pdf"], tmp_path / "b")}
     assert again == files
     some = _export(["acrylic", "led-strip"], ["svg", "dxf"], tmp_path / "c")
-    assert {f.file for f in some} == {"acrylic.svg", "acrylic.dxf", "led-strip.dxf"}
+    assert {f.file for f in some} == {"acrylic.svg", "acrylic.dxf"}
 
 
 def test_applicable_formats():
@@ -164,7 +164,7 @@ def test_applicable_formats():
     assert applicable(registry.find("acrylic"), everything) == everything
     assert applicable(registry.find("mold"), everything) == ("step", "stl", "3mf", "glb")
     assert applicable(registry.find("screw"), everything) == ("step", "glb")
-    assert applicable(registry.find("led-strip"), everything) == ("step", "dxf", "glb")
+    assert applicable(registry.find("led-strip"), everything) == ("step", "glb")
 
 
 def test_a_format_that_applies_to_nothing_is_refused(tmp_path):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 import math
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from deltact_fab.cad import feasibility
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.check import fits
 from deltact_fab.cad.check.row import verified
@@ -19,7 +19,10 @@ from deltact_fab.cad.parts.light_holder import led_room_mm
 from deltact_fab.cad.registry import find, of_design
 from deltact_fab.cli.main import main
 
-SHIPPED = ("deltact", "screws-19mm", "skin-30x34", "skin-44x40", "franka")
+SHIPPED = (
+    "deltact", "screws-19mm", "skin-30x34", "skin-44x40", "franka", "fingertip-24x24",
+    "large-60x50",
+)  # fmt: skip
 
 
 def every(design: Design) -> dict[str, PlayFit]:
@@ -57,24 +60,17 @@ def test_the_default_pairs_by_hand():
 
 
 def test_a_flat_led_needs_its_sagitta_too():
-    design = load_design("deltact", ["light.led_width_mm=5", "light.led_height_mm=1.6"])
-    r = design.strip_radius_mm
-    corner = math.hypot(r - led_room_mm(design), 2.5)
-    # The back of the strip is a chord: its ends lie on the channel's wall, at the radius r.
-    back = r - led_room_mm(design) + 1.6 + design.light.strip_thickness_mm
-    assert math.hypot(back, 2.5) == pytest.approx(r)
-    assert corner > design.channel_inner_mm
-    assert led_room_mm(design) == pytest.approx(
-        1.6 + 0.3 + 14 - math.sqrt(14**2 - 2.5**2), abs=1e-4
-    )
-    assert math.isnan(led_room_mm(load_design("deltact", ["light.led_width_mm=20"]))) is False
-    wide = dataclasses.replace(design, shell=dataclasses.replace(design.shell, ledge_mm=11.0))
-    assert math.isnan(led_room_mm(wide)) is (wide.strip_radius_mm <= 2.5)
+    # The back of the strip is a chord of 5 mm, whose ends lie on the channel's wall.
+    sagitta_mm = 14 - math.sqrt(14**2 - 2.5**2)
+    assert led_room_mm(Design()) == pytest.approx(1.6 + 0.3 + sagitta_mm)
+    wide = dataclasses.replace(Design(), shell=dataclasses.replace(Design().shell, ledge_mm=17.0))
+    assert math.isnan(led_room_mm(wide))
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_pair_of_what_is_shipped_fits_at_its_limits(name):
+def test_every_rule_and_every_pair_of_what_is_shipped_holds(name):
     design = load_design(name)
+    feasibility.check(design)
     rows = list(verified([*fits.rows(design), *fits.platform(design)], design))
     assert [row.found for row in rows if not row.passed] == []
     # Nobody has measured these machines, and each row that counts on them says so.
@@ -89,24 +85,6 @@ def test_a_failing_pair_fails_the_command():
     assert told.exit_code == 1
     assert "frame in its seat, x: -0.160 to 0.240 mm" in told.output
     assert "fit at its limits (mold, skin-frame)" in str(told.exception) + told.output
-
-
-def test_drawn_lots_stay_within_the_limits_and_no_pair_that_passes_interferes():
-    rng = np.random.default_rng(11)
-    for fit in every(Design()).values():
-        room, body = (
-            sum(
-                rng.uniform(length.mean_mm - length.spread_mm, length.mean_mm + length.spread_mm, n)
-                for length in lengths
-            )
-            for lengths, n in ((fit.room, 20_000), (fit.body, 20_000))
-        )
-        play, (low, high) = room - body, fit.range_mm
-        assert fit.least_mm - 1e-9 <= low <= play.min()
-        assert play.max() <= high
-        # Not so wide that it says nothing: lots of two or three lengths come near both ends.
-        if sum(length.spread_mm > 0 for length in (*fit.room, *fit.body)) <= 3:
-            assert play.min() - low <= 0.15 * fit.spread_mm + 1e-9
 
 
 def at_limit(design: Design, **sections: dict[str, float]) -> Design:

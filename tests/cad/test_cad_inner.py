@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import math
 
-import closed_forms
-import numpy as np
 import pytest
 from closed_forms import held
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from deltact_fab.cad import feasibility, registry
+from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.kernel import require
-from deltact_fab.errors import InputError
 
 INNER = ("light-holder", "camera", "camera-screw", "camera-holder", "cover", "screw")
-VARIANTS = ("deltact", "screws-19mm", "skin-30x34", "skin-44x40", "franka")
 
 
 @pytest.fixture(scope="module")
@@ -53,109 +47,19 @@ def section_mm2(cq, solid, z_mm, thin_mm=1e-3):
     return common_mm3(solid, box) / thin_mm
 
 
-# Plane figures, against a count of points on a grid.
-
-
-@pytest.mark.parametrize(
-    ("a", "b", "apart"),
-    [(2.2, 16.8, 16.195), (2.2, 11.6, 16.195), (2.2, 14.6, 16.195), (3.0, 2.0, 0.5), (3, 3, 1.0),
-     (3.0, 2.0, 2.5), (2.0, 3.0, 1.6), (2.0, 2.0, 4.0)],
-)  # fmt: skip
-def test_common_area_of_two_circles(a, b, apart):
-    step = 0.005
-    x, y = np.meshgrid(np.arange(-a, a, step) + step / 2, np.arange(-a, a, step) + step / 2)
-    inside = (x**2 + y**2 < a**2) & ((x - apart) ** 2 + y**2 < b**2)
-    assert closed_forms.common_circles_mm2(a, b, apart) == pytest.approx(
-        np.count_nonzero(inside) * step**2, abs=4 * math.pi * a * step**1.5
-    )
-
-
-def test_band_and_segments_make_up_a_disc():
-    for half in (0.1, 1.0, 1.9):
-        whole = closed_forms.band_mm2(half, 2.0) + 2 * closed_forms.segment_mm2(half, 2.0)
-        assert whole == pytest.approx(4 * math.pi, rel=1e-12)
-    assert closed_forms.band_mm2(5.0, 2.0) == pytest.approx(4 * math.pi, rel=1e-12)
-
-
-def test_part_of_a_cone_is_the_integral_of_its_segments():
-    r = np.linspace(1.6, 1.38, 20001)
-    area = np.array([closed_forms.segment_mm2(0.18, radius) for radius in r])
-    assert closed_forms.cone_segment_mm3(0.18, 1.6, 1.38, 0.3) == pytest.approx(
-        0.3 * np.trapezoid(area, dx=1 / 20000), rel=1e-9
-    )
-
-
 # Every part.
 
 
-@pytest.mark.parametrize("name", VARIANTS)
+@pytest.mark.parametrize("name", ["deltact", "screws-19mm", "franka", "skin-44x40"])
 def test_every_part_has_an_exact_volume(name):
     design = load_design(name)
     for part in INNER:
         held(registry.find(part), design)
 
 
-RANGES = {
-    "skin.width_mm": (34, 50),
-    "skin.length_mm": (32, 46),
-    "shell.wall_mm": (1, 2.5),
-    "screw.length_mm": (15, 20),
-    "light.channel_mm": (1, 3),
-    "light.floor_mm": (1.4, 2.5),
-    "light.slot_mm": (0.5, 10),
-    "camera.hole_pitch_x_mm": (8, 22),
-    "camera.hole_edge_mm": (1.5, 4),
-    "camera.board_mm": (0.7, 1.6),
-    "holder.head_clearance_mm": (0.05, 1.5),
-    "holder.clearance_mm": (2.8, 4),
-    "cover.peg_mm": (2.5, 3.5),
-    "cover.peg_y_mm": (3, 9),
-    "cover.slot_mm": (0.4, 1),
-    "cover.lip_mm": (0.05, 0.15),
-    "cover.floor_mm": (1, 2),
-}
-
-
-@st.composite
-def changes(draw):
-    """One to three dimensions, to a tenth: round numbers are where faces meet by chance."""
-    keys = draw(st.lists(st.sampled_from(sorted(RANGES)), min_size=1, max_size=3, unique=True))
-    return [f"{key}={round(draw(st.floats(*RANGES[key])), DIGITS.get(key, 1))!r}" for key in keys]
-
-
-DIGITS = {"holder.head_clearance_mm": 2, "cover.lip_mm": 2}
-
-
-def gated_or_refused(changes):
-    """Whether the rules accept the design; every inner part then passes the gate."""
-    design = load_design("deltact", changes)
-    if not all(rule.holds for rule in feasibility.rules(design)):
-        with pytest.raises(InputError, match="fails"):
-            build_part(registry.find(INNER[0]), design)
-        return False
-    for name in INNER:
-        held(registry.find(name), design)
-    return True
-
-
-@pytest.mark.slow
-@settings(max_examples=8, deadline=None, derandomize=True, database=None)
-@given(changes())
-def test_a_changed_dimension_gives_a_gated_solid_or_a_refusal(cq, changes):
-    gated_or_refused(changes)
-
-
-@pytest.mark.evidence
-@settings(max_examples=200, deadline=None, derandomize=True, database=None)
-@given(changes())
-def test_two_hundred_changed_designs(cq, changes):
-    gated_or_refused(changes)
-
-
 # Light holder.
 
 
-@pytest.mark.slow
 def test_the_channel_is_open_in_front_and_the_slot_at_minus_y(cq, design, solids):
     ring, floor = solids["light-holder"], design.z_board_front_mm + design.light.floor_mm
     radius, strip = design.light_radius_mm, design.strip_radius_mm
@@ -192,18 +96,6 @@ def test_the_heads_stand_free_in_the_floor(cq, design, solids):
         assert common_mm3(ring, higher) > 1e-2
 
 
-def test_heads_that_miss_the_ring_leave_its_floor_whole(cq):
-    large = load_design("deltact", ["skin.width_mm=60", "skin.length_mm=60"])
-    away = max(math.hypot(x, y) for x, y in large.camera_screw_centres_mm)
-    assert away + large.head_relief_mm < large.light_bore_mm
-    ring = build_part(registry.find("light-holder"), large)[0]
-    radius, lips = large.light_radius_mm, large.peg_relief_mm
-    floor_mm2 = math.pi * (radius**2 - large.light_bore_mm**2)
-    # The lips of the pegs, further out, do meet it.
-    floor_mm2 -= 4 * closed_forms.common_circles_mm2(lips, radius, math.hypot(*large.peg_at_mm))
-    assert section_mm2(cq, ring, large.z_board_front_mm + 0.5) == pytest.approx(floor_mm2)
-
-
 # Camera and its holder.
 
 
@@ -222,19 +114,15 @@ def test_screws_find_the_holes_of_board_and_holder(cq, design, solids):
         )
 
 
-def test_the_lens_stands_on_the_axis_and_the_connector_at_the_cable_s_edge(cq, design, solids):
+def test_the_lens_stands_on_the_axis_and_connector_and_cable_at_minus_y(cq, design, solids):
     cam, camera = design.camera, solids["camera"]
     lens = section_mm2(cq, camera, design.z_lens_mm - 1)
     assert lens == pytest.approx(math.pi / 4 * cam.lens_diameter_mm**2, rel=1e-6)
     assert camera.isInside(cq.Vector(cam.lens_diameter_mm / 2 - 0.01, 0, design.z_lens_mm - 0.01))
     deep = design.z_board_back_mm - cam.connector_height_mm + 0.01
-    assert camera.isInside(cq.Vector(0, cam.board_bottom_mm + 0.01, deep))
-    assert not camera.isInside(
-        cq.Vector(0, cam.board_bottom_mm + cam.connector_length_mm + 0.01, deep)
-    )
-
-
-def test_the_cable_leaves_the_holder_towards_minus_y(cq, design, solids):
+    for beyond, inside in ((0.01, True), (cam.connector_length_mm + 0.01, False)):
+        at = cq.Vector(0, cam.board_bottom_mm + beyond, deep)
+        assert camera.isInside(at) is inside
     half, top = design.holder_window_half_mm, design.holder_window_top_mm
     path = cq.Solid.makeBox(
         2 * half - 0.01, top + 100, design.holder.clearance_mm,

@@ -16,11 +16,19 @@ from deltact_fab.errors import InputError
 from deltact_fab.lab import design as write
 
 BASE = load_design()
-CAMERAS = ("imx219-200", "rpi-camera-2", "rpi-camera-3-wide", "arducam-b0152", "innomaker-u20cam")
-FACES = ("20x20", "24x24", "28x40", "30x30", "36x34", "44x40", "50x50", "60x50", "60x60", "80x60")
+SLOW = pytest.mark.slow
 
 
-@pytest.mark.parametrize(("face", "camera"), [*zip(FACES, 2 * CAMERAS, strict=True)])
+@pytest.mark.parametrize(
+    ("face", "camera"),
+    [
+        ("24x24", "innomaker-u20cam"),
+        ("36x34", "imx219-200"),
+        ("30x30", "arducam-b0152"),
+        pytest.param("28x40", "rpi-camera-3-wide", marks=SLOW),
+        pytest.param("60x50", "rpi-camera-2", marks=SLOW),
+    ],
+)
 def test_a_wish_gives_a_design_on_which_all_arithmetic_holds(face, camera):
     wish = wish_of(face, camera=camera)
     design = solved(wish, BASE)
@@ -32,19 +40,18 @@ def test_a_wish_gives_a_design_on_which_all_arithmetic_holds(face, camera):
 
 
 @pytest.mark.parametrize(
-    ("face", "share", "camera"),
+    ("face", "share", "camera", "key"),
     [
-        ("10x60", 0.55, None),
-        ("16x16", 0.55, None),
-        ("36x34", 0.9, None),
-        ("36x34", 0.55, "rpi-camera-3"),
+        ("36x34", 0.55, "rpi-camera-3", "camera"),  # no face lets it focus nearer
+        pytest.param("17x17", 0.55, None, "face", marks=SLOW),
+        pytest.param("36x34", 0.77, None, "share", marks=SLOW),
     ],
 )
-def test_a_refusal_names_a_change_that_passes(face, share, camera):
-    with pytest.raises(InputError, match=r"the smallest change that passes: --") as told:
+def test_a_refusal_names_a_change_that_passes(face, share, camera, key):
+    with pytest.raises(InputError, match=rf"the smallest change that passes: --{key} ") as told:
         wished(wish_of(face, share, camera), BASE)
-    key, value = re.search(r"--(face|share|camera) (\S+)$", str(told.value)).groups()
-    typed = {"face": face, "share": share, "camera": camera} | {key: value}
+    typed = {"face": face, "share": share, "camera": camera}
+    typed |= {key: str(told.value).rpartition(" ")[2]}
     mended = wish_of(typed["face"], float(typed["share"]), typed["camera"])
     assert list(failures(solved(mended, BASE), mended)) == []
 
@@ -52,9 +59,7 @@ def test_a_refusal_names_a_change_that_passes(face, share, camera):
 @pytest.mark.parametrize(
     ("face", "share", "says"),
     [
-        ("60", 0.55, "--face '60': expected two sides in mm, as in 60x50"),
-        ("60x", 0.55, "--face '60x': expected two sides"),
-        ("nanx50", 0.55, "expected sides of 10 to 200 mm"),
+        ("60x", 0.55, "--face '60x': expected two sides in mm, as in 60x50"),
         ("60x500", 0.55, "expected sides of 10 to 200 mm"),
         ("60x50", 1.5, "--share 1.5: expected 0.05 to 0.95"),
     ],
@@ -73,11 +78,11 @@ def test_the_file_states_what_differs_from_its_base_and_gives_the_same_design(tm
     assert "\n#wall_mm = 1.5\n" in text
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("face", "camera"), [("24x24", CAMERAS[4]), ("80x60", CAMERAS[1])])
-def test_a_solved_design_passes_every_check_on_its_solids(face, camera):
+@SLOW
+def test_a_solved_design_passes_every_check_on_its_solids():
     one = IndenterList(indenter=(ListedIndenter("sphere:10"),))
-    rows = check.run(solved(wish_of(face, camera=camera), BASE), indenters=one)
+    wish = wish_of("24x24", camera="innomaker-u20cam")
+    rows = check.run(solved(wish, BASE), indenters=one)
     assert [row for row in rows if not row.passed] == []
 
 
@@ -86,6 +91,5 @@ def test_a_board_without_holes_is_bonded_and_takes_no_screws():
     design = solved(wish_of("36x34"), bare)
     assert design.holder.screw == "none"
     assert "camera-screw" not in [part.name for part in of_design(design)]
-    assert "camera-screw" in [part.name for part in of_design(BASE)]
     # It lies further off the middle than screws would have it.
     assert off_axis(design)[0].mean_mm > off_axis(BASE)[0].mean_mm

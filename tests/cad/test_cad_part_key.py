@@ -18,7 +18,7 @@ from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.drafting.drawing import drawing
 from deltact_fab.cad.export.stored import BESIDE_DRAWINGS
-from deltact_fab.cad.part_key import KIND, Facts, part_key
+from deltact_fab.cad.part_key import Facts, part_key
 from deltact_fab.cad.registry import find, listed, of_design
 
 LIST = IndenterList(indenter=(ListedIndenter("sphere:10"),))
@@ -82,7 +82,9 @@ def unread(part, design):
     }
 
 
-@pytest.mark.parametrize("changes", [(), ("mount.kind=franka",), ("mount.kind=plate",)])
+@pytest.mark.parametrize(
+    "changes", [(), pytest.param(("mount.kind=franka",), marks=pytest.mark.slow)]
+)
 def test_a_part_reads_no_more_than_it_declares(changes):
     design = load_design("deltact", changes)
     assert {part.name: found for part in of_design() if (found := unread(part, design))} == {}
@@ -123,7 +125,7 @@ def test_a_fact_is_found_again_and_what_raised_is_not_kept():
     assert found(2) == ([1, [2, 3]], ["a"])
 
 
-def test_a_damaged_file_and_other_code_count_as_none(monkeypatch):
+def test_other_code_finds_none_of_it(monkeypatch):
     def found():
         facts = Facts()
         facts.found("a", 1, lambda: "one")
@@ -131,12 +133,6 @@ def test_a_damaged_file_and_other_code_count_as_none(monkeypatch):
         return facts.computed
 
     assert [found(), found()] == [["a"], []]
-    (entry,) = cache.user_folder().joinpath(KIND).iterdir()
-    whole = entry.read_bytes()
-    for damaged in (b"", whole[:-9], whole.replace(b"one", b"two")):
-        entry.write_bytes(damaged)
-        assert found() == ["a"]
-    assert found() == []
     monkeypatch.setattr(digest, "of", lambda *_, **_package: "other")
     assert found() == ["a"]
 
@@ -157,19 +153,20 @@ def _ran(changes):
     return rows, set(facts.computed)
 
 
-CHANGES = (
-    ["cover.strain_limit=0.03"],
-    ["mold.web_mm=9"],
-    ["skin.width_mm=37"],
-    ["mount.kind=franka"],
-)
+CODE = """
+import sys
+from deltact_fab.cad import check
+from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
+one = IndenterList(indenter=(ListedIndenter("sphere:10"),))
+rows = check.run(load_design(), indenters=one, cached=True)
+print("cadquery" in sys.modules, all(row.passed for row in rows), len(rows) > 100)
+"""
 
 
 @pytest.mark.slow
-def test_rows_from_the_cache_are_those_of_a_fresh_run():
+def test_rows_from_the_cache_are_those_of_a_fresh_run_and_need_no_kernel():
     first, _ = _ran([])
-    assert first == of_built(BuiltDesign(load_design(), tuple(listed(LIST))))
-    for change in CHANGES:
+    for change in (["skin.width_mm=37"], ["mount.kind=franka"]):
         rows, ran = _ran(change)
         fresh = BuiltDesign(load_design("deltact", change), tuple(listed(LIST)))
         assert rows == of_built(fresh), change
@@ -180,22 +177,7 @@ def test_rows_from_the_cache_are_those_of_a_fresh_run():
     assert web
     assert all("mold" in name for name in web)
     assert _ran([]) == (first, set())
-
-
-@pytest.mark.slow
-def test_an_unchanged_design_needs_no_kernel(folder):
-    """A second process says the same without having imported cadquery."""
-    code = (
-        "import sys\n"
-        "from deltact_fab.cad import check\n"
-        "from deltact_fab.cad.design import load_design\n"
-        "rows = check.run(load_design(), cached=True)\n"
-        "print('cadquery' in sys.modules, rows)\n"
-    )
+    # Another process says the same without having imported cadquery.
     root = Path(__file__).parents[2]
-    first, again = (
-        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=root)
-        for _ in range(2)
-    )
-    assert first.stdout.startswith("True"), first.stderr
-    assert again.stdout == first.stdout.replace("True", "False", 1)
+    told = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, cwd=root)
+    assert told.stdout == "False True True\n", told.stderr

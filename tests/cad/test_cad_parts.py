@@ -4,28 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 
-import numpy as np
 import pytest
-from closed_forms import held, indenter_mm3
+from closed_forms import held
 
 from deltact_fab.cad import feasibility, registry, solid_gate
 from deltact_fab.cad.build import build_part
-from deltact_fab.cad.design import (
-    IndenterBody,
-    IndenterDimensions,
-    IndenterList,
-    load_design,
-    load_indenters,
-)
+from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.kernel import guarded, require
-from deltact_fab.cad.parts import indenter as indenter_part
 from deltact_fab.errors import InputError, RunFailed
-from deltact_fab.shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip
-from deltact_fab.shapes.bounded import ShapeError
-from deltact_fab.shapes.indenter import parse
 
 DEFAULT = Design()
 PAIR = tuple(registry.find(name) for name in ("skin", "skin-frame"))
@@ -40,34 +28,6 @@ def cq():
 def solids(cq):
     """The default skin and frame, gated."""
     return {part.name: build_part(part, DEFAULT)[0] for part in PAIR}
-
-
-def test_the_shipped_design_is_the_paper_s():
-    dims = load_design()
-    assert dims == DEFAULT
-    assert dims.frame_outer_mm == (39.0, 40.0)
-    assert np.allclose(dims.screw_centres_mm[-1], (16.225, 16.725))
-
-
-def test_a_design_file_with_a_wrong_key_is_one_line(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text("[frame]\npost = 6.0\n")
-    with pytest.raises(InputError, match=r"mine\.toml: frame\.post: unknown key"):
-        load_design(str(path))
-
-
-def test_an_indenter_list_names_its_file(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text('[[indenter]]\nname = "cube:3"\n')
-    with pytest.raises(InputError, match=r"mine\.toml: indenter 'cube:3': unknown"):
-        load_indenters(str(path))
-    for once, again in (("sphere:10", "sphere:10.0"), ("star", "star:9")):
-        path.write_text(f'[[indenter]]\nname = "{once}"\n[[indenter]]\nname = "{again}"\n')
-        with pytest.raises(InputError, match=f"'{once}': listed twice"):
-            load_indenters(str(path))
-    path.write_text("[body]\nshank_mm = 3.0\n")
-    with pytest.raises(InputError, match=r"mine\.toml: body\.shank_mm: unknown key"):
-        load_indenters(str(path))
 
 
 def test_skin_and_frame_share_no_volume_and_leave_no_gap(solids, cq):
@@ -122,25 +82,13 @@ def test_other_dimensions_pass_the_gate(changes, cq):
         held(part, dims)
 
 
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        (["shell.wall_mm=9"], r"room between the posts in x: 0 < -4\.1 fails"),
-        (["frame.seat_y_mm=3"], r"pocket in y < half the frame in y: 20 < 20 fails"),
-        (["screw.engagement_mm=7"], r"screw\.tip_clearance_mm <= frame height - shell\.wall_mm: 8"),
-    ],
-)
-@pytest.mark.parametrize("part", PAIR, ids=lambda part: part.name)
-def test_a_broken_inequality_is_told_before_the_kernel_runs(changes, says, part, monkeypatch):
-    def no_kernel(*_):
+def test_a_broken_inequality_is_told_before_the_kernel_runs():
+    def no_kernel(_):
         raise AssertionError("the kernel ran")
 
-    monkeypatch.setattr(f"{part.build.__module__}.require", no_kernel)
-    dims = load_design("deltact", changes)
-    told = [f"{r.part}: {r.text} fails" for r in feasibility.rules(dims) if not r.holds]
-    assert any(re.search(says, line) for line in told), told
-    with pytest.raises(InputError, match=re.escape(told[0])):
-        build_part(part, dims)
+    part = dataclasses.replace(PAIR[1], build=no_kernel)
+    with pytest.raises(InputError, match=r"room between the posts in x: 0 < -4\.1 fails"):
+        build_part(part, load_design("deltact", ["shell.wall_mm=9"]))
 
 
 def test_what_the_kernel_raises_becomes_one_line(cq):
@@ -167,27 +115,6 @@ def test_the_gate_stops_what_the_kernel_returns_in_silence(cq):
     for says, shape in wrong.items():
         with pytest.raises(RunFailed, match=f"^box: .*{says}"):
             solid_gate.gate("box", shape, unit)
-
-
-NONSENSE = {
-    "a hole off the part": lambda w: _box(w).faces(">Z").workplane().center(20, 0).hole(2),
-    "a wall thicker than the part": lambda w: _box(w).shell(-25),
-    "a side that is NaN": lambda w: _box(w, math.nan),
-    "a fillet at its limit": lambda w: _box(w).edges().fillet(5.0),
-    "a fillet of 1e-7": lambda w: _box(w).edges().fillet(1e-7),
-}
-
-
-def _box(workplane, side_mm=10.0):
-    return workplane.box(side_mm, side_mm, side_mm)
-
-
-@pytest.mark.parametrize("make", NONSENSE.values(), ids=NONSENSE)
-def test_guard_and_gate_refuse_what_the_kernel_makes_of_nonsense(cq, make):
-    """A builder's way: the kernel raises, or returns something that only the gate can tell."""
-    wanted = (-5.0, -5.0, 0.0), (5.0, 5.0, 9.0)
-    with pytest.raises(RunFailed, match=r"^trial"), guarded("trial"):
-        solid_gate.gate("trial", make(cq.Workplane()).val(), wanted)
 
 
 BOUGHT_BY_SIZE = ("light.strip_width_mm",)
@@ -227,78 +154,3 @@ def test_every_part_of_a_scaled_design_has_its_volume(factor, cq):
     design = _scaled(factor)
     for part in registry.of_design():
         held(part, design)
-
-
-def _underside_mm(solid, x_mm, y_mm):
-    """Lowest z at which a ray along +z from below meets the solid, inf for a miss."""
-    from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
-    from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
-
-    ray = IntCurvesFace_ShapeIntersector()
-    ray.Load(solid.wrapped, 1e-9)
-    low = np.full(len(x_mm), np.inf)
-    for i, (x, y) in enumerate(zip(x_mm, y_mm, strict=True)):
-        ray.Perform(gp_Lin(gp_Pnt(x, y, -10.0), gp_Dir(0, 0, 1)), 0.0, 200.0)
-        hits = [ray.Pnt(k).Z() for k in range(1, ray.NbPnt() + 1)]
-        low[i] = min(hits, default=np.inf)
-    return low
-
-
-UNEVEN = Indenter("uneven", (SphereTip(-3.0, 0.0, 2.0), SphereTip(0.5, 1.0, 3.0)))
-# Off the axis, and not of the default proportions.
-MIXED = Indenter(
-    "mixed",
-    (
-        RidgeTip(-4.0, 1.0, 0.5, 0.8, 3.0, flank_deg=50.0),
-        EllipsoidTip(0.0, -2.5, 2.0, 2.4),
-        PrismTip(4.8, 2.0, 3, 2.5, 1.1, 0.4, 0.9, 0.35),
-    ),
-)
-NAMES = (
-    *("sphere:10", "sphere:4", "sphere:22", "4dots", "2dots", "edges", "ellipsoid", "hexprism"),
-    *("star", "4dots:5", "edges:5", "edges:20", "ellipsoid:20", "hexprism:5", "star:5", "star:20"),
-)
-
-
-@pytest.mark.parametrize("shape", [*map(parse, NAMES), UNEVEN, MIXED], ids=lambda shape: shape.name)
-def test_the_underside_is_the_height_field(shape, cq):
-    dims = IndenterDimensions(shape, IndenterBody())
-    solid, found = solid_gate.gate(shape.slug, indenter_part.build(dims), indenter_part.box(dims))
-    low, high = indenter_mm3(dims)
-    assert low * (1 - 1e-6) <= found.volume_mm3 <= high * (1 + 1e-6)
-    assert shape is UNEVEN or low == high
-    rng = np.random.default_rng(11)
-    hx, hy = indenter_part.plate_half_mm(dims)
-    x, y = rng.uniform(-1.05 * hx, 1.05 * hx, 600), rng.uniform(-1.05 * hy, 1.05 * hy, 600)
-    field, found = shape.height_mm(x, y), _underside_mm(solid, x, y)
-    tips = np.isfinite(field)
-    assert 50 < tips.sum() < 600
-    assert np.abs(found[tips] - field[tips]).max() < 1e-6
-    assert found[~tips].min() > dims.plate_z_mm - 1e-9
-    assert dims.plate_z_mm == shape.reach_mm
-
-
-def test_the_body_s_numbers_reach_the_solid(cq):
-    known = IndenterList(IndenterBody(plate_mm=2.5))
-    _, found = build_part(registry.find("sphere:10", known), DEFAULT)
-    assert found.box_mm[1][2] == pytest.approx(12.0 + 2.5 + 20.0)
-
-
-def test_a_tip_longer_than_its_free_length_is_told_before_the_kernel_runs():
-    with pytest.raises(ShapeError, match=r"equator_mm < reach_mm: 13 < 12 fails"):
-        IndenterDimensions(Indenter("short", (SphereTip(0, 0, 13.0),)), IndenterBody())
-
-
-@pytest.mark.parametrize("name", ["4dots", "2dots", "edges", "ellipsoid", "hexprism", "star"])
-def test_the_plate_covers_the_tips(name, cq):
-    dims = IndenterDimensions(parse(name), IndenterBody())
-    solid = indenter_part.build(dims)
-    hx, hy = dims.indenter.footprint_half_mm
-    x, y = (v.ravel() for v in np.meshgrid(np.linspace(-hx, hx, 21), np.linspace(-hy, hy, 21)))
-    below = np.isfinite(dims.indenter.height_mm(x, y))
-    middle = dims.plate_z_mm + dims.body.plate_mm / 2
-    assert all(
-        solid.isInside(cq.Vector(a, b, middle), 1e-6)
-        for a, b in zip(x[below], y[below], strict=True)
-        if abs(a) < hx and abs(b) < hy
-    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from closed_forms import held
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -10,7 +11,6 @@ from benchmarks.cad_random import drawn, names_a_key, numbers
 from benchmarks.cad_random import outcome as checked
 from deltact_fab import cache
 from deltact_fab.cad import feasibility
-from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.registry import of_design
 from deltact_fab.errors import InputError
@@ -36,8 +36,8 @@ def changes(draw: st.DrawFn) -> list[str]:
     return [*drawn, f"mount.kind={kind}"]
 
 
-def outcome(change: list[str], parts: tuple) -> str:
-    """'built' with every part gated, or 'refused'; whatever else is raised fails the test."""
+def outcome(change: list[str], parts: list) -> str:
+    """'built' with each part gated and of its closed form's volume, or 'refused'."""
     try:
         design = load_design("deltact", change)
         feasibility.check(design)
@@ -46,64 +46,43 @@ def outcome(change: list[str], parts: tuple) -> str:
     if not all(fit.holds for part in PARTS for fit in part.fits(design)):
         return "refused"  # by a row that names its key
     for part in parts:
-        solid, found = build_part(part, design)
-        assert solid.isValid()
-        assert found.volume_mm3 > 0
+        held(part, design)
     return "built"
 
 
 @pytest.mark.slow
-@settings(
-    max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
-)
-@given(changes(), st.sampled_from(PARTS))
-def test_random_dimensions_give_one_gated_part_or_one_line(change, part):
-    assert outcome(change, (part,)) in ("built", "refused")
-
-
-@pytest.mark.parametrize(
-    "sets",
-    [pytest.param(44, marks=pytest.mark.slow), pytest.param(220, marks=pytest.mark.evidence)],
-)
-def test_many_random_designs_give_gated_solids_or_one_line(sets):
+def test_random_designs_give_gated_solids_or_one_line():
+    """Of each set three parts in turn, so that every part is built of several."""
     seen = {"built": 0, "refused": 0}
 
     @settings(
-        max_examples=sets,
+        max_examples=30,
         deadline=None,
         derandomize=True,
         suppress_health_check=[HealthCheck.too_slow],
     )
     @given(changes())
     def each(change):
-        seen[outcome(change, PARTS)] += 1
+        start = 3 * sum(seen.values())
+        seen[outcome(change, [PARTS[(start + k) % len(PARTS)] for k in range(3)])] += 1
 
     each()
-    print(f"\n{seen['built']} sets built whole, {seen['refused']} refused")
-    assert sum(seen.values()) >= 10 * sets // 11
-    assert seen["built"] >= 2 * sets // 11, "most sets are refused: the draw tests little"
+    assert seen["built"] >= 5, f"most sets are refused, the draw tests little: {seen}"
 
 
 @pytest.mark.slow
-def test_the_draw_is_the_same_again_and_goes_far():
+def test_the_draw_of_the_benchmark_is_the_same_again_and_goes_far():
+    """`python -m benchmarks.cad_random` checks such designs on their solids by the hundred."""
     assert drawn(3) == drawn(3)
     widths = [float(drawn(i)[0].partition("=")[2]) for i in range(40)]
     assert min(widths) < 30 < 55 < max(widths)
-    assert {c for i in range(40) for c in drawn(i) if c.startswith("screw.thread")} == {
-        f"screw.thread={name}" for name in ("M1.6", "M2", "M2.5", "M3")
-    }
-
-
-def test_a_message_without_a_key_is_told_from_one_with():
     assert names_a_key("screw: 2 x thread M3 <= screw.engagement_mm: 6 <= 4.6 fails")
     assert not names_a_key("shell closes a chain: 14.5 (left)")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("index", range(1000, 1010))
-def test_random_designs_pass_or_name_a_key(index, tmp_path, monkeypatch):
-    """Ten of those that `python -m benchmarks.cad_random` checks by the hundred, of other seeds."""
+def test_a_random_design_passes_or_names_a_key(tmp_path, monkeypatch):
     monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path))
-    found = checked(index)
+    found = checked(1000)
     assert found["outcome"] in ("passed", "rows", "refused"), found
     assert found.get("named", True), found

@@ -17,8 +17,6 @@ from deltact_fab.cad.sensor_sections import CameraDimensions, ScrewDimensions
 from deltact_fab.errors import InputError
 from deltact_fab.shapes.bounded import ShapeError
 
-VARIANTS = ("deltact", "screws-19mm", "skin-30x34", "skin-44x40", "franka")
-
 
 def broken(*changes: str) -> list[str]:
     """Rules that fail for the default design with changes."""
@@ -41,14 +39,6 @@ def test_the_shipped_design_closes_as_the_paper_s():
     assert design.skin_volume_mm3 == pytest.approx(14140.63, abs=0.01)
 
 
-@pytest.mark.parametrize("name", VARIANTS)
-def test_every_rule_holds_for_what_is_shipped(name):
-    design = load_design(name)
-    assert [r.text for r in feasibility.rules(design) if not r.holds] == []
-    assert design.outer_mm[0] <= design.envelope.width_mm
-    assert design.outer_mm[1] <= design.envelope.length_mm
-
-
 def test_a_variant_takes_from_its_base_what_it_leaves_out(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "cad").mkdir()
@@ -59,17 +49,17 @@ def test_a_variant_takes_from_its_base_what_it_leaves_out(tmp_path, monkeypatch)
     assert (design.skin.width_mm, design.skin.length_mm) == (40.0, 33.0)
 
 
-def test_a_design_that_is_its_own_base_is_refused(tmp_path):
+def test_a_design_file_that_is_wrong_is_one_line(tmp_path):
     mine, other = tmp_path / "mine.toml", tmp_path / "other.toml"
-    mine.write_text(f'base = "{other}"\n')
     other.write_text(f'base = "{mine}"\n')
-    with pytest.raises(InputError, match=r"mine\.toml: base: .* own base"):
-        load_design(str(mine))
-    mine.write_text("base = 3\n")
-    with pytest.raises(
-        InputError, match=r"mine\.toml: base: expected the name of a design .*got 3"
+    for text, says in (
+        (f'base = "{other}"\n', r"mine\.toml: base: .* own base"),
+        ("base = 3\n", r"mine\.toml: base: expected the name of a design .*got 3"),
+        ("[frame]\npost = 6.0\n", r"mine\.toml: frame\.post: unknown key"),
     ):
-        load_design(str(mine))
+        mine.write_text(text)
+        with pytest.raises(InputError, match=says):
+            load_design(str(mine))
 
 
 def test_set_changes_numbers_words_and_lists():
@@ -87,8 +77,6 @@ def test_set_changes_numbers_words_and_lists():
     ("change", "says"),
     [
         ("skin.width_mm", "expected section.key=value"),
-        ("width_mm=3", "expected section.key=value"),
-        ("skin.width_mm=", "expected section.key=value"),
         ("skin.widht_mm=44", "skin.widht_mm: unknown key; did you mean 'width_mm'"),
         ("skn.width_mm=44", "skn: unknown key; did you mean 'skin'"),
         ("skin.width_mm=wide", "skin.width_mm: Input should be a valid number"),
@@ -99,13 +87,7 @@ def test_set_changes_numbers_words_and_lists():
         ("mount.kind=hook", "mount.kind"),
         ("mount.screw=M7", "one of M2, M2.5, M3"),
         ('camera.measured=["pixel_um"]', "measured: of board_width_mm"),
-        ("light.supply_v=12", "(got 12); 4.5 <= supply_v <= 5.5"),
-        ("light.resistor_ohm=1", "light.resistor_ohm: Input should be greater than or equal to 20"),
-        (
-            "screw.tip_clearance_mm=0",
-            "tip_clearance_mm: Input should be greater than or equal to 0.5",
-        ),
-        ("mold.base_mm=0.5", "mold.base_mm: Input should be greater than or equal to 1.5"),
+        ("mold.columns=0", "; 1 <= columns <= 8"),
         ("light.led_count=2.5", "light.led_count"),
     ],
 )
@@ -127,25 +109,43 @@ def test_a_skin_of_20_x_20_is_refused_in_one_line():
 
 
 @pytest.mark.parametrize(
-    ("changes", "part"),
+    ("changes", "says"),
     [
-        (["screw.engagement_mm=7.5"], "skin-frame: screw.engagement_mm + screw.tip_clearance_mm"),
-        (["screw.length_mm=20"], "screw: back of the sensor <= back of the screw heads (screw.len"),
-        (["mount.height_mm=20"], "shell: mount.height_mm <= depth of the shell"),
-        (["mount.kind=franka", "mount.flange_pitch_mm=19"], "shell: mount: flange_pitch_mm +"),
-        (["light.led_count=6"], "light-holder: led_count x pitch <= 2 pi strip radius: 100"),
-        (["light.strip_width_mm=10"], "light-holder: strip_width_mm <= depth of the channel: 10"),
-        (["cover.slot_mm=2.0"], "cover: slot_mm / 2 + leg_mm < peg_mm / 2: 1.6 < 1.35"),
-        (["cover.slot_mm=0.2", "resin_printer.least_gap_mm=0.3"],
-         "cover: resin_printer.least_gap_mm <= cover.slot_mm: 0.3 <= 0.2"),
-        (["resin_printer.least_hole_mm=1.4"],
+        ("frame.seat_y_mm=3", "skin-frame: half the acrylic's pocket in y < half the frame in y"),
+        ("screw.engagement_mm=7.5", "skin-frame: screw.engagement_mm + screw.tip_clearance_mm"),
+        ("resin_printer.least_hole_mm=1.4",
          "skin-frame: resin_printer.least_hole_mm <= pilot of screw.thread M1.6: 1.4 <= 1.35"),
-        (["cover.lip_height_mm=2.3"], "cover: peg_play_mm + lip_height_mm <= camera.board_mm +"),
-        (["table.hole_pitch_mm=25"], "testing-shell: table: pitch"),
+        ("screw.length_mm=20", "screw: back of the sensor <= back of the screw heads (screw.len"),
+        ("mount.height_mm=20", "shell: mount.height_mm <= depth of the shell"),
+        ("mount.hole_pitch_mm=13.5", "shell: mount.hole_pitch_mm + washer M3 <= mount.length_mm"),
+        ("mount.hole_pitch_mm=6", "shell: mount: washer M3 <= mount.hole_pitch_mm: 7 <= 6"),
+        ("shell.cable_width_mm=24", "shell: cable_width_mm + 2 (cover.fit_mm + wall_mm) <= room"),
+        ("shell.cable_height_mm=3 shell.ledge_height_mm=11", "shell: cable_height_mm + ledge_heig"),
+        ("shell.ledge_height_mm=10", "shell: ledge_height_mm <= height of the posts: 10 <= 9.9"),
+        ("shell.ledge_mm=5.1", "shell: ledge_mm and what the wall leaves before it <= posts bey"),
+        ("mount.kind=franka mount.flange_pitch_mm=19", "shell: mount: flange_pitch_mm +"),
+        ("mount.kind=franka mount.arm_mm=4", "shell: mount: arm_mm + counterbore_mm + 0.4 <= fla"),
+        ("mount.kind=franka mount.arm_mm=2", "shell: mount: stress in arm_mm under plate.force_n"),
+        ("mount.kind=franka mount.screw=M5", "shell: mount: head M5 + 0.5 <= counterbore_mm: 9"),
+        ("mount.kind=franka mount.counterbore_depth_mm=5", "shell: mount: counterbore_depth_mm +"),
+        ("mount.kind=franka mount.flange_mm=9", "shell: mount: flange under the head + 2.5 x M3"),
+        ("mount.kind=franka mount.flange_width_mm=40", "shell: mount: flange_width_mm <= outer x"),
+        ("mount.kind=franka mount.flange_height_mm=29", "shell: mount: front of the arm <= joint"),
+        ("light.led_count=6", "light-holder: led_count x pitch <= 2 pi strip radius: 100"),
+        ("light.strip_width_mm=10", "light-holder: strip_width_mm <= depth of the channel: 10"),
+        ("cover.slot_mm=2.0", "cover: slot_mm / 2 + leg_mm < peg_mm / 2: 1.6 < 1.35"),
+        ("cover.slot_mm=0.2 resin_printer.least_gap_mm=0.3",
+         "cover: resin_printer.least_gap_mm <= cover.slot_mm: 0.3 <= 0.2"),
+        ("cover.lip_height_mm=2.3", "cover: peg_play_mm + lip_height_mm <= camera.board_mm +"),
+        ("mold.web_mm=4", "mold: fit_mm + pry_mm < web_mm / 2: 2.6 < 2"),
+        ("mold.seat_mm=8", "mold: seat_mm < frame height: 8 < 8"),
+        ("table.hole_pitch_mm=25", "testing-shell: table: pitch"),
+        ("table.height_mm=17", "testing-shell: table.height_mm <= cover and shell: 17 <= 16"),
     ],
 )  # fmt: skip
-def test_each_inequality_can_fail_and_states_its_numbers(changes, part):
-    assert any(text.startswith(part) for text in broken(*changes)), broken(*changes)
+def test_each_inequality_can_fail_and_states_its_numbers(changes, says):
+    found = broken(*changes.split())
+    assert any(text.startswith(says) for text in found), found
 
 
 def test_a_rule_that_rests_on_an_unverified_value_says_so_until_it_is_measured():

@@ -4,25 +4,21 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 
 import pytest
 from closed_forms import mount_mm3
 from closed_forms import volume_mm3 as closed_form_mm3
 
-from deltact_fab.cad import feasibility, registry
+from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.kernel import require
-from deltact_fab.cad.parts import acrylic, mount
-from deltact_fab.errors import InputError
+from deltact_fab.cad.parts import mount
 
 SHELLS = ("shell", "testing-shell")
 DESIGNS = {
     "deltact": load_design(),
     "screws-19mm": load_design("screws-19mm"),
-    "skin-30x34": load_design("skin-30x34"),
     "skin-44x40": load_design("skin-44x40"),
     "franka": load_design("franka"),
     "plate": load_design("deltact", ["mount.kind=plate"]),
@@ -60,13 +56,7 @@ def cylinder(cq, diameter_mm, start, end):
     return cq.Solid.makeCylinder(diameter_mm / 2, axis.Length, cq.Vector(*start), axis.normalized())
 
 
-@pytest.mark.parametrize(
-    "design",
-    [
-        pytest.param(name, marks=() if name in ("deltact", "screws-19mm") else pytest.mark.slow)
-        for name in DESIGNS
-    ],
-)
+@pytest.mark.parametrize("design", ["deltact", pytest.param("wide", marks=pytest.mark.slow)])
 def test_every_variant_passes_the_gate_and_overlaps_nothing(design, built):
     names = ("skin", "skin-frame", "acrylic", *SHELLS)
     for a, b in itertools.combinations(names, 2):
@@ -124,13 +114,10 @@ def test_acrylic_keeps_its_fit_from_the_posts_and_lies_on_both_ledges(built, cq)
         assert common_mm3 == pytest.approx(mm2 * 0.1, rel=1e-6)
 
 
-def test_notched_without_a_notch_is_the_rectangle():
-    assert acrylic.notched((2.0, 1.0), (0.0, 0.0)) == [(-2, -1), (2, -1), (2, 1), (-2, 1)]
-    assert len(acrylic.notched((2.0, 1.0), (0.5, 0.25))) == 12
-
-
-@pytest.mark.parametrize("part", SHELLS)
-@pytest.mark.parametrize("design", DESIGNS)
+@pytest.mark.parametrize(
+    ("design", "part"),
+    [("deltact", "shell"), ("wide franka", "shell"), ("wide", "testing-shell")],
+)
 def test_bosses_of_the_cover_have_their_fit_all_around(design, part, built, cq):
     dims, shell = DESIGNS[design], built(design, part)
     x, y = (side / 2 for side in dims.frame_outer_mm)
@@ -199,59 +186,3 @@ def test_every_hole_of_mount_and_tabs_is_open_and_takes_its_head(built, cq):
         x, y = sx * (39 / 2 + table.tab_mm / 2), sy * table.hole_pitch_mm / 2
         hole = cylinder(cq, table.hole_mm - 1e-3, (x, y, -31.0), (x, y, 0.0))
         assert hole.intersect(built("deltact", "testing-shell")).Volume() < 1e-9
-
-
-def test_the_sensor_ends_where_the_design_says(built):
-    for name in ("deltact", "franka", "plate", "skin-44x40"):
-        dims = DESIGNS[name]
-        found = built(name, "shell").BoundingBox()
-        assert found.ymax - found.ymin == pytest.approx(dims.outer_mm[1], abs=1e-5)
-        assert found.xmax - found.xmin == pytest.approx(dims.outer_mm[0], abs=1e-5)
-        assert found.zmax < dims.z_front_mm
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        (("shell.cable_width_mm=24",), r"2 \(cover.fit_mm \+ wall_mm\) <= room.*: 27.4 <= 25.9"),
-        (("shell.cable_height_mm=3", "shell.ledge_height_mm=11"), "cable_height_mm .*15.5 <= 14.5"),
-        (
-            ("screw.length_mm=16", "shell.ledge_height_mm=10"),
-            "ledge_height_mm <= height.*10 <= 9.9",
-        ),
-        (("shell.ledge_mm=5.1",), "ledge_mm .* <= posts beyond the wall: 5.1 <= 5.05"),
-        (("mount.kind=franka", "mount.arm_mm=4"), r"arm_mm \+ counterbore_mm .*: 12.4 <= 12"),
-        (
-            ("mount.kind=franka", "mount.arm_mm=2"),
-            "stress in arm_mm under plate.force_n, MPa <= stress",
-        ),
-        (
-            ("mount.kind=franka", "mount.screw=M5"),
-            r"head M5 \+ 0.5 <= counterbore_mm: 9 <= 8",
-        ),
-        (
-            ("mount.kind=franka", "mount.counterbore_depth_mm=5"),
-            "counterbore_depth_mm . 2 <= fl",
-        ),
-        (("mount.kind=franka", "mount.flange_mm=9"), r"head \+ 2.5 x M3 <= gap.*: 12.5 <= 11"),
-        (("mount.kind=franka", "mount.flange_width_mm=40"), "flange_width_mm <= outer x: 40 <= 39"),
-        (("mount.kind=franka", "mount.flange_height_mm=29"), "front of the arm <= joint"),
-        (("mount.hole_pitch_mm=13.5",), r"hole_pitch_mm \+ washer M3 <= .*: 20.5 <= 20"),
-        (("mount.hole_pitch_mm=6",), "washer M3 <= mount.hole_pitch_mm: 7 <= 6"),
-        (("table.height_mm=17",), "table.height_mm <= cover and shell: 17 <= 16"),
-    ],
-)
-def test_a_broken_inequality_is_told_before_the_kernel_runs(changes, says):
-    broken = [
-        rule.text for rule in feasibility.rules(load_design("deltact", changes)) if not rule.holds
-    ]
-    assert broken
-    with pytest.raises(InputError, match="fails"):
-        build_part(registry.find("shell"), load_design("deltact", changes))
-    assert any(re.search(says, text) for text in broken), broken
-
-
-def test_the_mount_is_replaced_and_not_added_to():
-    kinds = [Design(mount=type(DEFAULT.mount)(kind=kind)) for kind in ("block", "franka", "plate")]
-    assert [len(mount.bars(design)) for design in kinds] == [1, 2, 1]
-    assert [len(mount.hole_axes(design)) for design in kinds] == [2, 2, 0]

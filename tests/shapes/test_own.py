@@ -61,7 +61,7 @@ def test_a_tilted_spheroid_is_its_quadric():
 @pytest.mark.parametrize("name", OWN)
 def test_the_solid_has_the_underside_of_the_numbers(name):
     built = BuiltDesign(load_design(), (find(name),), {})
-    assert [row.verdict for row in check.rows(built)] == ["pass", "pass"]
+    assert [row.verdict for row in check.rows(built)] == ["pass"]
 
 
 def test_mirrors_are_those_of_the_shape():

@@ -12,7 +12,6 @@ from .built import BuiltDesign
 from .row import Row
 
 DEFLECTION = "plate deflection"
-NAMES = (DEFLECTION, "plate clear of the light", "plate stress", "plate load")
 GEL = "plate.spread_mm"
 SOFT = (GEL, "plate.youngs_modulus_mpa", "plate.bead_modulus_mpa")
 
@@ -43,19 +42,19 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
         f"{found.deflection_mm:.3f} mm under {force_n:g} N, {bead_mm:.3f} of it the bead: "
         f"{100 * found.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth",
         found.deflection_mm <= limit_mm,
-        f"<= {limit_mm:.3g} mm, {100 * plate.deflection_share:g} % (plate.deflection_share)",
+        f"<= {limit_mm:.3g} mm (plate.deflection_share of plate.depth_mm)",
         *SOFT,
     )
     yield row(
-        NAMES[1],
+        "plate clear of the light",
         f"{found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
         f"{rests_n:.0f} N",
         found.over_ring_mm <= room_mm,
-        f"<= {room_mm:.3g} mm, the least play",
+        f"<= {room_mm:.3g} mm, the least play (light.axial_fit_mm)",
         *SOFT,
     )
     yield row(
-        NAMES[2],
+        "plate stress",
         f"{found.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
         f"{force_n * plate.stress_limit_mpa / found.stress_mpa:.0f} N",
         found.stress_mpa <= plate.stress_limit_mpa,
@@ -64,9 +63,9 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
         "plate.stress_limit_mpa",
     )
     yield row(
-        NAMES[3],
+        "plate load",
         f"{force_n:g} N spread on a disc of {plate.spread_mm:g} mm",
         plate.spread_mm <= face_mm,
-        f"<= {face_mm:g} mm, the face's shorter side",
+        f"<= {face_mm:g} mm, the face's shorter side (plate.spread_mm)",
         GEL,
     )

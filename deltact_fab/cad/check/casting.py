@@ -1,4 +1,4 @@
-"""The mold: what it holds with a frame in it is one skin, and that skin comes out."""
+"""The mold: what it holds with a frame in it is one skin."""
 
 from __future__ import annotations
 
@@ -8,15 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..kernel import require
-from ..mesh import Mesh
 from ..parts.mold import centres_mm
-from ..rays import first_hit, normals, samples
 from ..solid_gate import VOLUME_TOLERANCE, bounding_box
 from .built import BuiltDesign
 from .row import Row
-
-DOWN = -1e-4  # z of a normal; single-precision corners tilt upright walls by 1e-6
-OFF_MM = 1e-3  # from the surface, to where a ray starts
 
 
 def closure(built: BuiltDesign) -> Iterator[Row]:
@@ -62,34 +57,4 @@ def _held_mm3(built: BuiltDesign, frame: Any, at_mm: tuple[float, float]) -> flo
     # The frame's pilot holes stay empty: silicone takes what hangs together with the cavity.
     front = bounding_box(frame)[0][2]
     free = block.cut(mold, frame).Solids()
-    return float(sum(s.Volume() for s in free if bounding_box(s)[0][2] < front - OFF_MM))
-
-
-def undercut(built: BuiltDesign) -> Iterator[Row]:
-    """Nothing but the underside looks down, and every point of a cavity sees the sky."""
-    down_mm2, blocked, rays = built.fact("undercut", ("mold",), lambda: _looks(built.mesh("mold")))
-    yield Row(
-        "no undercut",
-        "mold",
-        f"{down_mm2:.3g} mm2 look down, {blocked} of {rays} rays up are blocked",
-        "0 mm2, 0 rays",
-        down_mm2 == 0.0 and blocked == 0,
-    )
-
-
-def _looks(mesh: Mesh) -> tuple[float, int, int]:
-    """Area that looks down beside the underside, rays up that are blocked, all rays."""
-    corners = mesh.corners_mm
-    outward = normals(corners)
-    area = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    underside = corners[:, :, 2].max(axis=1) < corners[:, :, 2].min() + 1e-4
-    down_mm2 = float(area[(outward[:, 2] < DOWN) & ~underside].sum()) / 2
-    points, triangle = samples(corners)
-    free = ~underside[triangle]
-    points, away = points[free], outward[triangle[free]]
-    up = np.broadcast_to(np.array((0.0, 0.0, 1.0)), points.shape)
-    far, _ = first_hit(points + OFF_MM * away, up, corners)
-    blocked = int(np.isfinite(far).sum())
-    return down_mm2, blocked, len(points)
+    return float(sum(s.Volume() for s in free if bounding_box(s)[0][2] < front - 1e-3))

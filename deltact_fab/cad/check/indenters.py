@@ -1,4 +1,4 @@
-"""The indenters: a stem for the stage's tool holder, an underside that is the height field."""
+"""The indenters: the underside of each is the height field that protocols and gel reckon with."""
 
 from __future__ import annotations
 
@@ -8,31 +8,18 @@ from functools import partial
 
 import numpy as np
 
-from ...shapes import Indenter
 from ..part import Part
 from ..rays import ExactRays
 from .built import BuiltDesign
 from .row import Row
 
-# Every protocol of the bench assumes one tool holder.
-HOLDER_MM = Indenter.stem_diameter_mm
 FIELD_MM = 1e-5
 POINTS = 40
 
 
 def rows(built: BuiltDesign) -> Iterator[Row]:
-    """One row for all stems, one for all height fields, each with the worst of them."""
+    """One row for all of them, with the worst."""
     parts = [part for part in built.parts if part.indenter is not None]
-    stems = {part.name: _stem_mm(built, part) for part in parts}
-    off = max(stems, key=lambda name: abs(stems[name] - HOLDER_MM))
-    fits = abs(stems[off] - HOLDER_MM) <= 1e-6
-    yield Row(
-        "indenter stem",
-        "indenters",
-        f"{len(parts)} of {HOLDER_MM:g} mm" if fits else f"{stems[off]:.3f} mm: {off}",
-        f"{HOLDER_MM:g} mm, the stage's tool holder",
-        fits,
-    )
     misses = {
         part.name: built.fact("height field", (part.name,), partial(_miss_mm, built, part))
         for part in parts
@@ -48,17 +35,6 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
         f"<= {FIELD_MM:g} mm",
         passed,
     )
-
-
-def _stem_mm(built: BuiltDesign, part: Part) -> float:
-    """Diameter of the cylinder about the axis that ends at the top; 0 when there is none."""
-    top = built.box(part.name)[1][2]
-    ends = [
-        2 * c.radius_mm
-        for c in built.cylinders(part.name)
-        if not c.hole and c.offset_mm(0.0, 0.0) < 1e-6 and abs(c.high_mm[2] - top) < 1e-6
-    ]
-    return max(ends, default=0.0)
 
 
 def _miss_mm(built: BuiltDesign, part: Part) -> float:

@@ -1,4 +1,4 @@
-"""Pieces in their places: their boxes, and the volume that two of them share, each kept by itself.
+"""The volume that two pieces share, each pair kept by itself.
 
 A pair is intersected again only when a part, or how the two stand to each other, has changed.
 """
@@ -6,49 +6,30 @@ A pair is intersected again only when a part, or how the two stand to each other
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import combinations, product
 
-from ..assembly import PlacedPart, common_mm3, meet
-from ..part import Part, Shift
+from ..assembly import PartPlace, common_mm3, meet
 from ..solid_gate import Box, shifted
 from .built import BuiltDesign
 
 Pair = tuple[str, str, float]
 
 
-@dataclass(frozen=True)
-class PlacedSolid:
-    """One piece of a part, which is moved by shift_mm; it is built when it is intersected."""
-
-    part: Part
-    index: int
-    shift_mm: Shift
-
-    def box(self, built: BuiltDesign) -> Box:
-        """Its box where it stands."""
-        return shifted(built.box(self.part.name), self.shift_mm)
-
-
-def pieces(parts: Sequence[Part], built: BuiltDesign) -> list[PlacedSolid]:
-    """Every piece of the parts where `Part.places` puts it."""
-    return [
-        PlacedSolid(part, index, shift)
-        for part in parts
-        for index, shift in enumerate(part.places(built.design))
-    ]
+def box_of(built: BuiltDesign, place: PartPlace) -> Box:
+    """The box of a piece where it stands."""
+    return shifted(built.box(place.part.name), place.shift_mm)
 
 
 def shared(
-    built: BuiltDesign, some: Sequence[PlacedSolid], others: Sequence[PlacedSolid] | None = None
+    built: BuiltDesign, some: Sequence[PartPlace], others: Sequence[PartPlace] | None = None
 ) -> Iterator[Pair]:
     """Names of two parts and the volume in mm3 that their pieces share, where boxes meet.
 
     Pairs within `some`, or of one of `some` and one of `others`. Raises RunFailed as `common_mm3`
     does.
     """
-    boxes = {piece: piece.box(built) for piece in (*some, *(others or ()))}
+    boxes = {place: box_of(built, place) for place in (*some, *(others or ()))}
     for a, b in combinations(some, 2) if others is None else product(some, others):
         if meet(boxes[a], boxes[b]):
             names = a.part.name, b.part.name
@@ -58,12 +39,6 @@ def shared(
             yield first, second, built.fact(what, names, partial(_common_mm3, built, a, b))
 
 
-def _common_mm3(built: BuiltDesign, a: PlacedSolid, b: PlacedSolid) -> float:
-    from cadquery import Location
-
-    one, other = (
-        PlacedPart(p.part, p.index, solid.moved(Location(p.shift_mm)), p.shift_mm)
-        for p in (a, b)
-        for solid in (built.solid(p.part.name),)
-    )
+def _common_mm3(built: BuiltDesign, *pair: PartPlace) -> float:
+    one, other = (place.put(built.solid(place.part.name)) for place in pair)
     return common_mm3(one, other)

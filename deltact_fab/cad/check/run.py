@@ -26,12 +26,10 @@ from . import (
     screws,
     soundness,
     space,
-    stray_light,
     thickness,
     visibility,
 )
 from .built import NO_PART, BuiltDesign
-from .mend import mended
 from .row import NOT_RUN, Row, advised, verified
 
 
@@ -48,18 +46,14 @@ CHECKS = (
     CheckKind(soundness.NAME, soundness.rows),
     CheckKind(space.ENVELOPE, space.envelope),
     CheckKind(space.INTERFERENCE, space.interference),
-    CheckKind("axes coaxial", screws.axes),
     CheckKind("engagement", screws.engagement),
     CheckKind(thickness.NAME, thickness.rows),
     CheckKind(printed.CONTACT, printed.rows),
     CheckKind(bending.DEFLECTION, bending.rows),
     CheckKind("light cone", visibility.light_cone),
-    CheckKind(stray_light.NAME, stray_light.rows),
     CheckKind("mold volume closure", casting.closure),
-    CheckKind("no undercut", casting.undercut),
-    CheckKind(bench.NAME, bench.rows),
-    CheckKind(bench.CLEAR, bench.stack),
-    CheckKind("indenters", indenters.rows),
+    CheckKind(bench.CLEAR, bench.rows),
+    CheckKind("indenter height field", indenters.rows),
 )
 ARITHMETIC = (fits.rows, electric.rows, visibility.view)
 
@@ -101,7 +95,7 @@ def run(
     facts = Facts() if cached and not solids else None
     built = BuiltDesign(design, tuple(listed(indenters, design)), dict(solids or {}), facts, tell)
     total = len(built.parts) + len(CHECKS)
-    rows += (mended(row, design) for row in of_built(built, tell))
+    rows += of_built(built, tell)
     if facts is not None:
         facts.save()
     if progress is not None:

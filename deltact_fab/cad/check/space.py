@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..assembly import PartPlace, places
 from .built import BuiltDesign
-from .pairs import PlacedSolid, pieces, shared
+from .pairs import box_of, shared
 from .row import Row
 
 SLACK_MM = 1e-5  # of the kernel's boxes
@@ -21,7 +22,7 @@ THREADED = {"screw": "skin-frame", "camera-screw": "camera-holder"}
 def envelope(built: BuiltDesign) -> Iterator[Row]:
     """The box around all parts against design.envelope."""
     design = built.design
-    boxes = np.array([piece.box(built) for piece in _sensor(built)])
+    boxes = np.array([box_of(built, piece) for piece in _sensor(built)])
     size = boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)
     limit = (design.envelope.width_mm, design.envelope.length_mm, design.envelope.height_mm)
     yield Row(
@@ -34,8 +35,8 @@ def envelope(built: BuiltDesign) -> Iterator[Row]:
     )
 
 
-def _sensor(built: BuiltDesign) -> list[PlacedSolid]:
-    return pieces([part for part in built.parts if part.group == "sensor"], built)
+def _sensor(built: BuiltDesign) -> list[PartPlace]:
+    return places(built.design, [part for part in built.parts if part.group == "sensor"])
 
 
 def _by(*lengths_mm: float) -> str:

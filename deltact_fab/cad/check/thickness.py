@@ -68,12 +68,13 @@ def _row(
     def value(key: str) -> float:
         return float(attrgetter(key)(design))
 
-    key = max((LEAST[part.process], *sorted(meant, key=value)[:1]), key=value)
-    limit = f">= {value(key):.3g} mm ({key})"
+    keys = sorted((LEAST[part.process], *sorted(meant, key=value)[:1]), key=value, reverse=True)
+    least_mm = value(keys[0])
+    limit = f">= {least_mm:.3g} mm ({', '.join(keys)})"
     found = min((w for w in walls if w is not None), key=lambda w: w.thickness_mm, default=None)
     if found is None:
         return Row(NAME, name, "no wall found", limit, False)
-    passed = found.thickness_mm >= value(key) - SLACK_MM
+    passed = found.thickness_mm >= least_mm - SLACK_MM
     return Row(NAME, name, f"{found.thickness_mm:.3f} mm at {at(found.at_mm)}", limit, passed)
 
 

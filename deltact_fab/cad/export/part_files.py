@@ -75,7 +75,7 @@ def applicable(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
         **dict.fromkeys(FORMATS, True),
         **dict.fromkeys(TO_PRINT, made),
         **dict.fromkeys(DRAWN, part.callouts is not None),
-        "dxf": part.process == LASER_CUT or part.flat is not None,
+        "dxf": part.process == LASER_CUT,
     }
     return tuple(f for f in formats if apply[f])
 
@@ -151,8 +151,6 @@ def _assembly_step(design: Design, parts: Sequence[Part]) -> FileBytes:
 def _solid_bytes(solid: Any, part: Part, design: Design, kind: str) -> bytes:
     if kind == "step":
         return step.part_bytes(solid, part.name)
-    if part.flat is not None:
-        return dxf.flat_bytes(part.flat(part.source(design)))
     laser = design.laser
     return dxf.dxf_bytes(solid, part.name, laser.kerf_mm / 2 if laser.compensate else 0.0)
 

@@ -23,13 +23,13 @@ from dataclasses import fields
 
 from ..dimensions import Design
 from ..fit import Length, PlayFit
-from ..kernel import Shape, require
+from ..kernel import Shape
 from ..part import BOUGHT, GREEN, Part
 from ..process import PLANE
 from ..rule import Quantity, Rule
 from ..sensor_sections import CameraDimensions
 from ..solid_gate import Box
-from .solids import cylinders
+from .solids import cuboid, cylinders
 
 COMPUTER = "Nvidia Jetson Nano B01"
 
@@ -58,30 +58,17 @@ def box(design: Design) -> Box:
 
 def build(design: Design) -> Shape:
     """The envelope as one solid in the sensor frame, the lens's axis on x = y = 0."""
-    cq = require()
     cam = design.camera
-    upper, lower = cam.hole_rows_mm
-    x = cam.hole_pitch_x_mm / 2
-    board = (
-        cq.Workplane()
-        .workplane(offset=design.z_board_back_mm)
-        .center(0, cam.board_bottom_mm + cam.board_length_mm / 2)
-        .rect(cam.board_width_mm, cam.board_length_mm)
-        .extrude(cam.board_mm)
-    )
-    at = [(sx * x, y) for y in (upper, lower) for sx in (-1, 1)]
+    back, front, edge = design.z_board_back_mm, design.z_board_front_mm, cam.board_bottom_mm
+    half, wide = cam.board_width_mm / 2, cam.connector_width_mm / 2
+    body = cuboid(((-half, edge, back), (half, cam.board_top_mm, front)))
     if cam.hole_mm:
-        low_mm, length_mm = design.z_board_back_mm - 1, cam.board_mm + 2
-        board = board.cut(cylinders(at, cam.hole_mm, low_mm, length_mm))
-    lens = cylinders([(0, 0)], cam.lens_diameter_mm, design.z_board_front_mm, cam.lens_height_mm)
-    connector = (
-        cq.Workplane()
-        .workplane(offset=design.z_board_back_mm)
-        .center(0, cam.board_bottom_mm + cam.connector_length_mm / 2)
-        .rect(cam.connector_width_mm, cam.connector_length_mm)
-        .extrude(-cam.connector_height_mm)
-    )
-    return board.union(lens).union(connector).val()
+        x = cam.hole_pitch_x_mm / 2
+        at = [(sx * x, y) for y in cam.hole_rows_mm for sx in (-1, 1)]
+        body = body.cut(cylinders(at, cam.hole_mm, back - 1, cam.board_mm + 2))
+    lens = cylinders([(0, 0)], cam.lens_diameter_mm, front, cam.lens_height_mm)
+    low, end = back - cam.connector_height_mm, edge + cam.connector_length_mm
+    return body.union(lens).union(cuboid(((-wide, edge, low), (wide, end, back)))).val()
 
 
 def rules(d: Design) -> Iterator[Rule]:

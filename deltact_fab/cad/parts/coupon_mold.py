@@ -18,10 +18,10 @@ import math
 from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut
-from ..kernel import Shape, require
+from ..kernel import Shape
 from ..part import AMBER, PRINT, RESIN, Part
 from ..solid_gate import Box, around
-from .solids import cylinders
+from .solids import cuboid, cylinders
 
 
 def well_volume_mm3(design: Design) -> float:
@@ -44,10 +44,9 @@ def box(design: Design) -> Box:
 
 def build(design: Design) -> Shape:
     """The coupon mold as one solid in its own frame, z from 0 to its top."""
-    cq = require()
-    coupon, (x, y, z) = design.coupon, design.coupon_outer_mm
+    coupon = design.coupon
     wells = cylinders(centres_mm(design), coupon.diameter_mm, coupon.base_mm, coupon.depth_mm + 1)
-    return cq.Workplane().rect(x, y).extrude(z).cut(wells).val()
+    return cuboid(box(design)).cut(wells).val()
 
 
 def callouts(d: Design) -> Callouts:

@@ -20,7 +20,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut, Detail, shown, x_of, y_of, z_of
 from ..fit import Length, PlayFit
@@ -29,7 +28,7 @@ from ..part import BLACK, PRINT, RESIN, Part
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
-from .solids import cylinders, prism, without_corners
+from .solids import cuboid, cylinders, prism, without_corners
 
 
 def box(design: Design) -> Box:
@@ -43,13 +42,10 @@ def build(design: Design) -> Shape:
     """The cover as one solid in the sensor frame, z from the back to the bosses or the pegs."""
     cq = require()
     row, (outer_x, outer_y) = design.screw.row, design.frame_outer_mm
-    back_mm = design.z_back_mm
-    boss_mm = max(design.z_boss_mm, design.z_floor_mm)
-    body = cq.Workplane().workplane(offset=back_mm).rect(outer_x, outer_y)
-    body = body.extrude(boss_mm - back_mm)
-    if boss_mm > design.z_floor_mm:
-        between = without_corners((outer_x / 2 + 1, outer_y / 2 + 1), design.post_edge_mm)
-        body = body.cut(prism(between, design.z_floor_mm, boss_mm - design.z_floor_mm + 1))
+    back_mm, boss_mm = design.z_back_mm, design.z_boss_mm
+    body = cuboid(around(outer_x / 2, outer_y / 2, back_mm, boss_mm))
+    between = without_corners((outer_x / 2 + 1, outer_y / 2 + 1), design.post_edge_mm)
+    body = body.cut(prism(between, design.z_floor_mm, boss_mm - design.z_floor_mm + 1))
     for diameter_mm, low_mm, high_mm in (
         (row.bore_mm, back_mm - 1, design.z_head_mm),
         (row.clearance_mm, back_mm, boss_mm + 1),
@@ -62,40 +58,22 @@ def build(design: Design) -> Shape:
     return body.val()
 
 
-def _lip_mm(design: Design) -> tuple[float, float, float]:
-    """Radii of a lip below and at the tip, and the height of its round and conical halves.
-
-    At the tip the legs stand no wider than the peg, so that they find the hole.
-    """
-    cover = design.cover
-    return cover.hole_mm / 2, cover.peg_mm / 2 - cover.lip_mm, cover.lip_height_mm / 2
-
-
 def _leg(cq: Any, design: Design) -> Any:
     """The leg on +x of a peg on the z axis, let into the floor by half of its thickness."""
     cover = design.cover
-    low_mm, under_lip_mm = (
-        design.z_floor_mm - cover.floor_mm / 2,
-        design.z_floor_mm + design.peg_leg_mm,
+    low, under = design.z_floor_mm - cover.floor_mm / 2, design.z_floor_mm + design.peg_leg_mm
+    # The lip is round below and conical above, down to no wider than the peg: legs find the hole.
+    radius, tip = cover.hole_mm / 2, cover.peg_mm / 2 - cover.lip_mm
+    height = cover.lip_height_mm / 2
+    at = [cq.Vector(cover.lip_mm, 0, z) for z in (under, under + height)]
+    shaft = cq.Solid.makeCylinder(cover.peg_mm / 2, under - low, cq.Vector(0, 0, low))
+    lip = cq.Solid.makeCylinder(radius, height, at[0])
+    cone = cq.Solid.makeCone(radius, tip, height, at[1])
+    wide, high = cover.hole_mm + 1, design.peg_length_mm + cover.floor_mm + 2
+    half_space, slab = (
+        cq.Solid.makeBox(side, 2 * wide, high, cq.Vector(cover.slot_mm / 2, -wide, low - 1))
+        for side in (wide, cover.leg_mm)
     )
-    radius, tip, height_mm = _lip_mm(design)
-    at: Point2 = (cover.lip_mm, 0.0)
-    shaft = cq.Solid.makeCylinder(
-        cover.peg_mm / 2, under_lip_mm - low_mm, cq.Vector(0, 0, low_mm), cq.Vector(0, 0, 1)
-    )
-    lip = cq.Solid.makeCylinder(radius, height_mm, cq.Vector(*at, under_lip_mm), cq.Vector(0, 0, 1))
-    cone = cq.Solid.makeCone(
-        radius, tip, height_mm, cq.Vector(*at, under_lip_mm + height_mm), cq.Vector(0, 0, 1)
-    )
-    wide = cover.hole_mm + 1
-    half_space = cq.Solid.makeBox(
-        wide, 2 * wide, design.peg_length_mm + cover.floor_mm + 2,
-        cq.Vector(cover.slot_mm / 2, -wide, low_mm - 1),
-    )  # fmt: skip
-    slab = cq.Solid.makeBox(
-        cover.leg_mm, 2 * wide, design.peg_length_mm + cover.floor_mm + 2,
-        cq.Vector(cover.slot_mm / 2, -wide, low_mm - 1),
-    )  # fmt: skip
     # Cut first: in the slot the shaft's round side and the lip's would cross.
     parts = [shaft.intersect(slab), lip.intersect(half_space), cone.intersect(half_space)]
     return parts[0].fuse(*parts[1:]).clean().Solids()[0]

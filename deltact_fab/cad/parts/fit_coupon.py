@@ -19,10 +19,11 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut, x_of
-from ..kernel import Shape, require
+from ..kernel import Shape
 from ..part import AMBER, PRINT, RESIN, Part
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
+from .solids import cuboid, cylinders
 
 
 def box(design: Design) -> Box:
@@ -34,24 +35,21 @@ def box(design: Design) -> Box:
 
 def build(design: Design) -> Shape:
     """The coupon as one solid in its own frame, z from 0 to the peg's end."""
-    cq = require()
     coupon, (x, y) = design.fit_coupon, design.fit_coupon.outer_mm
-    body = cq.Workplane().rect(x, y).extrude(coupon.base_mm)
-    below = cq.Workplane().workplane(offset=-1)
-    high = coupon.base_mm + 2
-    for at, size in zip(coupon.at_x_mm, coupon.sizes_mm, strict=True):
-        hole = below.pushPoints([(at, coupon.row_y_mm)]).circle(size / 2).extrude(high)
+    base, block_x = coupon.base_mm, coupon.block_x_mm
+    row_y = coupon.slot_mm / 2  # midway between the slots' ends and the edge
+    body = cuboid(around(x / 2, y / 2, 0.0, base))
+    for i, size in enumerate(coupon.sizes_mm):
+        at = coupon.pitch_mm * (i + 0.5) - x / 2
+        body = body.cut(cylinders([(at, row_y)], size, -1, base + 2))
         # One more millimetre outside: a cutter does not end in the face that it opens.
-        middle = -y / 2 + (coupon.slot_mm - 1) / 2
-        slot = below.pushPoints([(at, middle)]).rect(size, coupon.slot_mm + 1).extrude(high)
-        body = body.cut(hole).cut(slot)
-    centre = [(coupon.block_x_mm, coupon.row_y_mm)]
-    on_base = cq.Workplane().workplane(offset=coupon.base_mm)
-    on_block = cq.Workplane().workplane(offset=coupon.base_mm + coupon.block_height_mm)
-    side = coupon.block_mm
-    body = body.union(on_base.pushPoints(centre).rect(side, side).extrude(coupon.block_height_mm))
-    peg = on_block.pushPoints(centre).circle(coupon.peg_mm / 2).extrude(coupon.peg_height_mm)
-    return body.union(peg).val()
+        end = coupon.slot_mm - y / 2
+        slot = ((at - size / 2, -y / 2 - 1, -1.0), (at + size / 2, end, base + 1))
+        body = body.cut(cuboid(slot))
+    top, half = base + coupon.block_height_mm, coupon.block_mm / 2
+    block = cuboid(((block_x - half, row_y - half, base), (block_x + half, row_y + half, top)))
+    peg = cylinders([(block_x, row_y)], coupon.peg_mm, top, coupon.peg_height_mm)
+    return body.union(block).union(peg).val()
 
 
 def rules(d: Design) -> Iterator[Rule]:

@@ -13,10 +13,11 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts
-from ..kernel import Shape, require
+from ..kernel import Shape
 from ..part import CLEAR, LASER_CUT, Part
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
+from .solids import cuboid
 
 PIECES = 10
 
@@ -29,10 +30,7 @@ def box(design: Design) -> Box:
 
 def build(design: Design) -> Shape:
     """The strip as one solid in its own frame, z from 0 to the sheet's thickness."""
-    cq = require()
-    coupon = design.kerf_coupon
-    plan = cq.Workplane().rect(coupon.length_mm, coupon.width_mm)
-    return plan.extrude(design.optics.acrylic_mm).val()
+    return cuboid(box(design)).val()
 
 
 def rules(d: Design) -> Iterator[Rule]:

@@ -25,13 +25,13 @@ from collections.abc import Iterator
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, z_of
 from ..fit import Length, PlayFit
-from ..kernel import Shape, require
+from ..kernel import Shape, Workplane
 from ..part import PRINT, WHITE, Part
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
 from .camera import UPPER_HOLES
-from .solids import cylinders
+from .solids import cuboid, cylinders
 
 WIRE = "0.08 mm²"
 WIRE_OUTER = Length(1.2, 0.1)  # of such a wire with its insulation (AWG 28, UL 1007)
@@ -46,25 +46,20 @@ def box(design: Design) -> Box:
 
 def build(design: Design) -> Shape:
     """The ring as one solid in the sensor frame, z from the board's front to z_light."""
-    cq = require()
     light = design.light
     low_mm, high_mm = design.z_board_front_mm, design.z_light_mm
     floor_mm = low_mm + light.floor_mm
-    ring = (
-        cq.Workplane()
-        .workplane(offset=low_mm)
-        .circle(design.light_radius_mm)
-        .circle(design.light_bore_mm)
-        .extrude(high_mm - low_mm)
-    )
-    above = cq.Workplane().workplane(offset=floor_mm)
-    up_mm = high_mm - floor_mm + 1
-    channel = above.circle(design.strip_radius_mm).circle(design.channel_inner_mm).extrude(up_mm)
+
+    def disc(radius_mm: float, from_mm: float) -> Workplane:
+        return cylinders([(0, 0)], 2 * radius_mm, from_mm, high_mm + 1 - from_mm)
+
+    ring = cylinders([(0, 0)], 2 * design.light_radius_mm, low_mm, high_mm - low_mm)
+    ring = ring.cut(disc(design.light_bore_mm, low_mm - 1))
+    channel = disc(design.strip_radius_mm, floor_mm).cut(disc(design.channel_inner_mm, floor_mm))
     # Ends inside the channel along a circle: a straight end could reach into the diffuser.
-    outside = design.light_radius_mm + 1
-    slot = above.center(0, -outside / 2).rect(light.slot_mm, outside).extrude(up_mm)
-    middle_mm = (design.strip_radius_mm + design.channel_inner_mm) / 2
-    slot = slot.cut(above.circle(middle_mm).extrude(up_mm))
+    half, outside = light.slot_mm / 2, design.light_radius_mm + 1
+    slot = cuboid(((-half, -outside, floor_mm), (half, 0.0, high_mm + 1)))
+    slot = slot.cut(disc((design.strip_radius_mm + design.channel_inner_mm) / 2, floor_mm))
     body = ring.cut(channel).cut(slot)
     for centres, relief_mm in (
         (design.camera_screw_centres_mm, design.head_relief_mm),

@@ -30,6 +30,7 @@ from ..kernel import Shape, require
 from ..part import AMBER, PRINT, RESIN, Part
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
+from .solids import cuboid
 
 # The mold's drawing and the guide say the same.
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
@@ -61,30 +62,20 @@ def box(design: Design) -> Box:
 def build(design: Design) -> Shape:
     """The mold as one solid in its own frame, z from 0 to its top."""
     cq = require()
-    x, y, z = design.mold_outer_mm
-    block = cq.Workplane().rect(x, y).extrude(z).val()
-    cutter = _cutter(cq, design)
-    return block.cut(*(cutter.moved(cq.Location((*at, 0.0))) for at in centres_mm(design)))
+    cutter = _cutter(design)
+    cutters = [cutter.moved(cq.Location((*at, 0.0))) for at in centres_mm(design)]
+    return cuboid(box(design)).val().cut(*cutters)
 
 
-def _cutter(cq: Any, design: Design) -> Any:
+def _cutter(design: Design) -> Any:
     """What is cut away for one skin with its frame: cavity, seat, notches; 1 mm over the top."""
     mold, skin = design.mold, design.skin
-    floor_mm = mold.base_mm + skin.protrusion_mm
-    x, y = seat_mm(design)
-    cavity = (
-        cq.Workplane()
-        .workplane(offset=mold.base_mm)
-        .rect(skin.width_mm, skin.length_mm)
-        .extrude(skin.protrusion_mm + 1)
-        .faces("<Z")
-        .edges()
-        .fillet(skin.edge_fillet_mm)
-    )
-    above = cq.Workplane().workplane(offset=floor_mm)
-    seat = above.rect(x, y).extrude(mold.seat_mm + 1)
-    notches = above.rect(mold.pry_width_mm, y + 2 * mold.pry_mm).extrude(mold.seat_mm + 1)
-    return cavity.union(seat).union(notches).val()
+    floor, top = mold.base_mm + skin.protrusion_mm, design.mold_outer_mm[2] + 1
+    x, y = (side / 2 for side in seat_mm(design))
+    cavity = cuboid(around(skin.width_mm / 2, skin.length_mm / 2, mold.base_mm, floor + 1))
+    cavity = cavity.faces("<Z").edges().fillet(skin.edge_fillet_mm)
+    notches = cuboid(around(mold.pry_width_mm / 2, y + mold.pry_mm, floor, top))
+    return cavity.union(cuboid(around(x, y, floor, top))).union(notches).val()
 
 
 def rules(d: Design) -> Iterator[Rule]:

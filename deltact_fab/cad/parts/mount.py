@@ -88,8 +88,7 @@ def build(design: Design) -> Workplane:
     body = cuboid(first)
     for box in others:
         body = body.union(cuboid(box))
-    if design.z_boss_mm > design.z_floor_mm:
-        body = body.cut(boss_room(design))
+    body = body.cut(boss_room(design))
     for start, end in hole_axes(design):
         axis = cq.Vector(*end) - cq.Vector(*start)
         along = axis.normalized()

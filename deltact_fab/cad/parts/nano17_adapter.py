@@ -1,11 +1,12 @@
-"""The plate between the tool holder and an ATI Nano17, the bench's force and torque sensor.
+"""The ATI Nano17, the bench's force sensor, and the plate between it and the tool holder.
 
 Section:  +--+  +--+---------+--+  +--+   z = thickness: the sensor's tool side stands here
           |  |  |  +-+     +-+  |  |  |   three screws M2 from below, heads sunk
           +--+--+----+-----+----+--+--+   z = 0: the tool holder's flange, four M3 and a pin
 
 The sensor's bolt circle, screws and diameter are unverified: they are assumed, to be measured on
-the lab's own sensor before the plate is made. Frame: as the tool holder's, z = 0 on its flange.
+the lab's own sensor before the plate is made. Frame: as the tool holder's, z = 0 on its flange. The
+sensor is bought: a cylinder of its published size keeps its room, z = 0 on the plate.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut
 from ..fit import Length, PlayFit
 from ..kernel import Shape
-from ..part import BLACK, PRINT, RESIN, Part, Shift
+from ..part import BLACK, BOUGHT, PRINT, RESIN, STEEL, Part, Shift
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
@@ -87,6 +88,22 @@ def places(design: Design) -> list[Shift]:
     return [(0.0, 0.0, design.tool.height_mm)]
 
 
+def sensor_box(design: Design) -> Box:
+    """The force sensor's cylinder."""
+    radius = design.adapter.sensor_mm / 2
+    return around(radius, radius, 0.0, design.adapter.sensor_height_mm)
+
+
+def build_sensor(design: Design) -> Shape:
+    """The force sensor as one solid; cable and holes are left out."""
+    return cylinders([(0, 0)], design.adapter.sensor_mm, 0, design.adapter.sensor_height_mm).val()
+
+
+def sensor_places(design: Design) -> list[Shift]:
+    """On the adapter."""
+    return [(0.0, 0.0, design.tool.height_mm + design.adapter.thickness_mm)]
+
+
 PARTS = (
     Part(
         "nano17-adapter",
@@ -107,5 +124,20 @@ PARTS = (
         note="three M2 (ISO 4762) into the force sensor; its bolt circle is assumed: measure yours",
         lies=PrintPose("+z", "force sensor's side"),
         look_for="flat on both sides; the force sensor's screws go in by hand",
+    ),
+    Part(
+        "nano17",
+        "ATI Nano17, six axes",
+        BOUGHT,
+        build_sensor,
+        sensor_box,
+        group="bench",
+        explode_mm=100.0,
+        colour=STEEL,
+        places=sensor_places,
+        sections=("adapter",),
+        note="{d.adapter.sensor_mm:g} mm wide, {d.adapter.sensor_height_mm:g} mm high as published",
+        how="bought",
+        look_for="measure its diameter, height and bolt circle before the adapter is printed",
     ),
 )

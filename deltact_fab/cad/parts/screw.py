@@ -1,15 +1,15 @@
-"""Part 8, the four cap screws through cover and shell into the frame, smooth bodies.
+"""Part 8, the four cap screws through cover and shell into the frame, and the camera's two.
 
-    cap screw (ISO 4762)
+    cap screw (ISO 4762)              cheese head screw (ISO 1207)
 
-        +--+  z_head + length
-        |  |
-     +--+  +--+  z_head
-     |  +--+  |  hexagon socket
-     +--+  +--+  z_head - head height
+        +--+  z_head + length             +--+  +--+
+        |  |                              |  +--+  |  slot, along y
+     +--+  +--+  z_head                   +--+  +--+  z_board_front
+     |  +--+  |  hexagon socket              |  |
+     +--+  +--+  z_head - head height        +--+     z_board_front - screw_length
 
-Built on the axis x = y = 0. Threads are left out: the shank has the thread's nominal diameter, and
-so overlaps its pilot.
+Smooth bodies on the axis x = y = 0: a shank has the thread's nominal diameter, and so overlaps its
+pilot.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..kernel import Shape, require
 from ..part import BOUGHT, STEEL, Part, Shift
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
-from .solids import cylinders
+from .solids import cuboid, cylinders
 
 
 def box(design: Design) -> Box:
@@ -31,24 +31,40 @@ def box(design: Design) -> Box:
 
 
 def build(design: Design) -> Shape:
-    """A cap screw as one solid: head backwards, its underside at z_head on the axis x = y = 0."""
-    cq = require()
-    row = design.screw.row
-    under_mm, back_mm = design.z_head_mm, design.z_head_mm - row.head_height_mm
-    head = cylinders([(0, 0)], row.head_mm, back_mm, row.head_height_mm)
-    shank = cylinders([(0, 0)], row.thread_mm, under_mm, design.screw.length_mm)
-    socket = (
-        cq.Workplane()
-        .workplane(offset=back_mm - 1)
-        .polygon(6, row.socket_mm, circumscribed=True)
-        .extrude(row.head_height_mm / 2 + 1)
-    )
+    """A cap screw as one solid: head backwards, its underside at z_head."""
+    row, under = design.screw.row, design.z_head_mm
+    back = under - row.head_height_mm
+    plan = require().Workplane().workplane(offset=back - 1)
+    socket = plan.polygon(6, row.socket_mm, circumscribed=True).extrude(row.head_height_mm / 2 + 1)
+    head = cylinders([(0, 0)], row.head_mm, back, row.head_height_mm)
+    shank = cylinders([(0, 0)], row.thread_mm, under, design.screw.length_mm)
     return head.union(shank).cut(socket).val()
+
+
+def camera_box(design: Design) -> Box:
+    """Head and shank of a camera screw."""
+    row, under, head = design.holder.row, design.z_board_front_mm, design.holder.row.head_mm / 2
+    return around(head, head, under - design.holder.screw_length_mm, under + row.head_height_mm)
+
+
+def build_camera_screw(design: Design) -> Shape:
+    """A camera screw as one solid: its head on the board's front, the shank towards -z."""
+    row, under = design.holder.row, design.z_board_front_mm
+    top = under + row.head_height_mm
+    slot = around(row.slot_mm / 2, row.head_mm / 2 + 1, top - row.slot_depth_mm, top + 1)
+    head = cylinders([(0, 0)], row.head_mm, under, row.head_height_mm)
+    shank = cylinders([(0, 0)], row.thread_mm, under, -design.holder.screw_length_mm)
+    return head.union(shank).cut(cuboid(slot)).val()
 
 
 def places(d: Design) -> list[Shift]:
     """On the axes of the four corner posts."""
     return [(x, y, 0.0) for x, y in d.screw_centres_mm]
+
+
+def camera_places(d: Design) -> list[Shift]:
+    """On the board's upper holes; none where the board is bonded."""
+    return [(x, y, 0.0) for x, y in d.camera_screw_centres_mm]
 
 
 def rules(d: Design) -> Iterator[Rule]:
@@ -100,5 +116,22 @@ PARTS = (
         note=note,
         how="bought",
         look_for="measure the length below the head",
+    ),
+    Part(
+        "camera-screw",
+        "steel, ISO 1207",
+        BOUGHT,
+        build_camera_screw,
+        camera_box,
+        quantity=2,
+        explode_mm=-41,
+        colour=STEEL,
+        places=camera_places,
+        sections=("holder",),
+        derived=("camera_screw_centres_mm", "z_board_front_mm"),
+        bound_by=("camera-holder",),
+        note="{d.holder.screw} x {d.holder.screw_length_mm:g}, slotted",
+        how="bought",
+        look_for="the head is no higher than the light holder's floor",
     ),
 )

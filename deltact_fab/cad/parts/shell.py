@@ -76,8 +76,7 @@ def body(design: Design) -> Workplane:
     if shell.ledge_drop_mm > 0:
         drop = shell.ledge_drop_mm
         body = body.cut(prism(notched((x, y), corner), joint - drop, drop + 1))
-    if design.z_boss_mm > floor:
-        body = body.cut(boss_room(design))
+    body = body.cut(boss_room(design))
     clearance, deep = design.screw.row.clearance_mm, design.shell_depth_mm
     holes = cylinders(design.screw_centres_mm, clearance, floor - 1, deep + 2)
     half = shell.cable_width_mm / 2
@@ -110,7 +109,7 @@ def rules(d: Design) -> Iterator[Rule]:
     yield Quantity("ledge_mm and what the wall leaves before it", max(d.ledge_reach_mm)).at_most(
         "posts beyond the wall", d.post_mm - shell.wall_mm
     )
-    yield Quantity("floor", d.z_floor_mm).at_most("back of the posts", d.z_boss_mm)
+    yield Quantity("floor", d.z_floor_mm).below("back of the posts", d.z_boss_mm)
     yield Quantity("2", 2.0).below("height of the posts", posts)
     yield from mount.rules(d)
 
@@ -118,9 +117,8 @@ def rules(d: Design) -> Iterator[Rule]:
 def fits(d: Design) -> Iterator[PlayFit]:
     """The cover's bosses, screws on their way into the frame, and what the notch lets through."""
     printer, shell, row, cam = d.resin_printer, d.shell, d.screw.row, d.camera
-    if d.z_boss_mm > d.z_floor_mm:
-        corner, boss = printer.inner(d.boss_room_mm), printer.outer(d.post_mm)
-        yield PlayFit("boss in its corner", "shell, cover", (corner,), (boss,))
+    corner, boss = printer.inner(d.boss_room_mm), printer.outer(d.post_mm)
+    yield PlayFit("boss in its corner", "shell, cover", (corner,), (boss,))
     shank, hole = (Length(row.thread_mm), printer.pitch()), (printer.inner(row.clearance_mm),)
     for name in ("shell", "cover"):
         parts = f"{name}, screw, skin-frame"
@@ -133,6 +131,9 @@ def fits(d: Design) -> Iterator[PlayFit]:
     # The light holder's wires leave there too, over the cable.
     through = (Length(thick, 0.05, keys[1:]), WIRE_OUTER)
     yield PlayFit("cable and wires in the notch, z", "shell, cable, wires", (high,), through)
+    # Foam keeps light out; a plug shorter than twice the notch's height comes out with the cable.
+    foam, plug = Length(shell.cable_foam_mm), Length(2 * shell.cable_height_mm)
+    yield PlayFit("shell.cable_foam_mm, twice the notch", "shell, cable", (foam,), (plug,))
     yield from mount.fits(d)
 
 
@@ -151,11 +152,11 @@ def body_lengths(d: Design) -> list[Told]:
         y_of(-ledge_y, ledge_y),
         z_of(d.z_floor_mm, joint),
         z_of(joint - shell.ledge_height_mm, joint, fitted=False),
+        x_of(ox - room, ox),
+        y_of(-oy, room - oy),
     ]
     if shell.ledge_drop_mm > 0:
         lengths.append(z_of(joint - shell.ledge_drop_mm, joint))
-    if d.z_boss_mm > d.z_floor_mm:
-        lengths += [x_of(ox - room, ox), y_of(-oy, room - oy)]
     return lengths
 
 

@@ -19,6 +19,7 @@ from ..kernel import Shape, require
 from ..part import CLEAR, Part
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
+from .solids import cuboid
 
 
 def box(design: Design) -> Box:
@@ -34,29 +35,14 @@ def build(design: Design) -> Shape:
     w, h = skin.width_mm / 2, skin.length_mm / 2
     x, y = design.post_in_window_mm
     below_mm = skin.thickness_mm - skin.protrusion_mm
-    block = (
-        cq.Workplane()
-        .workplane(offset=-skin.thickness_mm)
-        .rect(skin.width_mm, skin.length_mm)
-        .extrude(skin.thickness_mm)
-        .faces(">Z")
-        .edges()
-        .fillet(skin.edge_fillet_mm)
-    )
+    block = cuboid(around(w, h, -skin.thickness_mm, 0.0))
+    block = block.faces(">Z").edges().fillet(skin.edge_fillet_mm)
     if x == 0 or below_mm == 0:
         return block.val()
     # One millimetre longer on the three outer sides, so that no face of the cutter coincides.
-    notches = (
-        cq.Workplane()
-        .workplane(offset=-skin.thickness_mm - 1)
-        .pushPoints([(sx * (w - x / 2 + 0.5), sy * (h - y / 2 + 0.5)) for sx, sy in CORNERS])
-        .rect(x + 1, y + 1)
-        .extrude(below_mm + 1)
-    )
-    return block.cut(notches).val()
-
-
-CORNERS = ((-1, -1), (1, -1), (-1, 1), (1, 1))
+    corners = [(sx * (w - (x - 1) / 2), sy * (h - (y - 1) / 2)) for sx in (-1, 1) for sy in (-1, 1)]
+    notches = cq.Workplane().workplane(offset=-skin.thickness_mm - 1).pushPoints(corners)
+    return block.cut(notches.rect(x + 1, y + 1).extrude(below_mm + 1)).val()
 
 
 def rules(d: Design) -> Iterator[Rule]:

@@ -27,13 +27,13 @@ from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, x_of, y_of, z_of
 from ..fit import Length, PlayFit
-from ..kernel import Shape, Workplane, require
+from ..kernel import Shape, Workplane
 from ..part import BLACK, PRINT, RESIN, Part, nothing
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
 from ..standards import screw_tolerance_mm
-from .solids import cylinders, prism, without_corners
+from .solids import cuboid, cylinders, prism, without_corners
 
 
 def box(design: Design) -> Box:
@@ -44,11 +44,9 @@ def box(design: Design) -> Box:
 
 def build(design: Design) -> Shape:
     """The frame as one solid in the sensor frame, z from the joint to -protrusion."""
-    cq = require()
-    screw = design.screw
-    bottom_mm = design.z_joint_mm
-    outer = cq.Workplane().workplane(offset=bottom_mm).rect(*design.frame_outer_mm)
-    body = outer.extrude(design.frame_height_mm)
+    screw, bottom_mm = design.screw, design.z_joint_mm
+    x, y = (side / 2 for side in design.frame_outer_mm)
+    body = cuboid(around(x, y, bottom_mm, bottom_mm + design.frame_height_mm))
     # Cutters stand out at the ends: faces that coincide are where booleans go wrong.
     window = (design.skin.width_mm / 2, design.skin.length_mm / 2)
     if design.skin.thickness_mm > design.skin.protrusion_mm:

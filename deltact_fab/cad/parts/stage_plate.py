@@ -27,7 +27,7 @@ from ..part import MACHINED, STEEL, Part
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
 from ..standards import PITCH_MM
-from .solids import cylinders
+from .solids import cuboid, cylinders
 
 KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
 
@@ -73,11 +73,10 @@ def build(design: Design) -> Shape:
     cq = require()
     plate = design.stage_plate
     low, high = design.z_back_mm - plate.thickness_mm, plate.thickness_mm
-    body = cq.Workplane(origin=(0, 0, low)).rect(*sides_mm(design)).extrude(high)
     drills = cylinders(tab_centres_mm(design), plate.thread_hole_mm, low - 1, high + 2)
     slots = cq.Workplane(origin=(0, 0, low - 1)).pushPoints(slot_centres_mm(design))
     slots = slots.slot2D(plate.slot_length_mm, plate.slot_mm)
-    return body.cut(drills).cut(slots.extrude(high + 2)).val()
+    return cuboid(box(design)).cut(drills).cut(slots.extrude(high + 2)).val()
 
 
 DRILL_MM = 0.1

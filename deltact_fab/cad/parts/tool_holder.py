@@ -16,6 +16,7 @@ x. The bore is deeper than the stem is long, so the free length is the indenter'
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from ...shapes import Indenter
@@ -98,7 +99,8 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 def callouts(d: Design) -> Callouts:
     """D bore, body, flange; section through the axis."""
-    tool = d.tool
+    tool, radius = d.tool, Indenter.stem_diameter_mm / 2
+    turn_deg = math.degrees(math.atan(0.05 / math.sqrt(radius**2 - Indenter.stem_flat_at_mm**2)))
     rounds = {
         2 * tool.bore_mm: "for the stem, flat at +x",
         tool.screw_hole_mm: "for M3",
@@ -107,7 +109,7 @@ def callouts(d: Design) -> Callouts:
     }
     notes = (
         "The indenter's flat, which faces its tip's +x, lies on the bore's flat.",
-        f"Flats out of parallel by 0.1 turn the tip by {tool.clocking_deg:.1f}°.",
+        f"Flats out of parallel by 0.1 turn the tip by {turn_deg:.1f}°.",
     )
     return Callouts(rounds=rounds, fitted=(2 * tool.bore_mm,), notes=notes, cut=Cut(0.0))
 

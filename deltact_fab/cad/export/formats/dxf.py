@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from ....errors import RunFailed
 from ...kernel import ordered
-from ...part import Flat
 
 LAYER = "CUT"
 _MILLIMETRES = 4
@@ -31,21 +30,6 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
     edge is neither line nor arc.
     """
     return _document(lambda document: _draw(document, solid, name, outwards_mm))
-
-
-def flat_bytes(lines: Sequence[Flat]) -> bytes:
-    """Polylines as they are, each layer in a colour of its own: in the order they come."""
-
-    def draw(document: Any) -> None:
-        layers = list(dict.fromkeys(line.layer for line in lines))
-        for colour, layer in enumerate(layers, 1):
-            document.layers.add(layer, color=colour)
-        space = document.modelspace()
-        for line in lines:
-            attributes = {"layer": line.layer}
-            space.add_lwpolyline(line.corners, "xyb", close=line.closed, dxfattribs=attributes)
-
-    return _document(draw)
 
 
 def _document(draw: Callable[[Any], None]) -> bytes:
