@@ -78,8 +78,8 @@ class Linear:
 class Leader:
     """A label and an arrow to a circle of radius_mm about a point, or to the point itself (0).
 
-    flatness_mm: width of the zone that the surface there lies in, in a frame of its own
-    (ISO 1101). roughness_um: Ra (ISO 21920). 0 leaves either out.
+    flatness_mm: width of the zone that the surface there lies in (ISO 1101). roughness_um: Ra
+    (ISO 21920). 0 leaves either out.
     """
 
     view: str
@@ -89,6 +89,13 @@ class Leader:
     side: Literal["left", "right"] = "right"
     flatness_mm: float = 0.0
     roughness_um: float = 0.0
+
+    @property
+    def text(self) -> str:
+        """What is printed."""
+        flat = f"flat within {shown(self.flatness_mm)}" if self.flatness_mm else ""
+        rough = f"Ra {shown(self.roughness_um)}" if self.roughness_um else ""
+        return ", ".join(word for word in (self.words, flat, rough) if word)
 
 
 @dataclass(frozen=True)
@@ -114,19 +121,6 @@ class Cut:
     """Section A-A in place of the left view: the plane x = x_mm, seen from -x."""
 
     x_mm: float
-
-
-@dataclass(frozen=True)
-class Detail:
-    """What a circle of radius_mm about a point of a view holds, drawn larger beside the views.
-
-    letter: its name, which is also the `view` of the items that stand around it.
-    """
-
-    letter: str
-    view: str
-    at: Vector
-    radius_mm: float
 
 
 Item = Linear | Leader | Centres | Axis
@@ -181,7 +175,7 @@ class Callouts:
     what its label adds. fitted: diameters with limits of their own. labels: for faces that are
     neither flat nor round. axes: (axis, coordinate) of places where the same features stand. cut:
     section A-A in place of the left view. rests_on: unverified keys that the part is made from;
-    those still open are named on the drawing. details: parts of views drawn larger.
+    those still open are named on the drawing.
     """
 
     lengths: tuple[Told, ...] = ()
@@ -193,4 +187,3 @@ class Callouts:
     cut: Cut | None = None
     flipped: bool = False
     rests_on: tuple[str, ...] = ()
-    details: tuple[Detail, ...] = ()

@@ -31,7 +31,7 @@ def wiring(design: Design) -> DrawingPage:
         design.drawing, "wiring",
     )  # fmt: skip
     draw_frame(page, title)
-    page.open("supply")
+    page.group = "supply"
     left, right = SUPPLY_X
     _box(page, left, PLUS_Y - 10, right, MINUS_Y + 10)
     middle = (left + right) / 2
@@ -39,9 +39,8 @@ def wiring(design: Design) -> DrawingPage:
     _stack(page, middle, 68, ("Supply", volts, f"at least {light.most_ma:.3g} mA"))
     for y, sign in ((PLUS_Y, "+"), (MINUS_Y, "−")):
         page.text((right - 4, y + 1.2), sign, LARGE_MM, "middle")
-    page.close()
 
-    page.open("leads")
+    page.group = "leads"
     plus, minus = WIRE_COLOURS
     resistor = (74.0, 94.0)
     drawn = min(light.led_count, MAX_DRAWN)
@@ -58,18 +57,16 @@ def wiring(design: Design) -> DrawingPage:
     for y, colour in ((PLUS_Y, plus), (MINUS_Y, minus)):
         said = f"{colour}, {WIRE}, {light.wire_mm:g} mm"
         page.text(((resistor[0] + WALL_X) / 2 - 8, y + 8), said, SMALL_MM, "middle")
-    page.close()
 
-    page.open("leds")
+    page.group = "leds"
     for i, x in enumerate(xs, 1):
         _led(page, x, f"LED {light.led_count if i == drawn else i}", light.strip_resistor_ohm)
     if light.led_count > drawn:
         # Dots stand for what is left out of a long chain.
         for shift in (-2.0, 0.0, 2.0):
             page.circle(((xs[-2] + xs[-1]) / 2 + shift, PLUS_Y + 10), 0.4, "visible")
-    page.close()
 
-    page.open("walls")
+    page.group = "walls"
     _box(page, WALL_X, TOP_Y, RIGHT_X, END_Y, "hidden")
     _box(page, RING_X, TOP_Y + 9, RIGHT_X - 4, RING_END_Y, "hidden")
     page.text((WALL_X + 3, TOP_Y + 5), "sensor: shell (3) and cover (7)")
@@ -89,9 +86,8 @@ def wiring(design: Design) -> DrawingPage:
     page.line((WALL_X - 3, 66 - SMALL_MM / 2), (WALL_X, PLUS_Y + 3))
     page.text((WALL_X + 3, 113), f"slot {light.slot_mm:g} mm, at −y: both wires")
     page.line((RING_X - 3, 113 - SMALL_MM - 1), (RING_X, MINUS_Y + 3))
-    page.close()
 
-    page.open("camera")
+    page.group = "camera"
     _box(page, left, CABLE_Y - 8, right + 8, CABLE_Y + 8)
     for i, line in enumerate((COMPUTER, "camera port")):
         page.text(((left + right + 8) / 2, CABLE_Y + 4 * i), line, SMALL_MM, "middle")
@@ -106,15 +102,13 @@ def wiring(design: Design) -> DrawingPage:
         page.text(place, line, SMALL_MM, "middle")
     for i, line in enumerate(("length as the arm needs;", "ends and contacts as the camera's")):
         page.text(((right + 8 + WALL_X) / 2, CABLE_Y + 7 + LINE_MM * i), line, SMALL_MM, "middle")
-    page.close()
 
-    page.open("notes")
+    page.group = "notes"
     y = END_Y + 6
     for said in _notes(design):
         for line in wrapped(said, 90):
             page.text((14, y + SMALL_MM), line)
             y += LINE_MM
-    page.close()
     return page
 
 
