@@ -18,7 +18,7 @@ from ..dimensions import Design
 from ..part import Part
 from ..registry import of_group
 from .folder import MANIFEST, PartFile, earlier, manifest, place, staged
-from .formats import glb, threemf
+from .formats import glb
 from .part_files import (
     ASSEMBLY,
     DRAWN,
@@ -33,7 +33,6 @@ from .part_files import (
     whole,
     whole_name,
 )
-from .plates import PrintPlate, arranged
 from .stored import Store
 
 TOLERANCE_MM = (0.001, 1.0)
@@ -69,9 +68,6 @@ def export_parts(
     assembly: write assembly.step, assembly.glb, wiring.svg and wiring.pdf when all of the sensor's
         parts are among parts.
 
-    With 3mf, several printed parts are also written as plate-1.3mf and so on: all of them, each
-    under its name, on as many platforms as they take.
-
     Afterwards the folder is what its manifest says: what an earlier export's manifest.json lists
     and is not written again is removed, unless it was changed since; other files stay.
 
@@ -100,14 +96,11 @@ def export_parts(
     whole_sensor = [part.name for part in of_group("sensor", design)]
     complete = assembly and set(whole_sensor) <= set(named)
     sensor = tuple(named[name] for name in whole_sensor) if complete else ()
-    to_print = [part for part in named.values() if part.printed and "3mf" in kinds]
-    plates = arranged(design, to_print) if len(to_print) > 1 else []
     if sensor and (own := tuple(kind for kind in kinds if kind in ("step", *DRAWN))):
         units.insert(0, (None, own))
     names = [f"{_name(part, kind)}.{kind}" for part, own in units for kind in own]
     if sensor and "glb" in kinds:
         names.append(f"{ASSEMBLY}.glb")
-    names += [f"{_plate(i)}.3mf" for i in range(len(plates))]
     earlier(Path(out_dir), names)
     tell = progress or (lambda done, total, what: None)
     store = Store(design, tolerance_mm, cached)
@@ -116,8 +109,6 @@ def export_parts(
         _make(batch, units, (design, tolerance_mm), jobs, executor, tell)
         if sensor and "glb" in kinds:
             batch.keep(None, _assembly_glb(batch, design))
-        for i, plate in enumerate(plates):
-            batch.lay(_plate(i), plate)
         files = batch.files()
         (folder / MANIFEST).write_text(manifest(files), encoding="utf-8", newline="\n")
         place(folder, Path(out_dir), names)
@@ -127,10 +118,6 @@ def export_parts(
 
 def _name(part: Part | None, kind: str) -> str:
     return part.name if part else whole_name(kind)
-
-
-def _plate(index: int) -> str:
-    return f"plate-{index + 1}"
 
 
 class _Batch:
@@ -168,28 +155,6 @@ class _Batch:
                 turned=part.lies.turn if on_platform(part, made.format) else None,
             )  # fmt: skip
         self._entries.append(entry)
-
-    def lay(self, name: str, plate: PrintPlate) -> None:
-        """Put the parts' own 3MF files on one platform."""
-        pieces, sizes, deviations_mm = [], [], []
-        for part in dict.fromkeys(standing.part for standing in plate.pieces):
-            held = self.held[part.name, "3mf"]
-            places = tuple((s.x_mm, s.y_mm, 0.0) for s in plate.pieces if s.part is part)
-            mesh = threemf.read_mesh((self.folder / f"{part.name}.3mf").read_bytes())
-            pieces.append(threemf.ArchiveObject(part.name, mesh, places))
-            sizes.append((held.volume_mm3, held.box_mm, places))
-            deviations_mm.append(held.deviation_mm or 0.0)
-        first = plate.pieces[0].part
-        data = threemf.plate_bytes(pieces, name, plate.material, first.colour)
-        entry = self._written(name, FileBytes("3mf", data, *whole(sizes), max(deviations_mm)))
-        self._entries.append(
-            replace(
-                entry,
-                material=plate.material,
-                process=first.process,
-                pieces=tuple(standing.part.name for standing in plate.pieces),
-            )
-        )
 
     def _written(self, name: str, made: FileBytes) -> PartFile:
         path = self.folder / f"{name}.{made.format}"
@@ -259,10 +224,9 @@ def _assembly_glb(batch: _Batch, design: Design) -> FileBytes:
     """The parts' own GLB files put in their places."""
     drawn, sizes, deviations_mm = [], [], []
     for part in batch.sensor:
-        where = part.places(design)
-        drawn.append(glb.read_part((batch.folder / f"{part.name}.glb").read_bytes(), where))
+        where, data = part.places(design), (batch.folder / f"{part.name}.glb").read_bytes()
+        drawn.append(glb.read_part(data, part.colour, where))
         held = batch.held[part.name, "glb"]
         sizes.append((held.volume_mm3, held.box_mm, where))
         deviations_mm.append(held.deviation_mm or 0.0)
-    data = glb.glb_bytes(drawn, ASSEMBLY)
-    return FileBytes("glb", data, *whole(sizes), max(deviations_mm))
+    return FileBytes("glb", glb.glb_bytes(drawn), *whole(sizes), max(deviations_mm))
