@@ -70,16 +70,6 @@ def _export(names, kinds, folder, **options):
 
 
 @pytest.mark.slow
-def test_two_processes_write_the_same_bytes_in_any_order(exported, tmp_path):
-    """Workers, reversed, so that the kernel's counters stand elsewhere when a part's turn comes."""
-    folder, files, _ = exported
-    parts = registry.select(NAMES)[::-1]
-    theirs = export_parts(DESIGN, parts, KINDS[::-1], 0.01, tmp_path, jobs=2, cached=False)
-    assert theirs == files
-    _same(folder, tmp_path)
-
-
-@pytest.mark.slow
 def test_the_folder_holds_what_applies_and_a_manifest_without_times_or_paths(exported):
     folder, files, calls = exported
     text = (folder / "manifest.json").read_text()
@@ -122,20 +112,6 @@ def test_the_assembly_is_the_sum_of_its_parts(exported):
     assert len(solids) == sum(part.quantity for part in registry.of_group("sensor"))
     assert sum(s.Volume() for s in solids) == pytest.approx(volume_mm3, rel=1e-6)
     assert all(s.isValid() for s in solids)
-
-
-@pytest.mark.parametrize("name", [*SENSOR, "indenter-sphere-10"])
-def test_step_comes_back_with_its_volume_and_name(exported, name):
-    import cadquery as cq
-
-    folder, files, _ = exported
-    written = next(f for f in files if f.file == f"{name}.step")
-    (back,) = cq.importers.importStep(str(folder / written.file)).solids().vals()
-    assert back.isValid()
-    assert back.Volume() == pytest.approx(written.volume_mm3, rel=1e-6)
-    text = (folder / written.file).read_text()
-    assert f"PRODUCT('{name}','{name}'" in text
-    assert "1970-01-01T00:00:00" in text
 
 
 def test_the_assembly_needs_all_of_the_sensor_and_the_wish(tmp_path):
@@ -198,37 +174,24 @@ export_parts(
     load_design("deltact", changes.split()), registry.select(names), kinds, 0.01, Path(out),
     lambda *call: calls.append(call), jobs=1,
 )
-print(calls, sorted(m for m in ("cadquery", "OCP", "scipy", "ezdxf") if m in sys.modules))
+print(calls, sorted(m for m in ("cadquery", "OCP", "ezdxf") if m in sys.modules))
 """
 
 
-def _from_cache(folder, changes=""):
-    """An export in a process that cannot load the kernel."""
-    code = f"import sys\n{BROKEN}\n{FROM_CACHE}"
-    return subprocess.run(
-        [sys.executable, "-c", code, str(folder), changes, *NAMES],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-
-
 def test_an_export_from_the_cache_is_the_same_and_loads_no_kernel(exported, tmp_path):
-    done = _from_cache(tmp_path / "o")
+    """In a process that cannot load it; a change is not found in the cache."""
+    code = f"import sys\n{BROKEN}\n{FROM_CACHE}"
+    done, other = (
+        subprocess.run(
+            [sys.executable, "-c", code, str(tmp_path / "o"), changes, *NAMES],
+            capture_output=True, text=True, timeout=120, check=False,
+        )
+        for changes in ("", "skin.width_mm=37")
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout == "[(12, 12, 'cache'), (12, 12, 'done')] []\n"
     _same(exported[0], tmp_path / "o")
-
-
-@pytest.mark.slow
-def test_the_cache_does_not_hide_a_broken_rule_nor_a_change(exported, tmp_path):
-    done = _from_cache(tmp_path / "o", "skin.width_mm=24 skin.length_mm=24")
-    assert done.returncode == 1
-    assert "InputError" in done.stderr
-    done = _from_cache(tmp_path / "o", "skin.width_mm=37")
-    assert "MissingLibrary: cadquery needs libGL.so.1" in done.stderr
-    assert not (tmp_path / "o").exists()
+    assert "MissingLibrary: cadquery needs libGL.so.1" in other.stderr
 
 
 def test_damaged_entries_are_made_again(exported, tmp_path):
@@ -273,7 +236,6 @@ MADE = FileBytes("step", b"bytes", 1.5, ((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)), None
         ({"kind": "stl"}, False),
         ({"design": Design(skin=SkinDimensions(width_mm=37))}, False),
         ({"parts": ["skin-frame"]}, False),
-        ({"parts": ["skin", "shell"]}, False),
         ({"in_use": False}, False),
     ],
 )
@@ -434,16 +396,11 @@ def test_what_comes_in_the_way_meanwhile_is_refused_before_the_first_file(tmp_pa
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "{",
-        "[]",
         "\xff",
         '{"name": "an app", "icons": []}',
-        '{"files": ["acrylic.step"]}',
         '{"files": [{"file": "acrylic.step"}]}',
         '{"files": [{"file": "../acrylic.step", "sha256": ""}]}',
         '{"files": [{"file": "notes.txt", "sha256": ""}]}',
-        '{"files": [{"file": ["acrylic.step"], "sha256": ""}]}',
         '{"files": [{"file": "acrylic.step", "sha256": 1}]}',
         "[" * 100_000,
     ],
@@ -487,11 +444,7 @@ def test_cut_short_the_folder_has_no_manifest_rather_than_a_wrong_one(tmp_path, 
         (None, 8, 0.01, False, 2, 1),
         (None, 28, 0.01, False, 2, 2),
         (None, 28, 0.01, False, 16, 4),
-        (None, 28, 0.01, False, 1, 1),
         (None, 28, 0.01, True, 2, 1),
-        (None, 28, 0.001, True, 2, 2),
-        (None, 8, 0.001, False, 2, 2),
-        (1, 28, 0.001, False, 2, 1),
         (3, 2, 0.1, True, 2, 3),
     ],
 )
@@ -522,7 +475,6 @@ def test_ctrl_c_leaves_nothing(tmp_path, monkeypatch):
         (["stp"], 0.01, None, "format 'stp': unknown; did you mean 'step'"),
         ([], 0.01, None, "format: none given; valid: step, stl, 3mf, dxf, glb, svg, pdf"),
         (["stl"], 0.0, None, "tolerance 0 mm: expected 0.001 to 1 mm"),
-        (["stl"], float("nan"), None, "tolerance nan mm"),
         (["stl"], 0.01, 0, "jobs 0: expected 1 or more"),
     ],
 )
@@ -545,14 +497,9 @@ def test_a_file_in_the_folder_s_place_is_refused(tmp_path):
         ("4dots", "indenter-4dots"),
         ("sphere:10", "indenter-sphere-10"),
         ("sphere:12.5", "indenter-sphere-12p5"),
-        ("indenter-sphere-12p5", "indenter-sphere-12p5"),
         ("indenter-sphere-12.50", "indenter-sphere-12p5"),
-        ("star", "indenter-star"),
-        ("indenter-star", "indenter-star"),
         ("star:9", "indenter-star"),
-        ("edges:7.5", "indenter-edges-7p5"),
         ("indenter-edges-7p5", "indenter-edges-7p5"),
-        ("2dots", "indenter-2dots"),
     ],
 )
 def test_indenters_go_by_the_protocol_s_name_or_the_file_s(typed, part):
@@ -563,14 +510,9 @@ def test_indenters_go_by_the_protocol_s_name_or_the_file_s(typed, part):
     ("typed", "says"),
     [
         ("skinframe", "part 'skinframe': unknown; did you mean 'skin-frame'?"),
-        ("lens", "part 'lens': unknown; did you mean 'sensor'?"),
         ("qqq", "part 'qqq': unknown; valid: 2dots, 4dots, acrylic, bench, "),
-        ("indenter-sta", "part 'indenter-sta': unknown; did you mean 'indenter-star'?"),
-        ("elipsoid", "did you mean 'ellipsoid'?"),
         ("indenter-sphere-99", "diameter of 0.5 to 30 mm"),
-        ("star:99", "5 to 20 mm"),
         ("star:", "part 'star:': unknown"),
-        ("sphere:", "part 'sphere:': unknown"),
     ],
 )
 def test_an_unknown_part_is_named_with_the_nearest(tmp_path, typed, says):
