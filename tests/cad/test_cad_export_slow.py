@@ -108,7 +108,7 @@ from pathlib import Path
 from deltact_fab.cad.export import batch as export
 # A shell starts what it puts in the background, this test perhaps, with Ctrl-C ignored.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-export.SHARED_FROM_S = 0.0
+export.SHARED_FROM = 2
 export.processors = lambda: 2
 from deltact_fab.cli.main import entry
 sys.argv = ["deltact-fab", "cad", "export", "sensor", "--out", {str(tmp_path / "o")!r}]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import sys
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -37,11 +36,8 @@ from .stored import Store
 
 TOLERANCE_MM = (0.001, 1.0)
 MAX_JOBS = 4
-# A part takes about this long at 0.01 mm and coarser, and more the finer the mesh.
-PART_S, PART_TOLERANCE_MM, PART_POWER = 0.25, 0.01, 0.6
-# Work worth sharing: a worker loads the kernel first, 4 s and 500 MB, which another process need
-# not do when the kernel is here already.
-SHARED_FROM_S, SHARED_FROM_LOADED_S = 4.0, 12.0
+# Files of so many parts are worth sharing: a worker first loads the kernel, 4 s and 500 MB.
+SHARED_FROM = 12
 _DIGITS = 6
 
 
@@ -208,16 +204,14 @@ def _make(
         done += 1
         tell(done, len(units), names[index])
 
-    arrivals(make, tasks, arrived, executor, workers=_jobs(jobs, len(tasks), dimensions[1]))
+    arrivals(make, tasks, arrived, executor, workers=_jobs(jobs, len(tasks)))
 
 
-def _jobs(asked: int | None, tasks: int, tolerance_mm: float) -> int:
+def _jobs(asked: int | None, tasks: int) -> int:
     """Processes: as many as asked for, else several when the work is worth it."""
     if asked is not None:
         return asked
-    work_s = tasks * PART_S * max(1.0, PART_TOLERANCE_MM / tolerance_mm) ** PART_POWER
-    least_s = SHARED_FROM_LOADED_S if "cadquery" in sys.modules else SHARED_FROM_S
-    return min(processors(), MAX_JOBS) if work_s >= least_s else 1
+    return min(processors(), MAX_JOBS) if tasks >= SHARED_FROM else 1
 
 
 def _assembly_glb(batch: _Batch, design: Design) -> FileBytes:
