@@ -72,17 +72,8 @@ def arranged(pieces: Sequence[tuple[Part, Sequence[Points]]], axis: Points) -> l
 
 def spread(wanted: Sequence[float], apart: float) -> list[float]:
     """Places in the order given, `apart` from one another, as near as may be to those wanted."""
-    # Groups that touch share the error evenly.
-    groups: list[list[float]] = []
-    for value in wanted:
-        groups.append([value])
-        while (
-            len(groups) > 1
-            and _first(groups[-1], apart) < _first(groups[-2], apart) + len(groups[-2]) * apart
-        ):
-            groups[-2:] = [groups[-2] + groups[-1]]
-    return [_first(group, apart) + i * apart for group in groups for i in range(len(group))]
+    from scipy.optimize import isotonic_regression
 
-
-def _first(group: Sequence[float], apart: float) -> float:
-    return sum(v - i * apart for i, v in enumerate(group)) / len(group)
+    least = apart * np.arange(len(wanted))
+    places: list[float] = (isotonic_regression(np.array(wanted) - least).x + least).tolist()
+    return places

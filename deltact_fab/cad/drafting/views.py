@@ -21,11 +21,10 @@ VIEWS = {
     "left": View((1, 0, 0), (0, 0, 1)),
     "picture": View((1, 1, -0.8), (0, 0, 1)),
 }
+# The part turned half about x.
 FLIPPED = {
-    "front": View((0, -1, 0), (0, 0, -1)),
-    "top": View((0, 0, 1), (0, -1, 0)),
-    "left": View((1, 0, 0), (0, 0, -1)),
-    "picture": View((1, -1, 0.8), (0, 0, -1)),
+    name: View(*((x, -y, -z) for x, y, z in (view.direction, view.up)))
+    for name, view in VIEWS.items()
 }
 
 

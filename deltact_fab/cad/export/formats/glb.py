@@ -74,13 +74,11 @@ def glb_bytes(parts: Sequence[GlbPart]) -> bytes:
             part.points_mm, part.triangles, vertex_normals=part.normals, process=False,
             visual=trimesh.visual.TextureVisuals(material=_material(part)),
         )  # fmt: skip
+        scene.geometry[part.name] = body
         for copy, place in enumerate(part.places_mm, start=1):
-            scene.add_geometry(
-                body,
-                node_name=part.name if len(part.places_mm) == 1 else f"{part.name}-{copy}",
-                geom_name=part.name,
-                transform=_ROOT @ trimesh.transformations.translation_matrix(place),
-            )
+            called = part.name if len(part.places_mm) == 1 else f"{part.name}-{copy}"
+            where = _ROOT @ trimesh.transformations.translation_matrix(place)
+            scene.graph.update(called, matrix=where, geometry=part.name)
     return bytes(export_glb(scene, include_normals=True))
 
 
