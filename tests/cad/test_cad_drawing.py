@@ -16,7 +16,7 @@ import shapely
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.drafting.dimensioning import Callouts, Leader, Linear, shown, toleranced
+from deltact_fab.cad.drafting.dimensioning import Callouts, Leader, Told, shown, toleranced
 from deltact_fab.cad.drafting.drawing import drawing
 from deltact_fab.cad.drafting.layout import SCALES
 from deltact_fab.cad.drafting.page import GAP_MM, DrawingPage, Polylines, Text, meet, text_width_mm
@@ -104,7 +104,7 @@ def faults(page):
 
 
 def test_a_box_shows_its_outline_and_hides_nothing_else(cq):
-    (lines,) = project([cq.Solid.makeBox(10, 20, 30)], FRONT.direction, FRONT.up)
+    (lines,) = project([cq.Solid.makeBox(10, 20, 30)], FRONT)
     assert np.allclose(lines.box_mm, ((0, 0), (10, 30)), atol=1e-9)
     # The back edges lie under the front ones.
     assert lines.hidden == ()
@@ -113,12 +113,12 @@ def test_a_box_shows_its_outline_and_hides_nothing_else(cq):
 
 def test_a_hole_is_hidden_from_the_side_and_round_from_above(cq):
     box = cq.Workplane().box(10, 20, 30).faces(">Z").workplane().hole(4, 12).val()
-    (side,) = project([box], FRONT.direction, FRONT.up)
+    (side,) = project([box], FRONT)
     hidden = np.concatenate(side.hidden)
     assert np.allclose(hidden.min(axis=0), (-2, 3), atol=1e-6)
     assert np.allclose(hidden.max(axis=0), (2, 15), atol=1e-6)
     chord_mm = 0.01
-    (above,) = project([box], (0, 0, -1), (0, 1, 0), chord_mm)
+    (above,) = project([box], VIEWS["top"], chord_mm)
     circle = next(line for line in above.visible if abs(np.ptp(line[:, 0]) - 4) < 0.1)
     middles = np.hypot(*((circle[1:] + circle[:-1]) / 2).T)
     assert np.allclose(np.hypot(*circle.T), 2, atol=1e-4)  # SAME_MM
@@ -129,7 +129,7 @@ def test_a_solid_behind_another_keeps_its_own_hidden_lines(cq):
     near = cq.Solid.makeBox(10, 2, 10)
     far = cq.Solid.makeBox(4, 2, 4, cq.Vector(3, 5, 3))
     half = far.moved(cq.Location((5, 4, 0)))
-    front, behind, aside = project([near, far, half], FRONT.direction, FRONT.up)
+    front, behind, aside = project([near, far, half], FRONT)
     assert len(front.visible) == 1
     assert behind.visible == ()
     assert np.allclose(behind.box_mm, ((3, 3), (7, 7)), atol=1e-6)
@@ -314,8 +314,8 @@ def test_a_length_is_printed_as_a_machinist_writes_it_with_its_own_limits():
     ] == ["35.8 0/−0.1", "3 ±0.1", "2 +0.1/+0.05"]  # fmt: skip
     with pytest.raises(ValueError, match=r"lower 0\.1 above upper -0\.1"):
         toleranced(3, (0.1, -0.1))
-    length = Linear("top", (0, 0, 0), (3, 0, 0), "top", limits=(-0.1, 0), auxiliary=True)
-    assert length.words(VIEWS["top"]) == "(3 0/−0.1)"
+    assert Told(0, 1, 4, auxiliary=True).words((-0.1, 0)) == "(3 0/−0.1)"
+    assert Told(0, 1, 4, before="Ø", fitted=False).words((-0.1, 0)) == "Ø3"
 
 
 def test_a_label_s_arrow_ends_on_the_rim_of_what_it_tells(cq):

@@ -87,10 +87,8 @@ def test_the_folder_holds_what_applies_and_a_manifest_without_times_or_paths(exp
     assert calls[-1] == (12, 12, "done")
 
 
-def test_the_assembly_needs_all_of_the_sensor_and_the_wish(tmp_path):
-    names = {f.file for f in _export(["sensor"], ["glb"], tmp_path / "a", assembly=False)}
-    assert names == {f"{name}.glb" for name in SENSOR}
-    names = {f.file for f in _export(SENSOR[1:], ["glb"], tmp_path / "b")}
+def test_the_assembly_needs_all_of_the_sensor(tmp_path):
+    names = {f.file for f in _export(SENSOR[1:], ["glb"], tmp_path)}
     assert names == {f"{name}.glb" for name in SENSOR[1:]}
 
 

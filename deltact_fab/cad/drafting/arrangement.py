@@ -27,7 +27,6 @@ class _Line:
     """A linear dimension on its level: where it stands along its side, in paper mm."""
 
     item: Linear
-    words: str
     low: float
     high: float
     text_at: float
@@ -109,7 +108,7 @@ class ArrangedView:
     def _levels(self, side: Side, lines: Iterable[_Line], taken: Sequence[Rect]) -> list[_Line]:
         """Short dimensions nearest to the view; none where another one is in its way."""
         placed: list[_Line] = []
-        for line in sorted(lines, key=lambda i: (round(i.high - i.low, 6), i.low, i.words)):
+        for line in sorted(lines, key=lambda i: (round(i.high - i.low, 6), i.low, i.item.words)):
             a, b = line.takes
             met = [p.level for p in placed if p.takes[0] < b + 1.5 and a < p.takes[1] + 1.5]
             line = replace(line, level=1 + max(met) if met else 0)
@@ -122,19 +121,18 @@ class ArrangedView:
     def _line(self, item: Linear) -> _Line:
         along = 0 if item.side in ("top", "bottom") else 1
         low, high = sorted((self.local(item.a)[along], self.local(item.b)[along]))
-        words = item.words(self.view)
-        width, room = text_width_mm(words) + 1.0, high - low
+        width, room = text_width_mm(item.words) + 1.0, high - low
         inside = room >= 2 * ARROW_MM[0] + 2.0 and room >= width + 2.0
         takes = (low, high) if inside else (low - TAIL_MM, high + TAIL_MM)
         middle = (low + high) / 2
         if room >= width:
-            return _Line(item, words, low, high, middle, inside, takes)
+            return _Line(item, low, high, middle, inside, takes)
         # Beside the arrows, away from the view's middle.
         if middle < self.size_mm[along] / 2 - 1e-6:
             at = low - TAIL_MM - width / 2
-            return _Line(item, words, low, high, at, False, (at - width / 2, takes[1]))
+            return _Line(item, low, high, at, False, (at - width / 2, takes[1]))
         at = high + TAIL_MM + width / 2
-        return _Line(item, words, low, high, at, False, (takes[0], at + width / 2))
+        return _Line(item, low, high, at, False, (takes[0], at + width / 2))
 
     def _column(self, side: Side) -> Iterable[tuple[Leader, float]]:
         """Labels of one side from the top down, with their base lines' y."""
@@ -194,7 +192,9 @@ class ArrangedView:
         page.line(at(line.takes[0], across), at(line.takes[1], across))
         for end, way in ((line.low, -sign), (line.high, sign)):
             page.arrow(at(end, across), (way, 0.0) if flat else (0.0, way))
-        page.text(at(line.text_at, across - 1.0), line.words, SMALL_MM, "middle", upright=not flat)
+        page.text(
+            at(line.text_at, across - 1.0), line.item.words, SMALL_MM, "middle", upright=not flat
+        )
 
     def _draw_label(self, page: DrawingPage, origin: Point2, leader: Leader, at: Point2) -> None:
         """The words, and a leader with an arrow to the rim of what they tell."""

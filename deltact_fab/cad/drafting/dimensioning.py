@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from ...aliases import Vector
-from .projection import View
 
 Side = Literal["left", "right", "top", "bottom"]
 Limits = tuple[float, float]
@@ -47,31 +46,15 @@ def _deviation(value_mm: float) -> str:
 
 @dataclass(frozen=True)
 class Linear:
-    """A distance between two points, along the paper's horizontal (top, bottom) or vertical.
-
-    a, b: points in the part's frame, in mm; the printed value is their distance. before, after:
-    what stands around it (`Ø`, `(2×)`). limits: lower and upper deviation in mm where the length
-    does not go by the general tolerance. auxiliary: it follows from others and is bracketed.
+    """A distance between two points of the part, along the paper's horizontal (top, bottom) or
+    vertical, and what is printed of it.
     """
 
     view: str
     a: Vector
     b: Vector
     side: Side
-    before: str = ""
-    after: str = ""
-    limits: Limits | None = None
-    auxiliary: bool = False
-
-    def value_mm(self, view: View) -> float:
-        """The distance as it is printed."""
-        along = 0 if self.side in ("top", "bottom") else 1
-        return float(abs(view.flat(self.b)[along] - view.flat(self.a)[along]))
-
-    def words(self, view: View) -> str:
-        """What is printed."""
-        words = f"{self.before}{toleranced(self.value_mm(view), self.limits)}{self.after}"
-        return f"({words})" if self.auxiliary else words
+    words: str
 
 
 @dataclass(frozen=True)
@@ -148,8 +131,14 @@ class Told:
 
     @property
     def value_mm(self) -> float:
-        """What is printed."""
+        """Its length."""
         return abs(self.b_mm - self.a_mm)
+
+    def words(self, limits: Limits | None) -> str:
+        """What is printed; limits: lower and upper deviation in mm, of a fitted length."""
+        length = toleranced(self.value_mm, limits if self.fitted else None)
+        words = f"{self.before}{length}{self.after}"
+        return f"({words})" if self.auxiliary else words
 
 
 def x_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:

@@ -47,12 +47,13 @@ def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
     if open_keys := [key for key in said.rests_on if key in design.unverified()]:
         notes.append(f"Rests on unverified values: {', '.join(open_keys)}.")
     found = features_of(solid)
-    placing = Placing(found, said, drawn, _limits(part, design))
+    general, limits = _tolerances(part, design)
+    placing = Placing(found, said, drawn, limits)
     layout = laid_out(part.name, drawn, said, tuple(placing.items(scheme(found, said))), notes)
     page = DrawingPage(SHEETS[layout.sheet], f"{part.name}, {layout.scale}")
     title = Title(
         part.name, _belongs(part), part.material, part.process, part.quantity, layout.scale,
-        layout.sheet, _general_tolerance(part, design), design.drawing,
+        layout.sheet, general, design.drawing,
     )  # fmt: skip
     draw_frame(page, title)
     left, top, _, _ = layout.reserved
@@ -72,24 +73,16 @@ def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
     return page
 
 
-def _general_tolerance(part: Part, design: Design) -> str:
-    """Of every length without limits of its own: what the part's machine does."""
+def _tolerances(part: Part, design: Design) -> tuple[str, tuple[Limits | None, ...]]:
+    """What the part's machine does to every length, and to a fitted one along x, y and z."""
+    printer, laser = design.resin_printer, design.laser
     if part.process == PRINT:
-        return design.resin_printer.general_tolerance
+        limits = (printer.limits_mm, printer.limits_mm, printer.tall_limits_mm)
+        return printer.general_tolerance, limits
     if part.process == LASER_CUT:
-        return design.laser.general_tolerance
-    return GENERAL_TOLERANCE
-
-
-def _limits(part: Part, design: Design) -> tuple[Limits | None, Limits | None, Limits | None]:
-    """Of a fitted length along x, y and z."""
-    if part.process == PRINT:
-        plan = design.resin_printer.limits_mm
-        return plan, plan, design.resin_printer.tall_limits_mm
-    if part.process == LASER_CUT:
-        sheet_mm = design.laser.sheet_tolerance * design.optics.acrylic_mm
-        return design.laser.limits_mm, design.laser.limits_mm, (-sheet_mm, sheet_mm)
-    return None, None, None
+        sheet_mm = laser.sheet_tolerance * design.optics.acrylic_mm
+        return laser.general_tolerance, (laser.limits_mm, laser.limits_mm, (-sheet_mm, sheet_mm))
+    return GENERAL_TOLERANCE, (None, None, None)
 
 
 def _belongs(part: Part) -> str:

@@ -112,7 +112,7 @@ def _picture(
 ) -> str:
     """Pieces as large as the room allows, with balloons and a legend of what is seen."""
     with guarded(title):
-        found = project([p.solid for p in placed], view.direction, view.up, CHORD_MM)
+        found = project([p.solid for p in placed], view, CHORD_MM)
         meshes = [mesh(p.solid) for p in placed]
     seen = np.concatenate([line for lines in found for line in lines.visible])
     low, high = seen.min(axis=0), seen.max(axis=0)

@@ -8,7 +8,7 @@ its round.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -70,26 +70,21 @@ class Placing:
             yield self._of_face(alike, words)
         for length in sorted(plan.lengths, key=lambda t: t.value_mm):
             a, b = (self._anchors(length.axis, end) for end in (length.a_mm, length.b_mm))
-            limits = self._limits[length.axis] if length.fitted else None
-            yield self._taken(self._best(length, a, b, limits))
+            yield self._taken(self._best(length, a, b))
         for group in plan.rounds:
             yield from self._label(group)
         yield from self._centre_lines(plan)
 
-    def _best(
-        self, told: Told, a: list[Anchor], b: list[Anchor], limits: Limits | None
-    ) -> tuple[float, Linear]:
+    def _best(self, told: Told, a: list[Anchor], b: list[Anchor]) -> tuple[float, Linear]:
         """The length in the view and on the side that cost least."""
-        found = []
+        found, words = [], told.words(self._limits[told.axis])
         for view, along in SEEN_IN[told.axis].items():
             for side in SIDES[along]:
                 (one_cost, one), (other_cost, other) = (
                     self._nearest(view, side, ends) for ends in (a, b)
                 )
                 crowd = CROWDED[along] * self._count.get((view, side), 0)
-                item = Linear(
-                    view, one.at, other.at, side, told.before, told.after, limits, told.auxiliary
-                )
+                item = Linear(view, one.at, other.at, side, words)
                 found.append((round(one_cost + other_cost + crowd, 6), item))
         return min(found, key=lambda f: f[0])
 
@@ -145,7 +140,7 @@ class Placing:
         diameter = any(abs(d - 2 * r.radius_mm) < 1e-6 for d in self._said.fitted)
         limits = self._limits[0] if diameter else None
         if group.about_middle:
-            yield self._taken(self._diameter(group, limits))
+            yield self._taken(self._diameter(group, limits is not None))
             return
         view, drawn = ALONG[r.axis], self._drawn[ALONG[r.axis]]
         words = group.words
@@ -176,14 +171,14 @@ class Placing:
         right = 2 * drawn.view.flat(alike[0].at)[0] >= x0 + x1
         return Leader("front", alike[0].at, 0, words, "right" if right else "left")
 
-    def _diameter(self, group: Rounds, limits: Limits | None) -> tuple[float, Linear]:
+    def _diameter(self, group: Rounds, fitted: bool) -> tuple[float, Linear]:
         """A diameter as a length, in a view from the side where one shows both of its ends."""
         r = group.first
         after = group.words.partition(f"Ø{toleranced(2 * r.radius_mm)}")[2]
         found = []
         for across in (i for i in range(3) if i != r.axis):
-            told = Told(across, -r.radius_mm, r.radius_mm, after.removeprefix(" through"))
-            told = replace(told, before="Ø")
+            after = after.removeprefix(" through")
+            told = Told(across, -r.radius_mm, r.radius_mm, after, fitted, before="Ø")
             a, b = (
                 [
                     Anchor(p, (p,))
@@ -192,7 +187,7 @@ class Placing:
                 ]
                 for sign in (-1, 1)
             )
-            cost, item = self._best(told, a, b, limits)
+            cost, item = self._best(told, a, b)
             found.append((cost + FAR * (item.view == ALONG[r.axis]), item))
         return min(found, key=lambda f: f[0])
 

@@ -61,7 +61,7 @@ def views(solid: Any, said: Callouts) -> dict[str, DrawnView]:
         if name == "left" and said.cut is not None:
             drawn[name] = _section(solid, view, said.cut.x_mm)
         else:
-            drawn[name] = DrawnView(view, project([solid], view.direction, view.up)[0])
+            drawn[name] = DrawnView(view, project([solid], view)[0])
     return drawn
 
 
@@ -71,7 +71,7 @@ def _section(solid: Any, view: View, x_mm: float) -> DrawnView:
     box = solid.BoundingBox()
     low = cq.Vector(x_mm, box.ymin - 1, box.zmin - 1)
     kept = solid.intersect(cq.Solid.makeBox(box.xmax + 1 - x_mm, box.ylen + 2, box.zlen + 2, low))
-    lines = project([kept], view.direction, view.up)[0]
+    lines = project([kept], view)[0]
     faces = []
     for face in kept.Faces():
         bounds = face.BoundingBox()

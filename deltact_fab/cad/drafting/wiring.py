@@ -70,8 +70,8 @@ def wiring(design: Design) -> DrawingPage:
     cable = wrapped(design.camera.cable, WALL_X - SUPPLY_X - 12)
     at = (SUPPLY_X + 8 + WALL_X) / 2
     _stack(page, at, CABLE_Y - 2 - LINE_MM * len(cable), cable, SMALL_MM)
-    said = ("length as the arm needs;", "ends and contacts as the camera's")
-    _stack(page, at, CABLE_Y + 5, said, SMALL_MM)
+    ends = ("length as the arm needs;", "ends and contacts as the camera's")
+    _stack(page, at, CABLE_Y + 5, ends, SMALL_MM)
     page.group = "notes"
     y = END_Y + 2
     for note in _notes(design):

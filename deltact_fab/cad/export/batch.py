@@ -52,7 +52,6 @@ def export_parts(
     cached: bool = True,
     jobs: int | None = None,
     executor: Executor | None = None,
-    assembly: bool = True,
 ) -> list[PartFile]:
     """Write every part in every format that applies to it, and manifest.json, into out_dir.
 
@@ -61,8 +60,9 @@ def export_parts(
     cached: files made before from the same dimensions, sources and kernel are taken from the
         user's cache, and new ones put there; when none is missing the kernel is not loaded.
     jobs: processes; None decides by the work that is left. executor: in place of them.
-    assembly: write assembly.step, assembly.glb, wiring.svg and wiring.pdf when all of the sensor's
-        parts are among parts.
+
+    assembly.step, assembly.glb, wiring.svg and wiring.pdf are written when all of the sensor's
+    parts are among parts.
 
     Afterwards the folder is what its manifest says: what an earlier export's manifest.json lists
     and is not written again is removed, unless it was changed since; other files stay.
@@ -90,7 +90,7 @@ def export_parts(
         feasibility.check(design)
     # In the registry's order, where all of them are there.
     whole_sensor = [part.name for part in of_group("sensor", design)]
-    complete = assembly and set(whole_sensor) <= set(named)
+    complete = set(whole_sensor) <= set(named)
     sensor = tuple(named[name] for name in whole_sensor) if complete else ()
     if sensor and (own := tuple(kind for kind in kinds if kind in ("step", *DRAWN))):
         units.insert(0, (None, own))
