@@ -294,26 +294,6 @@ def test_admesh_finds_nothing_to_repair(exported, tmp_path):
             assert counted[fault] == 0, (entry["file"], said)
 
 
-def test_prusa_slicer_reads_closed_bodies_of_the_right_size(exported, tmp_path):
-    program = _program("prusa-slicer")
-    folder, entries = exported
-    for entry in _written(entries, ".3mf"):
-        said = _said(program, "--info", str(folder / entry["file"]), cwd=tmp_path)
-        told = {
-            label.strip(): value.strip()
-            for line in said.splitlines()
-            for label, equals, value in [line.partition("=")]
-            if equals
-        }
-        assert told["manifold"] == "yes", (entry["file"], said)
-        assert told["number_of_parts"] == "1"
-        low, high = entry["bounding_box_mm"]
-        for axis, a, b in zip("xyz", low, high, strict=True):
-            assert float(told[f"size_{axis}"]) == pytest.approx(b - a, abs=0.02), entry["file"]
-        slack = 0.02 * entry["volume_mm3"]
-        assert float(told["volume"]) == pytest.approx(entry["volume_mm3"], abs=slack)
-
-
 # What PrusaSlicer 2.5 says while it slices for a resin printer and is content.
 CONTENT = re.compile(r" *\d+% ?=> |\[.*\[trace\]|Slicing result exported to |$")
 
