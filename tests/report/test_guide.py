@@ -246,7 +246,7 @@ def test_the_view_is_the_model_and_fetches_nothing() -> None:
     corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]], np.float32)
     triangle = GlbPart("lid", corners, np.eye(3, dtype=np.float32)[[2, 2, 2]],
                        np.arange(3, dtype=np.uint32)[None], (0.2, 0.5, 0.2, 1.0))  # fmt: skip
-    glb = glb_bytes([triangle], "sensor")
+    glb = glb_bytes([triangle])
     page = guide.turntable(glb)
     assert page == guide.turntable(glb)
     assert Seen(page).fetched == []
