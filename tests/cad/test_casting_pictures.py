@@ -46,6 +46,9 @@ def test_the_silicone_fills_the_cavity_and_lies_level(scenes):
     top = max(tipped.Faces(), key=lambda face: face.Center().z)
     assert top.normalAt().toTuple() == pytest.approx((0, 0, 1))
     assert tipped.Volume() < poured.Volume()
+    for name in ("skin-frame", "mold"):
+        for solid in of(scenes["D.6"], name):
+            assert solid.intersect(tipped).Volume() == pytest.approx(0, abs=1e-3)
     # Frame, plate and silicone are where they touch and no deeper.
     for name in ("skin-frame", "mold", "acrylic"):
         for solid in of(scenes["D.9"], name):
