@@ -216,6 +216,12 @@ def test_dxf_turns_arcs_the_right_way():
     slot_mm2 = 4 * 6 + math.pi * 4
     outline_mm2 = 30 * 20 - (4 - math.pi) * 16
     assert areas == pytest.approx([9 * math.pi, slot_mm2, outline_mm2], rel=1e-9)
+    # Half a kerf into what falls out: holes smaller, the outline larger.
+    wider = ezdxf.read(io.StringIO(dxf.dxf_bytes(plate.val(), "plate", 0.1).decode()))
+    hole, slot, outline = sorted(_area_mm2(loop) for loop in _loops(wider.modelspace()))
+    assert hole == pytest.approx(2.9**2 * math.pi, rel=1e-9)
+    assert slot < slot_mm2
+    assert outline > outline_mm2
 
 
 def _loops(entities):
