@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
@@ -19,7 +18,6 @@ from ..aliases import Progress
 from ..cad.design import load_indenters
 from ..cad.dimensions import Design
 from ..cad.drafting.wiring import wiring
-from ..cad.export.plates import arranged
 from ..cad.fabrication import bom, quantities
 from ..cad.fabrication.paper_gaps import gaps
 from ..cad.fabrication.quantities import DEFAULT
@@ -29,7 +27,7 @@ from ..cad.parts.mold import RELEASE_AGENT
 from ..cad.parts.screw import stock_note
 from ..cad.print_orientation import SELF_SUPPORTING_DEG
 from ..cad.registry import listed, of_group
-from ..errors import InputError, MissingLibrary
+from ..errors import MissingLibrary
 from ..patterns.quality import measure
 from ..patterns.recipe import RECOMMENDED, draw_patches, load_recipe
 from . import first_light
@@ -63,10 +61,6 @@ STEPS: dict[str, tuple[tuple[str, ...], ...]] = {
 FROM_BEHIND = ("H.7",)  # what is done there is done at the cable's notch
 WHOLE = "H.9"
 # Heads of the tables of dataclasses.
-WIRING = {
-    "name": "wiring", "total_ma": "in all, mA", "led_ma": "a LED, mA", "chip_ma": "a chip, mA",
-    "resistor_mw": "heat in a resistor, mW", "note": "note",
-}  # fmt: skip
 BATCH = ["cavities filled", "part A, g", "part B, g", "mixture, ml"]
 PROCESS = {"key": "figure", "meaning": "what it is", "basis": "rests on"}
 GAPS = {"said": "the paper", "found": "what is found", "chosen": "what was chosen"}
@@ -139,7 +133,6 @@ def write(
                 for batch in (quantities.skins_batch(design, count),)
             ).set_axis(BATCH, axis="columns")
         ),
-        wirings=table(pd.DataFrame(map(asdict, quantities.wirings(design.light))), WIRING),
         wiring=_svg_url(wiring(design).svg()),
         p=DEFAULT,
         sticker=pattern,
@@ -154,7 +147,6 @@ def write(
             for section in dict.fromkeys(key.partition(".")[0] for key in design.unverified())
             if hasattr(getattr(design, section), "measured")
         ],
-        plates=_plates(design, parts),
         self_supporting_deg=SELF_SUPPORTING_DEG,
         release_agent=RELEASE_AGENT,
         indenters=len(load_indenters().indenter),
@@ -233,7 +225,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
         )
         for part in of_group("sensor", design)
     ]
-    model = turntable(glb_bytes(exploded_glb, "deltact"))
+    model = turntable(glb_bytes(exploded_glb))
     tell(total, total, "done")
     return Pictures(_svg_url(exploded), bench, images, model, steps, ceilings)
 
@@ -304,19 +296,6 @@ def sticker(design: Design) -> PatternToPrint:
         "finds a coarser one."
     )  # fmt: skip
     return PatternToPrint(recipe.size_mm, file, image, SHOWN_MM / view_mm[0], pairs, unseen)
-
-
-def _plates(design: Design, parts: Sequence[Part]) -> list[tuple[str, dict[str, int]]]:
-    """The plates that an export of everything writes: resin, and pieces by part."""
-    try:
-        plates = arranged(design, parts)
-    except InputError:
-        # A part is larger than the platform; an export says which.
-        return []
-    return [
-        (plate.material, dict(Counter(standing.part.name for standing in plate.pieces)))
-        for plate in plates
-    ]
 
 
 def turntable(glb: bytes) -> str:

@@ -85,8 +85,7 @@ def test_the_strip_s_own_resistors_are_in_parallel() -> None:
     light = load_design(changes=["light.strip_resistor_ohm=150"]).light
     assert light.most_ma == pytest.approx(2500 / (750 + 150 / 5))
     assert light.least_resistor_ohm == 0
-    assert quantities.wirings(light)[0].total_ma == pytest.approx(2050 / 780)
-    assert quantities.wirings(light)[1].led_ma == pytest.approx(2050 / 900)
+    assert light.total_ma == pytest.approx(2050 / 780)
     assert quantities.resistor_for_ohm(20, light) == (pytest.approx(102.5 - 30), 75)
 
 

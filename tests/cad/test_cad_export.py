@@ -17,7 +17,6 @@ from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.drafting.wiring import wiring
-from deltact_fab.cad.export import batch as export
 from deltact_fab.cad.export import folder as export_folder
 from deltact_fab.cad.export.batch import export_parts
 from deltact_fab.cad.export.part_files import DRAWN, FORMATS, FileBytes, applicable
@@ -25,7 +24,7 @@ from deltact_fab.cad.export.stored import Store
 from deltact_fab.cad.parts import skin_frame
 from deltact_fab.cli.cad import cad
 from deltact_fab.errors import InputError, RunFailed
-from deltact_fab.shapes.sensor import FrameDimensions, SkinDimensions
+from deltact_fab.shapes.sensor import FrameDimensions
 
 DESIGN = load_design()
 KINDS = ("step", "stl", "3mf", "dxf", "glb")
@@ -46,15 +45,7 @@ def exported(tmp_path_factory, store_of_its_own):
     """The sensor and an indenter, exported in this process: (folder, files, progress calls)."""
     folder = tmp_path_factory.mktemp("cad") / "new" / "out"
     calls = []
-    files = export_parts(
-        DESIGN,
-        registry.select(NAMES),
-        KINDS,
-        0.01,
-        folder,
-        lambda *call: calls.append(call),
-        jobs=1,
-    )
+    files = _export(NAMES, KINDS, folder, progress=lambda *call: calls.append(call), jobs=1)
     return folder, files, calls
 
 
@@ -67,16 +58,6 @@ def _same(folder, other):
 
 def _export(names, kinds, folder, **options):
     return export_parts(DESIGN, registry.select(names), kinds, 0.01, folder, **options)
-
-
-@pytest.mark.slow
-def test_two_processes_write_the_same_bytes_in_any_order(exported, tmp_path):
-    """Workers, reversed, so that the kernel's counters stand elsewhere when a part's turn comes."""
-    folder, files, _ = exported
-    parts = registry.select(NAMES)[::-1]
-    theirs = export_parts(DESIGN, parts, KINDS[::-1], 0.01, tmp_path, jobs=2, cached=False)
-    assert theirs == files
-    _same(folder, tmp_path)
 
 
 @pytest.mark.slow
@@ -98,50 +79,16 @@ def test_the_folder_holds_what_applies_and_a_manifest_without_times_or_paths(exp
     assert by_file["screw.step"]["quantity"] == 4
     assert by_file["screw.step"]["mesh_deviation_mm"] is None
     assert 0 < by_file["shell.stl"]["mesh_deviation_mm"] <= 0.01
+    low, high = by_file["assembly.glb"]["bounding_box_mm"]
+    assert [b - a for a, b in zip(low, high, strict=True)] == pytest.approx(DESIGN.outer_mm)
     # The sensor's 10 parts, the indenter, and the assembly.
     assert calls[0] == (0, 12, "assembly")
     assert [call[0] for call in calls] == [*range(13), 12]
     assert calls[-1] == (12, 12, "done")
 
 
-@pytest.mark.slow
-def test_the_assembly_is_the_sum_of_its_parts(exported):
-    import cadquery as cq
-
-    folder, files, _ = exported
-    by_file = {file.file: file for file in files}
-    step, glb = by_file["assembly.step"], by_file["assembly.glb"]
-    volume_mm3 = sum(
-        by_file[f"{n}.step"].volume_mm3 * by_file[f"{n}.step"].quantity for n in SENSOR
-    )
-    assert step.volume_mm3 == glb.volume_mm3 == pytest.approx(volume_mm3, rel=1e-9)
-    low, high = step.bounding_box_mm
-    size = [b - a for a, b in zip(low, high, strict=True)]
-    assert size == pytest.approx(DESIGN.outer_mm, abs=1e-5)
-    solids = cq.importers.importStep(str(folder / "assembly.step")).solids().vals()
-    assert len(solids) == sum(part.quantity for part in registry.of_group("sensor"))
-    assert sum(s.Volume() for s in solids) == pytest.approx(volume_mm3, rel=1e-6)
-    assert all(s.isValid() for s in solids)
-
-
-@pytest.mark.parametrize("name", [*SENSOR, "indenter-sphere-10"])
-def test_step_comes_back_with_its_volume_and_name(exported, name):
-    import cadquery as cq
-
-    folder, files, _ = exported
-    written = next(f for f in files if f.file == f"{name}.step")
-    (back,) = cq.importers.importStep(str(folder / written.file)).solids().vals()
-    assert back.isValid()
-    assert back.Volume() == pytest.approx(written.volume_mm3, rel=1e-6)
-    text = (folder / written.file).read_text()
-    assert f"PRODUCT('{name}','{name}'" in text
-    assert "1970-01-01T00:00:00" in text
-
-
-def test_the_assembly_needs_all_of_the_sensor_and_the_wish(tmp_path):
-    names = {f.file for f in _export(["sensor"], ["glb"], tmp_path / "a", assembly=False)}
-    assert names == {f"{name}.glb" for name in SENSOR}
-    names = {f.file for f in _export(SENSOR[1:], ["glb"], tmp_path / "b")}
+def test_the_assembly_needs_all_of_the_sensor(tmp_path):
+    names = {f.file for f in _export(SENSOR[1:], ["glb"], tmp_path)}
     assert names == {f"{name}.glb" for name in SENSOR[1:]}
 
 
@@ -198,37 +145,24 @@ export_parts(
     load_design("deltact", changes.split()), registry.select(names), kinds, 0.01, Path(out),
     lambda *call: calls.append(call), jobs=1,
 )
-print(calls, sorted(m for m in ("cadquery", "OCP", "scipy", "ezdxf") if m in sys.modules))
+print(calls, sorted(m for m in ("cadquery", "OCP", "ezdxf") if m in sys.modules))
 """
 
 
-def _from_cache(folder, changes=""):
-    """An export in a process that cannot load the kernel."""
-    code = f"import sys\n{BROKEN}\n{FROM_CACHE}"
-    return subprocess.run(
-        [sys.executable, "-c", code, str(folder), changes, *NAMES],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-
-
 def test_an_export_from_the_cache_is_the_same_and_loads_no_kernel(exported, tmp_path):
-    done = _from_cache(tmp_path / "o")
+    """In a process that cannot load it; a change is not found in the cache."""
+    code = f"import sys\n{BROKEN}\n{FROM_CACHE}"
+    done, other = (
+        subprocess.run(
+            [sys.executable, "-c", code, str(tmp_path / "o"), changes, *NAMES],
+            capture_output=True, text=True, timeout=120, check=False,
+        )
+        for changes in ("", "skin.width_mm=37")
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout == "[(12, 12, 'cache'), (12, 12, 'done')] []\n"
     _same(exported[0], tmp_path / "o")
-
-
-@pytest.mark.slow
-def test_the_cache_does_not_hide_a_broken_rule_nor_a_change(exported, tmp_path):
-    done = _from_cache(tmp_path / "o", "skin.width_mm=24 skin.length_mm=24")
-    assert done.returncode == 1
-    assert "InputError" in done.stderr
-    done = _from_cache(tmp_path / "o", "skin.width_mm=37")
-    assert "MissingLibrary: cadquery needs libGL.so.1" in done.stderr
-    assert not (tmp_path / "o").exists()
+    assert "MissingLibrary: cadquery needs libGL.so.1" in other.stderr
 
 
 def test_damaged_entries_are_made_again(exported, tmp_path):
@@ -248,69 +182,48 @@ def test_damaged_entries_are_made_again(exported, tmp_path):
         path.write_bytes(data)
 
 
-def test_a_cache_that_refuses_is_done_without(exported, tmp_path, monkeypatch):
+def test_a_cache_that_refuses_is_done_without_and_none_is_none(exported, tmp_path, monkeypatch):
     (tmp_path / "store").write_text("a file in the way")
-    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path / "store"))
-    _export(["acrylic"], ["step"], tmp_path / "o")
-    step = (tmp_path / "o" / "acrylic.step").read_bytes()
-    assert step == (exported[0] / "acrylic.step").read_bytes()
-
-
-def test_without_the_cache_nothing_is_kept(tmp_path, monkeypatch):
-    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path / "store"))
-    _export(["acrylic"], ["step"], tmp_path / "o", cached=False)
-    assert not (tmp_path / "store").exists()
+    for store, cached in (("store", True), ("absent", False)):
+        monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path / store))
+        _export(["acrylic"], ["step"], tmp_path / "o", cached=cached)
+        step = (tmp_path / "o" / "acrylic.step").read_bytes()
+        assert step == (exported[0] / "acrylic.step").read_bytes()
+    assert not (tmp_path / "absent").exists()
 
 
 MADE = FileBytes("step", b"bytes", 1.5, ((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)), None)
+WIDE, ISSUED = (
+    load_design(changes=["skin.width_mm=37"]),
+    load_design(changes=["drawing.revision=B"]),
+)
 
 
 @pytest.mark.parametrize(
-    ("other", "same"),
+    ("part", "kind", "other", "same"),
     [
-        ({}, True),
-        ({"tolerance_mm": 0.02}, True),
-        ({"kind": "stl"}, False),
-        ({"design": Design(skin=SkinDimensions(width_mm=37))}, False),
-        ({"parts": ["skin-frame"]}, False),
-        ({"parts": ["skin", "shell"]}, False),
-        ({"in_use": False}, False),
+        ("skin", "step", {}, True),
+        ("skin", "step", {"tolerance_mm": 0.02}, True),
+        ("skin", "step", {"kind": "stl"}, False),
+        ("skin", "step", {"design": WIDE}, False),
+        ("skin", "step", {"part": "skin-frame"}, False),
+        ("skin", "step", {"in_use": False}, False),
+        ("sphere:10", "stl", {"design": WIDE}, True),
+        ("sphere:10", "stl", {"tolerance_mm": 0.02}, False),
+        ("sphere:10", "stl", {"part": "sphere:11"}, False),
+        # A new title makes new drawings and nothing else.
+        ("cover", "step", {"design": ISSUED}, True),
+        ("cover", "pdf", {"design": ISSUED}, False),
     ],
 )
-def test_what_a_file_is_found_by(tmp_path, monkeypatch, other, same):
+def test_what_a_file_is_found_by(tmp_path, monkeypatch, part, kind, other, same):
     monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path))
-
-    def store(design=DESIGN, tolerance_mm=0.01, in_use=True, **_):
-        return Store(design, tolerance_mm, in_use)
-
-    store().put([registry.find("skin")], MADE)
-    parts = [registry.find(name) for name in other.get("parts", ["skin"])]
-    held = store(**other).get(parts, other.get("kind", "step"))
-    assert held == (MADE if same else None)
-
-
-def test_a_mesh_is_found_by_its_tolerance_and_an_indenter_by_its_own_numbers(tmp_path, monkeypatch):
-    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path))
-    mesh = replace(MADE, format="stl", deviation_mm=0.004)
-    ball = registry.find("sphere:10")
-    Store(DESIGN, 0.01, True).put([ball], mesh)
-    changed = Design(skin=SkinDimensions(width_mm=37))
-    assert Store(changed, 0.01, True).get([ball], "stl") == mesh
-    assert Store(DESIGN, 0.02, True).get([ball], "stl") is None
-    assert ball.indenter is not None
-    thicker = replace(ball.indenter, body=replace(ball.indenter.body, plate_mm=5.0))
-    assert Store(DESIGN, 0.01, True).get([replace(ball, indenter=thicker)], "stl") is None
-
-
-def test_a_new_title_makes_new_drawings_and_nothing_else(tmp_path):
-    cover = registry.find("cover")
-    issued = load_design("deltact", ["drawing.revision=B"])
-    made = FileBytes("step", b"solid", 1.0, ((0, 0, 0), (1, 1, 1)), None)
-    Store(DESIGN, 0.01, True).put([cover], made)
-    Store(DESIGN, 0.01, True).put([cover], replace(made, format="pdf"))
-    assert Store(issued, 0.01, True).get([cover], "step") == made
-    assert Store(issued, 0.01, True).get([cover], "pdf") is None
-    assert Store(DESIGN, 0.01, True).get([cover], "pdf") is not None
+    made = replace(MADE, format=kind)
+    Store(DESIGN, 0.01, True).put([registry.find(part)], made)
+    asked = {"design": DESIGN, "tolerance_mm": 0.01, "in_use": True, "part": part, "kind": kind}
+    design, tolerance_mm, in_use, name, form = {**asked, **other}.values()
+    held = Store(design, tolerance_mm, in_use).get([registry.find(name)], form)
+    assert held == (made if same else None)
 
 
 # What goes wrong.
@@ -411,12 +324,8 @@ def test_what_is_in_the_way_is_refused_before_anything_is_made(tmp_path):
     _refused(
         tmp_path, r"acrylic\.step: changed since its export \(1 more\);", kinds=("step", "dxf")
     )
-
-
-def test_the_assembly_s_places_are_looked_at_too(tmp_path):
-    for name in ("assembly.glb", "assembly.step"):
-        (tmp_path / name).write_text("mine")
-        _refused(tmp_path, rf"{name}: not of an export;", ["sensor"], [name[9:]])
+    (tmp_path / "assembly.glb").write_text("mine")
+    _refused(tmp_path, r"assembly\.glb: not of an export;", ["sensor"], ["glb"])
 
 
 def test_what_comes_in_the_way_meanwhile_is_refused_before_the_first_file(tmp_path):
@@ -434,16 +343,11 @@ def test_what_comes_in_the_way_meanwhile_is_refused_before_the_first_file(tmp_pa
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "{",
-        "[]",
         "\xff",
         '{"name": "an app", "icons": []}',
-        '{"files": ["acrylic.step"]}',
         '{"files": [{"file": "acrylic.step"}]}',
         '{"files": [{"file": "../acrylic.step", "sha256": ""}]}',
         '{"files": [{"file": "notes.txt", "sha256": ""}]}',
-        '{"files": [{"file": ["acrylic.step"], "sha256": ""}]}',
         '{"files": [{"file": "acrylic.step", "sha256": 1}]}',
         "[" * 100_000,
     ],
@@ -452,11 +356,6 @@ def test_what_comes_in_the_way_meanwhile_is_refused_before_the_first_file(tmp_pa
 def test_a_damaged_or_foreign_manifest_is_refused(tmp_path, text):
     (tmp_path / "manifest.json").write_bytes(text.encode("latin-1"))
     _refused(tmp_path, r"manifest\.json: damaged, or not an export's; move it away, or")
-
-
-def test_a_manifest_that_is_a_folder_is_refused(tmp_path):
-    (tmp_path / "manifest.json").mkdir()
-    _refused(tmp_path, r"manifest\.json: cannot be read: Is a directory")
 
 
 def test_a_manifest_can_name_every_part():
@@ -481,31 +380,6 @@ def test_cut_short_the_folder_has_no_manifest_rather_than_a_wrong_one(tmp_path, 
     assert set(_bytes(tmp_path)) == {"acrylic.step"}
 
 
-@pytest.mark.parametrize(
-    ("asked", "tasks", "tolerance_mm", "loaded", "processors", "jobs"),
-    [
-        (None, 8, 0.01, False, 2, 1),
-        (None, 28, 0.01, False, 2, 2),
-        (None, 28, 0.01, False, 16, 4),
-        (None, 28, 0.01, False, 1, 1),
-        (None, 28, 0.01, True, 2, 1),
-        (None, 28, 0.001, True, 2, 2),
-        (None, 8, 0.001, False, 2, 2),
-        (1, 28, 0.001, False, 2, 1),
-        (3, 2, 0.1, True, 2, 3),
-    ],
-)
-def test_processes_by_the_work_that_is_left(
-    monkeypatch, asked, tasks, tolerance_mm, loaded, processors, jobs
-):
-    monkeypatch.setattr(export, "processors", lambda: processors)
-    if loaded:
-        monkeypatch.setitem(sys.modules, "cadquery", None)
-    else:
-        monkeypatch.delitem(sys.modules, "cadquery", raising=False)
-    assert export._jobs(asked, tasks, tolerance_mm) == jobs
-
-
 def test_ctrl_c_leaves_nothing(tmp_path, monkeypatch):
     def typed(done, total, what):
         if done == 1:
@@ -522,7 +396,6 @@ def test_ctrl_c_leaves_nothing(tmp_path, monkeypatch):
         (["stp"], 0.01, None, "format 'stp': unknown; did you mean 'step'"),
         ([], 0.01, None, "format: none given; valid: step, stl, 3mf, dxf, glb, svg, pdf"),
         (["stl"], 0.0, None, "tolerance 0 mm: expected 0.001 to 1 mm"),
-        (["stl"], float("nan"), None, "tolerance nan mm"),
         (["stl"], 0.01, 0, "jobs 0: expected 1 or more"),
     ],
 )
@@ -533,10 +406,12 @@ def test_arguments_are_refused_in_one_line(tmp_path, formats, tolerance_mm, jobs
     assert not (tmp_path / "o").exists()
 
 
-def test_a_file_in_the_folder_s_place_is_refused(tmp_path):
+def test_a_folder_that_cannot_be_one_or_be_read_is_refused(tmp_path):
     (tmp_path / "o").write_text("")
     with pytest.raises(InputError, match="cannot be a folder"):
         _export(["skin"], ["step"], tmp_path / "o")
+    (tmp_path / "manifest.json").mkdir()
+    _refused(tmp_path, r"manifest\.json: cannot be read: Is a directory")
 
 
 @pytest.mark.parametrize(
@@ -545,14 +420,9 @@ def test_a_file_in_the_folder_s_place_is_refused(tmp_path):
         ("4dots", "indenter-4dots"),
         ("sphere:10", "indenter-sphere-10"),
         ("sphere:12.5", "indenter-sphere-12p5"),
-        ("indenter-sphere-12p5", "indenter-sphere-12p5"),
         ("indenter-sphere-12.50", "indenter-sphere-12p5"),
-        ("star", "indenter-star"),
-        ("indenter-star", "indenter-star"),
         ("star:9", "indenter-star"),
-        ("edges:7.5", "indenter-edges-7p5"),
         ("indenter-edges-7p5", "indenter-edges-7p5"),
-        ("2dots", "indenter-2dots"),
     ],
 )
 def test_indenters_go_by_the_protocol_s_name_or_the_file_s(typed, part):
@@ -563,14 +433,9 @@ def test_indenters_go_by_the_protocol_s_name_or_the_file_s(typed, part):
     ("typed", "says"),
     [
         ("skinframe", "part 'skinframe': unknown; did you mean 'skin-frame'?"),
-        ("lens", "part 'lens': unknown; did you mean 'sensor'?"),
         ("qqq", "part 'qqq': unknown; valid: 2dots, 4dots, acrylic, bench, "),
-        ("indenter-sta", "part 'indenter-sta': unknown; did you mean 'indenter-star'?"),
-        ("elipsoid", "did you mean 'ellipsoid'?"),
         ("indenter-sphere-99", "diameter of 0.5 to 30 mm"),
-        ("star:99", "5 to 20 mm"),
         ("star:", "part 'star:': unknown"),
-        ("sphere:", "part 'sphere:': unknown"),
     ],
 )
 def test_an_unknown_part_is_named_with_the_nearest(tmp_path, typed, says):
@@ -580,27 +445,16 @@ def test_an_unknown_part_is_named_with_the_nearest(tmp_path, typed, says):
     assert not (tmp_path / "o").exists()
 
 
-def test_a_part_named_twice_is_exported_once():
-    assert [p.name for p in registry.select(["skin", "skin"])] == ["skin"]
-
-
 def _run(*args, cwd, hook=""):
     code = f"import sys\n{hook}\nfrom deltact_fab.cli.main import entry\nentry()"
-    return subprocess.run(
-        [sys.executable, "-c", code, *args],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    command = [sys.executable, "-c", code, *args]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
 
 
 def test_list_does_not_load_the_kernel(tmp_path):
     hook = "import atexit; atexit.register(lambda: print('cadquery' in sys.modules))"
     done = _run("cad", "list", cwd=tmp_path, hook=hook)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == "False"
+    assert (done.stdout.splitlines()[-1], done.stderr) == ("False", "")
 
 
 @pytest.mark.slow

@@ -54,7 +54,7 @@ def test_an_open_mesh_is_seen():
     assert not is_closed(flipped)
 
 
-@pytest.mark.parametrize("tolerance_mm", [0.1, 0.05, 0.02, 0.01, 0.005])
+@pytest.mark.parametrize("tolerance_mm", [0.1, 0.02, 0.005])
 def test_the_tolerance_holds_on_the_largest_sphere(tolerance_mm):
     solid, _ = build_part(registry.find("sphere:22"), DESIGN)
     assert mesh_solid(solid, tolerance_mm, "indenter").deviation_mm <= tolerance_mm

@@ -1,11 +1,10 @@
-"""As printed: parts lie on the platform as their field says, alone and on plates."""
+"""As printed: parts lie on the platform as their field says."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
 
-import lib3mf
 import numpy as np
 import pytest
 import trimesh
@@ -17,11 +16,9 @@ from deltact_fab.cad.check import printed
 from deltact_fab.cad.check.built import BuiltDesign
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.export import export_parts
-from deltact_fab.cad.export.plates import arranged, bed_mm
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.overhangs import MIN_CONTACT_MM2, laid, stand
 from deltact_fab.cad.print_orientation import PrintPose
-from deltact_fab.errors import InputError
 
 DESIGN = load_design()
 NAMES = ("light-holder", "cover", "skin-frame", "coupon-mold", "acrylic", "sphere:22", "star")
@@ -31,9 +28,9 @@ TOLERANCE_MM = 0.1
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     """(folder, manifest entries by file)."""
-    folder = tmp_path_factory.mktemp("plates")
-    parts = [*registry.select(NAMES), replace(registry.find("cover"), name="spare", quantity=5)]
-    export_parts(DESIGN, parts, ("stl", "3mf"), TOLERANCE_MM, folder, cached=False, jobs=1)
+    folder = tmp_path_factory.mktemp("printed")
+    parts = registry.select(NAMES)
+    export_parts(DESIGN, parts, ("stl",), TOLERANCE_MM, folder, cached=False, jobs=1)
     entries = json.loads((folder / "manifest.json").read_text())["files"]
     return folder, {entry["file"]: entry for entry in entries}
 
@@ -68,53 +65,6 @@ def test_each_file_stands_on_the_platform_as_the_manifest_turns_it(exported):
         assert np.allclose(entry["turned"], part.lies.turn)
         own = np.linalg.inv(np.array(entry["turned"])) @ mesh.vertices.T
         assert np.allclose(np.ptp(own, axis=1), box[1] - box[0], atol=0.2)
-
-
-def test_a_plate_holds_every_piece_under_its_name_inside_the_bed(exported):
-    folder, entries = exported
-    plates = [entry for entry in entries.values() if entry["pieces"]]
-    counted = {}
-    for entry in plates:
-        model = lib3mf.get_wrapper().CreateModel()
-        reader = model.QueryReader("3mf")
-        reader.SetStrictModeActive(True)
-        reader.ReadFromBuffer((folder / entry["file"]).read_bytes())
-        assert reader.GetWarningCount() == 0
-        items, boxes = model.GetBuildItems(), []
-        while items.MoveNext():
-            item = items.GetCurrent()
-            body = model.GetMeshObjectByID(item.GetObjectResource().GetResourceID())
-            assert body.IsManifoldAndOriented()
-            counted[body.GetName()] = counted.get(body.GetName(), 0) + 1
-            place = np.array(item.GetObjectTransform().Fields, float).reshape(4, 3)[3]
-            points = np.array([list(v.Coordinates) for v in body.GetVertices()]) + place
-            boxes.append((points.min(axis=0), points.max(axis=0)))
-            assert boxes[-1][0][2] == 0
-            assert (boxes[-1][0][:2] >= 0).all()
-            assert (boxes[-1][1][:2] <= bed_mm(DESIGN)).all()
-        for k, (low, high) in enumerate(boxes):
-            for lower, higher in boxes[:k]:
-                assert np.max(np.maximum(lower - high, low - higher)[:2]) >= 3.9
-        assert len(boxes) == len(entry["pieces"])
-        named = {name: entry["pieces"].count(name) for name in entry["pieces"]}
-        assert {registry.find(n).material for n in named if n != "spare"} <= {entry["material"]}
-    wanted = {part.name: part.quantity for part in registry.select(NAMES) if part.printed}
-    assert counted == {**wanted, "spare": 5}
-
-
-def test_the_plates_do_not_depend_on_the_order_of_the_parts():
-    parts = registry.listed()
-    plates = arranged(DESIGN, parts)
-    assert plates == arranged(DESIGN, parts[::-1])
-    assert sum(len(p.pieces) for p in plates) == sum(p.quantity for p in parts if p.printed)
-
-
-def test_what_is_larger_than_the_bed_is_one_line(tmp_path):
-    wide = load_design(changes=["mold.columns=3"])
-    parts = registry.select(["mold", "cover"])
-    with pytest.raises(InputError, match=r"^mold: 149\.0 x .* as it is printed; the platform of"):
-        export_parts(wide, parts, ("3mf",), 0.1, tmp_path / "o")
-    assert not (tmp_path / "o").exists()
 
 
 def test_a_sphere_on_its_tip_touches_nothing_and_fails():

@@ -12,6 +12,7 @@ from ..part import Part
 
 RADIUS_MM, BETWEEN_MM, ROW_MM = 3.2, 9.0, 11.0
 CLEAR_MM = 1.0  # from a leader's end to the lines of another part
+START_MM = 0.2  # a leader does not cross the line on which it starts
 
 
 @dataclass(frozen=True)
@@ -39,57 +40,40 @@ def arranged(pieces: Sequence[tuple[Part, Sequence[Points]]], axis: Points) -> l
 
     axis = axis / np.hypot(*axis)
     frame = np.stack([axis, [-axis[1], axis[0]]])  # along the axis, across it
-    pieces = [(part, [line @ frame.T for line in lines]) for part, lines in pieces]
-    drawn = shapely.MultiLineString([line for _, lines in pieces for line in lines])
-    low, high = drawn.bounds[1] - ROW_MM, drawn.bounds[3] + ROW_MM
-    rows: dict[float, list[tuple[float, Points, Part]]] = {low: [], high: []}
-    done: set[str] = set()
-    for part, _ in pieces:
-        if part.name in done:
+    lines = [(part.name, shapely.LineString(p @ frame.T)) for part, own in pieces for p in own]
+    drawn = shapely.STRtree([line for _, line in lines])
+    _, low, _, high = shapely.total_bounds(drawn.geometries)
+    rows: dict[float, list[tuple[float, Points, Part]]] = {high + ROW_MM: [], low - ROW_MM: []}
+    for part in {part.name: part for part, _ in pieces}.values():
+        own = [line for name, line in lines if name == part.name]
+        if not own:
             continue
-        done.add(part.name)
-        visible = [line for p, lines in pieces if p is part for line in lines]
-        if not visible:
-            continue
-        own = np.concatenate(visible)
-        others = shapely.MultiLineString([x for p, y in pieces if p is not part for x in y])
-        best = None
-        for row in (high, low):
-            order = np.argsort(np.abs(row - own[:, 1]), kind="stable")
-            for point in own[order[: max(60, len(order) // 3)]]:
-                # Beside its own line, from which it starts.
-                start = point[1] + 0.2 * np.sign(row - point[1])
-                leader = shapely.LineString([(point[0], start), (point[0], row)])
-                crossed = len(shapely.get_parts(leader.intersection(drawn)))
-                # A leader that ends where two parts seem to touch does not say which is meant.
-                crossed += others.distance(shapely.Point(point)) < CLEAR_MM
-                cost = (crossed, round(abs(row - point[1]), 3))
-                if best is None or cost < best[0]:
-                    best = (cost, row, point)
-        assert best is not None
-        rows[best[1]].append((float(best[2][0]), best[2], part))
+        others = shapely.union_all([line for name, line in lines if name != part.name])
+        points = np.tile(shapely.get_coordinates(own), (2, 1))
+        row = np.repeat(list(rows), len(points) // 2)
+        away = row - points[:, 1]
+        ends = np.repeat(points[:, None], 2, axis=1)
+        ends[:, 0, 1] += START_MM * np.sign(away)
+        ends[:, 1, 1] = row
+        # A leader that ends where two parts seem to touch does not say which is meant.
+        crossed = 1 * shapely.dwithin(shapely.points(points), others, CLEAR_MM)
+        met, _ = drawn.query(shapely.linestrings(ends), predicate="intersects")
+        crossed += np.bincount(met, minlength=len(points))
+        k = np.lexsort((np.abs(away).round(3), crossed))[0]
+        rows[row[k]].append((float(points[k, 0]), points[k], part))
     balloons = []
-    for row, entries in rows.items():
+    for across, entries in rows.items():
         entries.sort(key=lambda entry: entry[0])
         at = spread([entry[0] for entry in entries], BETWEEN_MM)
         for t, (_, anchor, part) in zip(at, entries, strict=True):
-            balloons.append(Balloon(part, np.array([t, row]) @ frame, anchor @ frame))
+            balloons.append(Balloon(part, np.array([t, across]) @ frame, anchor @ frame))
     return balloons
 
 
 def spread(wanted: Sequence[float], apart: float) -> list[float]:
     """Places in the order given, `apart` from one another, as near as may be to those wanted."""
-    # Groups that touch share the error evenly.
-    groups: list[list[float]] = []
-    for value in wanted:
-        groups.append([value])
-        while (
-            len(groups) > 1
-            and _first(groups[-1], apart) < _first(groups[-2], apart) + len(groups[-2]) * apart
-        ):
-            groups[-2:] = [groups[-2] + groups[-1]]
-    return [_first(group, apart) + i * apart for group in groups for i in range(len(group))]
+    from scipy.optimize import isotonic_regression
 
-
-def _first(group: Sequence[float], apart: float) -> float:
-    return sum(v - i * apart for i, v in enumerate(group)) / len(group)
+    least = apart * np.arange(len(wanted))
+    places: list[float] = (isotonic_regression(np.array(wanted) - least).x + least).tolist()
+    return places

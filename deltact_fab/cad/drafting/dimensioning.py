@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from ...aliases import Vector
-from .projection import View
 
 Side = Literal["left", "right", "top", "bottom"]
 Limits = tuple[float, float]
@@ -47,39 +46,23 @@ def _deviation(value_mm: float) -> str:
 
 @dataclass(frozen=True)
 class Linear:
-    """A distance between two points, along the paper's horizontal (top, bottom) or vertical.
-
-    a, b: points in the part's frame, in mm; the printed value is their distance. before, after:
-    what stands around it (`Ø`, `(2×)`). limits: lower and upper deviation in mm where the length
-    does not go by the general tolerance. auxiliary: it follows from others and is bracketed.
+    """A distance between two points of the part, along the paper's horizontal (top, bottom) or
+    vertical, and what is printed of it.
     """
 
     view: str
     a: Vector
     b: Vector
     side: Side
-    before: str = ""
-    after: str = ""
-    limits: Limits | None = None
-    auxiliary: bool = False
-
-    def value_mm(self, view: View) -> float:
-        """The distance as it is printed."""
-        along = 0 if self.side in ("top", "bottom") else 1
-        return float(abs(view.flat(self.b)[along] - view.flat(self.a)[along]))
-
-    def words(self, view: View) -> str:
-        """What is printed."""
-        words = f"{self.before}{toleranced(self.value_mm(view), self.limits)}{self.after}"
-        return f"({words})" if self.auxiliary else words
+    words: str
 
 
 @dataclass(frozen=True)
 class Leader:
     """A label and an arrow to a circle of radius_mm about a point, or to the point itself (0).
 
-    flatness_mm: width of the zone that the surface there lies in, in a frame of its own
-    (ISO 1101). roughness_um: Ra (ISO 21920). 0 leaves either out.
+    flatness_mm: width of the zone that the surface there lies in (ISO 1101). roughness_um: Ra
+    (ISO 21920). 0 leaves either out.
     """
 
     view: str
@@ -89,6 +72,13 @@ class Leader:
     side: Literal["left", "right"] = "right"
     flatness_mm: float = 0.0
     roughness_um: float = 0.0
+
+    @property
+    def text(self) -> str:
+        """What is printed."""
+        flat = f"flat within {shown(self.flatness_mm)}" if self.flatness_mm else ""
+        rough = f"Ra {shown(self.roughness_um)}" if self.roughness_um else ""
+        return ", ".join(word for word in (self.words, flat, rough) if word)
 
 
 @dataclass(frozen=True)
@@ -116,19 +106,6 @@ class Cut:
     x_mm: float
 
 
-@dataclass(frozen=True)
-class Detail:
-    """What a circle of radius_mm about a point of a view holds, drawn larger beside the views.
-
-    letter: its name, which is also the `view` of the items that stand around it.
-    """
-
-    letter: str
-    view: str
-    at: Vector
-    radius_mm: float
-
-
 Item = Linear | Leader | Centres | Axis
 
 
@@ -154,8 +131,14 @@ class Told:
 
     @property
     def value_mm(self) -> float:
-        """What is printed."""
+        """Its length."""
         return abs(self.b_mm - self.a_mm)
+
+    def words(self, limits: Limits | None) -> str:
+        """What is printed; limits: lower and upper deviation in mm, of a fitted length."""
+        length = toleranced(self.value_mm, limits if self.fitted else None)
+        words = f"{self.before}{length}{self.after}"
+        return f"({words})" if self.auxiliary else words
 
 
 def x_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
@@ -181,7 +164,7 @@ class Callouts:
     what its label adds. fitted: diameters with limits of their own. labels: for faces that are
     neither flat nor round. axes: (axis, coordinate) of places where the same features stand. cut:
     section A-A in place of the left view. rests_on: unverified keys that the part is made from;
-    those still open are named on the drawing. details: parts of views drawn larger.
+    those still open are named on the drawing.
     """
 
     lengths: tuple[Told, ...] = ()
@@ -193,4 +176,3 @@ class Callouts:
     cut: Cut | None = None
     flipped: bool = False
     rests_on: tuple[str, ...] = ()
-    details: tuple[Detail, ...] = ()

@@ -8,7 +8,7 @@ its round.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -19,7 +19,6 @@ from .dimensioning import (
     Axis,
     Callouts,
     Centres,
-    Detail,
     Item,
     Leader,
     Limits,
@@ -35,7 +34,7 @@ from .views import DrawnView
 SEEN_IN = ({"top": 0, "front": 0}, {"top": 1, "left": 0}, {"front": 1, "left": 1})
 ALONG = ("left", "front", "top")  # the view that looks along an axis
 NEAR_MM = 2e-3  # of a drawn line
-HIDDEN, FAR, ENLARGED = 10.0, 6.0, 20.0
+HIDDEN, FAR = 10.0, 6.0
 CROWDED = (2.0, 0.7)  # a level more across, and upright: a sheet is wider than it is high
 SIDES: tuple[tuple[Side, Side], ...] = (("bottom", "top"), ("left", "right"))
 
@@ -71,60 +70,34 @@ class Placing:
             yield self._of_face(alike, words)
         for length in sorted(plan.lengths, key=lambda t: t.value_mm):
             a, b = (self._anchors(length.axis, end) for end in (length.a_mm, length.b_mm))
-            limits = self._limits[length.axis] if length.fitted else None
-            yield self._taken(self._best(length, a, b, limits))
+            yield self._taken(self._best(length, a, b))
         for group in plan.rounds:
             yield from self._label(group)
         yield from self._centre_lines(plan)
 
-    def _best(
-        self, told: Told, a: list[Anchor], b: list[Anchor], limits: Limits | None
-    ) -> tuple[float, Linear]:
+    def _best(self, told: Told, a: list[Anchor], b: list[Anchor]) -> tuple[float, Linear]:
         """The length in the view and on the side that cost least."""
-        found = []
-        for name, along in SEEN_IN[told.axis].items():
-            shown = [(name, None), *((d.letter, d) for d in self._details(name, told))]
+        found, words = [], told.words(self._limits[told.axis])
+        for view, along in SEEN_IN[told.axis].items():
             for side in SIDES[along]:
-                for view, detail in shown:
-                    start = self._nearest(name, side, a, detail)
-                    end = self._nearest(name, side, b, detail)
-                    if start is None or end is None:
-                        continue
-                    (one_cost, one), (other_cost, other) = start, end
-                    crowd = CROWDED[along] * self._count.get((view, side), 0)
-                    cost = one_cost + other_cost + crowd - (ENLARGED if detail else 0.0)
-                    item = Linear(
-                        view, one.at, other.at, side, told.before, told.after, limits,
-                        told.auxiliary,
-                    )  # fmt: skip
-                    found.append((round(cost, 6), item))
+                (one_cost, one), (other_cost, other) = (
+                    self._nearest(view, side, ends) for ends in (a, b)
+                )
+                crowd = CROWDED[along] * self._count.get((view, side), 0)
+                item = Linear(view, one.at, other.at, side, words)
+                found.append((round(one_cost + other_cost + crowd, 6), item))
         return min(found, key=lambda f: f[0])
-
-    def _details(self, view: str, told: Told) -> Iterator[Detail]:
-        """Details of a view in which a length is not too long."""
-        for detail in self._said.details:
-            if detail.view == view and told.value_mm < 1.5 * detail.radius_mm:
-                yield detail
 
     def _taken(self, best: tuple[float, Linear]) -> Linear:
         item = best[1]
         self._count[item.view, item.side] = self._count.get((item.view, item.side), 0) + 1
         return item
 
-    def _nearest(
-        self, name: str, side: Side, anchors: Sequence[Anchor], detail: Detail | None
-    ) -> tuple[float, Anchor] | None:
-        """The cheapest end in a view: its cost and itself; None where a detail has none of them."""
-        drawn = self._drawn[name]
+    def _nearest(self, view: str, side: Side, anchors: Sequence[Anchor]) -> tuple[float, Anchor]:
+        """The cheapest end in a view: its cost and itself."""
+        drawn = self._drawn[view]
         (x0, y0), (x1, y1) = drawn.box_mm
         flat = drawn.view.flat(np.array([a.at for a in anchors]))
-        if detail is not None:
-            off = flat - drawn.view.flat(np.array(detail.at))
-            within = np.hypot(off[:, 0], off[:, 1]) < detail.radius_mm
-            if not within.any():
-                return None
-            anchors = [a for a, inside in zip(anchors, within, strict=True) if inside]
-            flat = flat[within]
         seen = [drawn.shows(drawn.view.flat(np.array(a.seen_at)), NEAR_MM).any() for a in anchors]
         away = {
             "left": (flat[:, 0] - x0) / (x1 - x0), "right": (x1 - flat[:, 0]) / (x1 - x0),
@@ -167,7 +140,7 @@ class Placing:
         diameter = any(abs(d - 2 * r.radius_mm) < 1e-6 for d in self._said.fitted)
         limits = self._limits[0] if diameter else None
         if group.about_middle:
-            yield self._taken(self._diameter(group, limits))
+            yield self._taken(self._diameter(group, limits is not None))
             return
         view, drawn = ALONG[r.axis], self._drawn[ALONG[r.axis]]
         words = group.words
@@ -192,25 +165,20 @@ class Placing:
             yield Leader(view, nearest.high_mm, nearest.radius_mm, words, side)
 
     def _of_face(self, alike: Sequence[OtherFace], words: str) -> Leader:
-        """A label with an arrow to one of equal faces of another kind, in a detail if there is."""
-        flat = self._drawn["front"].view.flat
-        for detail in self._said.details:
-            for face in alike:
-                away = np.hypot(*(flat(face.at) - flat(detail.at)))
-                if detail.view == "front" and away < detail.radius_mm:
-                    return Leader(detail.letter, face.at, 0, words)
-        (x0, _), (x1, _) = self._drawn["front"].box_mm
-        right = 2 * flat(alike[0].at)[0] >= x0 + x1
+        """A label with an arrow to one of equal faces of another kind."""
+        drawn = self._drawn["front"]
+        (x0, _), (x1, _) = drawn.box_mm
+        right = 2 * drawn.view.flat(alike[0].at)[0] >= x0 + x1
         return Leader("front", alike[0].at, 0, words, "right" if right else "left")
 
-    def _diameter(self, group: Rounds, limits: Limits | None) -> tuple[float, Linear]:
+    def _diameter(self, group: Rounds, fitted: bool) -> tuple[float, Linear]:
         """A diameter as a length, in a view from the side where one shows both of its ends."""
         r = group.first
         after = group.words.partition(f"Ø{toleranced(2 * r.radius_mm)}")[2]
         found = []
         for across in (i for i in range(3) if i != r.axis):
-            told = Told(across, -r.radius_mm, r.radius_mm, after.removeprefix(" through"))
-            told = replace(told, before="Ø")
+            after = after.removeprefix(" through")
+            told = Told(across, -r.radius_mm, r.radius_mm, after, fitted, before="Ø")
             a, b = (
                 [
                     Anchor(p, (p,))
@@ -219,7 +187,7 @@ class Placing:
                 ]
                 for sign in (-1, 1)
             )
-            cost, item = self._best(told, a, b, limits)
+            cost, item = self._best(told, a, b)
             found.append((cost + FAR * (item.view == ALONG[r.axis]), item))
         return min(found, key=lambda f: f[0])
 

@@ -68,12 +68,7 @@ class ProjectedLines:
         return every.min(axis=0), every.max(axis=0)
 
 
-def project(
-    solids: Sequence[Any],
-    direction: Vector,
-    up: Vector,
-    chord_mm: float = CHORD_MM,
-) -> list[ProjectedLines]:
+def project(solids: Sequence[Any], view: View, chord_mm: float = CHORD_MM) -> list[ProjectedLines]:
     """Each solid's visible and hidden lines, the solids hiding one another.
 
     chord_mm: largest distance of a polyline from its curve. A hidden line is left out where a
@@ -84,7 +79,7 @@ def project(
     from OCP.HLRAlgo import HLRAlgo_Projector
     from OCP.HLRBRep import HLRBRep_Algo, HLRBRep_HLRToShape
 
-    right, _, back = View(direction, up).axes
+    right, _, back = view.axes
     # Copies: one solid may stand in two places, and a mesh left by an export changes its box.
     shapes = [BRepBuilderAPI_Copy(solid.wrapped, True, False).Shape() for solid in solids]
     removal = HLRBRep_Algo()

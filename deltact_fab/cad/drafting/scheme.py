@@ -117,6 +117,8 @@ class _Chain:
     lengths: list[Told] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        from scipy.cluster.hierarchy import DisjointSet
+
         k, found = self.axis, self.found
         self.planes = {_key(p.at_mm) for p in found.planes if p.axis == k}
         self.ends = {_key(found.low_mm[k]), _key(found.high_mm[k])}
@@ -128,16 +130,16 @@ class _Chain:
         self.nodes = self.planes | self.ends | self.centres
         self.nodes |= {_key(r.low_mm[k]) for r in self.rounds}
         # What one number gives: the same place on either side, or about each of several axes.
-        self.same = UnionFind()
+        self.same = DisjointSet({-n for n in self.nodes} | self.nodes)
         # What lengths have joined.
-        self.joined = UnionFind()
+        self.joined = DisjointSet()
         self.even = any(node > 0 and self._paired(node) for node in self.nodes)
         self.datum = 0 if self.even or 0 in self.centres else min(self.ends)
         for node in self.nodes:
             if node > 0 and self._paired(node):
-                self.same.union(node, -node)
+                self.same.merge(node, -node)
             if (alike := self._alike(node)) is not None:
-                self.same.union(node, alike)
+                self.same.merge(node, alike)
         self._join_rounds()
 
     def _join_rounds(self) -> None:
@@ -171,9 +173,10 @@ class _Chain:
             if not self._reach(end):
                 yield f"{name} ends at {shown(end * SAME_MM)}, where the part has nothing"
         middle = self._middle(a, b)
-        alike = self.same.find(a) == self.same.find(b)
-        other = middle if alike and middle is not None else b
-        if self._find(a) == self._find(other):
+        ends = self._find(a), self._find(b)
+        if middle is not None and self.same.connected(a, b):
+            ends = ends[0], self._find(middle)
+        if ends[0] == ends[1]:
             yield f"{name} follows from what is said already"
         self._add(told)
 
@@ -228,7 +231,7 @@ class _Chain:
                 a, b = loose[0] * SAME_MM, loose[-1] * SAME_MM
                 self.lengths.append(Told(self.axis, a, b, before=before, fitted=False))
                 for node in loose:
-                    self.joined.union(self.same.find(node), self.same.find(loose[0]))
+                    self._union(node, loose[0])
 
     def _across_slots(self) -> None:
         """Two faces that look at each other evenly about a centre are one length."""
@@ -297,27 +300,13 @@ class _Chain:
         return self._find(node) == self._find(self.datum)
 
     def _find(self, node: int) -> int:
-        return self.joined.find(self.same.find(node))
+        self.same.add(node)
+        alike = self.same[node]
+        self.joined.add(alike)
+        return int(self.joined[alike])
 
     def _union(self, a: int, b: int) -> None:
-        self.joined.union(self.same.find(a), self.same.find(b))
-
-
-class UnionFind:
-    """Which numbers belong together."""
-
-    def __init__(self) -> None:
-        self._up: dict[int, int] = {}
-
-    def find(self, node: int) -> int:
-        """The one that stands for all that belong to a number."""
-        while (up := self._up.setdefault(node, node)) != node:
-            node = up
-        return node
-
-    def union(self, a: int, b: int) -> None:
-        """Let two of them belong together."""
-        self._up[self.find(a)] = self.find(b)
+        self.joined.merge(self._find(a), self._find(b))
 
 
 def _key(value_mm: float) -> int:

@@ -42,7 +42,7 @@ def draw_frame(page: DrawingPage, title: Title) -> None:
     """Border, title block with the first-angle symbol, and the notes beside or above it."""
     width, height = SHEETS[title.sheet]
     b = BORDER_MM
-    page.open("sheet")
+    page.group = "sheet"
     corners = [(b, b), (width - b, b), (width - b, height - b), (b, height - b)]
     page.path([corners], "frame", closed=True)
     left, top, right, bottom = block_rect(title.sheet)
@@ -77,7 +77,6 @@ def draw_frame(page: DrawingPage, title: Title) -> None:
             if label == "Projection":
                 _first_angle(page, x + 31, y + row_mm / 2)
             x += cell
-    page.close()
 
 
 def _first_angle(page: DrawingPage, x: float, y: float) -> None:

@@ -1,8 +1,8 @@
-"""The views of a part: four projections, one of them cut, and what details enlarge of them."""
+"""The views of a part: four projections, one of them cut."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,42 +12,8 @@ from numpy.typing import NDArray
 
 from ...aliases import Point2, Points
 from ..kernel import ordered, require
-from .dimensioning import Callouts, Detail
+from .dimensioning import Callouts
 from .projection import ProjectedLines, View, project, sampled
-
-SIDES = 30
-
-
-@dataclass(frozen=True)
-class Circle2:
-    """A circle on the model's plane; what it cuts off ends on a polygon of 4 SIDES sides in it."""
-
-    centre: tuple[float, float]
-    radius: float
-
-    @cached_property
-    def _disc(self) -> Any:
-        import shapely
-
-        return shapely.Point(self.centre).buffer(self.radius, quad_segs=SIDES)
-
-    def of_lines(self, lines: Iterable[Points]) -> tuple[Points, ...]:
-        """Polylines (n, 2), cut where they leave the circle."""
-        import shapely
-
-        cut = (shapely.LineString(line).intersection(self._disc) for line in lines)
-        parts = (part for piece in cut for part in shapely.get_parts(piece))
-        return tuple(np.array(p.coords) for p in parts if p.length > 0)
-
-    def of_face(self, loops: Sequence[Points]) -> list[Points]:
-        """Loops around and within a face, cut likewise and closed along the circle."""
-        import shapely
-
-        cut = shapely.Polygon(loops[0], loops[1:]).intersection(self._disc)
-        faces = [p for p in shapely.get_parts(cut) if p.geom_type == "Polygon" and p.area > 0]
-        rings = [ring for face in faces for ring in (face.exterior, *face.interiors)]
-        return [np.array(ring.coords) for ring in rings]
-
 
 VIEWS = {
     "front": View((0, 1, 0), (0, 0, 1)),
@@ -55,28 +21,23 @@ VIEWS = {
     "left": View((1, 0, 0), (0, 0, 1)),
     "picture": View((1, 1, -0.8), (0, 0, 1)),
 }
+# The part turned half about x.
 FLIPPED = {
-    "front": View((0, -1, 0), (0, 0, -1)),
-    "top": View((0, 0, 1), (0, -1, 0)),
-    "left": View((1, 0, 0), (0, 0, -1)),
-    "picture": View((1, -1, 0.8), (0, 0, -1)),
+    name: View(*((x, -y, -z) for x, y, z in (view.direction, view.up)))
+    for name, view in VIEWS.items()
 }
 
 
 @dataclass(frozen=True)
 class DrawnView:
-    """One view: its projection, its lines, the faces of a section; of a detail, its circle."""
+    """One view: its projection, its lines, the faces of a section."""
 
     view: View
     lines: ProjectedLines
     hatched: Sequence[Sequence[Points]] = ()
-    circle: Circle2 | None = None
 
     @property
     def box_mm(self) -> tuple[Point2, Point2]:
-        if self.circle is not None:
-            (x, y), r = self.circle.centre, self.circle.radius
-            return (x - r, y - r), (x + r, y + r)
         (x0, y0), (x1, y1) = (c.tolist() for c in self.lines.box_mm)
         return (x0, y0), (x1, y1)
 
@@ -95,25 +56,13 @@ class DrawnView:
 
 def views(solid: Any, said: Callouts) -> dict[str, DrawnView]:
     """The four projections; the left one cut where the callouts ask for a section."""
-    views = FLIPPED if said.flipped else VIEWS
     drawn = {}
-    for name, view in views.items():
+    for name, view in (FLIPPED if said.flipped else VIEWS).items():
         if name == "left" and said.cut is not None:
             drawn[name] = _section(solid, view, said.cut.x_mm)
         else:
-            drawn[name] = DrawnView(view, project([solid], view.direction, view.up)[0])
+            drawn[name] = DrawnView(view, project([solid], view)[0])
     return drawn
-
-
-def enlarged(parent: DrawnView, detail: Detail) -> DrawnView:
-    """What a detail's circle holds of its view; hidden lines stay behind."""
-    u, v = (float(c) for c in parent.view.flat(detail.at))
-    circle = Circle2((u, v), detail.radius_mm)
-    lines = ProjectedLines(
-        circle.of_lines(parent.lines.visible), (), circle.of_lines(parent.lines.smooth)
-    )
-    faces = [circle.of_face(face) for face in parent.hatched]
-    return DrawnView(parent.view, lines, [face for face in faces if face], circle)
 
 
 def _section(solid: Any, view: View, x_mm: float) -> DrawnView:
@@ -122,7 +71,7 @@ def _section(solid: Any, view: View, x_mm: float) -> DrawnView:
     box = solid.BoundingBox()
     low = cq.Vector(x_mm, box.ymin - 1, box.zmin - 1)
     kept = solid.intersect(cq.Solid.makeBox(box.xmax + 1 - x_mm, box.ylen + 2, box.zlen + 2, low))
-    lines = project([kept], view.direction, view.up)[0]
+    lines = project([kept], view)[0]
     faces = []
     for face in kept.Faces():
         bounds = face.BoundingBox()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import sys
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -18,7 +17,7 @@ from ..dimensions import Design
 from ..part import Part
 from ..registry import of_group
 from .folder import MANIFEST, PartFile, earlier, manifest, place, staged
-from .formats import glb, threemf
+from .formats import glb
 from .part_files import (
     ASSEMBLY,
     DRAWN,
@@ -33,16 +32,12 @@ from .part_files import (
     whole,
     whole_name,
 )
-from .plates import PrintPlate, arranged
 from .stored import Store
 
 TOLERANCE_MM = (0.001, 1.0)
 MAX_JOBS = 4
-# A part takes about this long at 0.01 mm and coarser, and more the finer the mesh.
-PART_S, PART_TOLERANCE_MM, PART_POWER = 0.25, 0.01, 0.6
-# Work worth sharing: a worker loads the kernel first, 4 s and 500 MB, which another process need
-# not do when the kernel is here already.
-SHARED_FROM_S, SHARED_FROM_LOADED_S = 4.0, 12.0
+# Files of so many parts are worth sharing: a worker first loads the kernel, 4 s and 500 MB.
+SHARED_FROM = 12
 _DIGITS = 6
 
 
@@ -57,7 +52,6 @@ def export_parts(
     cached: bool = True,
     jobs: int | None = None,
     executor: Executor | None = None,
-    assembly: bool = True,
 ) -> list[PartFile]:
     """Write every part in every format that applies to it, and manifest.json, into out_dir.
 
@@ -66,11 +60,9 @@ def export_parts(
     cached: files made before from the same dimensions, sources and kernel are taken from the
         user's cache, and new ones put there; when none is missing the kernel is not loaded.
     jobs: processes; None decides by the work that is left. executor: in place of them.
-    assembly: write assembly.step, assembly.glb, wiring.svg and wiring.pdf when all of the sensor's
-        parts are among parts.
 
-    With 3mf, several printed parts are also written as plate-1.3mf and so on: all of them, each
-    under its name, on as many platforms as they take.
+    assembly.step, assembly.glb, wiring.svg and wiring.pdf are written when all of the sensor's
+    parts are among parts.
 
     Afterwards the folder is what its manifest says: what an earlier export's manifest.json lists
     and is not written again is removed, unless it was changed since; other files stay.
@@ -98,16 +90,13 @@ def export_parts(
         feasibility.check(design)
     # In the registry's order, where all of them are there.
     whole_sensor = [part.name for part in of_group("sensor", design)]
-    complete = assembly and set(whole_sensor) <= set(named)
+    complete = set(whole_sensor) <= set(named)
     sensor = tuple(named[name] for name in whole_sensor) if complete else ()
-    to_print = [part for part in named.values() if part.printed and "3mf" in kinds]
-    plates = arranged(design, to_print) if len(to_print) > 1 else []
     if sensor and (own := tuple(kind for kind in kinds if kind in ("step", *DRAWN))):
         units.insert(0, (None, own))
     names = [f"{_name(part, kind)}.{kind}" for part, own in units for kind in own]
     if sensor and "glb" in kinds:
         names.append(f"{ASSEMBLY}.glb")
-    names += [f"{_plate(i)}.3mf" for i in range(len(plates))]
     earlier(Path(out_dir), names)
     tell = progress or (lambda done, total, what: None)
     store = Store(design, tolerance_mm, cached)
@@ -116,8 +105,6 @@ def export_parts(
         _make(batch, units, (design, tolerance_mm), jobs, executor, tell)
         if sensor and "glb" in kinds:
             batch.keep(None, _assembly_glb(batch, design))
-        for i, plate in enumerate(plates):
-            batch.lay(_plate(i), plate)
         files = batch.files()
         (folder / MANIFEST).write_text(manifest(files), encoding="utf-8", newline="\n")
         place(folder, Path(out_dir), names)
@@ -127,10 +114,6 @@ def export_parts(
 
 def _name(part: Part | None, kind: str) -> str:
     return part.name if part else whole_name(kind)
-
-
-def _plate(index: int) -> str:
-    return f"plate-{index + 1}"
 
 
 class _Batch:
@@ -168,28 +151,6 @@ class _Batch:
                 turned=part.lies.turn if on_platform(part, made.format) else None,
             )  # fmt: skip
         self._entries.append(entry)
-
-    def lay(self, name: str, plate: PrintPlate) -> None:
-        """Put the parts' own 3MF files on one platform."""
-        pieces, sizes, deviations_mm = [], [], []
-        for part in dict.fromkeys(standing.part for standing in plate.pieces):
-            held = self.held[part.name, "3mf"]
-            places = tuple((s.x_mm, s.y_mm, 0.0) for s in plate.pieces if s.part is part)
-            mesh = threemf.read_mesh((self.folder / f"{part.name}.3mf").read_bytes())
-            pieces.append(threemf.ArchiveObject(part.name, mesh, places))
-            sizes.append((held.volume_mm3, held.box_mm, places))
-            deviations_mm.append(held.deviation_mm or 0.0)
-        first = plate.pieces[0].part
-        data = threemf.plate_bytes(pieces, name, plate.material, first.colour)
-        entry = self._written(name, FileBytes("3mf", data, *whole(sizes), max(deviations_mm)))
-        self._entries.append(
-            replace(
-                entry,
-                material=plate.material,
-                process=first.process,
-                pieces=tuple(standing.part.name for standing in plate.pieces),
-            )
-        )
 
     def _written(self, name: str, made: FileBytes) -> PartFile:
         path = self.folder / f"{name}.{made.format}"
@@ -243,26 +204,23 @@ def _make(
         done += 1
         tell(done, len(units), names[index])
 
-    arrivals(make, tasks, arrived, executor, workers=_jobs(jobs, len(tasks), dimensions[1]))
+    arrivals(make, tasks, arrived, executor, workers=_jobs(jobs, len(tasks)))
 
 
-def _jobs(asked: int | None, tasks: int, tolerance_mm: float) -> int:
+def _jobs(asked: int | None, tasks: int) -> int:
     """Processes: as many as asked for, else several when the work is worth it."""
     if asked is not None:
         return asked
-    work_s = tasks * PART_S * max(1.0, PART_TOLERANCE_MM / tolerance_mm) ** PART_POWER
-    least_s = SHARED_FROM_LOADED_S if "cadquery" in sys.modules else SHARED_FROM_S
-    return min(processors(), MAX_JOBS) if work_s >= least_s else 1
+    return min(processors(), MAX_JOBS) if tasks >= SHARED_FROM else 1
 
 
 def _assembly_glb(batch: _Batch, design: Design) -> FileBytes:
     """The parts' own GLB files put in their places."""
     drawn, sizes, deviations_mm = [], [], []
     for part in batch.sensor:
-        where = part.places(design)
-        drawn.append(glb.read_part((batch.folder / f"{part.name}.glb").read_bytes(), where))
+        where, data = part.places(design), (batch.folder / f"{part.name}.glb").read_bytes()
+        drawn.append(glb.read_part(data, part.colour, where))
         held = batch.held[part.name, "glb"]
         sizes.append((held.volume_mm3, held.box_mm, where))
         deviations_mm.append(held.deviation_mm or 0.0)
-    data = glb.glb_bytes(drawn, ASSEMBLY)
-    return FileBytes("glb", data, *whole(sizes), max(deviations_mm))
+    return FileBytes("glb", glb.glb_bytes(drawn), *whole(sizes), max(deviations_mm))

@@ -26,8 +26,7 @@ class PartFile:
     """One written file. volume and box are the exact solid's, also for a mesh.
 
     turned: rotation from the part's frame to the printer's, of a file as it is printed; its box is
-    the mesh's, which stands on z = 0, its middle at x = y = 0. pieces: the parts of a plate, whose
-    box is in the platform's own frame, from its front left corner.
+    the mesh's, which stands on z = 0, its middle at x = y = 0.
     """
 
     part: str
@@ -40,7 +39,6 @@ class PartFile:
     mesh_deviation_mm: float | None
     sha256: str
     turned: Matrix | None = None
-    pieces: tuple[str, ...] = ()
 
 
 def manifest(files: Sequence[PartFile]) -> str:

@@ -160,7 +160,7 @@ def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:
         return stl.stl_bytes(mesh, part.name)
     if kind == "3mf":
         return threemf.threemf_bytes(mesh, part.name, part.material, part.colour)
-    return glb.glb_bytes([glb.drawn(mesh, part.name, part.colour)], part.name)
+    return glb.glb_bytes([glb.drawn(mesh, part.name, part.colour)])
 
 
 def _mesh(solid: Any, measured: SolidProperties, task: Task) -> Mesh:

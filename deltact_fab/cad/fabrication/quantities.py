@@ -144,55 +144,6 @@ def shrinkage_mm(design: Design) -> float:
 # Light.
 
 
-@dataclass(frozen=True)
-class Wiring:
-    """One way to wire the LEDs. Currents in mA at the stated forward voltage; 0 is dark.
-
-    resistor_mw: heat in the one resistor, or in each where every LED has its own.
-    """
-
-    name: str
-    total_ma: float
-    led_ma: float
-    chip_ma: float
-    resistor_mw: float
-    note: str
-
-
-def wirings(light: LightDimensions) -> list[Wiring]:
-    """The readings of the paper's "a resistor of 750 ohm in series", the first one taken here.
-
-    I = (supply - forward voltage) / resistance, the strip's own resistor at each LED included.
-    """
-    ohm, own_ohm, count, supply_v = (
-        light.resistor_ohm, light.strip_resistor_ohm, light.led_count, light.supply_v
-    )  # fmt: skip
-
-    def way(name: str, resistor_ma: float, resistors: int, leds: int, note: str) -> Wiring:
-        led_ma = resistor_ma * resistors / leds
-        heat_mw = resistor_ma**2 * ohm / 1000
-        return Wiring(
-            name, resistor_ma * resistors, led_ma, led_ma / light.led_chips, heat_mw, note
-        )
-
-    def chain_ma(leds: int) -> float:
-        return max(supply_v - leds * light.led_v, 0.0) / (ohm + leds * own_ohm) * 1000
-
-    def chain(name: str, leds: int) -> Wiring:
-        note = f"needs {leds * light.led_v:.1f} V of {supply_v:g} V"
-        return way(name, chain_ma(leds), 1, 1, note if chain_ma(leds) > 0 else f"dark: {note}")
-
-    brighter = count * chain_ma(1) / light.total_ma if light.total_ma else 0.0
-    return [
-        way(f"one resistor, {count} LEDs in parallel", light.total_ma, 1, count,
-            f"taken: {supply_v:g} V strip cut at every LED"),
-        way("a resistor for each LED", chain_ma(1), count, count,
-            f"{brighter:.2g} times brighter; {count} resistors" if brighter else "dark"),
-        chain(f"{count} LEDs in series", count),
-        chain("12 V strip, three LEDs in series", 3),
-    ]  # fmt: skip
-
-
 def resistor_for_ohm(total_ma: float, light: LightDimensions) -> tuple[float, float]:
     """The resistor that gives this current in all, and the next of E24 that gives no more.
 

@@ -114,47 +114,47 @@ def estimates(readings: Sequence[Reading], design: Design) -> list[MeasuredKey]:
     t s sqrt(1 + 1 / n), Student's t with n - 1 degrees of freedom (ISO 16269-8). Raises InputError
     where a group has too few readings.
     """
-    printer, laser = design.resin_printer, design.laser
     found: list[MeasuredKey] = []
+
+    def tell(key: str, value: float, count: int, bias_mm: float, spread_mm: float) -> None:
+        section, _, name = key.partition(".")
+        before = getattr(getattr(design, section), name)
+        found.append(MeasuredKey(key, value, before, count, bias_mm, spread_mm))
+
+    def off(*features: str) -> list[float]:
+        return [r.off_mm for r in readings if r.feature in features]
+
     spreads = []
-    for key, name, features in (
-        ("hole_bias_mm", "hole and slot", ("hole", "slot")),
-        ("outside_bias_mm", "outside", ("outside",)),
+    for key, name, plan in (
+        ("hole_bias_mm", "hole and slot", off("hole", "slot")),
+        ("outside_bias_mm", "outside", off("outside")),
     ):
-        if off := _off(readings, *features):
-            bias, spread = _of(off, name)
-            spreads.append((spread, len(off)))
-            about = (getattr(printer, key), len(off), bias, spread)
-            found.append(MeasuredKey(f"resin_printer.{key}", round(bias, 3), *about))
+        if plan:
+            bias, spread = _of(plan, name)
+            spreads.append((spread, len(plan)))
+            tell(f"resin_printer.{key}", round(bias, 3), len(plan), bias, spread)
     if spreads:
         spread, count = max(spreads)
-        found.append(_spread("resin_printer.plane_mm", spread, printer.plane_mm, count, 0.0))
-    if off := _off(readings, "height"):
-        bias, spread = _of(off, "height")
+        tell("resin_printer.plane_mm", _least(spread), count, 0.0, spread)
+    if heights := off("height"):
+        bias, spread = _of(heights, "height")
         # Heights go both ways in a stack: their bias counts as spread.
-        found.append(_spread("resin_printer.height_mm", spread, printer.height_mm, len(off), bias))
+        value = _least(abs(bias) + spread)
+        tell("resin_printer.height_mm", value, len(heights), bias, spread)
     if strips := [r for r in readings if r.feature == "strip"]:
         pieces = sum(r.pieces for r in strips)
         short = sum(r.nominal_mm - r.measured_mm for r in strips) / pieces
-        kerf = max(short + (laser.kerf_mm if laser.compensate else 0.0), 0.0)
+        kerf = max(short + (design.laser.kerf_mm if design.laser.compensate else 0.0), 0.0)
         single = [r.off_mm for r in strips if r.pieces == 1]
         spread = _of(single, "strip of one piece")[1] if single else math.nan
-        about = (laser.kerf_mm, pieces, -short, spread)
-        found.append(MeasuredKey("laser.kerf_mm", round(kerf, 3), *about))
+        tell("laser.kerf_mm", round(kerf, 3), pieces, -short, spread)
         if single:
-            found.append(
-                _spread("laser.tolerance_mm", spread, laser.tolerance_mm, len(single), 0.0)
-            )
-    if off := _off(readings, "thickness"):
-        bias, spread = _of(off, "thickness")
+            tell("laser.tolerance_mm", _least(spread), len(single), 0.0, spread)
+    if sheets := off("thickness"):
+        bias, spread = _of(sheets, "thickness")
         share = max(_up((abs(bias) + spread) / design.optics.acrylic_mm), 0.001)
-        about = (laser.sheet_tolerance, len(off), bias, spread)
-        found.append(MeasuredKey("laser.sheet_tolerance", share, *about))
+        tell("laser.sheet_tolerance", share, len(sheets), bias, spread)
     return found
-
-
-def _off(readings: Sequence[Reading], *features: str) -> list[float]:
-    return [r.off_mm for r in readings if r.feature in features]
 
 
 def _of(off_mm: Sequence[float], name: str) -> tuple[float, float]:
@@ -170,9 +170,9 @@ def _of(off_mm: Sequence[float], name: str) -> tuple[float, float]:
     return statistics.fmean(off_mm), width
 
 
-def _spread(key: str, spread: float, before: float, count: int, bias: float) -> MeasuredKey:
-    """A spread as a field takes it: no less than a caliper tells, the bias on top."""
-    return MeasuredKey(key, max(_up(abs(bias) + spread), 0.005), before, count, bias, spread)
+def _least(spread_mm: float) -> float:
+    """A spread as a field takes it: no less than a caliper tells."""
+    return max(_up(spread_mm), 0.005)
 
 
 def _up(value: float) -> float:

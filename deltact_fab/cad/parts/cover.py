@@ -21,7 +21,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Callouts, Cut, Detail, shown, x_of, y_of, z_of
+from ..drafting.dimensioning import Callouts, Cut, shown, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import Shape, require
 from ..part import BLACK, PRINT, RESIN, Part
@@ -119,7 +119,6 @@ def callouts(d: Design) -> Callouts:
     row, cover = d.screw.row, d.cover
     (ox, oy), (sx, sy), (px, py) = d.frame_outer_mm, d.screw_at_mm, d.peg_at_mm
     floor = d.z_floor_mm
-    under, tip = floor + d.peg_leg_mm, floor + d.peg_length_mm
     slot, lip = cover.slot_mm / 2, cover.hole_mm / 2 + cover.lip_mm
     side = slot + cover.leg_mm
     lengths = (
@@ -132,7 +131,7 @@ def callouts(d: Design) -> Callouts:
         x_of(px - slot, px + slot, " slot", fitted=False),
         x_of(px - side, px + side, " over both legs"),
         x_of(px - lip, px + lip, " over both lips"),
-        z_of(floor, under),
+        z_of(floor, floor + d.peg_leg_mm),
     )
     notes = (
         "Four pegs alike, slots along y, legs flat outside. Lips flat underneath, "
@@ -142,8 +141,7 @@ def callouts(d: Design) -> Callouts:
     )
     rounds = {row.bore_mm: "for the heads, from the outer face"}
     fitted = (row.clearance_mm, row.bore_mm, cover.peg_mm)
-    detail = Detail("B", "front", (px, -py, (floor + tip) / 2), 0.7 * d.peg_length_mm)
-    return Callouts(lengths, rounds, fitted, notes, cut=Cut(-sx), details=(detail,))
+    return Callouts(lengths, rounds, fitted, notes, cut=Cut(-sx))
 
 
 PARTS = (

@@ -6,15 +6,13 @@ import math
 from dataclasses import fields
 from itertools import pairwise
 
-from ...shapes import EllipsoidTip, Indenter, PosedTip, PrismTip, RidgeTip
+from ...shapes import EllipsoidTip, Indenter, PosedTip, RidgeTip
 from ...shapes.turned import TurnedTip
 from ..design import IndenterBody, IndenterDimensions
-from ..drafting.dimensioning import Callouts, Detail, Leader, Told, shown, z_of
+from ..drafting.dimensioning import Callouts, Leader, Told, shown, z_of
 from ..part import PRINT, RESIN, WHITE, Part
 from ..print_orientation import PrintPose
 from .indenter import box, build
-
-SMALL_MM = 1.0  # what is smaller is drawn again in a detail
 
 
 def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
@@ -40,22 +38,16 @@ def callouts(dims: IndenterDimensions) -> Callouts:
     indenter, back = dims.indenter, dims.plate_z_mm + dims.body.plate_mm
     lengths = [z_of(back, back + indenter.stem_length_mm, fitted=False)]
     labels: list[Leader] = []
-    details: list[Detail] = []
     tip = max(indenter.tips, key=lambda t: (t.x_mm, t.y_mm))
     if isinstance(tip, RidgeTip):
         # Half-way from the nose's top to where its flank begins.
         turn, r = math.radians(90 - tip.flank_deg) / 2, tip.radius_mm
         at = (tip.x_mm + r * math.sin(turn), tip.y_mm, r * (1 - math.cos(turn)))
         words = f"flanks at {shown(tip.flank_deg)}° to the axis"
-        labels.append(Leader("B" if r < SMALL_MM else "front", at, 0, words))
-        if r < SMALL_MM:
-            details.append(Detail("B", "front", (tip.x_mm, tip.y_mm, r), 4 * r))
+        labels.append(Leader("front", at, 0, words))
     elif isinstance(tip, EllipsoidTip):
         words = f"half an ellipsoid, semi-axes {shown(tip.a_mm)} (x), {shown(tip.b_mm)} (y and z)"
         labels.append(Leader("front", (tip.x_mm, tip.y_mm, 0), 0, words))
-    elif isinstance(tip, PrismTip) and tip.edge_mm < SMALL_MM:
-        at = (tip.x_mm + tip.outer_mm - tip.edge_mm / 2, tip.y_mm, tip.edge_mm / 2)
-        details.append(Detail("B", "front", at, 4 * tip.edge_mm))
     elif isinstance(tip, TurnedTip):
         for radius_mm in _profile_radii_mm(tip):
             lengths.append(Told(0, -radius_mm, radius_mm, fitted=False, before="Ø"))
@@ -64,9 +56,7 @@ def callouts(dims: IndenterDimensions) -> Callouts:
     if any(isinstance(t, PosedTip) and t.tilted for t in indenter.tips):
         level = "Each tip's lowest point at one height"
     notes = (*posed, f"{level}. Contact faces smooth, without support marks.")
-    return Callouts(
-        tuple(lengths), notes=notes, labels=tuple(labels), flipped=True, details=tuple(details)
-    )
+    return Callouts(tuple(lengths), notes=notes, labels=tuple(labels), flipped=True)
 
 
 def _posed_words(posed: PosedTip) -> str:

@@ -28,7 +28,6 @@ from ..drafting.dimensioning import (
     SQUARE_EDGES,
     Callouts,
     Cut,
-    Detail,
     Told,
     shown,
     x_of,
@@ -160,12 +159,6 @@ def body_lengths(d: Design) -> list[Told]:
     return lengths
 
 
-def details(d: Design) -> tuple[Detail, ...]:
-    """The ledge behind the joint."""
-    at = (0.0, d.ledge_half_mm[1], d.z_joint_mm - d.shell.ledge_drop_mm)
-    return (Detail("B", "left", at, 3.0),) if d.shell.ledge_drop_mm > 0 else ()
-
-
 def callouts(d: Design) -> Callouts:
     """The shell with its mount; section through cable notch, ledge and mount."""
     notes = (
@@ -175,7 +168,7 @@ def callouts(d: Design) -> Callouts:
     lengths = (*body_lengths(d), *mount.lengths(d))
     return Callouts(
         lengths, fitted=(d.screw.row.clearance_mm,), notes=notes, cut=Cut(0.0),
-        rests_on=mount.rests_on(d), details=details(d),
+        rests_on=mount.rests_on(d),
     )  # fmt: skip
 
 

@@ -89,7 +89,7 @@ def callouts(d: Design) -> Callouts:
     lengths = (*shell.body_lengths(d), x_of(-ox, ox, fitted=False))
     return Callouts(
         lengths, fitted=(d.screw.row.clearance_mm,), notes=notes,
-        cut=Cut(0.0), details=shell.details(d),
+        cut=Cut(0.0),
     )  # fmt: skip
 
 

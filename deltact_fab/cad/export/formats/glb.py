@@ -1,13 +1,12 @@
 """Binary glTF 2.0: parts as they are looked at, one node and one material each.
 
-The numbers are those of the CAD frame, in millimetres; the root node turns z up into y up and
-scales to metres, as glTF wants both.
+The numbers are those of the CAD frame, in millimetres; each node turns z up into y up and scales
+to metres, as glTF wants both.
 """
 
 from __future__ import annotations
 
-import json
-import struct
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,14 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....aliases import Point
-from ....version import VERSION
 from ...mesh import Mesh
 
-_MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
-_FLOAT, _UNSIGNED = 5126, 5125
-_POINTS, _INDICES = 34962, 34963
-# Column by column: x to x, y to -z, z to y, all in metres.
-_ROOT = (0.001, 0, 0, 0, 0, 0, -0.001, 0, 0, 0.001, 0, 0, 0, 0, 0, 1)
+# x to x, y to -z, z to y, all in metres.
+_ROOT = np.array([(0.001, 0, 0, 0), (0, 0, 0.001, 0), (0, -0.001, 0, 0), (0, 0, 0, 1)])
 
 
 @dataclass(frozen=True)
@@ -68,101 +63,53 @@ def drawn(mesh: Mesh, name: str, colour: tuple[float, float, float, float]) -> G
     )
 
 
-def glb_bytes(parts: Sequence[GlbPart], name: str) -> bytes:
-    """A GLB of parts in the order given, all under one node called `name`."""
-    binary = bytearray()
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
-    nodes: list[dict[str, Any]] = [{"name": name, "matrix": list(_ROOT), "children": []}]
+def glb_bytes(parts: Sequence[GlbPart]) -> bytes:
+    """A GLB of parts in the order given."""
+    import trimesh
+    from trimesh.exchange.gltf import export_glb
 
-    def add(array: NDArray[Any], kind: str, target: int, **limits: list[float]) -> int:
-        views.append(
-            {"buffer": 0, "byteOffset": len(binary), "byteLength": array.nbytes, "target": target}
-        )
-        binary.extend(array.astype(array.dtype.newbyteorder("<")).tobytes())
-        number = _FLOAT if array.dtype.kind == "f" else _UNSIGNED
-        count = array.size if kind == "SCALAR" else len(array)
-        accessors.append(
-            {"bufferView": len(views) - 1, "componentType": number, "count": count, "type": kind}
-            | limits
-        )
-        return len(accessors) - 1
-
-    meshes = []
-    for number, part in enumerate(parts):
-        low, high = part.points_mm.min(axis=0).tolist(), part.points_mm.max(axis=0).tolist()
-        primitive = {
-            "attributes": {
-                "POSITION": add(part.points_mm, "VEC3", _POINTS, min=low, max=high),
-                "NORMAL": add(part.normals, "VEC3", _POINTS),
-            },
-            "indices": add(part.triangles, "SCALAR", _INDICES),
-            "material": number,
-        }
-        meshes.append({"name": part.name, "primitives": [primitive]})
+    scene = trimesh.Scene()
+    for part in parts:
+        body = trimesh.Trimesh(
+            part.points_mm, part.triangles, vertex_normals=part.normals, process=False,
+            visual=trimesh.visual.TextureVisuals(material=_material(part)),
+        )  # fmt: skip
+        scene.geometry[part.name] = body
         for copy, place in enumerate(part.places_mm, start=1):
             called = part.name if len(part.places_mm) == 1 else f"{part.name}-{copy}"
-            node: dict[str, Any] = {"name": called, "mesh": number}
-            if any(place):
-                node["translation"] = [float(c) for c in place]
-            nodes[0]["children"].append(len(nodes))
-            nodes.append(node)
-    document = {
-        "asset": {"version": "2.0", "generator": f"deltact-fab {VERSION}"},
-        "scene": 0,
-        "scenes": [{"name": name, "nodes": [0]}],
-        "nodes": nodes,
-        "meshes": meshes,
-        "materials": [_material(part) for part in parts],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": len(binary)}],
-    }
-    text = json.dumps(document, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    # Every array is of four-byte numbers, so the binary chunk needs no padding.
-    chunks = struct.pack("<II", len(text), _JSON) + text
-    chunks += struct.pack("<II", len(binary), _BINARY) + bytes(binary)
-    return struct.pack("<III", _MAGIC, 2, 12 + len(chunks)) + chunks
+            where = _ROOT @ trimesh.transformations.translation_matrix(place)
+            scene.graph.update(called, matrix=where, geometry=part.name)
+    return bytes(export_glb(scene, include_normals=True))
 
 
-def read_part(data: bytes, places_mm: Sequence[Point]) -> GlbPart:
+def read_part(
+    data: bytes, colour: tuple[float, float, float, float], places_mm: Sequence[Point]
+) -> GlbPart:
     """The one part of a GLB that glb_bytes wrote, to be put in several places."""
-    (length,) = struct.unpack_from("<I", data, 12)
-    document = json.loads(data[20 : 20 + length])
-    binary = data[28 + length :]
+    import trimesh
 
-    def read(number: int, width: int) -> NDArray[Any]:
-        accessor = document["accessors"][number]
-        view = document["bufferViews"][accessor["bufferView"]]
-        dtype = "<f4" if accessor["componentType"] == _FLOAT else "<u4"
-        part = binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]
-        return np.frombuffer(part, dtype).reshape(-1, width)
-
-    mesh = document["meshes"][0]
-    (primitive,) = mesh["primitives"]
-    colour = document["materials"][0]["extras"]["srgb"]
+    scene = trimesh.load(io.BytesIO(data), file_type="glb", process=False)
+    ((name, body),) = scene.geometry.items()
     return GlbPart(
-        mesh["name"],
-        read(primitive["attributes"]["POSITION"], 3),
-        read(primitive["attributes"]["NORMAL"], 3),
-        read(primitive["indices"], 3),
-        tuple(colour),
+        name,
+        np.asarray(body.vertices, np.float32),
+        np.asarray(body.vertex_normals, np.float32),
+        np.asarray(body.faces, np.uint32),
+        colour,
         tuple(places_mm),
     )
 
 
-def _material(part: GlbPart) -> dict[str, Any]:
+def _material(part: GlbPart) -> Any:
+    from trimesh.visual.material import PBRMaterial
+
     *shade, opacity = part.colour
     # glTF's factors are linear light; the registry's colours are sRGB.
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in shade]
-    material: dict[str, Any] = {
-        "name": part.name,
-        "pbrMetallicRoughness": {
-            "baseColorFactor": [round(c, 6) for c in linear] + [opacity],
-            "metallicFactor": 0.0,
-            "roughnessFactor": 0.6,
-        },
-        "extras": {"srgb": list(part.colour)},
-    }
-    return material | ({"alphaMode": "BLEND"} if opacity < 1 else {})
+    return PBRMaterial(
+        name=part.name,
+        baseColorFactor=[*linear, opacity],
+        metallicFactor=0.0,
+        roughnessFactor=0.6,
+        alphaMode="BLEND" if opacity < 1 else None,
+    )

@@ -1,4 +1,4 @@
-"""3MF (core specification 1.3): a part, or a plate of parts, in a zip of three files, millimetres.
+"""3MF (core specification 1.3): a part in a zip of three files, millimetres.
 
 Ids start at 1, vertices are shared, the archive carries no date of its own: lib3mf reads it in its
 strict mode, and the bytes are the same every time.
@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Sequence
-from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
 from ....version import VERSION
@@ -47,57 +45,26 @@ def threemf_bytes(
         f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in mesh.triangles.tolist()
     )
     x, y, z = (0.0 - mesh.vertices_mm.min(axis=0).astype(float)).tolist()
-    body = (
-        f"<mesh>\n<vertices>\n{vertices}\n</vertices>\n"
-        f"<triangles>\n{triangles}\n</triangles>\n</mesh>"
-    )
-    return plate_bytes([ArchiveObject(name, body, ((x, y, z),))], name, material, colour)
-
-
-@dataclass(frozen=True)
-class ArchiveObject:
-    """One object of an archive: its `<mesh>` as text, and where its copies stand."""
-
-    name: str
-    mesh: str
-    places_mm: tuple[tuple[float, float, float], ...]
-
-
-def read_mesh(data: bytes) -> str:
-    """The `<mesh>` of an archive that threemf_bytes wrote, as it stands there."""
-    with zipfile.ZipFile(io.BytesIO(data)) as zipped:
-        model = zipped.read("3D/3dmodel.model").decode()
-    return model[model.index("<mesh>") : model.index("</mesh>") + len("</mesh>")]
-
-
-def plate_bytes(
-    pieces: Sequence[ArchiveObject],
-    name: str,
-    material: str,
-    colour: tuple[float, float, float, float],
-) -> bytes:
-    """Several parts of one material as they stand on one platform, each under its own name."""
     shade = "#" + "".join(f"{round(255 * c):02X}" for c in colour)
-    objects = "\n".join(
-        f'<object id="{i}" type="model" name={quoteattr(piece.name)} pid="1" pindex="0">\n'
-        f"{piece.mesh}\n</object>"
-        for i, piece in enumerate(pieces, 2)
-    )
-    items = "\n".join(
-        f'<item objectid="{i}" transform="1 0 0 0 1 0 0 0 1 {x:.9g} {y:.9g} {z:.9g}"/>'
-        for i, piece in enumerate(pieces, 2)
-        for x, y, z in piece.places_mm
-    )
     model = f"""<?xml version="1.0" encoding="UTF-8"?>
 <model unit="millimeter" xml:lang="en" xmlns="{_CORE}">
 <metadata name="Title">{escape(name)}</metadata>
 <metadata name="Application">deltact-fab {VERSION}</metadata>
 <resources>
 <basematerials id="1"><base name={quoteattr(material)} displaycolor="{shade}"/></basematerials>
-{objects}
+<object id="2" type="model" name={quoteattr(name)} pid="1" pindex="0">
+<mesh>
+<vertices>
+{vertices}
+</vertices>
+<triangles>
+{triangles}
+</triangles>
+</mesh>
+</object>
 </resources>
 <build>
-{items}
+<item objectid="2" transform="1 0 0 0 1 0 0 0 1 {x:.9g} {y:.9g} {z:.9g}"/>
 </build>
 </model>
 """
