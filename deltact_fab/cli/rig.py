@@ -301,8 +301,6 @@ def _accepted(done: Any, simulated: str | None, out: Path | None) -> Iterator[st
 @RIG
 @click.option("--indenter", default="sphere:10", metavar="sphere:MM",
               help="The ball that is mounted.")  # fmt: skip
-@click.option("--by", type=click.Choice(["force", "hand"]), show_default="as the rig file says",
-              help="How a touch is felt.")  # fmt: skip
 @click.option("--at", "at", multiple=True, type=Point(), metavar="X,Y",
               help="Where to touch the face, mm; give at least three.")  # fmt: skip
 @DESIGN
@@ -310,7 +308,7 @@ def _accepted(done: Any, simulated: str | None, out: Path | None) -> Iterator[st
 @out_file("Registration to write, .toml.", required=True)
 @answers
 def register(
-    name: str, indenter: str, by: str | None, at: tuple[tuple[float, float], ...], design: str,
+    name: str, indenter: str, at: tuple[tuple[float, float], ...], design: str,
     tip_is_clear: bool, out: Path,
 ) -> Answer:  # fmt: skip
     """Find where the face of the sensor is by touching it with a ball.
@@ -328,7 +326,7 @@ def register(
     bench, path = config.load(name)
     if not isinstance(bench, config.GrblConfig):
         raise InputError(f"{path}: kind: only a real rig is registered; this one is {bench.kind!r}")
-    asked = session.wanted(bench, path, load_design(design), indenter, at, by)
+    asked = session.wanted(bench, path, load_design(design), indenter, at)
     operator = TerminalOperator()
     with session.homed(bench, path, operator, tip_is_clear) as devices:
         found = session.register_face(devices, asked, operator)

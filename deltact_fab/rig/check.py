@@ -92,13 +92,9 @@ def _presses(config: GrblConfig) -> Iterator[DeviceRow]:
             "[stage] max_force_n is not declared: measure what the axes push without losing steps"
         )
     if config.touch is None:
-        missing.append(
-            'no [touch], so it is not known where the face is: add one with by = "force" or "hand"'
-        )
+        missing.append("no [touch], so it is not known where the face is: add one")
     for text in missing:
         yield DeviceRow("presses", "FAIL", text)
-    if config.touch is not None:
-        yield DeviceRow("presses", "pass", f"the face is found by {config.touch.by}")
     if config.camera is None:
         yield DeviceRow(
             "camera", "WARN", "no [camera]: a protocol with the channel image is refused"

@@ -49,10 +49,6 @@ class ForceProbe:
         """Let no more samples come."""
         self._force.stop()
 
-    def resume(self) -> None:
-        """Let samples come again after `release`, on the same tare."""
-        self._force.start()
-
     def move(self, target_mm: Vector, feed_mm_min: float, over_n: float) -> bool:
         """One straight move; True when a force over that ended it, at rest either way."""
         try:

@@ -23,8 +23,7 @@ from .config import ToolConfig, TouchConfig
 from .feeler import ForceProbe
 from .homing import clear_the_face
 from .operator import Operator, TerminalOperator, confirm
-from .touch import TRAVEL_FEED_MM_MIN, FaceTouch
-from .touch_off import find_face
+from .touch import TRAVEL_FEED_MM_MIN, FaceTouch, ForceTouch
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -119,7 +118,7 @@ class Tooling:
         if self._force is None:
             raise InputError("[force] is missing in the rig file: nothing feels the face")
         feeler = ForceProbe(self._stage, self._force, self._clock, self._guard)
-        return find_face(feeler, config, self._operator, parse_indenter(name), config.at_mm)
+        return ForceTouch(feeler, config).find(parse_indenter(name), config.at_mm)
 
     def _require_the_same(self, name: str, machine_z_mm: float) -> float | None:
         """How far the face has moved since the run's first touch with it; None: this is it."""

@@ -92,9 +92,9 @@ def touch_s(
 def change_s(stage: StageSettings, touch: TouchConfig | None, park_mm: float) -> float:
     """What finding the face with another indenter takes on a bench, from the height of its change.
 
-    0 where an operator finds it, who takes as long as he takes.
+    0 without a [touch], for a run in air.
     """
-    if touch is None or touch.by != "force":
+    if touch is None:
         return 0.0
     limits = stage.max_feed_mm_min, stage.acceleration_mm_s2
     return touch_s(touch, park_mm, *limits, WALL_CLOCK.move_s)
