@@ -18,12 +18,12 @@ from looked import to_the_end
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.optics import Fisheye, FlatField, Pinhole, Rectified, as_toml
 from deltact_fab.rig.camera.config import CameraConfig
-from deltact_fab.rig.camera.find import cameras
 from deltact_fab.rig.camera.model import flat_field, tracked_view, view_notes
 from deltact_fab.rig.camera.open import open_camera
 from deltact_fab.rig.camera.photograph import photograph
 from deltact_fab.rig.camera.probe import probe
 from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.devices import FoundDevice, cameras
 from deltact_fab.rig.interface import Camera
 from deltact_fab.shapes import SensorDimensions
 from deltact_fab.virtual.clock import VirtualClock
@@ -198,7 +198,10 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(folder: Pat
         command = (sys.executable, "-c", code)
         config = CameraConfig(command=command, width_px=W, height_px=H, **options)
         found = list(probe(config, folder, seconds=0.5))
-        return {ok: " | ".join(f.text for f in found if f.passed is ok) for ok in (True, False)}
+        return {
+            ok: " | ".join(f.text for f in found if (f.verdict == "pass") is ok)
+            for ok in (True, False)
+        }
 
     (folder / "camera.toml").write_text(as_toml(Pinhole(0.1, W, H, 12.85)))
     good = lines("k", rate_hz=20.0, model="camera.toml")
@@ -209,8 +212,8 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(folder: Pat
     assert "over-exposed" in lines("k[:99] + b'\\xff' * (len(k) - 99)")[False]
     assert "the image is dark" in lines("k[:99] + bytes(len(k) - 99)")[False]
     assert "the same image over and over" in lines("bytes(len(k))")[False]
-    absent = list(probe(CameraConfig(source=63, model="none.toml"), folder))
-    assert [f.passed for f in absent] == [False, False]
+    absent = list(probe(CameraConfig(source=63, model="none.toml"), folder, 0.5))
+    assert [f.verdict for f in absent] == ["FAIL", "FAIL"]
 
 
 def test_photographs_are_exposed_when_they_are_asked_for(folder: Path) -> None:
@@ -239,7 +242,7 @@ def test_photographs_are_exposed_when_they_are_asked_for(folder: Path) -> None:
 
 
 def test_cameras_are_found_by_their_nodes(tmp_path: Path) -> None:
-    """A second node of a camera gives metadata; who may not open a node goes by its place."""
+    """A second node of a camera gives metadata."""
     sysfs, dev = tmp_path / "sys", tmp_path / "dev"
     (dev / "v4l" / "by-id").mkdir(parents=True)
     for number, name, index in ((10, "Arducam", 0), (2, "See3CAM", 0), (3, "See3CAM", 1)):
@@ -249,8 +252,8 @@ def test_cameras_are_found_by_their_nodes(tmp_path: Path) -> None:
         (node / "index").write_text(f"{index}\n")
     (dev / "v4l" / "by-id" / "usb-See3CAM-index0").symlink_to(dev / "video2")
     found = cameras(sysfs, dev)
-    assert [(f.device, f.name) for f in found] == [
-        (str(dev / "v4l" / "by-id" / "usb-See3CAM-index0"), "See3CAM"),
-        (str(dev / "video10"), "Arducam"),
+    assert found == [
+        FoundDevice(str(dev / "v4l" / "by-id" / "usb-See3CAM-index0"), "See3CAM"),
+        FoundDevice(str(dev / "video10"), "Arducam"),
     ]
     assert cameras(tmp_path / "none", dev) == []

@@ -19,7 +19,7 @@ def served(noise_n: float = 0.01) -> NetFTServer:
 def found(box: NetFTServer, guard: GuardConfig | None = None, **own: object) -> dict[str, bool]:
     way = NetFTConfig(host=box.host, rdt_port=box.rdt_port, http_port=box.http_port, silent_s=2)
     config = ForceConfig(netft=way, **own)  # type: ignore[arg-type]
-    return {f.text: f.passed for f in probe(config, guard, 0.3)}
+    return {row.text: row.verdict == "pass" for row in probe(config, guard, 0.3)}
 
 
 def test_a_good_box_passes_with_what_it_is() -> None:

@@ -88,7 +88,6 @@ class CameraConfig(Table):
 
     @property
     def name(self) -> str:
-        """What messages call it."""
         if self.command is not None:
             return self.command[0]
         return f"/dev/video{self.source}" if isinstance(self.source, int) else str(self.source)

@@ -76,7 +76,6 @@ class Video:
         self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or ASSUMED_HZ
 
     def read(self) -> Generator[Image, None, None]:
-        """Each image (h, w, 3) BGR uint8 in order. Raises RunFailed."""
         k = 0
         while True:
             done, image = self._capture.read()
@@ -88,7 +87,6 @@ class Video:
             raise RunFailed(f"{self.name}: holds no image")
 
     def close(self) -> None:
-        """Close the file."""
         self._capture.release()
 
 
@@ -110,7 +108,6 @@ class Stack:
             raise InputError(f"{file}: {found}; uint8 of (n, h, w) or (n, h, w, 3) is needed")
 
     def read(self) -> Generator[Image, None, None]:
-        """Each image (h, w, 3) BGR uint8 in order."""
         for one in self._stack:
             yield np.array(one[..., ::-1] if one.ndim == 3 else np.stack([one] * 3, axis=-1))
 
@@ -190,7 +187,6 @@ class FileCamera:
         """Nothing is kept of a stream."""
 
     def identity(self) -> dict[str, Any]:
-        """What is read, and how quickly."""
         return {
             "kind": self._images.kind,
             "name": self.name,
@@ -201,6 +197,5 @@ class FileCamera:
         }
 
     def close(self) -> None:
-        """Close the file."""
         self._left.close()
         self._images.close()

@@ -132,7 +132,6 @@ class StreamCamera:
         """Nothing is kept of a stream."""
 
     def identity(self) -> dict[str, Any]:
-        """What was asked for, what the camera says, and what was counted so far."""
         numbers = self._last is not None and self._last.number is not None
         told = {
             "name": self.name,

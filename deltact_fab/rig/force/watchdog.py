@@ -90,20 +90,16 @@ class Watchdog:
             self._ask("hold", stop, port is not None, port=port)
 
     def begin(self, stream: str) -> None:
-        """As ForceSensor; the guard sees nothing until it is done."""
         self._ask("begin", stream)
 
     def start(self) -> None:
-        """As ForceSensor."""
         self._ask("start")
 
     def read(self) -> ForceSamples:
-        """As ForceSensor; what the guard saw is in it."""
         samples: ForceSamples = self._ask("read")
         return samples
 
     def stop(self) -> None:
-        """As ForceSensor."""
         self._ask("stop")
 
     def identity(self) -> dict[str, Any]:
@@ -127,7 +123,6 @@ class Watchdog:
 
     @property
     def tripped(self) -> str:
-        """As Guard."""
         return self.trip.why if self.trip is not None else ""
 
     def watch(self, samples: ForceSamples) -> None:
@@ -141,7 +136,6 @@ class Watchdog:
         return ()
 
     def rearm(self) -> None:
-        """As Guard."""
         self._ask("rearm")
 
     @contextmanager

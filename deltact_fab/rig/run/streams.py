@@ -21,11 +21,6 @@ from ...units import to_ns
 from ..interface import Camera, CameraFrame, Clock, ForceSamples, ForceSensor, Guard, Stage
 
 
-def now_ns(clock: Clock) -> int:
-    """The clock's time in whole nanoseconds."""
-    return to_ns(clock.now_s())
-
-
 class PoseStream:
     """Where the stage says it is, each time it is asked, with the time at which that was true.
 
@@ -40,7 +35,7 @@ class PoseStream:
 
     def step(self) -> None:
         """Ask the stage. Raises StageError."""
-        self.looked_ns = now_ns(self._clock)
+        self.looked_ns = self._clock.now_ns()
         t_ns, position_mm = self._stage.located()
         self._kept.append((t_ns, *position_mm))
 
@@ -155,7 +150,7 @@ class FrameStream:
     """The first frame exposed at or after each wanted moment; all others are let go.
 
     keep: called with the moment, the frame and its time (ns), and how many frames were dropped and
-    repeated since the one kept before. missed: moments for which no frame came before the next.
+    repeated since the one kept before. missed: moments so far for which none came before the next.
     """
 
     def __init__(self, camera: Camera | None, clock: Clock, keep: Keep) -> None:
@@ -167,17 +162,16 @@ class FrameStream:
         self._wanted: deque[FrameRequest] = deque()
         self._busy = False
         self._dropped = self._repeated = 0
-        self.missed: list[FrameRequest] = []
+        self.missed = 0
 
     def forget(self) -> None:
         """A new press: what was wanted or counted before is no concern of it."""
         with self._lock:
             self._wanted.clear()
-            self.missed = []
+            self.missed = 0
             self._dropped = self._repeated = 0
 
     def want(self, wanted: FrameRequest) -> None:
-        """Moments come in their order."""
         with self._lock:
             self._wanted.append(wanted)
 
@@ -189,7 +183,7 @@ class FrameStream:
 
     def step(self) -> None:
         """Take one frame, and keep it if it is wanted. Raises SensorError, RunFailed."""
-        t_ns = now_ns(self._clock)
+        t_ns = self._clock.now_ns()
         frame = self._camera.capture() if self._camera is not None else None
         if frame is not None:
             t_ns = to_ns(frame.t_s)
@@ -203,7 +197,7 @@ class FrameStream:
         if not due:
             return
         try:
-            self.missed += due[:-1]
+            self.missed += len(due) - 1
             dropped, self._dropped = self._dropped, 0
             repeated, self._repeated = self._repeated, 0
             self._keep(due[-1], frame, t_ns, dropped, repeated)

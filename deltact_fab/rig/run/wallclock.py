@@ -63,7 +63,6 @@ class ThreadedSchedule(Schedule):
         self.check()
 
     def set_out(self, step: Step) -> None:
-        """The first pose of the step."""
         if self.in_press:
             self.pose.step()
 

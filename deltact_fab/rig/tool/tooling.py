@@ -104,7 +104,6 @@ class Tooling:
         return f"{name} mounted: face at machine z {z:.3f} mm, {touch.line()}{moved}"
 
     def identity(self) -> dict[str, Any]:
-        """What was mounted in this session, and where the face was."""
         return {
             "base": self._base,
             "unattended": self._job.unattended,
