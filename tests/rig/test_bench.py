@@ -110,24 +110,6 @@ def test_without_a_force_sensor_or_a_device_asked_for_nothing_is_opened(tmp_path
 
 
 @pytest.mark.slow
-def test_the_port_is_closed_after_an_operator_s_stop_too(tmp_path: Path) -> None:
-    def press_ctrl_c(done: int, total: int, what: str) -> None:
-        if what.endswith("/press"):
-            raise KeyboardInterrupt
-
-    with powered() as board:
-        protocol, rig = files(tmp_path, board)
-        with pytest.raises(RunFailed, match="stopped by the operator"):
-            experiment.run(
-                experiment.RunRequest(
-                    protocol, rig, tmp_path / "r", progress=press_ctrl_c, air=True
-                )
-            )
-        board.off()  # while this process, which had the port, lives on
-    assert board.saw["links"] == ["opened", "closed"]
-
-
-@pytest.mark.slow
 def test_a_run_that_a_reboot_broke_off_goes_on_at_another_port(tmp_path: Path) -> None:
     """Six jogs a press and one to change: the tenth is in the second press."""
     with powered(reboot_at_jog=10) as board:
@@ -162,17 +144,6 @@ def test_a_dry_run_asks_the_devices_and_moves_nothing(tmp_path: Path) -> None:
         assert "--out" in done.output
     assert board.saw["jogs"] == 0
     assert board.saw["links"] == ["opened", "closed"]
-
-
-@pytest.mark.slow
-def test_an_operator_s_word_is_kept_with_the_run(tmp_path: Path) -> None:
-    with powered() as board:
-        protocol, rig = files(tmp_path, board)
-        out = tmp_path / "r"
-        words = ["run", protocol, "--rig", rig, "--air", "--out", str(out)]
-        done = CliRunner().invoke(main, [*words, "--note", "gel 7, new tape"])
-        assert done.exit_code == 0, done.output
-    assert "gel 7, new tape" in (out / "notes.jsonl").read_text()
 
 
 @pytest.mark.slow

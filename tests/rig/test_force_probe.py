@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scale_on_pty import scale
 
 from deltact_fab.rig.config import ForceConfig, GuardConfig
-from deltact_fab.rig.force.config import NetFTConfig, SerialScaleConfig
+from deltact_fab.rig.force.config import NetFTConfig
 from deltact_fab.rig.force.probe import probe
 from deltact_fab.virtual.netft_server import NetFTServer
 
@@ -52,13 +51,3 @@ def test_what_is_wrong_says_what_would_be_right() -> None:
         assert "fault, status word 0x80000000" in "\n".join(found(box))
         box.page["comrdte"] = "Disabled"
         assert list(found(box).values()) == [False]
-
-
-@pytest.mark.slow
-def test_a_scale_is_listened_to_as_well() -> None:
-    with scale() as it:
-        config = ForceConfig(serial=SerialScaleConfig(port=it.port))
-        lines = list(probe(config, None, 0.3))
-        assert any("samples a second" in line.text for line in lines)
-        it.line = lambda k: None
-        assert any("no line of 1 numbers within" in f.text for f in probe(config, None, 0.3))

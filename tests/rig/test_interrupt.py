@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 from subprocess import PIPE
@@ -14,11 +13,6 @@ from subprocess import PIPE
 import pytest
 from board import board
 from called import started
-
-from deltact_fab.errors import StageError
-from deltact_fab.optics import StageFrame
-from deltact_fab.rig.clock import WallClock
-from deltact_fab.rig.stage.grbl import GrblStage
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
 
@@ -142,32 +136,3 @@ def test_a_run_that_is_interrupted_in_its_lift(mini: tuple[Path, Path], tmp_path
     assert len(told) == 1
     assert told[0].startswith("deltact-fab: stopped at once by a second signal")
     assert (tmp_path / "r" / "journal.sqlite").exists()
-
-
-def test_stop_from_another_thread_ends_homing() -> None:
-    """Two threads never read the port at once: the one that stops only writes."""
-    with board({25: 60.0}) as it:  # a slow search
-        stage = GrblStage(it.port, WallClock(), StageFrame((0.0, 0.0, 0.0)))
-        stage.connect()
-        raised: list[StageError] = []
-
-        def home() -> None:
-            try:
-                stage.home()
-            except StageError as why:
-                raised.append(why)
-
-        thread = threading.Thread(target=home)
-        thread.start()
-        try:
-            it.hears(b"$H")
-            time.sleep(0.3)
-            assert it.state() == "Home"
-            stage.stop()
-        finally:
-            thread.join()
-        assert "ALARM:6 (reset while homing)" in str(raised[0])
-        it.grbl.settings[25] = 1200
-        stage.home()
-        assert it.at_mm() == (-0.2, -0.2, -0.2)
-        stage.close()

@@ -5,8 +5,6 @@ from __future__ import annotations
 import itertools
 import socket
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable
 from typing import Any
 
@@ -268,15 +266,3 @@ def test_pynetft_reads_the_simulated_box() -> None:
             assert any(
                 next(samples).wrench == pytest.approx((0,) * 6, abs=1e-5) for _ in range(2000)
             )
-
-
-def test_the_page_is_the_only_one_there_is() -> None:
-    with NetFTServer(Hand()) as box:
-        root = f"http://{box.host}:{box.http_port}"
-        with urllib.request.urlopen(f"{root}/netftapi2.xml?index=0") as answer:
-            assert b"<comrdtrate>1000</comrdtrate>" in answer.read()
-        with pytest.raises(urllib.error.HTTPError) as why:
-            urllib.request.urlopen(f"{root}/other.xml")
-        why.value.close()
-        box.close()
-        box.close()
