@@ -57,7 +57,6 @@ class GrblKind:
         return lines
 
     def camera(self, protocol: Protocol, sensor: SensorDimensions) -> CameraModel | None:
-        """The view by the calibrated camera; None where it was not calibrated or takes nothing."""
         if self._config.camera is None or "image" not in protocol.channels:
             return None
         from .camera.model import tracked_view

@@ -136,16 +136,6 @@ def test_a_real_rig_s_camera_is_looked_through_and_its_stage_left_alone(
     source.close()
 
 
-def test_a_real_rig_s_files_are_read_to_their_end(
-    pictures: Path, pinhole: Path, tmp_path: Path
-) -> None:
-    rig = tmp_path / "bench.toml"
-    rig.write_text(f'{RIG}source = "{pictures.name}"\nmodel = {json.dumps(str(pinhole))}\n')
-    source = open_source(str(rig))
-    assert not source.live
-    assert len(list(images(source))) == 12
-
-
 def _refusal(name: object, camera: Path | None = None) -> str:
     with pytest.raises(DeltactFabError) as why:
         list(images(open_source(str(name), camera)))

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 import serial
+from board import rig_file
 from click.testing import CliRunner
 from pydantic import TypeAdapter
-from served import rig_file
 
 from deltact_fab import catalog
 from deltact_fab.cli.gel_path import path as gel_path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,7 +48,10 @@ http_port = {http_port}
 force_n = 15.0
 [touch]
 [camera]
-source = "images"
+command = ["{python}", "-m", "deltact_fab.virtual.shown", "images", "30"]
+stamped = true
+width_px = 64
+height_px = 48
 """
 
 
@@ -74,7 +78,12 @@ def test_a_whole_bench(tmp_path: Path) -> None:
         (tmp_path / "images" / f"{k}.png").write_bytes(record.encode_png(image))
     with NetFTServer(lambda t_ns: np.zeros((len(t_ns), 6)), noise_n=0.01) as box, board(tmp_path):
         with (tmp_path / "bench.toml").open("a") as file:
-            way = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
+            way = {
+                "python": sys.executable,
+                "host": box.host,
+                "rdt_port": box.rdt_port,
+                "http_port": box.http_port,
+            }
             file.write(REST.format(**way))
         found = json.loads(check(tmp_path, "--json").output)
     rows = {(row["device"], row["text"]): row["verdict"] for row in found["rows"]}

@@ -22,7 +22,7 @@ def test_streams_of_a_run_belong_together_by_their_times(tmp_path: Path) -> None
     with wall_bench(tmp_path) as bench:
 
         def look(live: Live) -> None:
-            if not seen:
+            if live.step.endswith("p1/d1.00/press") and not any(s.step == live.step for s in seen):
                 (tmp_path / "skip").write_text("7")
             seen.append(live)
 

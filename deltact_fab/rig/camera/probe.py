@@ -14,7 +14,6 @@ from ...errors import InputError, SensorError
 from ..clock import WallClock
 from ..interface import Camera, DeviceRow
 from .config import CameraConfig
-from .files import EndOfImages
 from .model import calibrated, raw_size_px
 from .open import open_camera
 
@@ -39,7 +38,7 @@ def probe(config: CameraConfig, folder: Path, seconds: float) -> Iterator[Device
             rows = list(_images(camera, config, seconds))
             told = camera.identity()
     except (InputError, SensorError) as why:
-        yield _row(False, str(why), "WARN" if isinstance(why, EndOfImages) else "FAIL")
+        yield _row(False, str(why))
         return
     yield from rows
     yield from _locks(config, told)
