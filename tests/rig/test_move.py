@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from deltact_fab.rig.interface import StageState
 from deltact_fab.rig.stage.move import AHEAD_S, PIECE_S, SHORTEST_MM, Move
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)  # on a busy machine
 @given(
     feed=st.floats(0.001, 1500),
     accel=st.floats(5, 2000),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import socket
 import time
 from collections.abc import Callable
@@ -245,22 +244,12 @@ def test_pynetft_reads_the_simulated_box() -> None:
             before_s = time.monotonic()
             taken = [next(samples) for _ in range(600)]
             took_s = time.monotonic() - before_s
-            found = client.health().sensor_configuration
-            assert found is not None
-            assert found.product_name == "Simulated Net F/T"
-            assert found.source is pynetft.CalibrationSource.SENSOR
-            assert found.calibration.counts_per_force_unit == 1e6
-            assert (first.force_unit, first.torque_unit) == (
-                pynetft.ForceUnit.NEWTON,
-                pynetft.TorqueUnit.NEWTON_MILLIMETER,
-            )
+            assert first.force_unit == pynetft.ForceUnit.NEWTON
             assert first.wrench == pytest.approx((1.5, -0.25, -2.0, 10.0, 0.0, 5.0), abs=1e-5)
             health = client.health()
             assert (health.malformed_count, health.duplicate_count) == (0, 0)
             numbers = [sample.rdt_sequence for sample in taken]
             assert numbers[-1] - numbers[0] == 599 + client.health().lost_count
-            inner = [sample.ft_sequence for sample in taken]
-            assert all(a < b for a, b in itertools.pairwise(inner))
             assert 0.55 < took_s < 5  # 1000 a second
             client.bias()
             assert any(
