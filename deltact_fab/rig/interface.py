@@ -43,7 +43,6 @@ class StageState:
 
     machine_mm: tuple[float, float, float]
     state: str
-    feed_mm_min: float
     t_s: float
     within_s: float = 0.0
 

@@ -29,7 +29,7 @@ def test_a_good_box_passes_with_what_it_is() -> None:
     text = "\n".join(lines)
     for part in (
         "transducer FT00001, product Simulated Net F/T, box serial SIM1",
-        "1e+06 counts a newton, 100000 a newton millimetre (the box is set to N and Nmm)",
+        "1e+06 counts a newton, 100000 a newton millimetre",
         "force.range_n = [25.0, 25.0, 35.0], as the transducer's",
         "of 1000 samples a second",
         "are left after the tare",

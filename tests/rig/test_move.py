@@ -41,7 +41,7 @@ def test_no_more_than_its_share_is_sent_and_none_of_it_twice(
 
 
 def at(way_mm: float, t_s: float) -> StageState:
-    return StageState((0.0, 0.0, -way_mm), "Jog", 60.0, t_s)
+    return StageState((0.0, 0.0, -way_mm), "Jog", t_s)
 
 
 def test_another_clock_is_followed_and_a_hold_is_told_from_it() -> None:

@@ -193,7 +193,7 @@ def test_a_box_out_of_reach_disabled_or_another_one_is_named(
             fetch(way(box))
         box.page["scfgfu"] = "N"
         monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
-        assert fetch(way(box)).force_unit == "N"
+        assert fetch(way(box)).range_n is not None
         box.path = "/elsewhere.xml"
         with pytest.raises(SensorError, match=r"cannot be read \(HTTP Error 404"):
             fetch(way(box))

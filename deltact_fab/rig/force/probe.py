@@ -56,11 +56,8 @@ def _page(config: ForceConfig) -> Iterator[DeviceRow]:
     s = page.settings
     about = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in s.about)
     yield _row(True, f"{config.netft.host}: transducer {s.serial}, {about}")
-    yield _row(
-        True,
-        f"{s.counts_per_n:g} counts a newton, {s.counts_per_nmm:g} a newton millimetre (the "
-        f"box is set to {page.force_unit} and {page.torque_unit})",
-    )
+    text = f"{s.counts_per_n:g} counts a newton, {s.counts_per_nmm:g} a newton millimetre"
+    yield _row(True, text)
     for key, told in (("range_n", page.range_n), ("range_nmm", page.range_nmm)):
         written = getattr(config, key)
         if told is None:

@@ -180,7 +180,7 @@ class GrblStage:
         """As Stage; `identity` has how far off the time was at worst."""
         with self._c.exchange():
             self._c.require_ready()
-            state = self.poll()
+            state = jogs.poll(self._c)
             self._within_s = max(self._within_s, state.within_s)
         return to_ns(state.t_s), self._frame.to_sensor_mm(state.machine_mm)
 
@@ -311,13 +311,6 @@ class GrblStage:
         """What the controller says, locked or not. Raises StageError when it says nothing."""
         with self._c.exchange():
             return self._c.status()
-
-    def poll(self) -> StageState:
-        """Ask the controller once. Raises StageError for an alarm, a restart or silence.
-
-        The first reason is the one that is told.
-        """
-        return jogs.poll(self._c)
 
     def reset(self) -> None:
         """Reset the controller (0x18) and wait for its banner. The position is lost; `home` next.

@@ -112,10 +112,8 @@ class Tooling:
 
     def _find(self, name: str) -> FaceTouch:
         config = self._touch
-        if config is None:
-            raise InputError("[touch] is missing in the rig file: nothing says where the face is")
-        if self._force is None:
-            raise InputError("[force] is missing in the rig file: nothing feels the face")
+        assert config is not None, "refused without [touch]"
+        assert self._force is not None, "refused without a force sensor"
         feeler = ForceProbe(self._stage, self._force, self._clock, self._guard)
         return ForceTouch(feeler, config).find(parse_indenter(name), config.at_mm)
 
