@@ -103,8 +103,8 @@ class Stage(Protocol):
     def lift(self, height_mm: float, feed_mm_min: float) -> bool:
         """Go straight up, z of the machine alone, by that much or to the top of the travel.
 
-        Also before homing. False, with nothing moved, where the controller is locked: its position
-        is lost, and nothing but homing moves it.
+        Also before homing: a controller that is not locked counts its steps, and up is away from
+        the face whatever the count. False, with nothing moved, where it is locked.
         """
 
     def rescue(self, height_mm: float, feed_mm_min: float) -> bool:

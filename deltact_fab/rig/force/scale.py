@@ -48,9 +48,8 @@ class SerialScale:
         self._per_unit = np.minimum(
             np.repeat([COUNTS_PER_N, COUNTS_PER_NMM], 3), MOST / (2 * self._limits)
         )
-        units = np.repeat([NEWTONS[own.unit], NEWTON_MM[own.torque_unit]], 3) * own.scale
+        self._units = np.repeat([NEWTONS[own.unit], NEWTON_MM[own.torque_unit]], 3) * own.scale
         self._columns = [(k, AXES.index(name)) for k, name in enumerate(own.columns) if name != "-"]
-        self._units = units
         self._tare = np.zeros(6)
         self._partial = b""
         self._skip = True  # what is left of the line that was under way

@@ -17,6 +17,7 @@ import numpy as np
 from ...errors import SensorError
 from ...protocols.plan import Step
 from ...record import Chunk
+from ...record.streams import FORCE_COLUMNS
 from ...units import to_ns
 from ..interface import Camera, CameraFrame, Clock, ForceSamples, ForceSensor, Guard, Stage
 
@@ -113,9 +114,8 @@ class ForceStream:
             return []
         t_ns = np.concatenate([part.t_ns for part in forces]) - origin_ns
         counts = np.concatenate([part.counts for part in forces])
-        names = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
-        per_unit = dict(zip(names, forces[0].per_unit.tolist(), strict=True))
-        columns = {"t_ns": t_ns, **dict(zip(names, counts.T, strict=True))}
+        per_unit = dict(zip(FORCE_COLUMNS, forces[0].per_unit.tolist(), strict=True))
+        columns = {"t_ns": t_ns, **dict(zip(FORCE_COLUMNS, counts.T, strict=True))}
         columns["saturated"] = np.concatenate([part.saturated for part in forces])
         return [Chunk("force", origin_ns / 1e9, columns, per_unit)]
 
