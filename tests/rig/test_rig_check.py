@@ -93,7 +93,7 @@ def test_a_whole_bench(tmp_path: Path) -> None:
     for part in ("settings were read", "transducer FT00001", "the guard stops the stage at 15",
                  "camera.model: not calibrated", "all that a press needs"):  # fmt: skip
         assert part in texts
-    assert found["ok"]  # a run would only warn that the camera is not calibrated, the video short
+    assert found["ok"]  # a run would only warn that the camera is not calibrated
     assert {v for (device, _), v in rows.items() if device == "camera"} >= {"WARN"}
 
 
