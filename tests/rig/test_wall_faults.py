@@ -10,13 +10,17 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from wall_bench import ORIGIN_MM, WallBench, wall_bench
 
 from deltact_fab import record
 from deltact_fab.errors import RunFailed, SensorError, StageError
+from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.job import Devices
 from deltact_fab.rig.run.live import Live
+from deltact_fab.rig.run.wallclock import ThreadedSchedule
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
 slow = pytest.mark.slow
@@ -133,3 +137,16 @@ def test_where_nothing_pushes_it_homes_and_the_sensor_rests(tmp_path: Path) -> N
         force.start()  # left stopped, and ready for whoever feels next
         assert len(force.read().t_ns)
     assert not threads()
+
+
+def test_a_thread_that_fails_stops_the_stage_before_anybody_asks() -> None:
+    stopped: list[str] = []
+    stage = SimpleNamespace(cancel=lambda: stopped.append("stop"))
+    writer = SimpleNamespace()
+    devices = Devices(WallClock(), stage, None, None, lambda name: None)  # type: ignore[arg-type]
+    schedule = ThreadedSchedule(devices, writer, lambda step: None)  # type: ignore[arg-type]
+    schedule.open()
+    writer.failed(SensorError("no space"))
+    assert stopped == ["stop"]
+    with pytest.raises(SensorError, match="no space"):
+        schedule.check()
