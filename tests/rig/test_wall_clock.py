@@ -58,5 +58,8 @@ def test_streams_of_a_run_belong_together_by_their_times(tmp_path: Path) -> None
     for _, part in moving.groupby("press"):
         line = np.polyfit(part["t_s"], part["z_mm"], 1)
         assert line[0] * 60 == pytest.approx(-90.0, rel=0.05)
+        wanted_s = (part["t_step_s"] - part["late_s"]).to_numpy()
+        numbers = part["frame_id"].str.rpartition("#")[2].astype(int).to_numpy()
+        assert wanted_s / numbers == pytest.approx(wanted_s[-1] / numbers[-1], rel=1e-3)
     assert frames["dropped"].sum() >= 7
     assert "7 lost by the camera" in set(events[events["kind"] == "frames dropped"]["text"])
