@@ -180,9 +180,9 @@ def simulate(
     """Serve the devices of RIG on this computer's own wires until Ctrl-C.
 
     DIR/rig.toml names them: a controller behind a terminal, a force sensor behind sockets, a camera
-    as a command. Every command that takes a real rig takes it, from another terminal. A tip that goes
-    into the gel is felt and not seen. `[virtual.mount]` of a virtual RIG puts the face elsewhere.
-    The controller homes and jogs, as this program has it; it runs no program.
+    as a command. Every command that takes a real rig takes it, from another terminal. A tip that
+    goes into the gel is felt and not seen. `[virtual.mount]` of a virtual RIG puts the face
+    elsewhere. The controller homes and jogs, as this program has it; it runs no program.
     """
     from ..cad.design import load_design
     from ..patterns import load_recipe

@@ -131,6 +131,7 @@ def test_it_asks_tares_waits_and_records(weigh: Weigh, tmp_path: Path) -> None:
     assert frames["fz_n"].tolist() == pytest.approx([0, -0.980665, -0.4903325, 0], abs=1e-6)
     assert frames["tx_nmm"].tolist() == pytest.approx([0, 1.96133, 0.980665, 0], abs=1e-5)
     assert frames["settled"].tolist() == [True, True, True, False]
+    assert (frames["t_step_s"][frames["settled"]] >= STATIC["settle_s"]).all()
     assert frames[["x_mm", "z_mm"]].isna().all(axis=None)  # nobody knows how deep it went
     assert (run.events()["kind"] == "weight").sum() == 4
     assert record.check(tmp_path / "r").whole
