@@ -168,10 +168,10 @@ def simulate(
 ) -> None:
     """Serve the devices of RIG on this computer's own wires until Ctrl-C.
 
-    DIR/rig.toml names them: a controller behind a terminal, a force sensor behind sockets, a folder
-    of images. Every command that takes a real rig takes it, from another terminal. A tip that goes
-    into the gel is felt and not seen. `[virtual.mount]` of a virtual RIG puts the face elsewhere.
-    The controller homes and jogs, as this program has it; it runs no program.
+    DIR/rig.toml names them: a controller behind a terminal, a force sensor behind sockets, a camera
+    as a command. Every command that takes a real rig takes it, from another terminal. A tip that
+    goes into the gel is felt and not seen. `[virtual.mount]` of a virtual RIG puts the face
+    elsewhere. The controller homes and jogs, as this program has it; it runs no program.
     """
     from ..cad.design import load_design
     from ..patterns import load_recipe
@@ -275,8 +275,6 @@ def accept(
 @RIG
 @click.option("--indenter", default="sphere:10", metavar="sphere:MM",
               help="The ball that is mounted.")  # fmt: skip
-@click.option("--by", type=click.Choice(["force", "hand"]), show_default="as the rig file says",
-              help="How a touch is felt.")  # fmt: skip
 @click.option("--at", "at", multiple=True, type=Point(), metavar="X,Y",
               help="Where to touch the face, mm; give at least three.")  # fmt: skip
 @DESIGN
@@ -284,7 +282,7 @@ def accept(
 @out_file("Registration to write, .toml.", required=True)
 @answers
 def register(
-    name: str, indenter: str, by: str | None, at: tuple[tuple[float, float], ...], design: str,
+    name: str, indenter: str, at: tuple[tuple[float, float], ...], design: str,
     tip_is_clear: bool, out: Path,
 ) -> Answer:  # fmt: skip
     """Find where the face of the sensor is by touching it with a ball.
@@ -302,7 +300,7 @@ def register(
     bench, path = config.load(name)
     if not isinstance(bench, config.GrblConfig):
         raise InputError(f"{path}: kind: only a real rig is registered; this one is {bench.kind!r}")
-    asked = session.wanted(bench, path, load_design(design), indenter, at, by)
+    asked = session.wanted(bench, path, load_design(design), indenter, at)
     operator = TerminalOperator()
     with session.homed(bench, path, operator, tip_is_clear) as devices:
         found = session.register_face(devices, asked, operator)

@@ -7,18 +7,11 @@ from pathlib import Path
 
 from .. import catalog
 from ..rig.camera.config import CameraConfig
-from ..rig.camera.files import Images, images_of
+from ..rig.camera.files import Images
 from ..rig.camera.open import open_camera
 from ..rig.clock import WallClock
 from ..rig.interface import CameraFrame
-from .source import NOTHING, KnownSensor, Source
-
-
-def camera_source(config: CameraConfig, folder: Path, known: KnownSensor = NOTHING) -> Source:
-    """What a rig file's [camera] shows; folder: of the rig file. Raises InputError."""
-    if config.is_file:
-        return FileSource(images_of(folder / str(config.source)), known)
-    return CameraSource(config, folder, known)
+from .source import NOTHING, KnownSensor
 
 
 class CameraSource:

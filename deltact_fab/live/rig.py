@@ -21,7 +21,7 @@ from ..rig import config
 from ..rig.camera.model import flat_field, tracked_view
 from ..rig.interface import CameraFrame
 from ..rig.job import Devices
-from .camera import camera_source
+from .camera import CameraSource
 from .source import KnownSensor, Source
 
 DEFAULT_PROTOCOL = "smoke"
@@ -49,7 +49,7 @@ def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> S
     seen = None if view is None or flat is None else flat.seen_by(view)
     told = "simulated devices" if bench.served else None
     known = KnownSensor(view, seen, sensor.skin, simulated=told)
-    return camera_source(bench.camera, path.parent, known)
+    return CameraSource(bench.camera, path.parent, known)
 
 
 class RigSource:

@@ -57,7 +57,6 @@ class GrblKind:
         return lines
 
     def camera(self, protocol: Protocol, sensor: SensorDimensions) -> CameraModel | None:
-        """The view by the calibrated camera; None where it was not calibrated or takes nothing."""
         if self._config.camera is None or "image" not in protocol.channels:
             return None
         from .camera.model import tracked_view
@@ -65,7 +64,6 @@ class GrblKind:
         return tracked_view(self._config.camera, sensor, self._source)
 
     def flat(self, protocol: Protocol) -> FlatField | None:
-        """What the camera file says of the light; only where images are taken."""
         if self._config.camera is None or "image" not in protocol.channels:
             return None
         from .camera.model import flat_field
@@ -73,7 +71,6 @@ class GrblKind:
         return flat_field(self._config.camera.model, self._source)
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> GrblRig:
-        """The devices, the stage's port not yet open."""
         return GrblRig(self._config, self._source.parent, job)
 
 
@@ -121,7 +118,6 @@ class GrblRig:
             self._open.callback(self.camera.close)
 
     def devices(self) -> Devices:
-        """What the runner drives."""
         return Devices(
             self.clock,
             self.stage,
@@ -135,7 +131,6 @@ class GrblRig:
         )
 
     def left_out(self) -> list[str]:
-        """The devices that no channel asks for."""
         lines = []
         if self.camera is None:
             lines.append("camera: no channel asks for images")
@@ -146,7 +141,6 @@ class GrblRig:
         return lines
 
     def notes(self) -> list[str]:
-        """What a reader of the results must know."""
         lines = []
         if self.camera is not None:
             from .camera.model import view_notes
@@ -157,7 +151,6 @@ class GrblRig:
         return lines
 
     def identity(self) -> dict[str, Any]:
-        """What the summary keeps of the devices."""
         return {
             "stage": self.stage.identity(),
             "camera": self.camera.identity() if self.camera is not None else None,
@@ -166,5 +159,4 @@ class GrblRig:
         }
 
     def close(self) -> None:
-        """Close what was opened, the last one first; again does nothing."""
         self._open.close()

@@ -4,29 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 from ..errors import DeltactFabError
 from .clock import WallClock
 from .config import GrblConfig
-from .interface import BenchFinding
-
-SECONDS = 2.0
+from .interface import DeviceRow
 
 
-class DeviceRow(NamedTuple):
-    """One thing that was looked at. verdict: pass, WARN or FAIL; text: what is so, what to do."""
-
-    device: str
-    verdict: str
-    text: str
-
-    def line(self) -> str:
-        """One line for a person."""
-        return f"{self.verdict}  {self.device}: {self.text}"
-
-
-def check(config: GrblConfig, folder: Path, seconds: float = SECONDS) -> Iterator[DeviceRow]:
+def check(config: GrblConfig, folder: Path, seconds: float) -> Iterator[DeviceRow]:
     """Look at stage, force sensor, guard, camera and at what a press needs besides.
 
     folder: of the rig file. seconds: how long camera and sensor are watched. Raises nothing that a
@@ -36,19 +21,15 @@ def check(config: GrblConfig, folder: Path, seconds: float = SECONDS) -> Iterato
     if config.force is not None and config.force.reachable:
         from .force.probe import probe as listen
 
-        for found in listen(config.force, config.guard, seconds):
-            yield _row("force", found)
+        yield from listen(config.force, config.guard, seconds)
     if config.camera is not None:
         from .camera.probe import probe as look
 
-        for found in look(config.camera, folder, seconds):
-            yield _row("camera", found)
+        yield from look(config.camera, folder, seconds)
+    else:
+        text = "no [camera]: a protocol with the channel image is refused"
+        yield DeviceRow("camera", "WARN", text)
     yield from _presses(config)
-
-
-def _row(device: str, found: BenchFinding) -> DeviceRow:
-    verdict = "pass" if found.passed else "WARN" if found.warns else "FAIL"
-    return DeviceRow(device, verdict, found.text)
 
 
 def _stage(config: GrblConfig) -> Iterator[DeviceRow]:
@@ -62,12 +43,12 @@ def _stage(config: GrblConfig) -> Iterator[DeviceRow]:
         refused = str(why)
     finally:
         stage.close()
-    identity = stage.identity()
-    if not refused or stage.judged:
-        banner = identity.get("banner") or "no banner: the board does not restart when opened"
-        yield DeviceRow("stage", "pass", f"{config.stage.port} answers: {banner}")
-    for row in stage.judged:
-        yield DeviceRow("stage", row.verdict, row.text)
+    read = len(stage.identity()["settings"])
+    if read:
+        banner = stage.banner or "no banner: the board does not restart when opened"
+        text = f"{config.stage.port} answers: {banner}; {read} settings were read"
+        yield DeviceRow("stage", "pass", text)
+    yield from stage.judged
     if refused and not any(row.verdict == "FAIL" for row in stage.judged):
         yield DeviceRow(
             "stage",
@@ -92,14 +73,8 @@ def _presses(config: GrblConfig) -> Iterator[DeviceRow]:
             "[stage] max_force_n is not declared: measure what the axes push without losing steps"
         )
     if config.touch is None:
-        missing.append(
-            'no [touch], so it is not known where the face is: add one with by = "force" or "hand"'
-        )
+        missing.append("no [touch], so it is not known where the face is: add one")
     for text in missing:
         yield DeviceRow("presses", "FAIL", text)
-    if config.touch is not None:
-        yield DeviceRow("presses", "pass", f"the face is found by {config.touch.by}")
-    if config.camera is None:
-        yield DeviceRow(
-            "camera", "WARN", "no [camera]: a protocol with the channel image is refused"
-        )
+    if not missing:
+        yield DeviceRow("presses", "pass", "the rig file has all that a press needs")

@@ -20,15 +20,11 @@ from ..errors import InputError, did_you_mean
 from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
 from .simulator import SimulatorConfig
-from .stage.config import StageSettings
+from .stage.config import StageConfig
 from .tool.config import RegistrationFile, ToolConfig, TouchConfig, named_tools
 
 Tools = Annotated[dict[str, ToolConfig], AfterValidator(named_tools)]
 TOOLS = {"sphere:10": {"length_mm": 0.0}}
-
-
-class StageConfig(StageSettings):
-    """The 3-axis stage; machine coordinates are 0 at an axis' positive end and negative below."""
 
 
 class VirtualConfig(Table):

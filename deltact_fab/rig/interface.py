@@ -23,8 +23,11 @@ if TYPE_CHECKING:
 class Clock(Protocol):
     """The one time base of host, runner, controller, camera and force sensor."""
 
+    def now_ns(self) -> int:
+        """Nanoseconds since an arbitrary, fixed origin; never goes back."""
+
     def now_s(self) -> float:
-        """Seconds since an arbitrary, fixed origin; never goes back."""
+        """Seconds since the same origin."""
 
     def sleep_s(self, seconds: float) -> None:
         """Let that much time pass (wall time, or virtual time in lockstep)."""
@@ -40,7 +43,6 @@ class StageState:
 
     machine_mm: tuple[float, float, float]
     state: str
-    feed_mm_min: float
     t_s: float
     within_s: float = 0.0
 
@@ -101,8 +103,8 @@ class Stage(Protocol):
     def lift(self, height_mm: float, feed_mm_min: float) -> bool:
         """Go straight up, z of the machine alone, by that much or to the top of the travel.
 
-        Also before homing. False, with nothing moved, where the controller is locked: its position
-        is lost, and nothing but homing moves it.
+        Also before homing: a controller that is not locked counts its steps, and up is away from
+        the face whatever the count. False, with nothing moved, where it is locked.
         """
 
     def rescue(self, height_mm: float, feed_mm_min: float) -> bool:
@@ -113,7 +115,10 @@ class Stage(Protocol):
         """
 
     def start_move(self, target_mm: tuple[float, float, float], feed_mm_min: float) -> float:
-        """Send one straight move, return the planned duration (s) without waiting for its end."""
+        """Send one straight move to a tip position; its planned time (s), at once.
+
+        Raises InputError, with nothing sent, for what the stage cannot do, and StageError.
+        """
 
     def wait(self) -> StageState:
         """Wait until the last move is at its target. Raises StageError otherwise."""
@@ -243,9 +248,13 @@ def rise(stage: Stage, height_mm: float, feed_mm_min: float) -> None:
     go(stage, (x, y, max(z, height_mm)), feed_mm_min)
 
 
-class BenchFinding(NamedTuple):
-    """One thing that was looked at."""
+class DeviceRow(NamedTuple):
+    """One thing that was looked at. verdict: pass, WARN or FAIL; text: what is so, what to do."""
 
-    passed: bool
+    device: str
+    verdict: str
     text: str
-    warns: bool = False  # a run would only warn of it
+
+    def line(self) -> str:
+        """One line for a person."""
+        return f"{self.verdict}  {self.device}: {self.text}"

@@ -1,20 +1,18 @@
 """Dead weights for a force sensor: a hand lays them on, the camera looks, the masses are known.
 
-For a bench without a stage, or with a force sensor that is to be checked itself: where the rig file
-says how one is read, what it reads of each weight is told and held against the weight.
+For a bench without a stage and a force sensor.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..aliases import Array, Progress
+from ..aliases import Progress
 from ..errors import Stopped
 from ..protocols.plan import Step
 from ..record import Chunk, RunWriter
@@ -22,8 +20,7 @@ from ..record.streams import FORCE_COLUMNS
 from ..units import to_ns
 from .bench import GrblKind
 from .clock import WallClock
-from .force.open import open_force
-from .interface import Camera, CameraFrame, ForceSensor
+from .interface import Camera, CameraFrame
 from .job import RigSetup
 from .tool.operator import TerminalOperator
 
@@ -31,8 +28,6 @@ if TYPE_CHECKING:
     from ..protocols.plan import Protocol
     from ..shapes import SensorDimensions
     from .config import GrblConfig
-
-READ_S = 0.5  # of the force sensor, for a mean
 
 
 class WeightsKind:
@@ -52,7 +47,6 @@ class WeightsKind:
         return self._refusals(asked, sensor, source)
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> WeightsBench:
-        """Camera and force sensor, as far as there are any."""
         return WeightsBench(self._config, self._source.parent, job)
 
 
@@ -68,23 +62,13 @@ class WeightsBench:
         self._job, self._weights = job, job.protocol.weights
         self._operator = TerminalOperator()
         self.clock = WallClock()
-        self._open = ExitStack()
         self.camera: Camera | None = None
-        self.force: ForceSensor | None = None
-        self._laid: list[tuple[float, float]] = []  # Fz of a weight, and as it was read, N
-        try:
-            if "image" in job.protocol.channels:
-                from .camera.open import open_camera
+        self.force = None
+        if "image" in job.protocol.channels:
+            from .camera.open import open_camera
 
-                assert config.camera is not None, "refused without one"
-                self.camera = open_camera(config.camera, folder, self.clock)
-                self._open.callback(self.camera.close)
-            if config.force is not None and config.force.reachable:
-                self.force = open_force(config.force, self.clock)
-                self._open.callback(self.force.close)
-        except BaseException:
-            self.close()
-            raise
+            assert config.camera is not None, "refused without one"
+            self.camera = open_camera(config.camera, folder, self.clock)
 
     def run(
         self, steps: Sequence[Step], writer: RunWriter, progress: Progress | None = None
@@ -136,8 +120,8 @@ class WeightsBench:
         frames: dict[str, float] = {}
         chunks: list[Chunk] = []
         if step.frames:
-            if step.id.endswith("/rest"):
-                self._tare(step)
+            if step.id.endswith("/rest") and self.camera is not None:
+                self.camera.begin(step.press)
             self._operator.tell(f"  {step.settle_s:g} s: do not touch the table")
             frame, t_s = self._settled(step.settle_s)
             wrench = self._weights.wrench(mass_g, (x_mm, y_mm))
@@ -152,16 +136,10 @@ class WeightsBench:
             assert frame_id is not None, "it waits for room"
             frames[frame_id] = t_s
             if mass_g:
-                self._compare(step, writer, mass_g, wrench[2])
+                text = f"{mass_g:g} g, Fz {wrench[2]:.4f} N"
+                writer.event("weight", text, self.clock.now_s(), step)
         writer.step(step, self.clock.now_s() - start_s, start_s, self.clock.now_s(), chunks)
         return frames
-
-    def _tare(self, step: Step) -> None:
-        if self.camera is not None:
-            self.camera.begin(step.press)
-        if self.force is not None:
-            self.force.begin(step.press)
-            self.force.stop()
 
     def _settled(self, settle_s: float) -> tuple[CameraFrame | None, float]:
         """The first frame exposed once the face has settled, and its time."""
@@ -173,54 +151,22 @@ class WeightsBench:
                 return frame, frame.t_s
         return None, self.clock.now_s()
 
-    def _compare(self, step: Step, writer: RunWriter, mass_g: float, fz_n: float) -> None:
-        """What the force sensor says of a weight, kept as an event."""
-        text = f"{mass_g:g} g, Fz {fz_n:.4f} N"
-        if self.force is not None:
-            self.force.start()
-            until_s = self.clock.now_s() + READ_S
-            parts: list[Array] = []
-            while not parts or self.clock.now_s() < until_s:
-                parts.append(self.force.read().force_n[:, 2])
-            self.force.stop()
-            self._laid.append((fz_n, float(np.concatenate(parts).mean())))
-            text += f"; the force sensor reads {self._laid[-1][1]:.4f} N"
-        writer.event("weight", text, self.clock.now_s(), step)
-
     def left_out(self) -> list[str]:
-        """What was not asked for."""
-        lines = ["stage and guard: a hand lays the weights on"]
+        lines = ["stage, force sensor and guard: a hand lays the weights on"]
         return lines if self.camera else [*lines, "camera: no channel asks for images"]
 
     def notes(self) -> list[str]:
-        """How well the weights are known, and what the force sensor makes of them."""
+        """How well the weights are known."""
         normal_n, shear_n = self._weights.error_n()
-        lines = [f"weights: the normal force is known to {normal_n:.3f} N, shear to {shear_n:.3f}"]
-        if len(self._laid) > 1 and any(read for _, read in self._laid):
-            from scipy.special import stdtrit
-
-            laid_n, read_n = np.array(self._laid).T
-            size = read_n @ read_n
-            factor = read_n @ laid_n / size
-            left_n, free = laid_n - factor * read_n, len(laid_n) - 1
-            half = stdtrit(free, 0.975) * np.sqrt(left_n @ left_n / free / size)
-            low, high, off_n = factor - half, factor + half, np.abs(left_n).max()
-            lines.append(
-                f"the weights are {factor:.4f} times what the force sensor reads (95 %: {low:.4f} "
-                f"to {high:.4f}, {len(read_n)} weights; the masses themselves "
-                f"{normal_n / np.abs(laid_n).max():.2%}), then at most {off_n:.4f} N off: "
-                "multiply [force.serial] scale by it"
-            )
-        return lines
+        return [f"weights: the normal force is known to {normal_n:.3f} N, shear to {shear_n:.3f}"]
 
     def identity(self) -> dict[str, Any]:
-        """What the summary keeps of the devices."""
         return {
             "stage": None,
             "camera": self.camera.identity() if self.camera is not None else None,
-            "force": self.force.identity() if self.force is not None else None,
+            "force": None,
         }
 
     def close(self) -> None:
-        """Close what was opened; again does nothing."""
-        self._open.close()
+        if self.camera is not None:
+            self.camera.close()

@@ -22,7 +22,7 @@ from collections.abc import Callable, Generator, Mapping
 from typing import Literal
 
 from ..aliases import Vector
-from ..rig.stage.config import StageSettings
+from ..rig.stage.config import StageConfig
 from ..units import MM_PER_INCH, NS_PER_S, to_ns
 from .carriage import PLANNER_BLOCKS, Carriage
 from .clock import NsClock
@@ -88,7 +88,7 @@ class GrblController:
         self._power_on()
 
     @classmethod
-    def of(cls, stage: StageSettings, clock: NsClock) -> GrblController:
+    def of(cls, stage: StageConfig, clock: NsClock) -> GrblController:
         """With the limits of a rig file's stage; all else as a bench usually has it."""
         limits = stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2
         return cls(settings_for(*limits), clock)

@@ -1,12 +1,14 @@
 """A rig file's devices on this computer's own wires, for a host that knows of no simulator.
 
 The controller stands behind a pseudo terminal, the force sensor behind sockets, the camera is a
-folder of images. What presses on the face is felt by closed forms (`bench_face`), and nothing of it
-is seen: this is for rig files, drivers and hands, `run --rig virtual` is for experiments.
+command that shows images of the face at rest. What presses on the face is felt by closed forms
+(`bench_face`), and nothing of it is seen: this is for rig files, drivers and hands; `run --rig
+virtual` is for experiments.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -36,7 +38,6 @@ from .pty import PtyCable
 RIG, CAMERA, IMAGES = "rig.toml", "camera.toml", "images"
 RATE_HZ = 10.0
 SILENT_S = 1.0  # a busy computer keeps the simulated box from running for a while
-AGAIN = 60  # times that the images are shown: a folder ends
 
 
 @contextmanager
@@ -69,10 +70,8 @@ def served(
     write_new(folder / CAMERA, camera_toml(geometry.camera))
     draw = printed(simulator, recipe, geometry, seed)
     for k in range(images):
-        file = folder / IMAGES / f"{k:05d}.png"
-        write_whole(file, encode_png(draw.render(None, rng)))
-        for again in range(1, AGAIN):
-            file.with_name(f"{again * images + k:05d}.png").hardlink_to(file)
+        image = draw.render(None, rng)
+        write_whole(folder / IMAGES / f"{k:05d}.png", encode_png(image))
     with PtyCable(board, clock) as terminal:
 
         def wrenches(t_ns: Any) -> Any:
@@ -83,11 +82,13 @@ def served(
         noise_n = simulator.force.noise_n
         with NetFTServer(wrenches, force, seed=seed, noise_n=noise_n, serial="simulated") as box:
             file = folder / RIG
-            write_new(file, _text(rig, force, terminal.port, box))
+            write_new(file, _text(rig, force, terminal.port, box, image.shape))
             yield file
 
 
-def _text(rig: RigConfig, force: ForceConfig, port: str, box: NetFTServer) -> str:
+def _text(
+    rig: RigConfig, force: ForceConfig, port: str, box: NetFTServer, shape: tuple[int, ...]
+) -> str:
     """The rig file that a lab would write for these devices."""
     told = rig.model_dump(mode="json", exclude_unset=True, exclude={"virtual", "kind", "camera"})
     told["stage"]["port"] = port
@@ -96,7 +97,11 @@ def _text(rig: RigConfig, force: ForceConfig, port: str, box: NetFTServer) -> st
     way = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
     netft = {**way, "silent_s": SILENT_S}
     told["force"] = {**kept, "netft": netft}
-    told["camera"] = {"source": IMAGES, "rate_hz": RATE_HZ, "model": CAMERA}
+    shows = [sys.executable, "-m", "deltact_fab.virtual.shown", IMAGES, f"{RATE_HZ:g}"]
+    told["camera"] = {
+        "command": shows, "stamped": True, "width_px": shape[1], "height_px": shape[0],
+        "rate_hz": RATE_HZ, "model": CAMERA,
+    }  # fmt: skip
     if rig.touch is not None:
         told["touch"] = rig.touch.model_dump(mode="json", exclude_none=True)
     about = ("Simulated devices, while `rig simulate` runs.",)

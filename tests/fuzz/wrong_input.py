@@ -55,7 +55,7 @@ VIRTUAL = {
 GRBL = {
     "kind": "grbl", "stage": {**STAGE, "port": "/dev/not-there"},
     "force": {"netft": {"host": "127.0.0.1"}}, "camera": {"source": "/dev/not-there"},
-    "touch": {"gauge_mm": 0.2},
+    "touch": {"spread_mm": 0.02},
     "tools": {"sphere:10": {"length_mm": 1.0}},
 }  # fmt: skip
 REGISTRATION = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -20,18 +21,40 @@ QUICK = {24: 1200, 25: 1200, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
 
 
 class Board:
-    """port: what a host opens. heard: every piece of what it sent, with the time it came (s)."""
+    """port: what a host opens. heard: every piece of what it sent, with the time it came (s).
 
-    def __init__(self, settings: dict[int, float] | None) -> None:
+    arduino: it restarts when a host opens it. links: "opened" and "closed" by hosts.
+    reboot_at_jog: a brown-out at that jog from rest, once. jogs: those from rest.
+    """
+
+    def __init__(
+        self,
+        settings: dict[int, float] | None,
+        arduino: bool = False,
+        reboot_at_jog: int | None = None,
+    ) -> None:
         clock = WallClock()
+        feeds = dict.fromkeys((110, 111, 112), 6000) if arduino else {}
         self.grbl = GrblController(
-            {**QUICK, **(settings or {})}, clock, start_mm=(-1, -1, -1), boot_s=0.3
+            {**QUICK, **feeds, **(settings or {})}, clock, start_mm=(-1, -1, -1), boot_s=0.3
         )
         self.heard: list[tuple[float, bytes]] = []
+        self.links: list[str] = []
+        self.jogs, self._reboot_at_jog, self._line = 0, reboot_at_jog, b""
         self.terminal = PtyCable(
-            self.grbl, clock, heard=lambda t_s, data: self.heard.append((t_s, data))
-        )
+            self.grbl, clock, resets_on_open=arduino, heard=self._hear,
+            opened=lambda is_open: self.links.append("opened" if is_open else "closed"),
+        )  # fmt: skip
         self.port = self.terminal.port
+
+    def _hear(self, t_s: float, data: bytes) -> None:
+        self.heard.append((t_s, data))
+        *lines, self._line = (self._line + data).split(b"\n")
+        for whole in lines:
+            begins = b"$J=" in whole and self.grbl.state == "Idle"  # the rest of a move follows it
+            self.jogs += begins
+            if begins and self.jogs == self._reboot_at_jog:
+                self.grbl.fault("reboot")
 
     def hears(self, what: bytes, within_s: float = 30.0) -> float:
         """Wait for these bytes; when they came (monotonic s)."""
@@ -41,6 +64,11 @@ class Board:
         """Where the carriage is now."""
         with self.terminal.lock:
             return self.grbl.position_mm()
+
+    def lowest_mm(self) -> float:
+        """Lowest height of the carriage so far."""
+        with self.terminal.lock:
+            return min(z for s in self.grbl.segments for z in (s.start_mm[2], s.end_mm[2]))
 
     def state(self) -> str:
         """What the controller is doing now."""
@@ -59,9 +87,33 @@ def await_(what: Callable[[], float | None], within_s: float = 30.0) -> float:
 
 
 @contextmanager
-def board(settings: dict[int, float] | None = None) -> Iterator[Board]:
-    """A board that does not restart on opening, plugged in for as long as the context lasts."""
-    it = Board(settings)
+def board(
+    settings: dict[int, float] | None = None,
+    arduino: bool = False,
+    reboot_at_jog: int | None = None,
+) -> Iterator[Board]:
+    """A board that is plugged in for as long as the context lasts."""
+    it = Board(settings, arduino, reboot_at_jog)
     with pytest.MonkeyPatch.context() as patch, it.terminal:
-        patch.setattr(Talk.banner, "__defaults__", (BANNER_S,))
+        if not arduino:
+            patch.setattr(Talk.banner, "__defaults__", (BANNER_S,))
         yield it
+        if arduino:
+            time.sleep(0.05)  # for a host that has only just closed it
+
+
+def rig_file(folder: Path, port: str) -> Path:
+    """A rig of kind `grbl` on that port."""
+    path = folder / "bench.toml"
+    path.write_text(
+        f"""
+kind = "grbl"
+[stage]
+port = "{port}"
+origin_machine_mm = [-60.0, -60.0, -40.0]
+travel_mm = [120.0, 120.0, 60.0]
+max_feed_mm_min = [6000.0, 6000.0, 6000.0]
+acceleration_mm_s2 = [2000.0, 2000.0, 2000.0]
+"""
+    )
+    return path

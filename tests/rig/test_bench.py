@@ -11,9 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
+from board import Board, board, rig_file
 from called import started
 from click.testing import CliRunner
-from served import Board, powered, rig_file
 
 from deltact_fab import experiment, record
 from deltact_fab.cli.main import main
@@ -58,8 +58,8 @@ def files(folder: Path, board: Board, channels: str = "[]") -> tuple[str, str]:
 
 @pytest.mark.slow
 def test_a_protocol_runs_from_end_to_end_in_air_without_the_simulator(tmp_path: Path) -> None:
-    with powered() as board:
-        protocol, rig = files(tmp_path, board)
+    with board(arduino=True) as it:
+        protocol, rig = files(tmp_path, it)
         words = ["run", protocol, "--rig", rig, "--air", "--out", "r", "--json"]
         done = subprocess.run(
             [sys.executable, "-c", RUN, *words],
@@ -69,10 +69,10 @@ def test_a_protocol_runs_from_end_to_end_in_air_without_the_simulator(tmp_path: 
     assert done.stderr.splitlines()[-1] == "loaded:"
     summary = json.loads(done.stdout)
     assert (summary["simulated"], summary["air"]) == (False, True)
-    assert summary["devices"]["stage"]["port"] == board.port
+    assert summary["devices"]["stage"]["port"] == it.port
     assert summary["devices"]["stage"]["banner"].startswith("Grbl 1.1")
-    assert board.saw["links"] == ["opened", "closed"]
-    assert board.saw["lowest_mm"] == FLOOR_MM
+    assert it.links == ["opened", "closed"]
+    assert it.lowest_mm() == FLOOR_MM
 
     run = record.open(tmp_path / "r")
     steps = plan.expand(plan.load(protocol)[0], air=True)
@@ -80,7 +80,7 @@ def test_a_protocol_runs_from_end_to_end_in_air_without_the_simulator(tmp_path: 
     assert run.meta["air"] is True
     assert not run.simulated
     assert list(run.steps()["step_id"]) == [s.id for s in steps]
-    assert board.saw["jogs"] == len(steps)
+    assert it.jogs == len(steps)
     frames = run.frames()
     assert len(frames) == sum(s.frames for s in steps) == summary["frames"]
     at = {s.id: s.target_mm for s in steps}
@@ -94,50 +94,31 @@ def test_a_protocol_runs_from_end_to_end_in_air_without_the_simulator(tmp_path: 
 
 
 def test_without_a_force_sensor_or_a_device_asked_for_nothing_is_opened(tmp_path: Path) -> None:
-    with powered() as board:
-        protocol, rig = files(tmp_path, board)
+    with board(arduino=True) as it:
+        protocol, rig = files(tmp_path, it)
         declared = Path(rig).read_text() + "max_force_n = [60.0, 60.0, 60.0]\n"
         declared += "[force]\nrange_n = [50.0, 50.0, 70.0]\nrange_nmm = [500.0, 500.0, 500.0]\n"
         for text in (Path(rig).read_text(), declared):
             Path(rig).write_text(text)
             with pytest.raises(InputError, match=r"bench\.toml: force: .* needs a force sensor"):
                 experiment.run(experiment.RunRequest(protocol, rig, tmp_path / "r"))
-        protocol, rig = files(tmp_path, board, '["image", "force"]')
+        protocol, rig = files(tmp_path, it, '["image", "force"]')
         with pytest.raises(InputError, match=r"'image' asked for, .* has no \[camera\]"):
             experiment.run(experiment.RunRequest(protocol, rig, tmp_path / "r", air=True))
-    assert board.saw["links"] == []
+    assert it.links == []
     assert not (tmp_path / "r").exists()
-
-
-@pytest.mark.slow
-def test_the_port_is_closed_after_an_operator_s_stop_too(tmp_path: Path) -> None:
-    def press_ctrl_c(done: int, total: int, what: str) -> None:
-        if what.endswith("/press"):
-            raise KeyboardInterrupt
-
-    with powered() as board:
-        protocol, rig = files(tmp_path, board)
-        with pytest.raises(RunFailed, match="stopped by the operator"):
-            experiment.run(
-                experiment.RunRequest(
-                    protocol, rig, tmp_path / "r", progress=press_ctrl_c, air=True
-                )
-            )
-        board.off()  # while this process, which had the port, lives on
-    assert board.saw["links"] == ["opened", "closed"]
 
 
 @pytest.mark.slow
 def test_a_run_that_a_reboot_broke_off_goes_on_at_another_port(tmp_path: Path) -> None:
     """Six jogs a press and one to change: the tenth is in the second press."""
-    with powered(reboot_at_jog=10) as board:
-        protocol, rig = files(tmp_path, board)
+    with board(arduino=True, reboot_at_jog=10) as it:
+        protocol, rig = files(tmp_path, it)
         with pytest.raises(RunFailed, match="restarted"):
             experiment.run(experiment.RunRequest(protocol, rig, tmp_path / "r", air=True))
-        board.off()
-    assert board.saw["links"] == ["opened", "closed"]
-    with powered() as again:
-        rig = str(rig_file(tmp_path, again.port))
+    assert it.links == ["opened", "closed"]
+    with board(arduino=True) as it:
+        rig = str(rig_file(tmp_path, it.port))
         summary = experiment.run(
             experiment.RunRequest(protocol, rig, tmp_path / "r", air=True), resume=True
         )
@@ -150,8 +131,8 @@ def test_a_run_that_a_reboot_broke_off_goes_on_at_another_port(tmp_path: Path) -
 
 
 def test_a_dry_run_asks_the_devices_and_moves_nothing(tmp_path: Path) -> None:
-    with powered() as board:
-        protocol, rig = files(tmp_path, board)
+    with board(arduino=True) as it:
+        protocol, rig = files(tmp_path, it)
         done = CliRunner().invoke(main, ["run", protocol, "--rig", rig, "--air", "--dry-run"])
         assert done.exit_code == 0, done.output
         assert "nothing was moved or recorded" in done.output
@@ -160,27 +141,16 @@ def test_a_dry_run_asks_the_devices_and_moves_nothing(tmp_path: Path) -> None:
         done = CliRunner().invoke(main, ["run", protocol, "--rig", rig, "--air"])
         assert done.exit_code == 2
         assert "--out" in done.output
-    assert board.saw["jogs"] == 0
-    assert board.saw["links"] == ["opened", "closed"]
-
-
-@pytest.mark.slow
-def test_an_operator_s_word_is_kept_with_the_run(tmp_path: Path) -> None:
-    with powered() as board:
-        protocol, rig = files(tmp_path, board)
-        out = tmp_path / "r"
-        words = ["run", protocol, "--rig", rig, "--air", "--out", str(out)]
-        done = CliRunner().invoke(main, [*words, "--note", "gel 7, new tape"])
-        assert done.exit_code == 0, done.output
-    assert "gel 7, new tape" in (out / "notes.jsonl").read_text()
+    assert it.jogs == 0
+    assert it.links == ["opened", "closed"]
 
 
 @pytest.mark.slow
 def test_sigterm_lifts_keeps_what_was_given_and_says_how_to_go_on(
     tmp_path: Path,
 ) -> None:
-    with powered() as board:
-        protocol, rig = files(tmp_path, board)
+    with board(arduino=True) as it:
+        protocol, rig = files(tmp_path, it)
         slow = Path(protocol).read_text().replace("settle_s = 0.02", "settle_s = 4.0")
         Path(protocol).write_text(slow)
         words = ["run", protocol, "--rig", rig, "--air", "--out", "r"]

@@ -159,12 +159,6 @@ def test_a_camera_that_stalls_is_told_in_time() -> None:
     assert 0.4 < time.monotonic() - started_s < 5
 
 
-@pytest.mark.slow
-def test_a_slow_camera_has_longer() -> None:
-    camera = opened([*sent(0), ["wait", 1.0], *sent(1), ["exit", 0]], rate_hz=2.0)
-    assert len(to_the_end(camera)[0]) == 2
-
-
 def test_a_camera_that_shows_one_image_for_ever_hangs() -> None:
     plan: list[Any] = sent(0)
     for k in range(1, 100):
@@ -279,7 +273,7 @@ def test_losses_without_numbers_are_inferred_from_gaps() -> None:
     assert "inferred" in camera.identity()["losses_by"]
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(5))
 def test_no_image_is_lost_in_silence(seed: int) -> None:
     """Whatever the sender skips and repeats, and however slow it is or who listens."""
     draw = random.Random(seed)

@@ -78,8 +78,6 @@ def test_what_nobody_can_change_is_refused_unattended(tmp_path: Path) -> None:
     two = '"sphere:10", "star"'
     text = refused(tmp_path, STAGE + FORCE + TOUCH, two, unattended=True)
     assert "--unattended: 'poses' holds 2 indenters, and nobody is there" in text
-    by_hand = STAGE + FORCE + '[touch]\nby = "hand"\n'
-    assert 'touch.by = "hand" needs somebody' in refused(tmp_path, by_hand, unattended=True)
 
 
 @pytest.mark.slow

@@ -1,22 +1,14 @@
-"""The GRBL host against exact expected exchanges, and once over a real terminal device."""
+"""The GRBL host against exact expected exchanges."""
 
 from __future__ import annotations
-
-import os
-import select
-import threading
-import time
-import tty
 
 import pytest
 import serial
 
 from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
-from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual.clock import VirtualClock
-from deltact_fab.virtual.controller import GrblController
 
 FRAME = StageFrame((-50.0, -50.0, -20.0))
 SETTINGS = b"".join(
@@ -218,61 +210,3 @@ def test_a_state_that_no_jog_has_is_a_fault(monkeypatch: pytest.MonkeyPatch, sta
     with pytest.raises(StageError, match=f"{state.decode()} .*during a move .*expected Jog"):
         stage.wait()
     assert port.left == []
-
-
-def test_settings_that_are_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    partly = SETTINGS.replace(b"$132=100.000\r\n", b"") + b"ok\r\n"
-    stage, _ = scripted(monkeypatch, [CONNECT[0], (b"$$\n", partly)])
-    with pytest.raises(StageError, match=r"the answer to \$\$ lacks \$132"):
-        stage.connect()
-
-
-def test_wall_clock() -> None:
-    clock = WallClock()
-    before = clock.now_s()
-    clock.sleep_s(0.01)
-    assert 0.01 <= clock.now_s() - before < 1
-    assert abs(time.monotonic_ns() - clock.now_ns()) < 10**9
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
-def test_over_a_real_terminal_in_real_time() -> None:
-    """The same host and controller with pyserial's own port between them, on the wall clock."""
-    ours, theirs = os.openpty()
-    tty.setraw(theirs)
-    quick = {24: 1200, 25: 1200, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
-    clock = WallClock()
-    grbl = GrblController(quick, clock, start_mm=(-1, -1, -1), boot_s=0.3)
-    done = threading.Event()
-
-    def pump() -> None:
-        while not done.is_set():
-            if select.select([ours], [], [], 0.002)[0]:
-                grbl.write(os.read(ours, 4096))
-            if said := grbl.read_available():
-                os.write(ours, said)
-
-    board = threading.Thread(target=pump)
-    board.start()
-    stage = GrblStage(os.ttyname(theirs), clock, FRAME)
-    try:
-        stage.connect()
-        stage.home()
-        begin = clock.now_s()  # before the move's first byte, however busy the machine is
-        planned = stage.start_move((49.0, 48.0, 18.0), 1200.0)
-        state = stage.wait()
-        assert state.machine_mm == (-1.0, -2.0, -2.0)
-        assert planned <= clock.now_s() - begin < planned + 1.0
-        stage.start_move((0.0, 48.0, 18.0), 600.0)
-        clock.sleep_s(0.2)
-        stage.stop()
-        assert -49 < stage.position_mm()[0] - 49 < -0.5
-        with pytest.raises(StageError, match="cannot be opened"):
-            GrblStage(os.ttyname(theirs), clock, FRAME).connect()  # exclusive
-    finally:
-        stage.close()
-        done.set()
-        board.join()
-        os.close(ours)
-        os.close(theirs)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from board import board
 
 from deltact_fab.optics import StageFrame
-from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual import wire
 from deltact_fab.virtual.clock import VirtualClock
@@ -37,21 +35,3 @@ def test_in_motion_it_is_where_the_carriage_was_then(baud: int) -> None:
         assert math.dist(position_mm, truth_mm) < ROUNDING_MM
     assert stage.identity()["pose_within_s"] < 1e-6  # nothing else is on the wire
     stage.stop()
-
-
-def test_over_a_terminal_the_time_is_within_what_is_stated() -> None:
-    with board() as it:
-        stage = GrblStage(it.port, WallClock(), StageFrame((0.0, 0.0, 0.0)))
-        stage.connect()
-        stage.home()
-        stage.start_move((-10.0, -10.0, -10.0), 1200.0)
-        looks = []
-        for _ in range(20):
-            state = stage.poll()
-            looks.append((state.t_s, state.within_s, state.machine_mm))
-        stage.stop()
-        stage.close()
-        with it.terminal.lock:
-            for t_s, within_s, machine_mm in looks:
-                way_mm = math.dist(machine_mm, it.grbl.position_mm(t_s))
-                assert way_mm < ROUNDING_MM + 20.0 * (within_s + 1e-4)

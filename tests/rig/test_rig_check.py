@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,7 +48,10 @@ http_port = {http_port}
 force_n = 15.0
 [touch]
 [camera]
-source = "images"
+command = ["{python}", "-m", "deltact_fab.virtual.shown", "images", "30"]
+stamped = true
+width_px = 64
+height_px = 48
 """
 
 
@@ -74,17 +78,22 @@ def test_a_whole_bench(tmp_path: Path) -> None:
         (tmp_path / "images" / f"{k}.png").write_bytes(record.encode_png(image))
     with NetFTServer(lambda t_ns: np.zeros((len(t_ns), 6)), noise_n=0.01) as box, board(tmp_path):
         with (tmp_path / "bench.toml").open("a") as file:
-            way = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
+            way = {
+                "python": sys.executable,
+                "host": box.host,
+                "rdt_port": box.rdt_port,
+                "http_port": box.http_port,
+            }
             file.write(REST.format(**way))
         found = json.loads(check(tmp_path, "--json").output)
     rows = {(row["device"], row["text"]): row["verdict"] for row in found["rows"]}
     assert {device for device, _ in rows} == {"stage", "force", "camera", "presses"}
     assert {v for (device, _), v in rows.items() if device in ("stage", "presses")} == {"pass"}
     texts = "\n".join(text for _, text in rows)
-    for part in ("$20=1 (soft limits on)", "transducer FT00001", "the guard stops the stage at 15",
-                 "camera.model: not calibrated", "found by force"):  # fmt: skip
+    for part in ("settings were read", "transducer FT00001", "the guard stops the stage at 15",
+                 "camera.model: not calibrated", "all that a press needs"):  # fmt: skip
         assert part in texts
-    assert found["ok"]  # a run would only warn that the camera is not calibrated, the video short
+    assert found["ok"]  # a run would only warn that the camera is not calibrated
     assert {v for (device, _), v in rows.items() if device == "camera"} >= {"WARN"}
 
 

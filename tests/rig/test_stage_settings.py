@@ -41,7 +41,7 @@ def connected(
     **file: object,
 ) -> GrblStage:
     clock = VirtualClock()
-    grbl = Built(settings, clock)
+    grbl = Built({1: 255, **(settings or {})}, clock)
     grbl.options, grbl.unsaid = options, unsaid
     trace: list[wire.Exchange] = []
     link = wire.SerialLink(grbl, clock, trace=trace)
@@ -91,10 +91,10 @@ def test_a_board_that_would_move_unhomed() -> None:
     with pytest.raises(StageError, match=r"\[OPT:VL\.\.\.\] .*HOMING_INIT_LOCK.*; flash"):
         connected(options="L")
     said = ["[OPT:V,15,128]", "[FIRMWARE:grblHAL]"]
-    (row,) = (r for r in judge({**SETTINGS, 22: 1}, said, Needs()) if "locked" in r.text)
-    assert row.line().startswith("FAIL  $22=1 (not locked at its start")
+    (row,) = judge({**SETTINGS, 1: 255, 22: 1}, said, Needs())
+    assert row.line().startswith("FAIL  stage: $22=1 (not locked at its start")
     assert "set $22=5" in row.text
-    assert not [r for r in judge({**SETTINGS, 22: 5}, said, Needs()) if r.verdict == "FAIL"]
+    assert not judge({**SETTINGS, 1: 255, 22: 5}, said, Needs())
 
 
 def test_what_is_not_said() -> None:
@@ -104,26 +104,23 @@ def test_what_is_not_said() -> None:
 
 def test_masks_that_the_rig_file_declares() -> None:
     stage = connected({3: 5, 23: 3}, direction_mask=5, homing_direction_mask=3)
-    lines = [row.line() for row in stage.judged]
-    assert "pass  $3=5 (axes turned round: X, Z)" in lines
+    assert not stage.judged
     with pytest.raises(StageError, match=r"\$3=0 .* the rig file says 5 \(X, Z\).* set \$3=5"):
         connected({}, direction_mask=5)
 
 
 def test_a_controller_that_can_do_more_is_accepted_and_the_file_s_travel_holds() -> None:
     stage = connected({110: 6000, 120: 500, 132: 200})
-    texts = [row.text for row in stage.judged]
-    assert "Z has 200 mm of travel ($132); the rig file's 60 holds" in texts
+    assert not stage.judged
     stage.home()
     with pytest.raises(Exception, match=r"target Z -60\.500 mm .* outside of -60 \.\. -1"):
         stage.start_move((0.0, 0.0, -20.5), 600.0)
 
 
 def test_motors_that_are_off_at_rest_are_a_warning() -> None:
-    (row,) = (row for row in connected({1: 25}).judged if row.setting == "$1")
+    (row,) = connected({1: 25}).judged
     assert row.verdict == "WARN"
     assert row.text.endswith("set $1=255 unless the screws hold by themselves")
-    assert all(row.verdict == "pass" for row in connected({1: 255}).judged)
 
 
 @pytest.mark.parametrize("name", catalog.names("protocols/rigs"))
@@ -131,5 +128,4 @@ def test_what_ships_passes(name: str) -> None:
     stage = config.load(name)[0].stage
     needs = Needs(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2)
     own = settings_for(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2)
-    assert not [row for row in judge(own, [], needs) if row.verdict == "FAIL"]
-    assert judge(SETTINGS, [], Needs())
+    assert {row.verdict for row in judge(own, [], needs)} == {"WARN"}  # of motors that rest

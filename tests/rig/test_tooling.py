@@ -219,41 +219,6 @@ def test_in_air_without_a_force_sensor_nothing_is_asked(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_by_hand_a_force_ends_a_jog_and_only_a_way_up_is_free(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The gauge of .1 mm drags at .1 mm; before that the operator went too far once."""
-    it = bench("sphere:10", (0.0, 0.0, 0.2))
-    low(it)
-    by_hand = TouchConfig(by="hand", repeats=1)
-    mounted = Tooling(
-        job(tmp_path), it.stage, it.clock, it.force, it.guard, by_hand, {}, TerminalOperator()
-    )
-    down = [*["d"] * 6, "u", "0.1", *["d"] * 9, "help", "0.01", "d", "u", "ok"]
-    with typing("sphere:10", *down):
-        said = mounted.change_indenter("sphere:10")
-    asked = capsys.readouterr().err
-    assert "stopped by a force of more than 0.5 N" in asked
-    assert it.face.deepest_mm < 0.6
-    assert "by hand" in said
-    z_mm = mounted.identity()["indenters"]["sphere:10"]["z_mm"]
-    at_ok = float(asked.rsplit("sphere:10 at ", 1)[1].split(" mm")[0])
-    assert z_mm == pytest.approx(at_ok - 0.1, abs=1e-3)
-    with typing("sphere:10", "quit"), pytest.raises(RunFailed, match="given up by the operator"):
-        mounted.change_indenter("sphere:10")
-    short = bench("sphere:10", longer_mm=-10.0)
-    low(short)
-    mounted = Tooling(
-        job(tmp_path / "x"), short.stage, short.clock, short.force, short.guard, by_hand, {},
-        TerminalOperator(),
-    )  # fmt: skip
-    with typing("sphere:10", *["d"] * 12, "quit"), pytest.raises(RunFailed, match="given up"):
-        mounted.change_indenter("sphere:10")
-    assert "not below -3 mm" in capsys.readouterr().err
-    assert short.lowest_mm() == pytest.approx(-43.0, abs=0.002)
-
-
-@pytest.mark.slow
 def test_the_tilt_of_a_face_is_found() -> None:
     ball, skin = parse("sphere:10"), SkinDimensions()
     it = bench("sphere:10", (0.0, 0.0, 0.4), 1.0, tilt_deg=(0.8, -0.5))
@@ -267,17 +232,6 @@ def test_the_tilt_of_a_face_is_found() -> None:
     assert found.frame.origin_machine_mm == pytest.approx((-60.0, -60.0, -39.6), abs=0.02)
     assert found.residual_mm < 0.01
     assert "by 4 touches" in found.line()
-
-
-@pytest.mark.slow
-def test_a_face_that_lies_too_askew_is_refused() -> None:
-    ball = parse("sphere:10")
-    it = bench("sphere:10", tilt_deg=(2.5, 0.0))
-    low(it)
-    touch = it.touch(TouchConfig(repeats=1, force_n=0.15))
-    places = ((-8.0, -8.0), (8.0, -8.0), (0.0, 8.0))
-    with pytest.raises(RunFailed, match=r"tilted by 2\.[45]\d degrees"):
-        register(lambda at: touch.find(ball, at), EXPECTED, 0.0, ball, places)
 
 
 def test_places_and_indenters_that_give_no_plane_are_refused() -> None:

@@ -1,81 +1,152 @@
-"""Some faults of a rehearsal at the wall clock: a real terminal, UDP, a camera's process."""
+"""Faults at the wall clock, on real wires: each is named, stops the stage, leaves a whole record.
+
+The other faults, and all moments, are struck in virtual time (`deltact_fab.numerics.faults`).
+"""
 
 from __future__ import annotations
 
-import math
 import os
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
-from wall_bench import WallBench, wall_bench
+from wall_bench import ORIGIN_MM, WallBench, wall_bench
 
 from deltact_fab import record
-from deltact_fab.errors import StageError
+from deltact_fab.errors import RunFailed, SensorError, StageError
+from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.job import Devices
 from deltact_fab.rig.run.live import Live
+from deltact_fab.rig.run.wallclock import ThreadedSchedule
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals"),
-]
-
-
-def unplugged(bench: WallBench) -> None:
-    bench.board.terminal.unplug()
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
+slow = pytest.mark.slow
+PRESS = "p1/d1.00/press"
 
 
-def silent(bench: WallBench) -> None:
-    with bench.board.terminal.lock:
-        bench.board.grbl.fault("silence")
+def threads() -> set[str]:
+    return {t.name for t in threading.enumerate()} & {"camera", "force sensor", "journal"}
 
 
-def false_alarm(bench: WallBench) -> None:
-    with bench.board.terminal.lock:
-        bench.board.grbl._say("ALARM:3")
+def stalls(bench: WallBench) -> None:
+    bench.devices.camera.timeout_s = 0.5  # type: ignore[union-attr]
+    (bench.folder / "stall").touch()
 
 
-def opened(bench: WallBench) -> None:
-    with bench.board.terminal.lock:
-        bench.board.grbl.fault("door")
+def board_fault(name: str) -> Callable[[WallBench], None]:
+    def strike(bench: WallBench) -> None:
+        with bench.board.terminal.lock:
+            bench.board.grbl.fault(name)
+
+    return strike
 
 
 @pytest.mark.parametrize(
-    ("strike", "says"),
+    ("strike", "given", "error", "says", "lifted"),
     [
-        (unplugged, "the link is lost"),
-        (silent, "no answer to"),
-        (false_alarm, "ALARM:3"),
-        (opened, "Door"),
+        pytest.param(None, {"guard_n": 1.5}, SensorError, "Fz = .*the guard's 1.5 N", True,
+                     id="force", marks=slow),
+        pytest.param(lambda bench: setattr(bench.server.faults, "silent", True), {}, SensorError,
+                     "force sensor: no sample within", True, id="silent"),
+        pytest.param(lambda bench: setattr(bench.server.faults, "late_s", 0.8), {"behind_s": 0.5},
+                     SensorError, "ms behind its stream", True, id="late", marks=slow),
+        pytest.param(stalls, {}, SensorError, "camera .*stalled", True, id="camera", marks=slow),
+        pytest.param(None, {}, RunFailed, "press_005.png: cannot be written: No space left", True,
+                     id="disk", marks=slow),
+        pytest.param(board_fault("reboot"), {}, StageError, "restarted", False, id="reboot",
+                     marks=slow),
+        pytest.param(lambda bench: bench.board.terminal.unplug(), {"silent_s": 5.0}, StageError,
+                     "the link is lost", False, id="unplugged", marks=slow),
     ],
-)
-def test_a_fault_in_a_press_has_its_name_and_the_run_is_resumed_whole(
-    tmp_path: Path, strike: Callable[[WallBench], None], says: str
-) -> None:
-    struck: list[float] = []
-    with wall_bench(tmp_path, silent_s=5.0) as bench:
+)  # fmt: skip
+def test_a_fault_in_a_press(
+    strike: Callable[[WallBench], None] | None, given: dict[str, float], error: type[Exception],
+    says: str, lifted: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    struck: list[str] = []
+    real = os.fsync
+
+    def full(handle: int) -> None:
+        if os.readlink(f"/proc/self/fd/{handle}").endswith(f"press_005.png.{os.getpid()}.part"):
+            raise OSError(28, "No space left on device")
+        real(handle)
+
+    if error is RunFailed:
+        monkeypatch.setattr(os, "fsync", full)
+    with wall_bench(tmp_path, **given) as bench:
 
         def once(live: Live) -> None:
-            if live.step.endswith("p2/d1.00/press") and not struck:
-                struck.append(time.monotonic())
+            if live.step.endswith(PRESS) and strike is not None and not struck:
+                struck.append(live.step)
                 strike(bench)
 
-        with pytest.raises(StageError, match=says):
+        with pytest.raises(error, match=says) as why:
             bench.run(bench.writer(), live=once)
-        told_s = time.monotonic() - struck[0]
-        time.sleep(2.0)  # a jog that no byte can reach has run to its end
-        rest_mm = bench.board.at_mm()
-        time.sleep(0.3)
-        assert math.dist(rest_mm, bench.board.at_mm()) == 0
-    print(f"{says}: told {told_s:.2f} s after the fault")
-    kept = set(record.open(tmp_path / "r").frames()["frame_id"])
-    assert {i for i in kept if "/p1/" in i}
-    with wall_bench(tmp_path, silent_s=5.0) as bench:
-        writer = bench.writer()
-        assert "sphere-6/p1" in writer.kept
-        bench.run(writer)
-    run = record.open(tmp_path / "r")
-    assert [*run.steps()["step_id"]] == [step.id for step in bench.steps]
-    frames = run.frames()
-    assert frames["frame_id"].is_unique
-    assert {i for i in kept if "/p1/" in i} <= set(frames["frame_id"])
+        assert f"{PRESS}: " in str(why.value) or not lifted or error is RunFailed
+        time.sleep(0.6)  # a jog that no byte can reach has run to its end
+        at_mm = bench.board.at_mm()
+        if lifted:
+            assert "(the tip was lifted)" in str(why.value)
+            assert at_mm[2] == pytest.approx(ORIGIN_MM[2] + 3.0, abs=0.01)
+        time.sleep(0.2)
+        assert bench.board.at_mm() == at_mm
+    assert not threads()
+    assert record.open(tmp_path / "r").events()["kind"].iloc[-1] == "fault"
+    if given.get("guard_n") or says == "the link is lost":
+        with wall_bench(tmp_path) as bench:
+            bench.run(bench.writer())
+        run = record.open(tmp_path / "r")
+        assert [*run.steps()["step_id"]] == [step.id for step in bench.steps]
+        assert run.frames()["frame_id"].is_unique
+
+
+@pytest.mark.parametrize("by_hand", [False, pytest.param(True, marks=slow)])
+def test_a_guard_that_trips_while_homing_moves_nothing_any_more(
+    tmp_path: Path, by_hand: bool
+) -> None:
+    with wall_bench(tmp_path, camera=not by_hand) as bench:
+        bench.board.grbl.settings[25] = 60.0  # a slow search
+
+        def push() -> None:
+            bench.board.hears(b"$H")
+            time.sleep(0.2)
+            bench.server.faults.saturated = True
+
+        pushing = threading.Thread(target=push)
+        pushing.start()
+        with pytest.raises(SensorError, match="saturated"):
+            bench.home() if by_hand else bench.run(bench.writer())
+        pushing.join()
+        bench.board.hears(b"\x18")
+        at_mm = bench.board.at_mm()
+        time.sleep(0.2)
+        assert bench.board.at_mm() == at_mm
+        assert bench.board.state() == "Alarm"
+    assert not threads()
+
+
+def test_where_nothing_pushes_it_homes_and_the_sensor_rests(tmp_path: Path) -> None:
+    with wall_bench(tmp_path, camera=False) as bench:
+        assert "operator's word" in bench.home()
+        assert bench.devices.stage.homed
+        force = bench.devices.force
+        assert force is not None
+        force.start()  # left stopped, and ready for whoever feels next
+        assert len(force.read().t_ns)
+    assert not threads()
+
+
+def test_a_thread_that_fails_stops_the_stage_before_anybody_asks() -> None:
+    stopped: list[str] = []
+    stage = SimpleNamespace(cancel=lambda: stopped.append("stop"))
+    writer = SimpleNamespace()
+    devices = Devices(WallClock(), stage, None, None, lambda name: None)  # type: ignore[arg-type]
+    schedule = ThreadedSchedule(devices, writer, lambda step: None)  # type: ignore[arg-type]
+    schedule.open()
+    writer.failed(SensorError("no space"))
+    assert stopped == ["stop"]
+    with pytest.raises(SensorError, match="no space"):
+        schedule.check()

@@ -22,7 +22,6 @@ from deltact_fab.rig.force.watchdog import Watchdog
 from deltact_fab.virtual.netft_server import NetFTServer
 
 LIMITS = GuardLimits((5.0, 5.0, 5.0))
-SILENT_S = 1.0  # this machine is busy by itself
 
 
 class Bench:
@@ -31,17 +30,12 @@ class Bench:
     push_n = 0.0
 
     def __init__(self, held: ExitStack) -> None:
-        self.box = held.enter_context(NetFTServer(self._wrench))
+        self.box = box = held.enter_context(NetFTServer(self._wrench))
         self._port, self.written = os.pipe()
         held.callback(os.close, self._port)
-        self.config = ForceConfig(
-            netft=NetFTConfig(
-                host=self.box.host,
-                rdt_port=self.box.rdt_port,
-                http_port=self.box.http_port,
-                silent_s=SILENT_S,
-            )
-        )
+        way = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
+        # This machine is busy by itself.
+        self.config = ForceConfig(netft=NetFTConfig(**way, silent_s=1.0))
 
     def _wrench(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         return np.tile([0.0, 0.0, self.push_n, 0.0, 0.0, 0.0], (len(t_ns), 1))
@@ -63,21 +57,17 @@ def bench() -> Iterator[Bench]:
         yield Bench(held)
 
 
-@pytest.fixture
-def watchdog(bench: Bench) -> Iterator[Watchdog]:
-    found = Watchdog(bench.config, LIMITS)
-    found.hold(bench.written, b"!")
-    os.close(bench.written)
-    yield found
-    found.close()
-
-
 def read_on(watchdog: Watchdog) -> None:
     while True:
         watchdog.read()
 
 
-def test_it_stops_the_stage_and_says_why(bench: Bench, watchdog: Watchdog) -> None:
+def test_one_process_from_its_start_to_its_end(bench: Bench) -> None:
+    """One after the other, as each start of a process takes a second."""
+    watchdog = Watchdog(bench.config, LIMITS)
+    watchdog.hold(bench.written, b"!")
+    os.close(bench.written)
+
     watchdog.begin("p")
     watchdog.start()
     assert watchdog.read().force_n[-1] == pytest.approx((0, 0, 0))
@@ -99,46 +89,37 @@ def test_it_stops_the_stage_and_says_why(bench: Bench, watchdog: Watchdog) -> No
     bench.quiet()
     assert not watchdog.tripped
 
-
-def test_it_lets_go_of_the_port(bench: Bench, watchdog: Watchdog) -> None:
+    # What nobody fetches is kept.
     watchdog.start()
-    watchdog.hold(None, b"!")
-    assert bench.heard() == b""
-    assert os.read(bench._port, 1) == b""  # nobody else has it
-    bench.push_n = -6.0
-    while not watchdog.tripped:
-        watchdog.read()
+    begun_ns = watchdog.read().t_ns[0]
+    time.sleep(1.2)
+    parts = [watchdog.read() for _ in range(4)]
+    assert sum(part.lost for part in parts) == 0
+    assert parts[0].t_ns[0] - begun_ns < 1e9
+    assert parts[-1].t_ns[-1] - begun_ns > 1.1e9
 
-
-def test_silence_stops_the_stage_and_a_start_makes_it_good(
-    bench: Bench, watchdog: Watchdog
-) -> None:
-    watchdog.start()
-    watchdog.read()
+    # Silence stops the stage, and a start makes it good.
     bench.box.faults.silent = True
     assert bench.heard() == b"!"
     with pytest.raises(SensorError, match="no sample within 1000 ms"):
         read_on(watchdog)
     bench.box.faults.silent = False
+    watchdog.rearm()
     watchdog.start()
     assert len(watchdog.read().t_ns)
+    bench.quiet()
 
+    # It lets go of the port, and goes on watching.
+    watchdog.hold(None, b"!")
+    assert os.read(bench._port, 1) == b""  # nobody else has it
+    bench.push_n = -6.0
+    while not watchdog.tripped:
+        watchdog.read()
 
-def test_what_nobody_fetches_is_kept(bench: Bench, watchdog: Watchdog) -> None:
-    watchdog.start()
-    begun_ns = watchdog.read().t_ns[0]
-    time.sleep(1.5)
-    parts = [watchdog.read() for _ in range(4)]
-    assert sum(part.lost for part in parts) == 0
-    assert parts[0].t_ns[0] - begun_ns < 1e9
-    assert parts[-1].t_ns[-1] - begun_ns > 1.4e9
-
-
-def test_a_process_that_is_gone_is_an_error(watchdog: Watchdog) -> None:
-    watchdog.start()
     watchdog._process.kill()
     with pytest.raises(SensorError, match="the process that guards the force died"):
         read_on(watchdog)
+    watchdog.close()
 
 
 PROGRAM = """

@@ -9,7 +9,6 @@
  *   V4L2_STALL  no image from this number on          V4L2_GONE   unplugged from here on
  *   V4L2_SAME   images equal from here on             V4L2_SHORT  images cut short from here on
  *   V4L2_CLOCK  1: stamps of the time of day          V4L2_STEP   steps of the gain (1)
- *   V4L2_DRIFT  the exposure is another from here on
  *   V4L2_BARE   1: no control but the exposure        V4L2_KEEP   1: that stays automatic
  */
 #define _GNU_SOURCE
@@ -108,7 +107,6 @@ static void *run(void *nothing) {
         pthread_mutex_lock(&lock);
         long number = sequence++;
         if (from(number, "V4L2_GONE")) gone = 1;
-        if (from(number, "V4L2_DRIFT")) controls[1].value = 300;
         int silent = is(number, "V4L2_SKIP") || from(number, "V4L2_STALL");
         if (!gone && !silent && n_waiting) {
             int k = waiting[0];

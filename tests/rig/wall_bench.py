@@ -24,6 +24,7 @@ from deltact_fab.rig.force.open import open_force
 from deltact_fab.rig.job import Devices
 from deltact_fab.rig.run.runner import Runner
 from deltact_fab.rig.stage.grbl import GrblStage
+from deltact_fab.rig.tool.homing import home_safely
 from deltact_fab.virtual.netft_server import NetFTServer
 
 ORIGIN_MM = (-30.0, -30.0, -20.0)
@@ -95,6 +96,12 @@ class WallBench:
         finally:
             writer.abandon()
 
+    def home(self) -> str:
+        """As `rig home` does, on the operator's word."""
+        d = self.devices
+        d.stage.connect()
+        return home_safely(d.stage, d.clock, d.force, None, tip_is_clear=True, guard=d.guard)
+
 
 def sine_n(t_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """What fx is at times of the monotonic clock."""
@@ -103,7 +110,11 @@ def sine_n(t_s: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @contextmanager
 def wall_bench(
-    folder: Path, guard_n: float = 20.0, behind_s: float = 2.0, silent_s: float = 1.0
+    folder: Path,
+    guard_n: float = 20.0,
+    behind_s: float = 2.0,
+    silent_s: float = 1.0,
+    camera: bool = True,
 ) -> Iterator[WallBench]:
     """All devices open; closed at the end, in good order, whatever the run came to."""
     with ExitStack() as held:
@@ -129,19 +140,21 @@ def wall_bench(
         # The box is in this process: on a busy machine it may be kept from running for a while.
         force = open_force(config.model_copy(update={"netft": net}), clock)
         held.callback(force.close)
-        (folder / "camera.py").write_text(CAMERA)
-        seen = CameraConfig(
-            command=(sys.executable, "camera.py"), stamped=True,
-            width_px=64, height_px=48, rate_hz=60.0,
-        )  # fmt: skip
-        camera = open_camera(seen, folder, clock)
-        held.callback(camera.close)
-        camera.timeout_s = 3.0  # type: ignore[attr-defined] # the camera's process, too
+        seeing = None
+        if camera:
+            (folder / "camera.py").write_text(CAMERA)
+            seen = CameraConfig(
+                command=(sys.executable, "camera.py"), stamped=True,
+                width_px=64, height_px=48, rate_hz=60.0,
+            )  # fmt: skip
+            seeing = open_camera(seen, folder, clock)
+            held.callback(seeing.close)
+            seeing.timeout_s = 3.0  # type: ignore[attr-defined] # the camera's process, too
         limits = GuardLimits.of(GuardConfig(force_n=guard_n), config)
         guard = ForceGuard(stage, limits, clock, behind_s)
         yield WallBench(
             folder,
             it,
             server,
-            Devices(clock, stage, camera, force, lambda name: None, guard, wall_clock=True),
+            Devices(clock, stage, seeing, force, lambda name: None, guard, wall_clock=True),
         )

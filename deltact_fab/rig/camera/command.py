@@ -90,14 +90,13 @@ class CommandFeed:
         return arrived
 
     def identity(self) -> dict[str, Any]:
-        """The command."""
         return {"kind": "command", "command": self._command}
 
     def close(self) -> None:
         """End the child and all that it started; again does nothing."""
-        if self._child.returncode is not None:
+        if self._out.closed:
             return
-        if self._status(0.0) is None:
+        if self._child.poll() is None:
             self._signal(signal.SIGTERM)
             self._status(END_S)
         self._signal(signal.SIGKILL)  # what it started may outlive it
@@ -146,20 +145,13 @@ class CommandFeed:
         return f"camera {self.name}: the command {how}{last}"
 
     def _status(self, timeout_s: float) -> int | None:
-        """How the child ended, -n by signal n; None while it runs. It stays to be reaped.
-
-        Until then its number, which is that of its group, is nobody else's.
-        """
-        until_s = time.monotonic() + timeout_s
-        options = os.WEXITED | os.WNOWAIT | os.WNOHANG
-        while (found := os.waitid(os.P_PID, self._child.pid, options)) is None:
-            if time.monotonic() >= until_s:
-                return None
-            time.sleep(0.01)
-        return found.si_status if found.si_code == os.CLD_EXITED else -found.si_status
+        """How the child ended, -n by signal n; None while it runs."""
+        with suppress(subprocess.TimeoutExpired):
+            return self._child.wait(timeout_s)
+        return None
 
     def _signal(self, number: int) -> None:
-        with suppress(ProcessLookupError):
+        with suppress(ProcessLookupError, PermissionError):
             os.killpg(self._child.pid, number)
 
 

@@ -31,7 +31,7 @@ class CameraConfig(Table):
     """
 
     source: Annotated[int, Field(ge=0, le=255)] | Word | None = Field(default=None, examples=[0])
-    """N of /dev/videoN or a device file; an rtsp or http address; a folder of images; a video."""
+    """N of /dev/videoN or a device file; an rtsp or http address."""
     command: tuple[Word, ...] | None = Field(
         default=None, min_length=1, max_length=256, examples=[COMMAND],
         json_schema_extra={"instead_of": "source"},
@@ -47,7 +47,7 @@ class CameraConfig(Table):
     height_px: Pixels | None = Field(default=None, examples=[720])
     """Height of an image; with width_px."""
     rate_hz: float | None = Field(default=None, ge=0.01, le=10_000, examples=[30.0])
-    """What a device is asked for, and what missing images are told by; files are paced by it."""
+    """What a device is asked for, and what missing images are told by."""
     fourcc: str | None = Field(default=None, min_length=4, max_length=4, examples=["MJPG"])
     """Of a V4L2 device: as MJPG or YUYV."""
     exposure: Control | None = Field(default=None, examples=[100])
@@ -77,18 +77,7 @@ class CameraConfig(Table):
         return isinstance(source, int) or (source is not None and source.startswith(DEVICE_FOLDER))
 
     @property
-    def is_url(self) -> bool:
-        """Whether the source is an address on the network."""
-        return isinstance(self.source, str) and "://" in self.source
-
-    @property
-    def is_file(self) -> bool:
-        """Whether the images are on the disk: a folder of them, or a video."""
-        return self.command is None and not self.is_device and not self.is_url
-
-    @property
     def name(self) -> str:
-        """What messages call it."""
         if self.command is not None:
             return self.command[0]
         return f"/dev/video{self.source}" if isinstance(self.source, int) else str(self.source)
@@ -106,6 +95,11 @@ class CameraConfig(Table):
             raise ValueError("width_px, height_px: missing; a command does not tell its size")
         if self.stamped and self.command is None:
             raise ValueError("stamped: only a command can stamp its images")
+        if self.command is None and not self.is_device and "://" not in self.name:
+            raise ValueError(
+                f"source: {self.name!r} is no camera; valid: N of /dev/videoN, a device file, an "
+                "address; images from files are for `measure` and `record import`"
+            )
         if not self.is_device:
             only = [key for key in ("fourcc", *LOCKS) if getattr(self, key) is not None]
             if only:

@@ -14,12 +14,10 @@ from ...aliases import Image
 from ...errors import InputError, SensorError
 from ..interface import Clock
 from .config import CameraConfig
-from .locks import changed, held, locked
+from .locks import locked
 from .stream import ArrivedImage
 from .v4l2 import FilledBuffer, V4l2Device
 
-LOOK_S = 1.0
-"""So often it is asked whether it still has what was locked."""
 Bytes = NDArray[np.uint8]
 
 
@@ -112,19 +110,13 @@ class DeviceFeed:
                 f"camera.rate_hz: asked {config.rate_hz:g}, the camera keeps {keeps} at this size "
                 f"in {fourcc}; MJPG is often faster than YUYV"
             )
-        found = locked(device, config)
-        self._locks, self._look_s = held(config, found), self._clock.now_s() + LOOK_S
-        self._controls = {"fourcc": fourcc, "rate_hz": self.rate_hz, **found}
+        self._controls = {"fourcc": fourcc, "rate_hz": self.rate_hz, **locked(device, config)}
         self._decode, self._size_px = CODINGS[fourcc], size_px
         device.start()
 
     def next(self, timeout_s: float) -> ArrivedImage | None:
         """As Feed. A damaged image is left out; the numbers tell that it is missing."""
         try:
-            if self._locks and self._clock.now_s() >= self._look_s:
-                self._look_s = self._clock.now_s() + LOOK_S
-                if lines := changed(self._device, self._locks):
-                    raise SensorError(f"camera {self.name}: {lines}")
             with self._device.filled(timeout_s) as buffer:
                 return None if buffer is None or buffer.damaged else self._arrived(buffer)
         except OSError as why:
@@ -146,11 +138,9 @@ class DeviceFeed:
         return ArrivedImage(image, t_s, buffer.number)
 
     def identity(self) -> dict[str, Any]:
-        """What the device keeps of what it was asked for."""
         return {"kind": "v4l2", "controls": self._controls}
 
     def close(self) -> None:
-        """Let go of the device."""
         self._device.close()
 
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Generator, Mapping
+from collections.abc import Generator
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
 from ...aliases import Image
-from ...errors import InputError, RunFailed, SensorError
-from ..interface import CameraFrame, Clock
+from ...errors import InputError, RunFailed
 from .network import quietly_opened
 
 IMAGE_NAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -76,7 +74,6 @@ class Video:
         self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or ASSUMED_HZ
 
     def read(self) -> Generator[Image, None, None]:
-        """Each image (h, w, 3) BGR uint8 in order. Raises RunFailed."""
         k = 0
         while True:
             done, image = self._capture.read()
@@ -88,7 +85,6 @@ class Video:
             raise RunFailed(f"{self.name}: holds no image")
 
     def close(self) -> None:
-        """Close the file."""
         self._capture.release()
 
 
@@ -110,7 +106,6 @@ class Stack:
             raise InputError(f"{file}: {found}; uint8 of (n, h, w) or (n, h, w, 3) is needed")
 
     def read(self) -> Generator[Image, None, None]:
-        """Each image (h, w, 3) BGR uint8 in order."""
         for one in self._stack:
             yield np.array(one[..., ::-1] if one.ndim == 3 else np.stack([one] * 3, axis=-1))
 
@@ -129,78 +124,3 @@ def images_of(path: Path) -> Images:
     if path.is_dir():
         return Folder(path)
     return Stack(path) if path.suffix == ".npy" else Video(path)
-
-
-class EndOfImages(SensorError):
-    """A file has been shown to its end."""
-
-
-class FileCamera:
-    """Implements rig.interface.Camera: a file's images, handed over at their rate, none left out.
-
-    An image is stamped when it is handed over, for it was exposed at another time.
-    """
-
-    def __init__(
-        self,
-        images: Images,
-        clock: Clock,
-        size_px: tuple[int, int] | None = None,
-        rate_hz: float | None = None,
-    ) -> None:
-        """rate_hz: None for the file's own."""
-        self.name = images.name
-        self._images = images
-        self._clock = clock
-        self._size_px = size_px
-        self._rate_hz = rate_hz or images.rate_hz
-        self._left = images.read()
-        self._number = 0
-        self._due_s: float | None = None
-
-    def begin(self, stream: str) -> None:
-        """Nothing waits in a file, and none of its images is too old."""
-
-    def capture(self) -> CameraFrame:
-        """The next image, not before a period has passed. Raises SensorError after the last."""
-        try:
-            image = next(self._left)
-        except StopIteration:
-            raise EndOfImages(
-                f"camera {self.name}: has no more images after {self._number}"
-            ) from None
-        except RunFailed as why:
-            raise SensorError(f"camera {self.name}: {why}") from why
-        h, w = image.shape[:2]
-        self._size_px = self._size_px or (w, h)
-        if (w, h) != self._size_px:
-            raise SensorError(
-                f"camera {self.name}: image {self._number} is of {w} x {h} px; "
-                f"{self._size_px[0]} x {self._size_px[1]} px were asked for"
-            )
-        now_s = self._clock.now_s()
-        if self._due_s is not None and now_s < self._due_s:
-            self._clock.sleep_s(self._due_s - now_s)
-            now_s = self._clock.now_s()
-        self._due_s = max(now_s, self._due_s or now_s) + 1 / self._rate_hz
-        self._number += 1
-        return CameraFrame(image, now_s, self._number - 1)
-
-    def end(self, frames: Mapping[str, float]) -> None:
-        """Nothing is kept of a stream."""
-
-    def identity(self) -> dict[str, Any]:
-        """What is read, and how quickly."""
-        return {
-            "kind": self._images.kind,
-            "name": self.name,
-            "size_px": None if self._size_px is None else list(self._size_px),
-            "rate_hz": self._rate_hz,
-            "stamped_by": "hand-over",
-            "counts": {"images": self._number},
-        }
-
-    def close(self) -> None:
-        """Close the file."""
-        self._left.close()
-        self._images.close()

@@ -62,25 +62,6 @@ def locked(device: V4l2Device, config: CameraConfig) -> dict[str, int | None]:
     return {key: None if s is None else s.value for key, s in found.items()}
 
 
-def held(config: CameraConfig, found: dict[str, int | None]) -> dict[str, int]:
-    """Of what `locked` found, that which may not change any more: what was asked for."""
-    keys = [
-        key for key in ("exposure", "gain", "white_balance_k") if getattr(config, key) is not None
-    ]
-    keys += [AUTOMATIC[key][0] for key in keys]
-    keys += ["autofocus"] if config.autofocus is not None else []
-    return {key: value for key in keys if (value := found[key]) is not None}
-
-
-def changed(device: V4l2Device, locks: dict[str, int]) -> str:
-    """The first of them that is another now, in words; "" where all are kept."""
-    for key, value in locks.items():
-        setting = device.setting(CONTROLS[key])
-        if setting is not None and setting.value != value:
-            return f"{key}: locked at {value}, and is {setting.value} now; another program set it?"
-    return ""
-
-
 def _ask(device: V4l2Device, key: str, value: int) -> None:
     """Whether it was taken is read back afterwards."""
     automatic, off = AUTOMATIC.get(key, (None, 0))

@@ -46,11 +46,9 @@ class UrlFeed:
         return ArrivedImage(np.asarray(image, np.uint8), t_s)
 
     def identity(self) -> dict[str, Any]:
-        """The address."""
         return {"kind": "url"}
 
     def close(self) -> None:
-        """Let go of the address."""
         self._capture.release()
 
 

@@ -33,15 +33,11 @@ def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
 
         feed = device = DeviceFeed(config, clock)
         rate_hz = rate_hz or device.rate_hz
-    elif config.is_url:
+    else:
         from .network import UrlFeed
 
         feed = url = UrlFeed(str(config.source), clock)
         rate_hz = rate_hz or url.rate_hz
-    else:
-        from .files import FileCamera, images_of
-
-        return FileCamera(images_of(folder / str(config.source)), clock, size_px, rate_hz)
     return StreamCamera(
         feed, clock, size_px=size_px, rate_hz=rate_hz, latency_s=config.latency_ms / 1e3
     )

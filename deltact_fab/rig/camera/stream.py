@@ -132,7 +132,6 @@ class StreamCamera:
         """Nothing is kept of a stream."""
 
     def identity(self) -> dict[str, Any]:
-        """What was asked for, what the camera says, and what was counted so far."""
         numbers = self._last is not None and self._last.number is not None
         told = {
             "name": self.name,
@@ -239,20 +238,13 @@ class StreamCamera:
         return max(round((now.t_s - before.t_s) * self._rate_hz) - 1, 0), False
 
     def _silence(self, waited_s: float, repeats: int) -> str:
+        what = f"stalled, no image within {waited_s:.1f} s"
         if repeats:
-            return (
-                f"camera {self.name}: the same image over and over, {repeats + 1} times in "
-                f"{waited_s:.1f} s; the camera hangs: restart it, check {self._feed.check}"
-            )
-        if self._last is None:
-            return (
-                f"camera {self.name}: no first image within {waited_s:.0f} s; check "
-                f"{self._feed.check}"
-            )
-        return (
-            f"camera {self.name}: stalled, no image within {waited_s:.1f} s; check "
-            f"{self._feed.check}"
-        )
+            again = f"the same image over and over, {repeats + 1} times in {waited_s:.1f} s"
+            what = f"{again}; the camera hangs: restart it"
+        elif self._last is None:
+            what = f"no first image within {waited_s:.0f} s"
+        return f"camera {self.name}: {what}; check {self._feed.check}"
 
 
 def _equal(a: Image, b: Image) -> bool:

@@ -203,7 +203,6 @@ class V4l2Device:
         self._ask(QBUF, buffer)
 
     def close(self) -> None:
-        """Let go of the device; again does nothing."""
         if self._fd >= 0:
             fd, self._fd = self._fd, -1
             with suppress(OSError):  # it may be gone

@@ -12,7 +12,6 @@ import numpy as np
 
 from ...aliases import Vector
 from ...errors import InputError
-from ...units import to_ns
 from ..interface import Clock, ForceSamples
 from .config import ForceConfig, GuardConfig
 from .notes import NoteCounts
@@ -112,7 +111,6 @@ class ForceGuard:
 
     @property
     def tripped(self) -> str:
-        """Why it stopped the stage, "" while it has not."""
         return self.trip.why if self.trip is not None else ""
 
     def watch(self, samples: ForceSamples) -> None:
@@ -131,23 +129,20 @@ class ForceGuard:
         elif (
             self.trip is not None
             and not self._easing
-            and self._now_ns() - self.trip.byte_ns < SURELY_NS
+            and self._clock.now_ns() - self.trip.byte_ns < SURELY_NS
         ):
             self._write()
 
     def lost(self, why: str) -> None:
-        """The sensor says nothing that can be trusted: stop the stage."""
         if not self._easing:
             self._write()
         if self.trip is None:
             self.trip = Trip(why, None, self._byte_ns)
 
     def tell(self) -> tuple[str, ...]:
-        """What it has to say of itself, a line "NAME: what" each."""
-        return self.tally.tell(self._now_ns())
+        return self.tally.tell(self._clock.now_ns())
 
     def rearm(self) -> None:
-        """Forget why it stopped, on the word of whoever put things right."""
         self.trip = None
         self._peak = np.zeros(7)
         self._byte_ns = 0
@@ -173,7 +168,7 @@ class ForceGuard:
         """Blind is who looks at old samples, and after behind_s of that still does."""
         if self._behind_s is None:
             return
-        now_ns = self._now_ns()
+        now_ns = self._clock.now_ns()
         old_ns, limit_ns = now_ns - newest_ns, self._behind_s * 1e9
         if old_ns <= limit_ns:
             self._behind_ns = None
@@ -212,10 +207,7 @@ class ForceGuard:
 
     def _write(self) -> None:
         """The stop byte, at most every AGAIN_NS."""
-        now_ns = self._now_ns()
+        now_ns = self._clock.now_ns()
         if not self._byte_ns or now_ns - self._byte_ns >= AGAIN_NS:
             self._stage.cancel()
             self._byte_ns = now_ns
-
-    def _now_ns(self) -> int:
-        return to_ns(self._clock.now_s())

@@ -85,12 +85,10 @@ class NetFTSensor:
         self.stop()  # whatever the box did for whoever asked before
 
     def begin(self, stream: str) -> None:
-        """Bias in software on the box, with nothing touching, and start."""
         self._link.bias()
         self.start()
 
     def start(self) -> None:
-        """Start the stream, from the first record on."""
         self._sequence, self._zero_ns, self._fault = 0, None, ""
         self._link.start()
 
@@ -128,15 +126,13 @@ class NetFTSensor:
             saturated,
             lost,
             int(late.sum()),
-            tally.tell(self._now_ns()),
+            tally.tell(self._clock.now_ns()),
         )
 
     def stop(self) -> None:
-        """End the stream; what was not read is dropped."""
         self._link.stop()
 
     def identity(self) -> dict[str, Any]:
-        """Serial number, rate and scaling of the box."""
         s = self._settings
         return {
             "kind": "netft",
@@ -148,20 +144,16 @@ class NetFTSensor:
         }
 
     def close(self) -> None:
-        """Stop streaming."""
         self._link.close()
-
-    def _now_ns(self) -> int:
-        return to_ns(self._clock.now_s())
 
     def _fresh(self) -> Arrivals:
         """What came and is younger than all before it, at least one record."""
         if self._fault:
             raise SensorError(self._fault)
-        deadline_ns = self._now_ns() + to_ns(self._timeout_s)
+        deadline_ns = self._clock.now_ns() + to_ns(self._timeout_s)
         stale = 0
         while True:
-            left_ns = deadline_ns - self._now_ns()  # below 0: this host was late, not the box
+            left_ns = deadline_ns - self._clock.now_ns()  # below 0: this host was late, not the box
             came = self._link.receive(max(left_ns, 0) / 1e9)
             if len(came):
                 sequence = came["rdt"].astype(np.int64)

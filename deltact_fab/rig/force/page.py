@@ -29,8 +29,6 @@ class NetFTPage:
     settings: NetFTSettings
     range_n: tuple[float, float, float] | None
     range_nmm: tuple[float, float, float] | None
-    force_unit: str
-    torque_unit: str
 
 
 def fetch(config: NetFTConfig) -> NetFTPage:
@@ -105,7 +103,7 @@ def parse(text: bytes, where: str) -> NetFTPage:
     if len(ratings) == 6:
         range_n = (ratings[0] * newtons, ratings[1] * newtons, ratings[2] * newtons)
         range_nmm = (ratings[3] * newton_mm, ratings[4] * newton_mm, ratings[5] * newton_mm)
-    return NetFTPage(settings, range_n, range_nmm, word("scfgfu"), word("scfgtu"))
+    return NetFTPage(settings, range_n, range_nmm)
 
 
 def _numbers(text: str) -> list[float]:

@@ -10,12 +10,11 @@ import numpy as np
 
 from ...errors import DeltactFabError
 from ..clock import WallClock
-from ..interface import BenchFinding, ForceSensor
+from ..interface import DeviceRow, ForceSensor
 from .config import ForceConfig, GuardConfig
 from .guard import GuardLimits
 from .open import open_force
 
-LISTEN_S = 2.0
 SLOW = 0.98
 """Of the rate that the box tells; below, records are lost."""
 NOISY = 0.01
@@ -24,14 +23,10 @@ NEAR = 0.02
 """Ranges of the box and of the rig file that differ by less are the same."""
 
 
-def probe(
-    config: ForceConfig,
-    guard: GuardConfig | None = None,
-    seconds: float = LISTEN_S,
-) -> Iterator[BenchFinding]:
+def probe(config: ForceConfig, guard: GuardConfig | None, seconds: float) -> Iterator[DeviceRow]:
     """Open the sensor, tare it with nothing touching, listen for so long, and judge what it says.
 
-    Raises nothing that a sensor can cause: it is a finding.
+    Raises nothing that a sensor can cause: that is a row.
     """
     try:
         yield from _page(config)
@@ -40,14 +35,18 @@ def probe(
         yield from heard
         limits = GuardLimits.of(guard, config)
     except DeltactFabError as why:
-        yield BenchFinding(False, str(why))
+        yield _row(False, str(why))
         return
     force = ", ".join(f"{value:g}" for value in limits.force_n)
     torque = ", ".join(f"{value:g}" for value in limits.torque_nmm)
-    yield BenchFinding(True, f"the guard stops the stage at {force} N and {torque} N mm")
+    yield _row(True, f"the guard stops the stage at {force} N and {torque} N mm")
 
 
-def _page(config: ForceConfig) -> Iterator[BenchFinding]:
+def _row(passed: bool, text: str, otherwise: str = "FAIL") -> DeviceRow:
+    return DeviceRow("force", "pass" if passed else otherwise, text)
+
+
+def _page(config: ForceConfig) -> Iterator[DeviceRow]:
     """What the box says of itself, against the rig file. Raises SensorError, InputError."""
     if config.netft is None:
         return
@@ -56,26 +55,23 @@ def _page(config: ForceConfig) -> Iterator[BenchFinding]:
     page = fetch(config.netft)
     s = page.settings
     about = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in s.about)
-    yield BenchFinding(True, f"{config.netft.host}: transducer {s.serial}, {about}")
-    yield BenchFinding(
-        True,
-        f"{s.counts_per_n:g} counts a newton, {s.counts_per_nmm:g} a newton millimetre (the "
-        f"box is set to {page.force_unit} and {page.torque_unit})",
-    )
+    yield _row(True, f"{config.netft.host}: transducer {s.serial}, {about}")
+    text = f"{s.counts_per_n:g} counts a newton, {s.counts_per_nmm:g} a newton millimetre"
+    yield _row(True, text)
     for key, told in (("range_n", page.range_n), ("range_nmm", page.range_nmm)):
         written = getattr(config, key)
         if told is None:
-            yield BenchFinding(True, f"force.{key}: {written}, which the box does not tell")
+            yield _row(True, f"force.{key}: {written}, which the box does not tell")
             continue
         right = [round(value, 3) for value in told]
         if np.allclose(written, told, rtol=NEAR):
-            yield BenchFinding(True, f"force.{key} = {right}, as the transducer's")
+            yield _row(True, f"force.{key} = {right}, as the transducer's")
         else:
             wrong = f"force.{key}: {list(written)}; the transducer's is {right}: write that"
-            yield BenchFinding(False, wrong)
+            yield _row(False, wrong)
 
 
-def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> Iterator[BenchFinding]:
+def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> Iterator[DeviceRow]:
     """Rate, losses, tare and noise. Raises SensorError."""
     sensor.begin("probe")
     until_s = time.monotonic() + seconds
@@ -89,18 +85,18 @@ def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> Iterator
     slow = config.netft is not None and hz < SLOW * told_hz
     of = f" of {told_hz:g}" if config.netft is not None else ""
     lost, late = sum(part.lost for part in parts), sum(part.late for part in parts)
-    yield BenchFinding(not slow, f"{hz:.0f}{of} samples a second")
-    yield BenchFinding(not lost and not late, f"{lost} samples lost, {late} late", not lost)
+    yield _row(not slow, f"{hz:.0f}{of} samples a second")
+    text = f"{lost} samples lost, {late} late"
+    yield _row(not lost and not late, text, "FAIL" if lost else "WARN")
     if any(part.saturated.any() for part in parts):
-        yield BenchFinding(False, "saturated with nothing touching: is the tip free?")
+        yield _row(False, "saturated with nothing touching: is the tip free?")
     ranges = np.array([*config.range_n, *config.range_nmm])
     mean, noise = np.abs(values.mean(axis=0)), values.std(axis=0)
     text = f"{mean[:3].max():.3f} N and {mean[3:].max():.2f} N mm are left after the tare"
-    yield BenchFinding(bool((mean <= NOISY * ranges).all()), text)
+    yield _row(bool((mean <= NOISY * ranges).all()), text)
     if config.netft is not None and not noise.any():
-        text = "the readings do not change at all: is the transducer plugged in?"
-        yield BenchFinding(False, text)
+        yield _row(False, "the readings do not change at all: is the transducer plugged in?")
         return
     quiet = bool((noise <= NOISY * ranges).all())
     text = f"noise at rest {noise[:3].max():.4f} N, {noise[3:].max():.3f} N mm (one deviation)"
-    yield BenchFinding(quiet, text if quiet else f"{text}: does something touch or shake it?")
+    yield _row(quiet, text if quiet else f"{text}: does something touch or shake it?")

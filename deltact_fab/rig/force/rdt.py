@@ -51,7 +51,6 @@ class RdtLink:
         self._troubles: dict[str, int] = {}
 
     def settings(self) -> NetFTSettings:
-        """From the configuration page."""
         return self._settings
 
     def bias(self) -> None:
@@ -99,12 +98,10 @@ class RdtLink:
         return np.array(rows, ARRIVAL)
 
     def troubles(self) -> dict[str, int]:
-        """What was no record, and what the kernel had no room for."""
         found, self._troubles = self._troubles, {}
         return found
 
     def close(self) -> None:
-        """Stop streaming."""
         self.stop()
 
     def _restart(self) -> None:

@@ -48,9 +48,8 @@ class SerialScale:
         self._per_unit = np.minimum(
             np.repeat([COUNTS_PER_N, COUNTS_PER_NMM], 3), MOST / (2 * self._limits)
         )
-        units = np.repeat([NEWTONS[own.unit], NEWTON_MM[own.torque_unit]], 3) * own.scale
+        self._units = np.repeat([NEWTONS[own.unit], NEWTON_MM[own.torque_unit]], 3) * own.scale
         self._columns = [(k, AXES.index(name)) for k, name in enumerate(own.columns) if name != "-"]
-        self._units = units
         self._tare = np.zeros(6)
         self._partial = b""
         self._skip = True  # what is left of the line that was under way
@@ -100,10 +99,10 @@ class SerialScale:
         """
         own = self._config
         limit_s = own.silent_s if self._woken else max(FIRST_S, own.silent_s)
-        deadline_ns = self._now_ns() + to_ns(limit_s)
+        deadline_ns = self._clock.now_ns() + to_ns(limit_s)
         while True:
             data = self._guarded(lambda: self._port.read(max(1, self._port.in_waiting)))
-            now_ns = self._now_ns()
+            now_ns = self._clock.now_ns()
             rows = self._rows(data)
             if rows:
                 self._woken = True
@@ -121,7 +120,6 @@ class SerialScale:
         """What it goes on to write is dropped at the next start."""
 
     def identity(self) -> dict[str, Any]:
-        """The port, what the columns are, and how many lines came a second."""
         own = self._config
         rate_hz = round(1e9 / self._period_ns, 1) if self._period_ns else None
         return {
@@ -135,12 +133,8 @@ class SerialScale:
         }
 
     def close(self) -> None:
-        """Close the port."""
         with suppress(OSError):
             self._port.close()
-
-    def _now_ns(self) -> int:
-        return to_ns(self._clock.now_s())
 
     def _guarded(self, what: Any) -> Any:
         """Do it; a port that is gone is the sensor's error."""

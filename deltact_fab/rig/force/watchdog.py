@@ -16,7 +16,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import Connection
@@ -90,20 +90,16 @@ class Watchdog:
             self._ask("hold", stop, port is not None, port=port)
 
     def begin(self, stream: str) -> None:
-        """As ForceSensor; the guard sees nothing until it is done."""
         self._ask("begin", stream)
 
     def start(self) -> None:
-        """As ForceSensor."""
         self._ask("start")
 
     def read(self) -> ForceSamples:
-        """As ForceSensor; what the guard saw is in it."""
         samples: ForceSamples = self._ask("read")
         return samples
 
     def stop(self) -> None:
-        """As ForceSensor."""
         self._ask("stop")
 
     def identity(self) -> dict[str, Any]:
@@ -127,7 +123,6 @@ class Watchdog:
 
     @property
     def tripped(self) -> str:
-        """As Guard."""
         return self.trip.why if self.trip is not None else ""
 
     def watch(self, samples: ForceSamples) -> None:
@@ -141,7 +136,6 @@ class Watchdog:
         return ()
 
     def rearm(self) -> None:
-        """As Guard."""
         self._ask("rearm")
 
     @contextmanager
@@ -206,14 +200,16 @@ class _StopLine:
 class _Server:
     """Reads the sensor, watches, and answers what it is asked."""
 
-    def __init__(self, channel: socket.socket) -> None:
-        self._ports = channel
+    _force: ForceSensor
+    _guard: ForceGuard | None = None
+
+    def __init__(self, channel: socket.socket, first: str) -> None:
+        """first: how the system favours this process."""
+        self._ports, self._first = channel, first
         self._line = Connection(os.dup(channel.fileno()))
         self._clock = WallClock()
         self._stop_line = _StopLine()
-        self._force: ForceSensor | None = None
-        self._guard: ForceGuard | None = None
-        self._easing: Any = None
+        self._easing = ExitStack()
         self._going = False
         self._kept: list[ForceSamples] = []
         self._trouble: SensorError | None = None
@@ -243,7 +239,7 @@ class _Server:
         finally:
             if not closed:
                 self._stop_line.cancel()
-            if self._force is not None:
+            if self._guard is not None:
                 self._force.close()
 
     def do_open(self, config: ForceConfig, limits: GuardLimits) -> None:
@@ -257,22 +253,20 @@ class _Server:
         self._stop_line.hold(port, stop)
 
     def do_begin(self, stream: str) -> None:
-        self._of.begin(stream)
-        self._forget()
-        self._going = True
+        self._force.begin(stream)
+        self._kept, self._trouble, self._going = [], None, True
 
     def do_start(self) -> None:
-        self._of.start()
-        self._forget()
-        self._going = True
+        self._force.start()
+        self._kept, self._trouble, self._going = [], None, True
 
     def do_stop(self) -> None:
         self._going = False
-        self._of.stop()
-        self._forget()
+        self._force.stop()
+        self._kept, self._trouble = [], None
 
     def do_identity(self) -> dict[str, Any]:
-        return {**self._of.identity(), "guard": FIRST or "as any other process"}
+        return {**self._force.identity(), "guard": self._first or "as any other process"}
 
     def do_rearm(self) -> None:
         assert self._guard is not None
@@ -280,27 +274,17 @@ class _Server:
 
     def do_ease(self, on: bool) -> None:
         assert self._guard is not None
+        self._easing.close()
         if on:
-            self._easing = self._guard.easing()
-            self._easing.__enter__()
-        elif self._easing is not None:
-            self._easing.__exit__(None, None, None)
+            self._easing.enter_context(self._guard.easing())
 
     def do_close(self) -> None:
         self._going = False
 
-    @property
-    def _of(self) -> ForceSensor:
-        assert self._force is not None
-        return self._force
-
-    def _forget(self) -> None:
-        self._kept, self._trouble = [], None
-
     def _feel(self) -> None:
         assert self._guard is not None
         try:
-            samples = self._of.read()
+            samples = self._force.read()
         except SensorError as why:
             self._guard.lost(str(why))
             self._going, self._trouble = False, why
@@ -338,11 +322,8 @@ class _Server:
         self._line.send((answer, None if self._guard is None else self._guard.trip))
 
 
-FIRST = ""
-
 if __name__ == "__main__":
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    FIRST = run_first()
     with socket.socket(fileno=int(sys.argv[1])) as channel:
-        _Server(channel).run()
+        _Server(channel, run_first()).run()

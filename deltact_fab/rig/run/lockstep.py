@@ -46,7 +46,6 @@ class Lockstep(Schedule):
         self.pose.looked_ns = self.now_ns()
 
     def film(self, wanted: FrameRequest) -> None:
-        """Take the frame, and pose and force with it."""
         self._until(wanted.step, wanted.t_ns)
         self.frames.want(wanted)
         self.frames.step()
@@ -61,7 +60,6 @@ class Lockstep(Schedule):
         self._sleep_until(end_ns + to_ns(ARRIVAL_S))
 
     def reach(self, end_ns: int) -> None:
-        """Wait for the stage to say so."""
         if self._guarded:
             self._sleep_until(end_ns)
         self._d.stage.wait()

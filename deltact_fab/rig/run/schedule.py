@@ -14,13 +14,20 @@ from ...record import Chunk, RunWriter
 from ...units import to_ns
 from ..interface import CameraFrame
 from ..job import Devices
-from .streams import ForceStream, FrameRequest, FrameStream, PoseStream, now_ns
+from .streams import ForceStream, FrameRequest, FrameStream, PoseStream
 
 LOOK_NS = to_ns(LOOK_S)
 TAKEN = "taken"
 # What became of frames, as the record's events name it.
 LATE, MISSED, UNWRITTEN = "frames late", "frames missed", "frames unwritten"
 DROPPED, REPEATED = "frames dropped", "frames repeated"
+FATES = {
+    MISSED: "did not come in time",
+    UNWRITTEN: "were not kept: the disk was too slow",
+    LATE: "exposed more than half a period after they were wanted",
+    DROPPED: "lost by the camera",
+    REPEATED: "the same image once more",
+}
 
 
 class Schedule(ABC):
@@ -37,7 +44,6 @@ class Schedule(ABC):
         self._origin_ns: int | None = None  # of the press under way, from its tare on
         self._kept: dict[str, float] = {}  # frames of the press under way, and their times (s)
         self._of_step: Counter[str] = Counter()  # what became of frames
-        self._unwritten: list[str] = []
         self.counts: Counter[str] = Counter()
         """The same over the run, and TAKEN: frames that were kept."""
         self.pose = PoseStream(devices.stage, devices.clock)
@@ -129,12 +135,10 @@ class Schedule(ABC):
         self._writer.cut_off(step, self._take())
 
     def event(self, kind: str, text: str, step: Step | None = None) -> None:
-        """Note what happened now."""
         self._writer.event(kind, text, self._d.clock.now_s(), step)
 
     def now_ns(self) -> int:
-        """Of the rig's clock."""
-        return now_ns(self._d.clock)
+        return self._d.clock.now_ns()
 
     # ---- for both ways ---------------------------------------------------------------------------
 
@@ -181,7 +185,7 @@ class Schedule(ABC):
         )
         self._of_step += Counter({DROPPED: dropped, REPEATED: repeated})
         if frame_id is None:
-            self._unwritten.append(f"{wanted.k}")
+            self._of_step[UNWRITTEN] += 1
             return
         self._kept[frame_id] = t_ns / 1e9
         self.counts[TAKEN] += 1
@@ -189,26 +193,13 @@ class Schedule(ABC):
 
     def _account(self, step: Step) -> int:
         """Tell what was lost in a step, each kind in one event; how many frames will not come."""
-        missed, self.frames.missed = self.frames.missed, []
-        unwritten, self._unwritten = self._unwritten, []
         found, self._of_step = self._of_step, Counter()
-        if missed:
-            which = ", ".join(str(wanted.k) for wanted in missed)
-            self.event(MISSED, f"{len(missed)}: none came in time: {which}", step)
-        if unwritten:
-            which = ", ".join(unwritten)
-            text = f"{len(unwritten)}: the disk did not keep up: {which}"
-            self.event(UNWRITTEN, text, step)
-        for kind, text in (
-            (LATE, "exposed more than half a period after they were wanted"),
-            (DROPPED, "lost by the camera"),
-            (REPEATED, "the same image once more"),
-        ):
+        found[MISSED], self.frames.missed = self.frames.missed, 0
+        for kind, text in FATES.items():
             if found[kind]:
                 self.event(kind, f"{found[kind]} {text}", step)
-        found += Counter({MISSED: len(missed), UNWRITTEN: len(unwritten)})
         self.counts += found
-        return len(missed) + len(unwritten)
+        return found[MISSED] + found[UNWRITTEN]
 
 
 def in_step(step: Step, why: DeltactFabError) -> DeltactFabError:

@@ -17,13 +17,9 @@ import numpy as np
 from ...errors import SensorError
 from ...protocols.plan import Step
 from ...record import Chunk
+from ...record.streams import FORCE_COLUMNS
 from ...units import to_ns
 from ..interface import Camera, CameraFrame, Clock, ForceSamples, ForceSensor, Guard, Stage
-
-
-def now_ns(clock: Clock) -> int:
-    """The clock's time in whole nanoseconds."""
-    return to_ns(clock.now_s())
 
 
 class PoseStream:
@@ -40,7 +36,7 @@ class PoseStream:
 
     def step(self) -> None:
         """Ask the stage. Raises StageError."""
-        self.looked_ns = now_ns(self._clock)
+        self.looked_ns = self._clock.now_ns()
         t_ns, position_mm = self._stage.located()
         self._kept.append((t_ns, *position_mm))
 
@@ -118,9 +114,8 @@ class ForceStream:
             return []
         t_ns = np.concatenate([part.t_ns for part in forces]) - origin_ns
         counts = np.concatenate([part.counts for part in forces])
-        names = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
-        per_unit = dict(zip(names, forces[0].per_unit.tolist(), strict=True))
-        columns = {"t_ns": t_ns, **dict(zip(names, counts.T, strict=True))}
+        per_unit = dict(zip(FORCE_COLUMNS, forces[0].per_unit.tolist(), strict=True))
+        columns = {"t_ns": t_ns, **dict(zip(FORCE_COLUMNS, counts.T, strict=True))}
         columns["saturated"] = np.concatenate([part.saturated for part in forces])
         return [Chunk("force", origin_ns / 1e9, columns, per_unit)]
 
@@ -155,7 +150,7 @@ class FrameStream:
     """The first frame exposed at or after each wanted moment; all others are let go.
 
     keep: called with the moment, the frame and its time (ns), and how many frames were dropped and
-    repeated since the one kept before. missed: moments for which no frame came before the next.
+    repeated since the one kept before. missed: moments so far for which none came before the next.
     """
 
     def __init__(self, camera: Camera | None, clock: Clock, keep: Keep) -> None:
@@ -167,17 +162,16 @@ class FrameStream:
         self._wanted: deque[FrameRequest] = deque()
         self._busy = False
         self._dropped = self._repeated = 0
-        self.missed: list[FrameRequest] = []
+        self.missed = 0
 
     def forget(self) -> None:
         """A new press: what was wanted or counted before is no concern of it."""
         with self._lock:
             self._wanted.clear()
-            self.missed = []
+            self.missed = 0
             self._dropped = self._repeated = 0
 
     def want(self, wanted: FrameRequest) -> None:
-        """Moments come in their order."""
         with self._lock:
             self._wanted.append(wanted)
 
@@ -189,7 +183,7 @@ class FrameStream:
 
     def step(self) -> None:
         """Take one frame, and keep it if it is wanted. Raises SensorError, RunFailed."""
-        t_ns = now_ns(self._clock)
+        t_ns = self._clock.now_ns()
         frame = self._camera.capture() if self._camera is not None else None
         if frame is not None:
             t_ns = to_ns(frame.t_s)
@@ -203,7 +197,7 @@ class FrameStream:
         if not due:
             return
         try:
-            self.missed += due[:-1]
+            self.missed += len(due) - 1
             dropped, self._dropped = self._dropped, 0
             repeated, self._repeated = self._repeated, 0
             self._keep(due[-1], frame, t_ns, dropped, repeated)

@@ -35,7 +35,6 @@ class ThreadedSchedule(Schedule):
 
     def __init__(self, devices: Devices, writer: RunWriter, tell: Callable[[Step], None]) -> None:
         super().__init__(devices, writer, tell)
-        self._alarm = threading.Event()
         self._lock = threading.Lock()
         self._trouble: BaseException | None = None
         self._up = False
@@ -63,7 +62,6 @@ class ThreadedSchedule(Schedule):
         self.check()
 
     def set_out(self, step: Step) -> None:
-        """The first pose of the step."""
         if self.in_press:
             self.pose.step()
 
@@ -182,11 +180,10 @@ class ThreadedSchedule(Schedule):
         raise RunFailed(f"{where}{type(why).__name__}: {why}") from why
 
     def _fail(self, why: BaseException) -> None:
-        """From the thread that failed: stop the stage at once, then wake who moves it."""
+        """From the thread that failed: stop the stage at once; who moves it finds the reason."""
         with self._lock:
             if self._trouble is None:
                 # Before anyone knows of it, or the byte would end the way up.
                 if not self._up:
                     self._d.stage.cancel()
                 self._trouble = why
-        self._alarm.set()

@@ -104,10 +104,11 @@ def goto(
         high_mm = max(here[2], clearance_mm)
         for place in ((here[0], here[1], high_mm), (x, y, high_mm)):
             go(stage, place, feed_mm_min)
-    if z < clearance_mm < stage.position_mm()[2]:
-        go(stage, (x, y, clearance_mm), feed_mm_min)
-    near = z < clearance_mm
-    go(stage, target_mm, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min)
+    if z < clearance_mm:
+        if stage.position_mm()[2] > clearance_mm:
+            go(stage, (x, y, clearance_mm), feed_mm_min)
+        feed_mm_min = min(feed_mm_min, NEAR_FEED_MM_MIN)
+    go(stage, target_mm, feed_mm_min)
     return stage.position_mm()
 
 

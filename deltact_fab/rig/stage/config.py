@@ -20,7 +20,7 @@ Feed = Annotated[float, Field(ge=1, le=100_000)]  # mm/min
 Acceleration = Annotated[float, Field(ge=0.1, le=100_000)]  # mm/s2
 
 
-class StageSettings(Table):
+class StageConfig(Table):
     """The 3-axis stage; machine coordinates are 0 at an axis' positive end and negative below.
 
     Z homes up, away from the gel; X and Y at 0 too, but for `homing_direction_mask`.
@@ -75,7 +75,6 @@ class StageSettings(Table):
 
     @property
     def frame(self) -> StageFrame:
-        """The rigid transform of this stage."""
         from ...optics import StageFrame
 
         return StageFrame(self.origin_machine_mm, self.angle_deg, self.tilt_deg)

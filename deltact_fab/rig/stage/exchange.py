@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..interface import StageState
-from .grbl_messages import ALARMS, BANNER, ERRORS, RATE, STATUS, explain
+from .grbl_messages import ALARMS, BANNER, ERRORS, STATUS, explain
 from .port import SLICE_S, Port
 
 RESET = b"\x18"
@@ -75,7 +75,7 @@ class Talk:
         while (text := self._port.line(deadline)) is not None:
             if found := STATUS.search(text):
                 at_mm = float(found[3]), float(found[4]), float(found[5])
-                return StageState(at_mm, found[1], 0.0, self._port.now_ns() / 1e9)
+                return StageState(at_mm, found[1], self._port.now_ns() / 1e9)
         return None
 
     def post(self, line: str) -> None:
@@ -140,15 +140,9 @@ class Talk:
                 elif found[2] == "W":
                     raise TalkFault("status reports give the work position; set $10=1 or $10=3")
                 elif not stopped:
-                    rate = RATE.search(text)
                     t_s, within_s = self._true_at(asked_ns, len(text) + len("\r\n"))
-                    return StageState(
-                        (float(found[3]), float(found[4]), float(found[5])),
-                        found[1],
-                        float(rate[1]) if rate else 0.0,
-                        t_s,
-                        within_s,
-                    )
+                    at_mm = float(found[3]), float(found[4]), float(found[5])
+                    return StageState(at_mm, found[1], t_s, within_s)
         raise TalkFault(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}", lost=True)
 
     def overhear(self) -> None:

@@ -27,20 +27,20 @@ from typing import TYPE_CHECKING, Any
 from ...aliases import Vector
 from ...optics import StageFrame
 from ...units import to_ns
-from ..interface import Clock, StageState
+from ..interface import Clock, DeviceRow, StageState
 from . import jogs
 from .controller import JOG_CANCEL, Controller
 from .exchange import RESET, TalkFault
 from .grbl_messages import BANNER, SETTING, state_in_words
 from .limits import Limits
 from .port import Cable
-from .settings import Needs, SettingRow, judge, refusal
+from .settings import Needs, judge, refusal
 
 RESCUE_S = 10.0  # so long after a fault a controller may answer again
 CLEAR_MM = 1.0  # over the face, where the gel is expected: nothing is touched
 
 if TYPE_CHECKING:
-    from .config import StageSettings
+    from .config import StageConfig
 
 
 class GrblStage:
@@ -71,11 +71,11 @@ class GrblStage:
         self._within_s = 0.0  # a position's time was off by at most so much
         self.whole_moves = False
         """The controller is told all of a move at once: where no host can die or be late."""
-        self.judged: list[SettingRow] = []
-        """The controller's settings, rule by rule, as `connect` found them."""
+        self.judged: list[DeviceRow] = []
+        """What `connect` found wrong with the controller's settings."""
 
     @classmethod
-    def of(cls, config: StageSettings, clock: Clock, url: str | Cable | None = None) -> GrblStage:
+    def of(cls, config: StageConfig, clock: Clock, url: str | Cable | None = None) -> GrblStage:
         """The stage of a rig file, its port not yet open; url: in place of the file's port."""
         where = url if url is not None else config.port
         assert where is not None, "the configuration has a port"
@@ -145,10 +145,8 @@ class GrblStage:
             self._c.homed = True
 
     def start_move(self, target_mm: Vector, feed_mm_min: float) -> float:
-        """Send one straight move to a tip position (sensor frame, mm); return its planned time (s).
-
-        Raises InputError, with nothing sent, for a target outside of the travel or a feed above one
-        of its axes' limits; StageError when the stage is not fit to move.
+        """As Stage. Raises InputError, with nothing sent, for a target outside of the travel or a
+        feed above one of its axes' limits; StageError when the stage is not fit to move.
         """
         self._driver = threading.current_thread()
         self._c.cancelled = False
@@ -164,10 +162,7 @@ class GrblStage:
             return jogs.begin(self._c, machine_mm, feed_mm_min, clear, self.whole_moves)
 
     def wait(self) -> StageState:
-        """Wait until the last move is at its target, polling the controller.
-
-        Raises StageError when it stops short, takes much longer than planned, or fails.
-        """
+        """As Stage. A move that stops short or takes much longer than planned has failed."""
         self._driver = threading.current_thread()
         with self._c.exchange():
             self._c.require_ready()
@@ -176,25 +171,16 @@ class GrblStage:
         return jogs.follow(self._c)
 
     def listen(self, seconds: float) -> None:
-        """Let that much time pass, and hear what the controller says meanwhile.
-
-        So an alarm or a restart stops the move when it is told, not at the next question. Raises
-        StageError.
-        """
         jogs.listen(self._c, seconds)
 
     def position_mm(self) -> Vector:
-        """Tip position in the sensor frame (mm) as the controller reports it now."""
         return self.located()[1]
 
     def located(self) -> tuple[int, Vector]:
-        """When (ns of the clock) the tip was where (sensor frame, mm): asked now.
-
-        The time is as near as can be known, see `StageState.t_s`; `identity` has the worst case.
-        """
+        """As Stage; `identity` has how far off the time was at worst."""
         with self._c.exchange():
             self._c.require_ready()
-            state = self.poll()
+            state = jogs.poll(self._c)
             self._within_s = max(self._within_s, state.within_s)
         return to_ns(state.t_s), self._frame.to_sensor_mm(state.machine_mm)
 
@@ -226,7 +212,6 @@ class GrblStage:
             self._c.stopping = False
 
     def cancel(self) -> None:
-        """Write the byte that ends the motion under way and nothing else: from any thread."""
         self._c.cancelled = True
         self._c.port.blurt(RESET if self._c.homing else JOG_CANCEL)
 
@@ -244,7 +229,6 @@ class GrblStage:
         self._c.lose("the controller was reset: home again")
 
     def identity(self) -> dict[str, Any]:
-        """Banner, version, options and settings as the controller gave them, and the frame."""
         return {
             "kind": "grbl",
             "port": str(self._url),
@@ -265,30 +249,20 @@ class GrblStage:
 
     @property
     def banner(self) -> str:
-        """The controller's greeting; "" for one that was not restarted."""
         return self._c.banner
 
     @property
     def frame(self) -> StageFrame:
-        """The sensor frame as the tip that is mounted now has it."""
         return self._frame
 
     @property
     def homed(self) -> bool:
-        """Whether positions are known: homed since it was connected, and no fault since."""
         return self._c.homed and not self._c.trouble
 
     def set_frame(self, frame: StageFrame) -> None:
-        """Tell and take positions in this frame from now on; nothing moves."""
         self._frame = frame
 
     def lift(self, height_mm: float, feed_mm_min: float) -> bool:
-        """Go straight up, z of the machine alone, by that much or to the top of the travel.
-
-        Also before homing: a controller that is not locked counts its steps, and up is away from
-        the face whatever the count. False, with nothing moved, where it is locked. Raises
-        StageError.
-        """
         was = self._c.homed
         if not self.trust_count():
             return False
@@ -337,13 +311,6 @@ class GrblStage:
         """What the controller says, locked or not. Raises StageError when it says nothing."""
         with self._c.exchange():
             return self._c.status()
-
-    def poll(self) -> StageState:
-        """Ask the controller once. Raises StageError for an alarm, a restart or silence.
-
-        The first reason is the one that is told.
-        """
-        return jogs.poll(self._c)
 
     def reset(self) -> None:
         """Reset the controller (0x18) and wait for its banner. The position is lost; `home` next.

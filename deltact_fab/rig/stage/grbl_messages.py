@@ -62,7 +62,6 @@ _NUMBER = r"(-?\d+(?:\.\d*)?)"
 BANNER = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)
 SETTING = re.compile(rf"\$(\d+)={_NUMBER}")
 STATUS = re.compile(rf"<([A-Za-z]+(?::\d+)?)\|(M|W)Pos:{_NUMBER},{_NUMBER},{_NUMBER}(?:\|[^<>]*)?>")
-RATE = re.compile(rf"\|FS?:{_NUMBER}[,|>]")
 OPTIONS = re.compile(r"\[OPT:([^,\]]*)")
 
 

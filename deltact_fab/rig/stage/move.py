@@ -40,7 +40,6 @@ class Move:
     late_ns: int = 0
 
     def since_s(self, now_ns: int) -> float:
-        """Time that it has taken."""
         return (now_ns - self.start_ns) / 1e9
 
     @property
@@ -59,7 +58,6 @@ class Move:
         return None if self.whole else due_mm
 
     def first_mm(self) -> float:
-        """How far along it the first line leads."""
         return max(self._way_mm(self.ahead_s), SHORTEST_MM)
 
     def place_mm(self, way_mm: float) -> Vector:

@@ -49,7 +49,6 @@ class Port:
 
     @property
     def is_open(self) -> bool:
-        """Whether there is something to talk to."""
         return self._port is not None
 
     def open(self) -> None:
@@ -101,7 +100,6 @@ class Port:
             termios.tcsetattr(self._port.fileno(), termios.TCSANOW, flags)
 
     def close(self) -> None:
-        """Close the port; again does nothing."""
         port, self._port = self._port, None
         if port is not None:
             self._tell(lambda: None)
@@ -109,7 +107,6 @@ class Port:
                 port.close()
 
     def write(self, data: bytes) -> None:
-        """Write. Raises LinkLost."""
         self._io(lambda: self._port.write(data))
 
     def blurt(self, data: bytes) -> None:
@@ -165,15 +162,12 @@ class Port:
             self._clock.sleep_s(AGAIN_S)
 
     def now_ns(self) -> int:
-        """Whole nanoseconds: sums and differences do not depend on how far the clock has come."""
-        return to_ns(self._clock.now_s())
+        return self._clock.now_ns()
 
     def deadline_ns(self, seconds: float) -> int:
-        """That long from now."""
         return self.now_ns() + to_ns(seconds)
 
     def on_wire_ns(self, n: int) -> int:
-        """How long n bytes take."""
         return n * 10 * 1_000_000_000 // self.baud
 
     def _io(self, what: Callable[[], T]) -> T:

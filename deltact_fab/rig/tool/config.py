@@ -28,8 +28,8 @@ class TouchConfig(Table):
     the indenter.
     """
 
-    by: Literal["force", "hand"] = "force"
-    """What tells the contact: the force sensor, or a person with a feeler gauge."""
+    by: Literal["force"] = "force"
+    """What tells the contact: the force sensor."""
     at_mm: tuple[Millimetres, Millimetres] = (0.0, 0.0)
     """Where on the face."""
     force_n: float = Field(default=0.1, ge=0.005, le=5)
@@ -45,8 +45,6 @@ class TouchConfig(Table):
     """How often the face is touched."""
     spread_mm: float = Field(default=0.03, ge=0.001, le=0.5)
     """Between the repeats; more is a loose tool."""
-    gauge_mm: float = Field(default=0.1, ge=0, le=5)
-    """By hand: thickness of the feeler gauge or paper between tip and face."""
     moved_mm: float = Field(default=0.3, ge=0.01, le=5)
     """A resumed run may find the face at most so much from where the run had it."""
 

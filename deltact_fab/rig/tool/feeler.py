@@ -40,7 +40,7 @@ class ForceProbe:
         """Begin to stream with nothing touching; the sensor's noise, one deviation (N)."""
         self._force.begin(STREAM)
         self._zero_n = np.zeros(3)
-        found = self._since(self._now_ns(), TARE_S)
+        found = self._since(self._clock.now_ns(), TARE_S)
         self._zero_n = found.mean(axis=0)
         self.most_n = 0.0
         return float(found.std(axis=0).max())
@@ -48,10 +48,6 @@ class ForceProbe:
     def release(self) -> None:
         """Let no more samples come."""
         self._force.stop()
-
-    def resume(self) -> None:
-        """Let samples come again after `release`, on the same tare."""
-        self._force.start()
 
     def move(self, target_mm: Vector, feed_mm_min: float, over_n: float) -> bool:
         """One straight move; True when a force over that ended it, at rest either way."""
@@ -72,7 +68,7 @@ class ForceProbe:
     def at_rest(self) -> Field:
         """Mean force (3,) N while nothing moves."""
         self._clock.sleep_s(SETTLE_S)
-        return np.asarray(self._since(self._now_ns(), MEAN_S).mean(axis=0))
+        return np.asarray(self._since(self._clock.now_ns(), MEAN_S).mean(axis=0))
 
     def _felt_n(self) -> float:
         """Read what has come; size of the force in the last samples."""
@@ -106,6 +102,3 @@ class ForceProbe:
         last = t_ns > t_ns[-1] - LAST_NS
         self._t_ns, self._tail_n = t_ns[last], force[last]
         return samples
-
-    def _now_ns(self) -> int:
-        return to_ns(self._clock.now_s())

@@ -28,7 +28,6 @@ class TerminalOperator:
         print(text, file=sys.stderr, flush=True)
 
     def ask(self, text: str) -> str:
-        """Read a line. Raises RunFailed at the end of standard input."""
         print(f"{text}: ", end="", file=sys.stderr, flush=True)
         line = sys.stdin.readline()
         if not line:

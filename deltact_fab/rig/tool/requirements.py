@@ -34,13 +34,18 @@ def unmet(
     if touch is None:
         lines.append(
             "touch: missing table; a press on a real rig needs to know where the face is: add "
-            '[touch] with by = "force" or "hand", or give --air'
+            "[touch], or give --air"
         )
     else:
         lines += _outside(touch, protocol, sensor)
         if force is not None:
             lines += _above_the_guard(config, touch)
-    return lines + (_alone(touch, protocol) if unattended else [])
+    if unattended and len(protocol.indenters) > 1:
+        lines.append(
+            f"--unattended: {protocol.name!r} holds {len(protocol.indenters)} indenters, and "
+            "nobody is there to change them: a protocol of one"
+        )
+    return lines
 
 
 def undeclared_lengths(config: GrblConfig, protocol: Protocol) -> list[str]:
@@ -87,16 +92,3 @@ def _above_the_guard(config: GrblConfig, touch: TouchConfig) -> list[str]:
         f"touch.force_n: {touch.force_n:g} N: a touch-off goes up to {MOST:g} times that, and the "
         f"guard trips at {least_n:g} N"
     ]
-
-
-def _alone(touch: TouchConfig | None, protocol: Protocol) -> list[str]:
-    """What --unattended asks for besides."""
-    lines = []
-    if len(protocol.indenters) > 1:
-        lines.append(
-            f"--unattended: {protocol.name!r} holds {len(protocol.indenters)} indenters, and "
-            "nobody is there to change them: a protocol of one"
-        )
-    if touch is not None and touch.by == "hand":
-        lines.append('--unattended: touch.by = "hand" needs somebody there: by = "force"')
-    return lines

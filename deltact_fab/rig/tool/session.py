@@ -23,8 +23,7 @@ from .homing import LIFT_MM, home_safely
 from .operator import Operator, confirm
 from .register import Place, Registration, places_for, register, require_fit
 from .tooling import raised
-from .touch import FaceTouch
-from .touch_off import find_face
+from .touch import FaceTouch, ForceTouch
 
 
 @dataclass
@@ -94,16 +93,13 @@ def wanted(
     sensor: SensorDimensions,
     indenter: str,
     places: tuple[Place, ...] = (),
-    by: str | None = None,
 ) -> RegistrationRequest:
     """Judge what was asked for, before a device is opened. Raises InputError.
 
-    places: none is four of them. by: instead of the rig file's.
+    places: none is four of them.
     """
     ball = parse_indenter(indenter)
     touch = config.touch or TouchConfig()
-    if by is not None:
-        touch = TouchConfig.model_validate({**touch.model_dump(), "by": by})
     places = places or places_for(sensor.skin, ball)
     require_fit(sensor.skin, ball, places)
     longer_mm = config.tools[ball.name].length_mm if ball.name in config.tools else 0.0
@@ -124,7 +120,7 @@ def register_face(
 
     def find(place: Place) -> FaceTouch:
         feeler = ForceProbe(stage, bench.force, bench.clock, bench.guard)
-        return find_face(feeler, touch, operator, ball, place)
+        return ForceTouch(feeler, touch).find(ball, place)
 
     return register(find, frame, asked.longer_mm, ball, asked.places)
 

@@ -23,8 +23,7 @@ from .config import ToolConfig, TouchConfig
 from .feeler import ForceProbe
 from .homing import clear_the_face
 from .operator import Operator, TerminalOperator, confirm
-from .touch import TRAVEL_FEED_MM_MIN, FaceTouch
-from .touch_off import find_face
+from .touch import TRAVEL_FEED_MM_MIN, FaceTouch, ForceTouch
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -105,7 +104,6 @@ class Tooling:
         return f"{name} mounted: face at machine z {z:.3f} mm, {touch.line()}{moved}"
 
     def identity(self) -> dict[str, Any]:
-        """What was mounted in this session, and where the face was."""
         return {
             "base": self._base,
             "unattended": self._job.unattended,
@@ -114,12 +112,10 @@ class Tooling:
 
     def _find(self, name: str) -> FaceTouch:
         config = self._touch
-        if config is None:
-            raise InputError("[touch] is missing in the rig file: nothing says where the face is")
-        if self._force is None:
-            raise InputError("[force] is missing in the rig file: nothing feels the face")
+        assert config is not None, "refused without [touch]"
+        assert self._force is not None, "refused without a force sensor"
         feeler = ForceProbe(self._stage, self._force, self._clock, self._guard)
-        return find_face(feeler, config, self._operator, parse_indenter(name), config.at_mm)
+        return ForceTouch(feeler, config).find(parse_indenter(name), config.at_mm)
 
     def _require_the_same(self, name: str, machine_z_mm: float) -> float | None:
         """How far the face has moved since the run's first touch with it; None: this is it."""

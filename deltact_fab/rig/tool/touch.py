@@ -22,7 +22,7 @@ from .contact import ContactFit, fit, powers_of
 from .feeler import LOOK_S, MEAN_S, SETTLE_S, TARE_S, ForceProbe
 
 if TYPE_CHECKING:
-    from ..stage.config import StageSettings
+    from ..stage.config import StageConfig
 
 STRIDE_MM = 0.5
 STEP_MM = 0.01
@@ -64,40 +64,28 @@ class FaceTouch:
         )
 
 
-def touch_s(
-    config: TouchConfig, from_mm: float, max_feed_mm_min: Vector, accel_mm_s2: Vector, move_s: float
+def change_s(
+    stage: StageConfig, touch: TouchConfig | None, park_mm: float, move_s: float = WALL_CLOCK.move_s
 ) -> float:
-    """How long `ForceTouch.find` takes from that height and back, the face being where expected.
+    """How long `ForceTouch.find` takes from the height of a change and back; 0 without a [touch].
 
-    max_feed_mm_min, accel_mm_s2: of the axes. move_s: what a move takes beyond its motion.
+    The face is taken to be where it is expected. move_s: what a move takes beyond its motion.
     """
-
-    def one_s(way_mm: float, feed_mm_min: float) -> float:
-        way = (0.0, 0.0, -way_mm)
-        return move_duration_s(way, feed_mm_min, max_feed_mm_min, accel_mm_s2) + move_s
-
-    def down_s(way_mm: float, feed_mm_min: float) -> float:
-        strides, rest_mm = divmod(way_mm, STRIDE_MM)
-        return strides * one_s(STRIDE_MM, feed_mm_min) + bool(rest_mm) * one_s(rest_mm, feed_mm_min)
-
-    feed, high_mm = config.feed_mm_min, max(from_mm, config.clear_mm)
-    mean_s = SETTLE_S + MEAN_S + LOOK_S
-    steps = round((OFF_MM + BEYOND_MM) / STEP_MM) + ENOUGH
-    off_s = one_s(OFF_MM, TRAVEL_FEED_MM_MIN) + one_s(BEYOND_MM, TRAVEL_FEED_MM_MIN) + mean_s
-    once_s = off_s + steps * (one_s(STEP_MM, feed) + mean_s)
-    down = down_s(high_mm - config.clear_mm, LOWERING * feed) + down_s(config.clear_mm, feed)
-    return TARE_S + down + config.repeats * once_s + one_s(high_mm, TRAVEL_FEED_MM_MIN)
-
-
-def change_s(stage: StageSettings, touch: TouchConfig | None, park_mm: float) -> float:
-    """What finding the face with another indenter takes on a bench, from the height of its change.
-
-    0 where an operator finds it, who takes as long as he takes.
-    """
-    if touch is None or touch.by != "force":
+    if touch is None:
         return 0.0
+    feed, high_mm = touch.feed_mm_min, max(park_mm, touch.clear_mm)
+    steps = round((OFF_MM + BEYOND_MM) / STEP_MM) + ENOUGH
+    moves = (  # how many, how far, how fast
+        ((high_mm - touch.clear_mm) / STRIDE_MM, STRIDE_MM, LOWERING * feed),
+        (touch.clear_mm / STRIDE_MM, STRIDE_MM, feed),
+        (touch.repeats, OFF_MM, TRAVEL_FEED_MM_MIN),
+        (touch.repeats, BEYOND_MM, TRAVEL_FEED_MM_MIN),
+        (touch.repeats * steps, STEP_MM, feed),
+        (1, high_mm, TRAVEL_FEED_MM_MIN),
+    )
     limits = stage.max_feed_mm_min, stage.acceleration_mm_s2
-    return touch_s(touch, park_mm, *limits, WALL_CLOCK.move_s)
+    moving_s = sum(n * (move_duration_s((0, 0, mm), f, *limits) + move_s) for n, mm, f in moves)
+    return TARE_S + moving_s + touch.repeats * (steps + 1) * (SETTLE_S + MEAN_S + LOOK_S)
 
 
 class ForceTouch:
