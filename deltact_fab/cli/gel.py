@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import click
@@ -50,13 +49,12 @@ def gel() -> None:
               help="Size of the grid or the cells.")  # fmt: skip
 @click.option("--limit-s", "limit_s", default=120.0, metavar="S", help="CPU seconds it may take; "
               "the finest mesh solved by then gives the answer.")  # fmt: skip
-@gel_options.PLOT
 @JSON
 def press(
     indenter: str, depth_mm: float, shear_x_mm: float, shear_y_mm: float,
     at_mm: tuple[float, float], model: str, thickness_mm: float, width_mm: float, length_mm: float,
     modulus_mpa: float, poisson: float, friction: float, tolerance: float,
-    spacing_mm: float | None, limit_s: float, plot_path: Path | None, as_json: bool,
+    spacing_mm: float | None, limit_s: float, as_json: bool,
 ) -> None:  # fmt: skip
     """Force, contact area and in-plane displacement of one press (simulated).
 
@@ -95,15 +93,6 @@ def press(
             click.echo(line)
     for flag in result["flags"]:
         click.echo(f"warning: {flag}", err=True)
-    if plot_path is not None:
-        from ..gel.figures import save_press
-
-        title = (
-            f"{shape.name} {depth_mm:g} mm deep, sheared by {shear_x_mm:g}, {shear_y_mm:g} mm; "
-            f"{thickness_mm:g} mm gel, {modulus_mpa:g} MPa, friction {friction:g}; "
-            f"{result['model']}"
-        )
-        save_press(pressed, plot_path, title)
 
 
 def _lines(result: dict[str, Any]) -> Iterator[str]:

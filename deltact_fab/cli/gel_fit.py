@@ -15,14 +15,21 @@ from .options import PATH
 from .output import Answer, answers, progress
 
 
-def _or_fit(ctx: click.Context, param: click.Parameter, value: str | None) -> float | str | None:
-    if value is None or value == "fit":
-        return value
+def _or_fit(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
+    """None: it is fitted."""
     try:
-        return float(value)
+        return None if value == "fit" else float(value)
     except ValueError as why:
-        what = "number of mm" if param.name == "offset_mm" else "number"
-        raise click.BadParameter(f"{value!r}: a {what} or fit is needed") from why
+        raise click.BadParameter(f"{value!r}: a number of mm or fit is needed") from why
+
+
+def _place(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
+    """Checked here, for what is solved before the figure is drawn may take an hour."""
+    if value is not None:
+        from ..gel.figures import require_place
+
+        require_place(value)
+    return value
 
 
 @click.command(epilog="Example: deltact-fab gel fit measured.csv --indenter sphere:15 --offset fit")
@@ -31,25 +38,24 @@ def _or_fit(ctx: click.Context, param: click.Parameter, value: str | None) -> fl
               help="What pressed, as in `gel press`: sphere:15.")  # fmt: skip
 @gel_options.AT
 @gel_options.of_block
-@click.option("--friction", callback=_or_fit, metavar="MU|fit",
-              show_default="fit where the file has a drag, else 0.5",
-              help="Coefficient of friction, or fit.")  # fmt: skip
+@click.option("--friction", default=0.5, metavar="MU", help="Coefficient of friction.")
 @click.option("--offset", "offset_mm", default="0", callback=_or_fit,
               metavar="MM|fit", help="depth_mm at first touch, or fit.")  # fmt: skip
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
               help="Size of the mesh below the indenter.")  # fmt: skip
-@gel_options.PLOT
+@click.option("--plot", "plot_path", type=PATH, callback=_place, metavar="FILE",
+              help="Figure to write: .png, .svg or .pdf.")  # fmt: skip
 @answers
 def fit(
     csv: Path, indenter: str, at_mm: tuple[float, float], thickness_mm: float, width_mm: float,
-    length_mm: float, poisson: float, friction: float | str | None, offset_mm: float | str,
+    length_mm: float, poisson: float, friction: float, offset_mm: float | None,
     spacing_mm: float | None, plot_path: Path | None,
 ) -> Answer:  # fmt: skip
-    """Fit the modulus, and the friction, of a gel to a measured press, with 95 % intervals.
+    """Fit the modulus of a gel to a measured press, with a 95 % interval.
 
-    CSV is a table with the columns depth_mm and normal_n (positive when pressed), and for a drag
-    also shear_x_mm, shear_y_mm, fx_n and fy_n (the force on the sensor), its rows in the order in
-    which they were measured.
+    CSV is a table with the columns depth_mm and normal_n (positive when pressed), its rows in the
+    order in which they were measured. Friction is the side force over the normal force of a drag,
+    once it stays level.
     """
     from ..elasticity.material import GelMaterial
     from ..gel.fit.fit import fit_press
@@ -57,17 +63,15 @@ def fit(
     from ..shapes.indenter import parse
 
     skin = gel_options.block(width_mm, length_mm, thickness_mm)
-    known = friction if isinstance(friction, float) else None
-    validate(GelMaterial, {"poisson": poisson, "friction": known or 0.0}, "options")
+    validate(GelMaterial, {"poisson": poisson, "friction": friction}, "options")
     shape = parse(indenter)
     data = read_csv(csv)
-    if isinstance(offset_mm, float):
+    if offset_mm is not None:
         data = replace(data, depth_mm=data.depth_mm - offset_mm)
     with progress("gel fit") as report:
         found = fit_press(
-            data, skin, shape, at_mm, poisson, known,
-            fit_friction=True if friction == "fit" else None, fit_offset=offset_mm == "fit",
-            spacing_mm=spacing_mm, progress=report,
+            data, skin, shape, at_mm, poisson, friction,
+            fit_offset=offset_mm is None, spacing_mm=spacing_mm, progress=report,
         )  # fmt: skip
     result = found.as_dict()
     if plot_path is not None:
@@ -80,10 +84,7 @@ def fit(
 def _lines(result: dict[str, Any]) -> Iterator[str]:
     """For a reader, with the lines to copy into a protocol."""
     yield f"modulus   {_interval(result['modulus_mpa'])} MPa"
-    if result["friction"]:
-        yield f"friction  {_interval(result['friction'])}"
-    else:
-        yield f"friction  {result['friction_used']:g}, taken as known"
+    yield f"friction  {result['friction_used']:g}, taken as known"
     if result["offset_mm"]:
         yield f"touch at  depth_mm = {_interval(result['offset_mm'])}"
     yield (
@@ -93,8 +94,6 @@ def _lines(result: dict[str, Any]) -> Iterator[str]:
     )
     yield f"mesh      about {100 * result['mesh_error_rel']:.2g} % of the modulus, in its interval"
     yield f"\n[specimen]\nmodulus_mpa = {result['modulus_mpa']['value']:.4g}"
-    if result["friction"]:
-        yield f"friction = {result['friction']['value']:.3g}"
 
 
 def _interval(value: dict[str, float]) -> str:

@@ -1,15 +1,14 @@
-"""What `gel press` and `gel fit` take alike: a place, a block of gel, a file for the figure."""
+"""What `gel press` and `gel fit` take alike: a place and a block of gel."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from ..catalog import validate
-from .options import PATH, Point
+from .options import Point
 
 if TYPE_CHECKING:
     from ..shapes import SkinDimensions
@@ -17,22 +16,9 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def _place(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
-    """Checked here, for what is solved before the figure is drawn may take an hour."""
-    if value is not None:
-        from ..gel.figures import require_place
-
-        require_place(value)
-    return value
-
-
 AT = click.option(
     "--at", "at_mm", type=Point(), default="0,0", metavar="X,Y",
     help="Where it presses, mm from the centre of the face.",
-)  # fmt: skip
-PLOT = click.option(
-    "--plot", "plot_path", type=PATH, callback=_place, metavar="FILE",
-    help="Figure to write: .png, .svg or .pdf.",
 )  # fmt: skip
 
 
