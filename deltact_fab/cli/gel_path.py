@@ -78,11 +78,10 @@ def _told(tick: Callable[[int, int, str], None]) -> Told:
 
 def _lines(rows: list[PressRow], level: str, seconds: float) -> list[str]:
     told = table(
-        ("press", "knots", "done", "from", "s", "s/knot", "between_mm", "between_n",
+        ("press", "knots", "done", "from", "s", "s/knot",
          "contact_mm2", "stick_mm2"),
         [
             (r.press, r.knots, r.done, _from(r), r.seconds, r.seconds / max(r.done, 1),
-             r.between_mm, r.between_n,
              f"{r.zones.contact_area_mm2:.3g} ± {r.zones.contact_area_error_mm2:.1g}",
              f"{r.zones.stick_area_mm2:.3g} ± {r.zones.stick_area_error_mm2:.1g}")
             for r in rows
@@ -92,8 +91,7 @@ def _lines(rows: list[PressRow], level: str, seconds: float) -> list[str]:
     return [
         *told,
         f"{len(rows)} presses (simulated, {level}), {solved} knots solved in {seconds:.1f} s; "
-        "between_*: largest error of interpolating between knots, where it was tested; contact and "
-        "stick zone at the end",
+        "contact and stick zone at the end",
     ]
 
 

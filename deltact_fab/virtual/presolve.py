@@ -25,10 +25,8 @@ from .presses import PlannedPress, Presses, path_of, stored_files
 class PressRow:
     """The outcome of one press. seconds: of the knots' solves; found: it was in the store.
 
-    like: the press whose solution serves this one too. between_mm, between_n: largest error of
-    linear interpolation at the intervals tried, forces for the specimen's modulus. zones: of the
-    contact at its end. flags: of the solver, with the number of knots. failure: why it did not get
-    through, else empty.
+    like: the press whose solution serves this one too. zones: of the contact at its end. flags: of
+    the solver, with the number of knots. failure: why it did not get through, else empty.
     """
 
     press: str
@@ -37,8 +35,6 @@ class PressRow:
     found: bool = False
     like: str = ""
     seconds: float = 0.0
-    between_mm: float = 0.0
-    between_n: float = 0.0
     zones: Zones = field(default_factory=Zones)
     flags: dict[str, int] = field(default_factory=dict)
     failure: str = ""
@@ -71,7 +67,7 @@ def solve_ahead(
         except DeltactFabError as why:  # no mesh serves this one
             row = PressRow(path.press, 0, failure=" ".join(str(why).split()))
         else:
-            row = _row(press, presses.modulus_mpa)
+            row = _row(press)
             mirrors[row.press] = press.solver.mirror
             name = press.solver.stored_as or press.name
             if press.solver.found is None and name in todo:
@@ -138,20 +134,18 @@ def _one(job: _Press) -> PressRow:
         failure = " ".join(str(why).split())
     except (ArithmeticError, ValueError, MemoryError) as why:
         failure = f"{type(why).__name__}: {' '.join(str(why).split())}"
-    row = _row(press, presses.modulus_mpa)
+    row = _row(press)
     row.failure, row.found, row.seconds = failure, False, time.perf_counter() - started
     return row
 
 
-def _row(press: PlannedPress, modulus_mpa: float) -> PressRow:
+def _row(press: PlannedPress) -> PressRow:
     return PressRow(
         press.name,
         len(press.solver.poses),
         done=len(press.solver.knots),
         found=press.solver.found is not None,
         seconds=press.solver.found.seconds if press.solver.found else 0.0,
-        between_mm=press.solver.between.displacement_mm,
-        between_n=modulus_mpa * press.solver.between.force_n,
         zones=press.solver.knots[-1].zones if press.solver.knots else Zones(),
         flags=press.solver.flags,
         failure=press.solver.ended,
