@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 
 import pytest
 import serial
@@ -12,7 +11,6 @@ from hypothesis import strategies as st
 
 from deltact_fab.errors import InputError, StageError
 from deltact_fab.optics import StageFrame
-from deltact_fab.protocols.motion import move_duration_s
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.rig.stage.settings import Needs
 from deltact_fab.units import to_ns
@@ -33,16 +31,12 @@ class Bench:
         *,
         start_s: float = 0.0,
         resets_on_open: bool = True,
-        boot_s: float = 1.0,
         banner: str = "Grbl 1.1h ['$' for help]",
-        blank_eeprom: bool = False,
     ) -> None:
         self.clock = VirtualClock(start_s)
         self.start_s = start_s
         self.trace: list[wire.Exchange] = []
-        self.grbl = GrblController(
-            settings, self.clock, boot_s=boot_s, banner=banner, blank_eeprom=blank_eeprom
-        )
+        self.grbl = GrblController(settings, self.clock, banner=banner)
         self.link = wire.SerialLink(
             self.grbl, self.clock, resets_on_open=resets_on_open, trace=self.trace
         )
@@ -89,15 +83,6 @@ def test_planned_time_is_the_controller_s(delta: float) -> None:
     last = bench.grbl.segments[-1]
     first = next(s for s in bench.grbl.segments if s.block == last.block)
     assert planned == pytest.approx((last.end_ns - first.start_ns) / 1e9, abs=1e-3)
-
-
-def test_duration_formula() -> None:
-    limits = ((1500.0, 1500.0, 1200.0), (50.0, 50.0, 10.0))
-    assert move_duration_s((0, 0, 0), 600, *limits) == 0
-    assert move_duration_s((100, 0, 0), 600, *limits) == pytest.approx(10.2)
-    assert move_duration_s((0.5, 0, 0), 600, *limits) == pytest.approx(2 * math.sqrt(0.01))
-    assert move_duration_s((0, 0, 0.4), 1200, *limits) == pytest.approx(0.4)
-    assert move_duration_s((0, 30, 40), 6000, *limits) == pytest.approx(50 / 25 + 25 / 12.5)
 
 
 def test_stop_in_mid_move_keeps_the_position_and_the_stage_usable() -> None:
@@ -189,33 +174,6 @@ def test_bad_moves_are_refused_before_a_byte_is_sent(
     assert (len(bench.trace), bench.clock.now_s()) == before
 
 
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({10: 2}, r"\$10=2 \(status reports give the work position\); set \$10=1 or \$10=3"),
-        ({13: 1}, r"\$13=1 \(status reports are in inches\); set \$13=0"),
-        ({20: 0}, r"\$20=0 \(soft limits are off\); set \$20=1"),
-        ({22: 0, 20: 1}, r"\$22=0 \(homing is off\); set \$22=1"),
-        ({132: 45}, r"Z has 45 mm of travel \(\$132\); 60 needed"),
-        ({121: 0}, r"\$121=0 mm/s2; not > 0"),
-    ],
-)
-def test_a_controller_set_up_wrongly_is_refused(settings: dict[int, float], said: str) -> None:
-    bench = Bench(settings)
-    with pytest.raises(StageError, match=said):
-        bench.stage.connect()
-    assert bench.sent() == [b"$I\n", b"$$\n"]  # nothing was changed, nothing moved
-
-
-def test_feed_requirement() -> None:
-    bench = Bench()
-    stage = GrblStage(
-        bench.link, bench.clock, FRAME, needs=Needs(max_feed_mm_min=(1500.0, 1500.0, 1500.0))
-    )
-    with pytest.raises(StageError, match=r"Z has 1200 mm/min \(\$112\); 1500 needed"):
-        stage.connect()
-
-
 def test_no_motion_before_homing() -> None:
     bench = Bench()
     with pytest.raises(StageError, match="not connected"):
@@ -234,18 +192,6 @@ def test_one_move_at_a_time() -> None:
         bench.stage.start_move((0.0, 0.0, 6.0), 600.0)
     bench.stage.start_move((0.0, 0.0, 6.0), 600.0)
     assert bench.stage.wait().machine_mm == (-60.0, -50.0, -34.0)
-
-
-@pytest.mark.parametrize("boot_s", [0.3, 1.0, 2.4])
-def test_slow_and_talkative_boots(boot_s: float) -> None:
-    bench = Bench(boot_s=boot_s, blank_eeprom=True)
-    bench.stage.connect()
-    assert bench.stage.identity()["banner"].startswith("Grbl 1.1h")
-
-
-def test_grblhal_is_known_by_its_banner() -> None:
-    bench = Bench(banner="GrblHAL 1.1f ['$' or '$HELP' for help]").homed()
-    assert bench.stage.identity()["banner"] == "GrblHAL 1.1f ['$' or '$HELP' for help]"
 
 
 def test_an_old_firmware_is_refused() -> None:
@@ -370,7 +316,7 @@ def test_the_same_script_gives_the_same_bytes_at_the_same_times() -> None:
     assert a.clock.now_ns() == b.clock.now_ns()
 
 
-@pytest.mark.parametrize("start_s", [12.1, 45.1, 12345.678901234, 2_000_000.3])
+@pytest.mark.parametrize("start_s", [12.1, 12345.678901234])
 def test_the_time_of_day_changes_nothing(start_s: float) -> None:
     a, b = Bench(), Bench(start_s=start_s)
     assert script(a) == script(b)
@@ -434,17 +380,3 @@ def test_a_read_ends_when_the_controller_speaks() -> None:
     assert port.read(len(unlock)) == unlock
     with pytest.raises(serial.SerialException, match="nothing will ever come"):
         port.read(1)
-
-
-def test_three_virtual_minutes_cost_a_few_seconds() -> None:
-    bench = Bench().homed()
-    bench.trace.clear()
-    begin_s, begin_cpu_s = bench.clock.now_s(), time.process_time()
-    moves = 0
-    while bench.clock.now_s() < begin_s + 180:
-        bench.stage.start_move((5.0 * (moves % 2), 0.0, 5.0), 300.0)
-        bench.stage.wait()
-        bench.stage.position_mm()
-        moves += 1
-    assert moves > 100
-    assert time.process_time() - begin_cpu_s < 5.0

@@ -202,7 +202,7 @@ def test_a_port_that_is_closed_in_mid_move() -> None:
     assert bench.came_to_rest() < COAST_MM
 
 
-@pytest.mark.parametrize("wait_s", [0.0, 0.3, 2.0])
+@pytest.mark.parametrize("wait_s", [0.0, 2.0])
 @pytest.mark.parametrize("when", ["moving", "resting"])
 def test_a_hard_limit_keeps_its_reason_and_one_homing_is_enough(wait_s: float, when: str) -> None:
     bench = Bench()
@@ -218,7 +218,7 @@ def test_a_hard_limit_keeps_its_reason_and_one_homing_is_enough(wait_s: float, w
     bench.homes_at_once()
 
 
-@pytest.mark.parametrize("wait_s", [0.0, 0.4, 0.6, 5.0])
+@pytest.mark.parametrize("wait_s", [0.0, 0.6])
 def test_after_a_reset_in_motion_one_homing_is_enough(wait_s: float) -> None:
     bench = Bench().moving()
     bench.stage.abort()
