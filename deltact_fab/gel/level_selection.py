@@ -168,7 +168,6 @@ def linear_grid_mm(skin: SkinDimensions, indenter: Indenter, depth_mm: float) ->
 def cell_mm(
     skin: SkinDimensions, indenter: Indenter, reach: Reach, tolerance: float
 ) -> tuple[float, str]:
-    """Size of cells at the contact and what it follows from."""
     share = math.sqrt(tolerance / TOLERANCE)  # bricks are of second order
     depth = max(reach.deepest_mm, 0.0)
     radius = contact_radius_mm(indenter, depth) if depth > 0 else indenter.tips[0].radius_mm

@@ -114,7 +114,6 @@ class Presses:
         raise InputError(f"no press of {indenter} is planned at ({at_mm[0]:g}, {at_mm[1]:g}) mm")
 
     def of(self, path: PressPath) -> PlannedPress:
-        """A planned press."""
         waiting = self._waiting.pop(path.press, None)
         return self._opened(waiting or self._press(path))
 

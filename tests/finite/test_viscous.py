@@ -7,7 +7,6 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltact_fab import catalog
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
 from deltact_fab.gel.finite.assembly import BulkAssembly
@@ -72,14 +71,6 @@ def test_a_step_held_relaxes_along_the_series(f, step):
         assert point.go(f, step) == pytest.approx(s * faded(k * step), abs=1e-10)
 
 
-def test_uneven_steps_give_the_same_curve():
-    point, t = Point(), 0.0
-    point.go(BOTH, 0.0)
-    for step in (1e-9, 3.0, 1e-4, 0.5, 0.0, 11.0):
-        t += step
-        assert point.go(BOTH, step) == pytest.approx(exact_local(BOTH) * faded(t), abs=1e-10)
-
-
 def convolved(way, t: float) -> np.ndarray:
     """S(t) + sum g x integral of exp(-(t-s)/tau) dS/ds, by parts, with quadrature."""
     total = exact_local(way(t))
@@ -115,15 +106,6 @@ def test_a_ramp_converges_to_the_convolution_with_second_order():
     assert errors[0] < 0.02 * np.abs(right).max()
     assert orders[-1] == pytest.approx(2.0, abs=0.05)
     assert errors[-1] < 2e-4 * np.abs(right).max()
-
-
-def test_an_even_change_of_stress_is_exact_in_one_step():
-    """Shear stress S_xy = mu gamma grows evenly: g mu gamma tau (1 - exp(-t/tau)) / t."""
-    for t in (1e-6, 0.1, 1.0, 1e3):
-        got = Point().go(SHEAR, t)[4]
-        right = LAW.mu_mpa * 0.8
-        right *= 1 + sum(g * tau / t * -np.expm1(-t / tau) for g, tau in SERIES)
-        assert got == pytest.approx(right, rel=1e-13)
 
 
 def test_steps_over_24_decades_are_finite_and_monotone():
@@ -237,19 +219,7 @@ def test_a_useless_series_is_refused(bad):
         GelMaterial(prony=bad)
 
 
-def test_a_series_from_a_file():
-    read = catalog.validate(GelMaterial, {"prony": [[0.4, 0.3], [1, 5]]}, "gel.toml")
-    assert read.prony == ((0.4, 0.3), (1.0, 5.0))
-    with pytest.raises(InputError, match=r"gel\.toml.*prony: tau_s > 0"):
-        catalog.validate(GelMaterial, {"prony": [[0.4, 0.0]]}, "gel.toml")
-
-
 @pytest.mark.parametrize("bad", [-1.0, np.nan, -np.inf])
 def test_time_does_not_run_backwards(bad):
     with pytest.raises(InputError, match="seconds >= 0"):
         viscosity().weights(bad)
-
-
-@pytest.mark.parametrize("series", [(), ((0.0, 1.0),)])
-def test_no_series_is_no_viscosity(series):
-    assert Viscosity.of(GelMaterial(prony=series), LAW) is None

@@ -216,19 +216,6 @@ def test_a_limit_too_short_for_the_first_mesh_begins_with_a_coarser_one(
     assert found[1].estimate["force_rel"] > TOLERANCE
 
 
-def test_steps_that_no_time_was_left_to_judge_are_in_the_estimate(clock_s: list[float]) -> None:
-    def force(h: float, step: float) -> float:
-        clock_s[0] += 1.0
-        return 10.0
-
-    rubbed, smooth = [], []
-    for friction, found in ((0.5, rubbed), (0.0, smooth)):
-        clock_s[0] = 0.0
-        with time_limit.within(1.5):
-            found.append(ladder(force).refine(chosen(friction), free=True).estimate["force_rel"])
-    assert rubbed[0] > smooth[0] + TOLERANCE
-
-
 def test_a_longer_step_answers_where_the_shorter_one_takes_too_long(clock_s: list[float]) -> None:
     steps = []
 
@@ -324,22 +311,3 @@ def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> Non
     # The indenter stands inside the gel: a hard contact would be pressed deeper.
     force = -middle.force_n[2] / contact.press.mesh.copies
     assert 0 < contact.lacking_rel(middle) == pytest.approx(slope / force, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("depth_mm", "shear_mm", "model"),
-    [(0.6, 0.0, "linear"), pytest.param(1.2, 0.5, "hyperelastic", marks=pytest.mark.slow)],
-)
-def test_every_mesh_tells_its_increments_to_the_last(
-    depth_mm: float, shear_mm: float, model: Any
-) -> None:
-    told: list[tuple[int, int, str]] = []
-    press(
-        SkinDimensions(), GelMaterial(), parse("sphere:15"), (0.0, 0.0), depth_mm, (shear_mm, 0.0),
-        model, 0.5, 2.4 if model == "hyperelastic" else 0.5, lambda *of: told.append(of),
-    )  # fmt: skip
-    starts = [i for i, (done, *_) in enumerate(told) if done == 0]
-    assert len(starts) >= 2
-    for a, b in zip(starts, [*starts[1:], len(told)], strict=True):
-        assert [done for done, *_ in told[a:b]] == list(range(told[a][1] + 1))
-        assert model in told[a][2]

@@ -58,7 +58,6 @@ class GelFit:
     used: Mask
 
     def as_dict(self) -> dict[str, Any]:
-        """The keys of `gel fit --json`."""
         return {
             "modulus_mpa": asdict(self.modulus_mpa),
             "friction_used": self.friction_used,

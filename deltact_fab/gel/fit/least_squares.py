@@ -22,8 +22,6 @@ EXACT = 1e-10  # of the rms force: residuals below are rounding
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its 95 % interval."""
-
     value: float
     low: float
     high: float
@@ -50,7 +48,6 @@ class FitSolution:
     used: Mask
 
     def estimate(self, k: int) -> Estimate:
-        """Student's interval of one of the values."""
         from scipy.stats import t
 
         half = float(t.ppf((1 + LEVEL) / 2, self.dof)) * math.sqrt(self.covariance[k, k])
@@ -113,8 +110,9 @@ def solve(data: MeasuredIndentation, unit: ForceCurve, touch_bounds: Bounds | No
     residual = (forces(x) - data.normal_n)[used]
     follow = _follow(residual) if float(np.sqrt(np.mean(residual**2))) > EXACT * scale else 0.0
     variance = float(residual @ residual) / dof * (1 + follow) / (1 - follow)
-    to_mpa = np.array([modulus, 1.0])[: len(x)]
-    covariance = variance * np.linalg.pinv(jacobian.T @ jacobian) * np.outer(to_mpa, to_mpa)
+    to_mpa: Field = np.array([modulus, 1.0])[: len(x)]
+    covariance: Field = np.linalg.pinv(jacobian.T @ jacobian)
+    covariance = variance * covariance * np.outer(to_mpa, to_mpa)
     touch = float(x[1]) if touch_bounds is not None else 0.0
     return FitSolution(x * to_mpa, covariance, dof, follow, touch, forces(x), used)
 

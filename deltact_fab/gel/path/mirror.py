@@ -48,11 +48,9 @@ class Mirror:
         return u
 
     def zones(self, zones: Zones) -> Zones:
-        """Their image."""
         return replace(zones, centroid_mm=self.point((*zones.centroid_mm, 0.0))[:2])
 
     def solved(self, knot: SolvedKnot) -> SolvedKnot:
-        """The image of a solved knot."""
         u, t, zone_map = knot.displacement_mm, knot.traction_mpa, knot.zone_map
         return replace(
             knot,

@@ -66,21 +66,18 @@ class PathSolver:
 
     @property
     def contact(self) -> GelContact:
-        """What solves."""
         if self._contact is None:
             self._contact = self._open()
         return self._contact
 
     @property
     def axes_mm(self) -> tuple[Field, Field]:
-        """The lattice's nodes along x and y."""
         if self.found is not None:
             return self.found.x_mm, self.found.y_mm
         return self.contact.x_mm, self.contact.y_mm
 
     @property
     def dofs(self) -> int:
-        """Unknowns of the deformable body."""
         return self.found.dofs if self.found is not None else self.contact.dofs
 
     @property
@@ -90,7 +87,6 @@ class PathSolver:
 
     @property
     def knots(self) -> tuple[SolvedKnot, ...]:
-        """The planned knots found or solved so far."""
         return tuple(self._knots)
 
     @property
@@ -123,7 +119,6 @@ class PathSolver:
         return self._others, solved
 
     def solve_all(self, told: Told | None = None) -> tuple[SolvedKnot, ...]:
-        """Every planned knot. Raises as `next` does."""
         for k in range(len(self._knots), len(self.poses)):
             start_s = time.perf_counter()
             self.next(k, self.poses[k].tip_mm, 0.0)
