@@ -130,10 +130,9 @@ def test_a_centred_press_is_mirror_symmetric_and_carried_by_the_base():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_a_full_unload_leaves_nothing(friction):
-    press = pressing(mesh=FOCUS, friction=friction)
-    deep = last(press, press.rest(), (0.0, 0.0, 5.0))
+def test_a_full_unload_leaves_nothing():
+    press = pressing(mesh=FOCUS, friction=0.5)
+    deep = last(press, press.rest(), (0.0, 0.0, 4.0))
     for back in (0.0, -1.0):
         free = press.solve(deep, (0.0, 0.0, back))
         assert np.abs(free.displacement_mm).max() < 1e-8
@@ -176,12 +175,10 @@ def test_what_does_not_converge_is_an_error_and_no_number():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["pardiso", "superlu"])
-def test_every_solver_gives_the_same_press(name):
-    if name == "pardiso":
-        pytest.importorskip("pypardiso")
-    press = pressing(mesh=ROUGH, solver=name, friction=0.5)
-    s = last(press, press.rest(), (0.0, 0.0, 3.0))
-    reference = pressing(mesh=ROUGH, solver="superlu", friction=0.5)
-    t = last(reference, reference.rest(), (0.0, 0.0, 3.0))
-    assert s.force_n == pytest.approx(t.force_n, rel=1e-5, abs=1e-5)
+def test_every_solver_gives_the_same_press():
+    pytest.importorskip("pypardiso")
+    forces = []
+    for name in ("pardiso", "superlu"):
+        press = pressing(mesh=ROUGH, solver=name, friction=0.5)
+        forces.append(last(press, press.rest(), (0.0, 0.0, 3.0)).force_n)
+    assert forces[0] == pytest.approx(forces[1], rel=1e-5, abs=1e-5)
