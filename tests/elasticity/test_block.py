@@ -94,15 +94,6 @@ def test_sides_only_soften() -> None:
         assert values[-1] > 0
 
 
-def test_mirror_images(block: FreeBlock) -> None:
-    t = np.random.default_rng(1).standard_normal((*block.shape, 3))
-    u = block.apply(t)
-    in_x = block.apply(t[:, ::-1] * [-1, 1, 1])
-    in_y = block.apply(t[::-1] * [1, -1, 1])
-    assert in_x == pytest.approx(u[:, ::-1] * [-1, 1, 1], abs=1e-11)
-    assert in_y == pytest.approx(u[::-1] * [1, -1, 1], abs=1e-11)
-
-
 # -- against plain finite elements -----------------------------------------------------------------
 
 

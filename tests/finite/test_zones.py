@@ -15,7 +15,7 @@ from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import GelContact, Reach, State, follow
 from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.open import contact_of
-from deltact_fab.gel.zones import Zones, inside
+from deltact_fab.gel.zones import inside
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -97,8 +97,3 @@ def test_stick_zone_of_a_drag() -> None:
     assert (found == 2).sum() / (found > 0).sum() == pytest.approx(share, abs=0.02)
     # With the ball, and a little ahead of it.
     assert zones.centroid_mm == (pytest.approx(0.3, abs=0.1), pytest.approx(0, abs=1e-9))
-
-
-def test_an_error_is_no_smaller_than_the_change_from_a_coarser_mesh() -> None:
-    fine = Zones(40.0, 2.0, 30.0, 3.0).beside(Zones(41.0, 3.0, 25.0, 4.0))
-    assert fine == Zones(40.0, 2.0, 30.0, 5.0)

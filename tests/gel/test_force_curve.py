@@ -9,8 +9,7 @@ from deltact_fab.elasticity.closed_forms import hertz_force_n
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
 from deltact_fab.gel import open as opening
-from deltact_fab.gel.finite import FinitePress, block_mesh
-from deltact_fab.gel.fit.force_curve import ForceCurve, cells_mm, force_curve
+from deltact_fab.gel.fit.force_curve import ForceCurve, force_curve
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -40,18 +39,6 @@ def test_a_deeper_curve_has_the_same_numbers_on_the_way() -> None:
     assert short.force_n.tobytes() == deep.force_n[:n].tobytes()
 
 
-@pytest.mark.slow
-def test_solved_depths_are_met_and_between_them_little_is_lost() -> None:
-    c = curve()
-    np.testing.assert_allclose(c.normal_n(c.depth_mm), -c.force_n[:, 2], rtol=1e-9)
-    press = FinitePress(
-        block_mesh(SKIN, COARSE, (-7.5, 7.5, -7.5, 7.5)), GelMaterial(0.56, 0.49, 0.0), SPHERE
-    )
-    state = list(press.path(press.rest(), (0.0, 0.0, 3.25), 0.5))[-1]
-    there = c.normal_n(np.array([3.25]))[0]
-    assert there == pytest.approx(-state.force_n[2], rel=0.0042)
-
-
 def test_smooth_and_rising_from_zero() -> None:
     c = curve()
     d = np.linspace(-0.5, 4.0, 901)
@@ -74,13 +61,3 @@ def test_refusals() -> None:
         curve(deepest=11.6)
     with pytest.raises(InputError, match="above 0"):
         curve(deepest=0.0)
-
-
-def test_cells_follow_the_contact_and_the_gel() -> None:
-    def cells(name: str, depth_mm: float, skin: SkinDimensions = SKIN) -> float:
-        return cells_mm(skin, parse(name), 0.49, (0.0, 0.0), depth_mm)
-
-    assert cells("sphere:15", 5.0) > cells("sphere:4", 5.0)
-    assert cells("sphere:15", 5.0) > cells("sphere:15", 1.0)
-    thin = SkinDimensions(thickness_mm=2.0, protrusion_mm=1.0, edge_fillet_mm=0.5)
-    assert cells("sphere:15", 1.0, thin) <= 0.25

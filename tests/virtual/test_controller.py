@@ -154,16 +154,6 @@ def test_jog_cancel_stops_at_the_deceleration_and_keeps_the_position() -> None:
     assert bench.grbl.position_mm()[0] == pytest.approx(-20, abs=1e-12)
 
 
-def test_jog_cancel_drops_the_queue_and_is_harmless_at_rest() -> None:
-    bench = Bench().homed()
-    bench.say("$J=X-3F600\n$J=X-9F600\n", 0.1)
-    bench.say(b"\x85", 5)
-    assert bench.grbl.position_mm()[0] > -3
-    (status,) = bench.say(b"\x85?")
-    assert status.startswith("<Idle|")
-    assert "|Bf:15,128|" in status
-
-
 def test_reset_while_moving_loses_the_position() -> None:
     bench = Bench().homed()
     bench.say("$J=X-50F600\n", 1)
@@ -239,9 +229,3 @@ def test_faults_come_at_their_time() -> None:
     assert bench.say("?", 2) == [*BANNER, LOCK]
     assert bench.mpos() == (0.0, 0.0, 0.0)
     assert bench.grbl.position_mm()[0] < -9
-
-
-def test_the_future_is_not_told() -> None:
-    bench = Bench()
-    with pytest.raises(ValueError, match="has not come yet"):
-        bench.grbl.position_mm(1.5)

