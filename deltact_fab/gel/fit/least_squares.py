@@ -40,6 +40,77 @@ class FitSolution:
     """
 
     values: Field
+    covariance: Field
+    dof: int
+    follow: float
+    touch_mm: float
+    model_n: Field
+    used: Mask
+
+    def estimate(self, k: int) -> Estimate:
+        from scipy.stats import t
+
+        half = float(t.ppf((1 + LEVEL) / 2, self.dof)) * math.sqrt(self.covariance[k, k])
+        value = float(self.values[k])
+        return Estimate(value, value - half, value + half)
+
+
+def solve(data: MeasuredIndentation, unit: ForceCurve, touch_bounds: Bounds | None) -> FitSolution:
+    """Fit the modulus, and the depth of first touch where it has bounds.
+
+    unit: the curve for 1 MPa. Raises RunFailed where the forces give no modulus above 0.
+    """
+    from scipy.optimize import least_squares
+
+    def scaled(touch: float) -> tuple[float, float]:
+        """The best modulus at a depth of first touch, and what it leaves (N^2)."""
+        one = unit.normal_n(data.depth_mm - touch)
+        best = float(one @ data.normal_n) / max(float(one @ one), 1e-300)
+        return best, float(np.sum((data.normal_n - best * one) ** 2))
+
+    touch = 0.0
+    start, low, high = [1.0], [0.0], [np.inf]
+    if touch_bounds is not None:
+        tried = np.linspace(*touch_bounds, SCAN)
+        touch = float(tried[int(np.argmin([scaled(float(t))[1] for t in tried]))])
+        start.append(min(max(touch, touch_bounds[0] + 1e-6), touch_bounds[1] - 1e-6))
+        low.append(touch_bounds[0])
+        high.append(touch_bounds[1])
+    modulus = scaled(touch)[0]
+    if not modulus > 0:
+        raise RunFailed("gel fit: the forces give no modulus above 0; is normal_n in N, pressed?")
+
+    def forces(x: Field) -> Field:
+        at = float(x[1]) if touch_bounds is not None else 0.0
+        return modulus * float(x[0]) * unit.normal_n(data.depth_mm - at)
+
+    def run(used: Mask, begin: Field, loss: str, spread: float) -> Field:
+        result = least_squares(
+            lambda x: (forces(x) - data.normal_n)[used], begin, bounds=(low, high), loss=loss,
+            f_scale=spread, x_scale=np.maximum(np.abs(begin), 0.1),
+            ftol=1e-14, xtol=1e-12, gtol=1e-14,
+        )  # fmt: skip
+        return np.asarray(result.x)
+
+    used = np.ones(len(data.normal_n), dtype=bool)
+    scale = float(np.sqrt(np.mean(data.normal_n**2)))
+    x = run(used, np.array(start), "linear", 1.0)
+    spread = _robust(forces(x) - data.normal_n)
+    if spread > EXACT * scale:
+        # Robust first, to see what does not belong; then plain on the rest, for the intervals.
+        calm = run(used, x, "soft_l1", spread)
+        residual = forces(calm) - data.normal_n
+        used = np.abs(residual) <= OUTLIER * max(_robust(residual), EXACT * scale)
+        if not used.all():
+            x = run(used, calm, "linear", 1.0)
+    dof = int(used.sum()) - len(x)
+    if dof < 2:
+        raise RunFailed(f"gel fit: {int(used.sum())} usable values for {len(x)} unknowns")
+    jacobian = np.column_stack([_slope(forces, x, k, low[k], high[k]) for k in range(len(x))])[used]
+    residual = (forces(x) - data.normal_n)[used]
+    follow = _follow(residual) if float(np.sqrt(np.mean(residual**2))) > EXACT * scale else 0.0
+    variance = float(residual @ residual) / dof * (1 + follow) / (1 - follow)
+    to_mpa: Field = np.array([modulus, 1.0])[: len(x)]
     scatter = np.asarray(np.linalg.pinv(jacobian.T @ jacobian), dtype=np.float64)
     covariance = variance * scatter * np.outer(to_mpa, to_mpa)
     touch = float(x[1]) if touch_bounds is not None else 0.0
