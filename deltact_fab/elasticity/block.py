@@ -26,10 +26,9 @@ from .material import GelMaterial
 class FreeBlock:
     """The face of a block on a grid of ny x nx nodes in the middles of equal cells.
 
-    spacing_mm: (x, y), the largest below
-    the one asked for that divides the face evenly into a number of nodes the transform likes.
-    cell_mm: of the finite elements for its sides, None for a default. x_mm (nx,), y_mm (ny,): node
-    coordinates in the sensor frame.
+    spacing_mm: (x, y), the largest below the one asked for that divides the face evenly into a
+    number of nodes the transform likes. cell_mm: of the finite elements for its sides, None for a
+    default. x_mm (nx,), y_mm (ny,): node coordinates in the sensor frame.
     Raises InputError for sizes that cannot be used and a Poisson's ratio over .4999.
     """
 
@@ -71,8 +70,6 @@ class FreeBlock:
 
     def apply(self, tractions_mpa: Field) -> Field:
         """Surface displacement (ny, nx, 3) in mm of tractions (ny, nx, 3) in MPa, all (x, y, z)."""
-        if tractions_mpa.shape != (*self.shape, 3):
-            raise ValueError(f"tractions: shape {(*self.shape, 3)} expected: {tractions_mpa.shape}")
         return self.apply_patch(np.moveaxis(tractions_mpa, -1, 0), 0, 0)
 
     def apply_patch(self, tractions_mpa: Field, row: int, column: int) -> Field:

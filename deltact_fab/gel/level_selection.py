@@ -71,10 +71,6 @@ def pick(
     Raises InputError for a depth, a material or a spacing that the level cannot have, and names
     the level that can.
     """
-    if not (math.isfinite(tolerance) and MIN_TOLERANCE <= tolerance <= MAX_TOLERANCE):
-        raise InputError(
-            f"gel: tolerance must be {MIN_TOLERANCE} to {MAX_TOLERANCE}: {tolerance} fails"
-        )
     if level != "auto" and level not in LEVELS:
         raise InputError(f"gel: level {level!r}: valid: auto, {', '.join(LEVELS)}")
     depth, thickness = reach.deepest_mm, skin.thickness_mm

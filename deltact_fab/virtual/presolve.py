@@ -12,12 +12,12 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field
 
 from ..errors import DeltactFabError
-from ..gel.path.mirror import Mirror
 from ..gel.zones import Zones
 from ..jobs import JobOutcome, run, tell
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
+from .paths import PressPath
 from .presses import PlannedPress, Presses, path_of, stored_files
 
 
@@ -59,8 +59,7 @@ def solve_ahead(
     rows: list[PressRow] = []
     todo: dict[str, PressRow] = {}
     given: list[_Press] = []
-    waiting: list[tuple[PressRow, PressRow]] = []
-    mirrors: dict[str, Mirror] = {}
+    waiting: list[tuple[PressRow, PressRow, PressPath]] = []
     for path in presses.paths:
         try:
             press = presses.of(path)
@@ -68,11 +67,10 @@ def solve_ahead(
             row = PressRow(path.press, 0, failure=" ".join(str(why).split()))
         else:
             row = _row(press)
-            mirrors[row.press] = press.solver.mirror
             name = press.solver.stored_as or press.name
             if press.solver.found is None and name in todo:
                 row.like = todo[name].press
-                waiting.append((row, todo[name]))
+                waiting.append((row, todo[name], path))
             elif press.solver.found is None:
                 todo[name] = row
                 given.append(_Press(protocol, skin, config, path.press, stored_files(press)))
@@ -100,13 +98,11 @@ def solve_ahead(
         told(row)
 
     run(_one, given, heard, executor, told=hear)
-    for row, solved in waiting:
+    for row, solved, path in waiting:
         if solved.failure:
             row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
         else:
-            zones = mirrors[row.press].zones(mirrors[solved.press].zones(solved.zones))
-            served = {"press": row.press, "like": solved.press, "found": True, "seconds": 0.0}
-            vars(row).update(vars(solved), **served, zones=zones)
+            vars(row).update(vars(_row(presses.of(path))), like=solved.press, seconds=0.0)
         told(row)
     return rows
 

@@ -227,5 +227,3 @@ def test_refusals() -> None:
         FreeBlock(SKIN, GEL, cell_mm=0.1)
     with pytest.raises(InputError, match="spacing_mm must be"):
         FreeBlock(SKIN, GEL, spacing_mm=0.0, cell_mm=3.0)
-    with pytest.raises(ValueError, match="tractions: shape"):
-        FreeBlock(SKIN, GEL, 0.5, 3.0).apply(np.zeros((3, 3, 3)))

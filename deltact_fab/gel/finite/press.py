@@ -89,10 +89,8 @@ class FinitePress:
         solver: Name = "auto",
         points: int | None = None,
     ) -> None:
-        friction = material.friction if friction is None else friction
-        if not (math.isfinite(friction) and friction >= 0):
-            raise InputError(f"press: friction >= 0 and finite: {friction} fails")
-        self.mesh, self.indenter, self.friction = mesh, indenter, friction
+        self.mesh, self.indenter = mesh, indenter
+        self.friction = material.friction if friction is None else friction
         self.tolerance = TOLERANCE
         self.law = NeoHooke.of(material)
         self.viscosity = Viscosity.of(material, self.law)

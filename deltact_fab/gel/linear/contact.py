@@ -93,12 +93,9 @@ class LinearContact:
         tolerance: float = 1e-6,
     ) -> None:
         """tolerance: allowed `ContactState.residual`."""
-        friction = face.material.friction if friction is None else friction
-        if not (math.isfinite(friction) and friction >= 0):
-            raise InputError(f"contact: friction >= 0 and finite: {friction} fails")
         self.face = face
         self.indenter = indenter
-        self.friction = friction
+        self.friction = face.material.friction if friction is None else friction
         self.tolerance = tolerance
         self._applications = 0
 
@@ -120,11 +117,6 @@ class LinearContact:
         indenter, folds the face, or does not converge.
         """
         tip = _point(tip_mm)
-        if previous.pressure_mpa.shape != self.face.shape:
-            raise InputError(
-                f"contact: the previous state has {previous.pressure_mpa.shape} nodes, "
-                f"the face {self.face.shape}"
-            )
         if tip[2] <= 0:
             return self.rest(tip)
         refuse_out_of_range(self.face, self.indenter, tip)
