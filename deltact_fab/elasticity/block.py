@@ -139,29 +139,25 @@ def turned(component: int, parts: Field) -> Field:
 
 
 class BlockWindow:
-    """The block's operator on one patch; fields are (my, mx), in-plane vectors (2, my, mx)."""
+    """The block's operator on one patch, with the methods of `layer.WindowOperator`."""
 
     def __init__(self, near: WindowOperator, sides: _Sides) -> None:
         self._near, self._sides = near, sides
         self.shape = near.shape
 
     def normal_of_pressure(self, pressure: Field) -> Field:
-        """Depth (mm, into the gel) that a pressure (MPa) gives: symmetric, positive definite."""
         part = self._sides.down(2, pressure)
         return self._near.normal_of_pressure(pressure) + self._sides.up(2, [part], [2])
 
     def shear_of_pressure(self, pressure: Field) -> Field:
-        """In-plane displacement (2, my, mx) that a pressure gives."""
         part = -self._sides.down(2, pressure)
         return self._near.shear_of_pressure(pressure) + self._in_plane([part], [2])
 
     def shear_of_shear(self, traction: Field) -> Field:
-        """In-plane displacement of in-plane traction: symmetric, positive definite."""
         parts = [self._sides.down(i, traction[i]) for i in (0, 1)]
         return self._near.shear_of_shear(traction) + self._in_plane(parts, [0, 1])
 
     def normal_of_shear(self, traction: Field) -> Field:
-        """Depth (mm, into the gel) that an in-plane traction gives."""
         parts = [self._sides.down(i, traction[i]) for i in (0, 1)]
         return self._near.normal_of_shear(traction) - self._sides.up(2, parts, [0, 1])
 
