@@ -80,6 +80,7 @@ def test_homing_end_can_be_the_far_one() -> None:
         ("$J1", 3),
         ("$J=X-2F-5", 4),
         ("$J=X-1000F100", 15),
+        ("$J=Z-61F100", 15),
         ("$J=A1F100", 20),
         ("$J=G20X-2F9", 16),
         ("$J=G90G91X-2F9", 21),

@@ -16,7 +16,6 @@ Bounds = tuple[float, float]
 
 LEVEL = 0.95
 OUTLIER = 6.0  # robust standard deviations
-SCAN = 25  # depths of first touch tried before the fit
 EXACT = 1e-10  # of the rms force: residuals below are rounding
 
 
@@ -62,21 +61,13 @@ def solve(data: MeasuredIndentation, unit: ForceCurve, touch_bounds: Bounds | No
     """
     from scipy.optimize import least_squares
 
-    def scaled(touch: float) -> tuple[float, float]:
-        """The best modulus at a depth of first touch, and what it leaves (N^2)."""
-        one = unit.normal_n(data.depth_mm - touch)
-        best = float(one @ data.normal_n) / max(float(one @ one), 1e-300)
-        return best, float(np.sum((data.normal_n - best * one) ** 2))
-
-    touch = 0.0
     start, low, high = [1.0], [0.0], [np.inf]
     if touch_bounds is not None:
-        tried = np.linspace(*touch_bounds, SCAN)
-        touch = float(tried[int(np.argmin([scaled(float(t))[1] for t in tried]))])
-        start.append(min(max(touch, touch_bounds[0] + 1e-6), touch_bounds[1] - 1e-6))
+        start.append(sum(touch_bounds) / 2)
         low.append(touch_bounds[0])
         high.append(touch_bounds[1])
-    modulus = scaled(touch)[0]
+    one = unit.normal_n(data.depth_mm - sum(start[1:]))
+    modulus = float(one @ data.normal_n) / max(float(one @ one), 1e-300)
     if not modulus > 0:
         raise RunFailed("gel fit: the forces give no modulus above 0; is normal_n in N, pressed?")
 
