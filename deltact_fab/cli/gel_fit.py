@@ -54,8 +54,8 @@ def fit(
     """Fit the modulus of a gel to a measured press, with a 95 % interval.
 
     CSV is a table with the columns depth_mm and normal_n (positive when pressed), its rows in the
-    order in which they were measured. Friction is the side force over the normal force of a drag,
-    once it stays level.
+    order in which they were measured. Friction is the side force over the normal force of a light
+    drag, once it stays level.
     """
     from ..elasticity.material import GelMaterial
     from ..gel.fit.fit import fit_press
