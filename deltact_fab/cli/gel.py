@@ -105,13 +105,12 @@ def gel() -> None:
               help="Size of the grid or the cells.")  # fmt: skip
 @click.option("--limit-s", "limit_s", default=120.0, metavar="S", help="CPU seconds it may take; "
               "the finest mesh solved by then gives the answer.")  # fmt: skip
-@PLOT
 @answers
 def press(
     indenter: str, depth_mm: float, shear_x_mm: float, shear_y_mm: float,
     at_mm: tuple[float, float], model: str, thickness_mm: float, width_mm: float, length_mm: float,
     modulus_mpa: float, poisson: float, friction: float, tolerance: float,
-    spacing_mm: float | None, limit_s: float, plot_path: Path | None,
+    spacing_mm: float | None, limit_s: float,
 ) -> Answer:  # fmt: skip
     """Force, contact area and in-plane displacement of one press (simulated).
 
@@ -135,23 +134,16 @@ def press(
     flags = [f"warning: {flag}" for flag in result["flags"]]
     if not result["converged"]:
         return Answer(result, failed=result["reason"], asides=flags)
-    if plot_path is not None:
-        from ..gel.figures import save_press
-
-        title = f"{shape.name} {depth_mm:g} mm deep in {thickness_mm:g} mm, {result['model']}"
-        save_press(pressed, plot_path, title)
     told = table(("simulated", "value"), facts({**result, "flags": None}))
     return Answer(result, told, asides=flags)
 
 
-def _or_fit(ctx: click.Context, param: click.Parameter, value: str | None) -> float | str | None:
-    if value is None or value == "fit":
-        return value
+def _or_fit(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
+    """None: it is fitted."""
     try:
-        return float(value)
+        return None if value == "fit" else float(value)
     except ValueError as why:
-        what = "number of mm" if param.name == "offset_mm" else "number"
-        raise click.BadParameter(f"{value!r}: a {what} or fit is needed") from why
+        raise click.BadParameter(f"{value!r}: a number of mm or fit is needed") from why
 
 
 @gel.command(epilog="Example: deltact-fab gel fit measured.csv --indenter sphere:15 --offset fit")
@@ -160,9 +152,7 @@ def _or_fit(ctx: click.Context, param: click.Parameter, value: str | None) -> fl
               help="What pressed, as in `gel press`: sphere:15.")  # fmt: skip
 @AT
 @of_block
-@click.option("--friction", callback=_or_fit, metavar="MU|fit",
-              show_default="fit where the file has a drag, else 0.5",
-              help="Coefficient of friction, or fit.")  # fmt: skip
+@click.option("--friction", default=0.5, metavar="MU", help="Coefficient of friction.")
 @click.option("--offset", "offset_mm", default="0", callback=_or_fit,
               metavar="MM|fit", help="depth_mm at first touch, or fit.")  # fmt: skip
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
@@ -171,16 +161,16 @@ def _or_fit(ctx: click.Context, param: click.Parameter, value: str | None) -> fl
 @answers
 def fit(
     csv: Path, indenter: str, at_mm: tuple[float, float], thickness_mm: float, width_mm: float,
-    length_mm: float, poisson: float, friction: float | str | None, offset_mm: float | str,
+    length_mm: float, poisson: float, friction: float, offset_mm: float | None,
     spacing_mm: float | None, plot_path: Path | None,
 ) -> Answer:  # fmt: skip
-    """Fit the modulus, and the friction, of a gel to a measured press, with 95 % intervals.
+    """Fit the modulus of a gel to a measured press, with a 95 % interval.
 
     Ends with the lines to copy into a protocol.
 
-    CSV is a table with the columns depth_mm and normal_n (positive when pressed), and for a drag
-    also shear_x_mm, shear_y_mm, fx_n and fy_n (the force on the sensor), its rows in the order in
-    which they were measured.
+    CSV is a table with the columns depth_mm and normal_n (positive when pressed), its rows in the
+    order in which they were measured. Friction is the side force over the normal force of a light
+    drag, once it stays level.
     """
     from ..elasticity.material import GelMaterial
     from ..gel.fit.fit import fit_press
@@ -188,17 +178,15 @@ def fit(
     from ..shapes.indenter import parse
 
     skin = block(width_mm, length_mm, thickness_mm)
-    known = friction if isinstance(friction, float) else None
-    validate(GelMaterial, {"poisson": poisson, "friction": known or 0.0}, "options")
+    validate(GelMaterial, {"poisson": poisson, "friction": friction}, "options")
     shape = parse(indenter)
     data = read_csv(csv)
-    if isinstance(offset_mm, float):
+    if offset_mm is not None:
         data = replace(data, depth_mm=data.depth_mm - offset_mm)
     with progress("gel fit") as report:
         found = fit_press(
-            data, skin, shape, at_mm, poisson, known,
-            fit_friction=True if friction == "fit" else None, fit_offset=offset_mm == "fit",
-            spacing_mm=spacing_mm, progress=report,
+            data, skin, shape, at_mm, poisson, friction,
+            fit_offset=offset_mm is None, spacing_mm=spacing_mm, progress=report,
         )  # fmt: skip
     result = found.as_dict()
     if plot_path is not None:
@@ -207,8 +195,6 @@ def fit(
         save_fit(found, plot_path, f"{data.name}, {shape.name}, {thickness_mm:g} mm gel")
     told = [*table(("key", "value"), facts({**result, "notes": None})), "\n[specimen]"]
     told.append(f"modulus_mpa = {found.modulus_mpa.value:.4g}")
-    if found.friction:
-        told.append(f"friction = {found.friction.value:.3g}")
     return Answer(result, told, asides=result["notes"])
 
 

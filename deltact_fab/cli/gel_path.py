@@ -64,14 +64,13 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
 
 
 def _lines(rows: list[PressRow], level: str, seconds: float) -> list[str]:
-    names = ("press", "knots", "done", "found", "like", "seconds", "between_mm", "between_n")
+    names = ("press", "knots", "done", "found", "like", "seconds")
     zones = ("contact_area_mm2", "contact_area_error_mm2", "stick_area_mm2", "stick_area_error_mm2")
     solved = sum(r.done for r in rows if not r.found)
     return [
         *columns_of((*names, *zones), [{**vars(row), **asdict(row.zones)} for row in rows]),
         f"{len(rows)} presses (simulated, {level}), {solved} knots solved in {seconds:.1f} s; "
-        "found: in the store; like: a mirror image of that press; between_*: largest error of "
-        "interpolating between knots, where it was tested; contact and stick zone at the end",
+        "found: in the store; like: a mirror image of that press; zones at the end of the press",
     ]
 
 

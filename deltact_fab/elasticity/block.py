@@ -26,10 +26,9 @@ from .material import GelMaterial
 class FreeBlock:
     """The face of a block on a grid of ny x nx nodes in the middles of equal cells.
 
-    spacing_mm: (x, y), the largest below
-    the one asked for that divides the face evenly into a number of nodes the transform likes.
-    cell_mm: of the finite elements for its sides, None for a default. x_mm (nx,), y_mm (ny,): node
-    coordinates in the sensor frame.
+    spacing_mm: (x, y), the largest below the one asked for that divides the face evenly into a
+    number of nodes the transform likes. cell_mm: of the finite elements for its sides, None for a
+    default. x_mm (nx,), y_mm (ny,): node coordinates in the sensor frame.
     Raises InputError for sizes that cannot be used and a Poisson's ratio over .4999.
     """
 
@@ -71,8 +70,6 @@ class FreeBlock:
 
     def apply(self, tractions_mpa: Field) -> Field:
         """Surface displacement (ny, nx, 3) in mm of tractions (ny, nx, 3) in MPa, all (x, y, z)."""
-        if tractions_mpa.shape != (*self.shape, 3):
-            raise ValueError(f"tractions: shape {(*self.shape, 3)} expected: {tractions_mpa.shape}")
         return self.apply_patch(np.moveaxis(tractions_mpa, -1, 0), 0, 0)
 
     def apply_patch(self, tractions_mpa: Field, row: int, column: int) -> Field:
@@ -142,29 +139,25 @@ def turned(component: int, parts: Field) -> Field:
 
 
 class BlockWindow:
-    """The block's operator on one patch; fields are (my, mx), in-plane vectors (2, my, mx)."""
+    """The block's operator on one patch, with the methods of `layer.WindowOperator`."""
 
     def __init__(self, near: WindowOperator, sides: _Sides) -> None:
         self._near, self._sides = near, sides
         self.shape = near.shape
 
     def normal_of_pressure(self, pressure: Field) -> Field:
-        """Depth (mm, into the gel) that a pressure (MPa) gives: symmetric, positive definite."""
         part = self._sides.down(2, pressure)
         return self._near.normal_of_pressure(pressure) + self._sides.up(2, [part], [2])
 
     def shear_of_pressure(self, pressure: Field) -> Field:
-        """In-plane displacement (2, my, mx) that a pressure gives."""
         part = -self._sides.down(2, pressure)
         return self._near.shear_of_pressure(pressure) + self._in_plane([part], [2])
 
     def shear_of_shear(self, traction: Field) -> Field:
-        """In-plane displacement of in-plane traction: symmetric, positive definite."""
         parts = [self._sides.down(i, traction[i]) for i in (0, 1)]
         return self._near.shear_of_shear(traction) + self._in_plane(parts, [0, 1])
 
     def normal_of_shear(self, traction: Field) -> Field:
-        """Depth (mm, into the gel) that an in-plane traction gives."""
         parts = [self._sides.down(i, traction[i]) for i in (0, 1)]
         return self._near.normal_of_shear(traction) - self._sides.up(2, parts, [0, 1])
 

@@ -41,7 +41,6 @@ class FaceCells:
 
     @property
     def cell_mm2(self) -> float:
-        """Area of one."""
         return float((self.x_mm[1] - self.x_mm[0]) * (self.y_mm[1] - self.y_mm[0]))
 
     def compliance(self, seen: tuple[slice, slice], loaded: tuple[slice, slice]) -> Field:

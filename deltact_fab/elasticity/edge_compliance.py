@@ -33,7 +33,7 @@ from ..errors import InputError
 from ..shapes import SkinDimensions
 
 # Corners of a brick as (x, y, z) steps: round the lower face, then round the upper one.
-_CORNERS = np.array(
+CORNERS = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
 )
 
@@ -61,7 +61,7 @@ def stiffness(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> sp.csr_
     nx, ny, nz = box.bricks
     z, y, x = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")
     corners = [
-        ((z + dz) * (ny + 1) + y + dy) * (nx + 1) + x + dx for dx, dy, dz in _CORNERS.tolist()
+        ((z + dz) * (ny + 1) + y + dy) * (nx + 1) + x + dx for dx, dy, dz in CORNERS.tolist()
     ]
     nodes = np.stack(corners, axis=-1).reshape(-1, 8)
     number = np.full(free.size, -1)
@@ -75,18 +75,23 @@ def stiffness(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> sp.csr_
     return sp.coo_matrix(entries, shape=(size, size)).tocsr()
 
 
+def brick_gradients() -> Field:
+    """dN_a / dxi_j (8 Gauss points, 8 nodes, 3) of the brick from -1 to 1."""
+    signs = 2.0 * CORNERS - 1
+    factor = 1 + signs[:, None, :] / np.sqrt(3) * signs[None]
+    found = np.empty((8, 8, 3))
+    for j in range(3):
+        others = [k for k in range(3) if k != j]
+        found[:, :, j] = signs[:, j] * factor[..., others].prod(axis=-1) / 8
+    return found
+
+
 def _brick(side_mm: tuple[float, float, float], poisson: float) -> Field:
     """(24, 24) N/mm of one brick, for a modulus of 1 MPa."""
     mu = 1 / (2 * (1 + poisson))
     lame = poisson / ((1 + poisson) * (1 - 2 * poisson))
     side = np.asarray(side_mm)
-    signs = 2.0 * _CORNERS - 1
-    points = signs / np.sqrt(3)
-    factor = 1 + points[:, None, :] * signs[None]  # (points, nodes, 3)
-    gradient = np.empty((8, 8, 3))
-    for j in range(3):
-        others = [k for k in range(3) if k != j]
-        gradient[:, :, j] = signs[:, j] * factor[..., others].prod(axis=-1) / (4 * side[j])
+    gradient = 2 * brick_gradients() / side
     weight = float(side.prod()) / 8
     laplace = np.einsum("qai,qbi->ab", gradient, gradient)
     crossed = np.einsum("qaj,qbi->aibj", gradient, gradient)
@@ -121,9 +126,7 @@ class FreeSides:
     quarters: Field
 
 
-def free_sides(
-    skin: SkinDimensions, poisson: float, cell_mm: float | None = None, use_cache: bool = True
-) -> FreeSides:
+def free_sides(skin: SkinDimensions, poisson: float, cell_mm: float | None = None) -> FreeSides:
     """The sides of a skin's block, from the cache or computed.
 
     cell_mm: largest side of a cell; None takes CELLS_ALONG the longer side, for a thinner gel up to
@@ -146,11 +149,10 @@ def free_sides(
     )
     a, b = skin.opening_half_mm
     x, y = np.linspace(-a, a, box.bricks[0] + 1), np.linspace(-b, b, box.bricks[1] + 1)
-    quarters = cache.get(_KIND, key) if use_cache else None
+    quarters = cache.get(_KIND, key)
     if quarters is None:
         quarters = _quarters(box, poisson)
-        if use_cache:
-            cache.put(_KIND, key, quarters)
+        cache.put(_KIND, key, quarters)
     return FreeSides(x, y, quarters)
 
 

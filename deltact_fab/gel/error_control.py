@@ -2,7 +2,7 @@
 
 Each mesh is COARSER times as fine as the one before and starts from that one's increments. Two of
 them show the mesh's part of the error, forces being as a hard contact would have them
-(`finite.penalty_correction`), which the meshes share otherwise; the contact's edge falls into cells
+(`finite.gel.lacking_n`), which the meshes share otherwise; the contact's edge falls into cells
 by chance, so a change may be small by chance too, and the part is never taken as less than what
 cells of that size under such a contact are known to cost. With friction, steps FEWER times as large
 on the coarser mesh show the steps' part. The linear level has besides what its model leaves out by
@@ -63,19 +63,15 @@ WORTH = 0.9  # a refinement that work affords by less is not made
 
 @dataclass(frozen=True, eq=False)
 class SolvedPath:
-    """The path solved once, on the level and mesh chosen for it."""
-
     choice: Choice
     solver: PathSolver
 
     @property
     def last(self) -> SolvedKnot:
-        """At the end of the way."""
         return self.solver.knots[-1]
 
     @property
     def cuts(self) -> int:
-        """Of all increments."""
         return sum(knot.cuts for knot in self.solver.knots)
 
     @property
@@ -89,7 +85,6 @@ class SolvedPath:
 
     @property
     def cell_mm(self) -> float:
-        """Cells or grid at the contact."""
         return self.choice.spacing_mm
 
 
@@ -130,7 +125,6 @@ class MeshConvergence:
         self._by_step, self._steps_seen = (0.0, 0.0), False
 
     def holds(self, estimate: dict[str, float]) -> bool:
-        """Whether an estimate is within the tolerance."""
         force, in_plane = estimate["force_rel"], estimate["displacement_mm"]
         return bool(force <= self.tolerance and in_plane <= self.in_plane_mm)
 
@@ -215,7 +209,6 @@ class MeshConvergence:
         self._runs.append(self._run(choice, self._runs[-1] if self._runs else None))
 
     def estimate(self) -> dict[str, float]:
-        """Of the finest run, by those before it."""
         choice = self._runs[-1].choice
         force, in_plane = zip(self._mesh_part(), self._by_step, strict=True)
         return {
@@ -284,7 +277,6 @@ class MeshConvergence:
         return SolvedPath(choice, solver)
 
     def _work(self, choice: Choice, increments: int) -> float:
-        """Of a mesh of finite strain, before it is made."""
         return increments * (self._unknowns(choice) ** WORK_POWER + FIXED)
 
 
@@ -303,7 +295,6 @@ def _change(fine: SolvedPath, coarse: SolvedPath) -> tuple[Field, float]:
 
 
 def _size(force_n: Field, run: SolvedPath) -> float:
-    """Over the force of a run."""
     whole = math.hypot(*run.last.force_n)
     return float(np.linalg.norm(force_n)) / whole if whole else 0.0
 
@@ -316,5 +307,4 @@ def _field_mm(run: SolvedPath) -> Field:
 
 
 def _rms_mm(displacement_mm: Field) -> float:
-    """In plane, over the lattice."""
     return math.sqrt(float((displacement_mm[..., :2] ** 2).sum(axis=-1).mean()))

@@ -25,21 +25,11 @@ Level = str
 
 @dataclass(frozen=True)
 class Reach:
-    """Where a path's tip goes: x_mm and y_mm (low, high) on the face, deepest_mm into the gel.
-
-    Raises ValueError for numbers that are not finite or out of order.
-    """
+    """Where a path's tip goes: x_mm and y_mm (low, high) on the face, deepest_mm into the gel."""
 
     x_mm: tuple[float, float] = (0.0, 0.0)
     y_mm: tuple[float, float] = (0.0, 0.0)
     deepest_mm: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, pair in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
-            if not (all(math.isfinite(v) for v in pair) and pair[0] <= pair[1]):
-                raise ValueError(f"reach: {name} (low, high), finite: {pair} fails")
-        if not math.isfinite(self.deepest_mm):
-            raise ValueError(f"reach: a finite depth is needed: {self.deepest_mm} fails")
 
     @classmethod
     def around(cls, tips_mm: Iterable[Point]) -> Reach:
@@ -99,7 +89,7 @@ class IncrementDiagnostics:
     det(I + grad u_xy) of a linear face. most_stretch: None for the linear level. flags: what
     a reader must not miss, `NAME: sentence`.
     Of finite strain alone: factorisations; damped: those with damping, as where the gel folds.
-    lagged: parts whose friction is bounded by the pressures at their start. seconds: wall time.
+    lagged: parts whose friction is bounded by the pressures at their start.
     """
 
     iterations: int = 0
@@ -111,13 +101,12 @@ class IncrementDiagnostics:
     penetration_mm: float = 0.0
     least_j: float = 1.0
     most_stretch: float | None = None
-    seconds: float = 0.0
     flags: tuple[str, ...] = ()
 
     @classmethod
     def over(cls, parts: Sequence[IncrementDiagnostics]) -> IncrementDiagnostics:
         """Of parts as one: the last one's, with the work of all."""
-        counts = ("iterations", "factorisations", "damped", "lagged", "cuts", "seconds")
+        counts = ("iterations", "factorisations", "damped", "lagged", "cuts")
         return replace(parts[-1], **{n: sum(getattr(p, n) for p in parts) for n in counts})
 
 
@@ -158,12 +147,10 @@ class State:
 
     @cached_property
     def displacement_mm(self) -> Field:
-        """(ny, nx, 3) of the material points at rest."""
         return np.asarray(self.contact.displacement_mm(self.inner))
 
     @cached_property
     def traction_mpa(self) -> Field:
-        """(ny, nx, 3)."""
         return np.asarray(self.contact.traction_mpa(self.inner))
 
 

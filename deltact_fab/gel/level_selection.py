@@ -71,10 +71,6 @@ def pick(
     Raises InputError for a depth, a material or a spacing that the level cannot have, and names
     the level that can.
     """
-    if not (math.isfinite(tolerance) and MIN_TOLERANCE <= tolerance <= MAX_TOLERANCE):
-        raise InputError(
-            f"gel: tolerance must be {MIN_TOLERANCE} to {MAX_TOLERANCE}: {tolerance} fails"
-        )
     if level != "auto" and level not in LEVELS:
         raise InputError(f"gel: level {level!r}: valid: auto, {', '.join(LEVELS)}")
     depth, thickness = reach.deepest_mm, skin.thickness_mm
@@ -168,7 +164,6 @@ def linear_grid_mm(skin: SkinDimensions, indenter: Indenter, depth_mm: float) ->
 def cell_mm(
     skin: SkinDimensions, indenter: Indenter, reach: Reach, tolerance: float
 ) -> tuple[float, str]:
-    """Size of cells at the contact and what it follows from."""
     share = math.sqrt(tolerance / TOLERANCE)  # bricks are of second order
     depth = max(reach.deepest_mm, 0.0)
     radius = contact_radius_mm(indenter, depth) if depth > 0 else indenter.tips[0].radius_mm

@@ -77,7 +77,6 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
         "frames": count,
         "gel": {
             "flags": solver.flags,
-            "between_mm": solver.between.displacement_mm,
             "knots": len(solver.knots),
         },
         **packed([look.tip_mm for look in stream.looks[1:]], stream.path.at_mm, found),

@@ -85,8 +85,8 @@ def _simulated(asked: StudyRequest) -> StudyResult:
             _bench(scene),
             gel_remarks.remark(NAME, specimen.modulus_mpa),
             *(
-                f"gel of {press}: {gel['knots']} knots; half-way between two, linear interpolation "
-                f"is off by up to {gel['between_mm']:.2g} mm, in image and truth alike"
+                f"gel of {press}: {gel['knots']} knots, linear between them, in image and truth "
+                "alike"
                 for press, gel in gels.items()
             ),
         ),

@@ -87,8 +87,9 @@ def gel_jobs(presses: Presses, told: Callable[..., dict[str, Any]], knot_s: floa
         solver = press.solver
         if solver.found is None and solver.stored_as is not None:
             name, given_ = f"gel {path.press}", told(press=path.press)
-            cost = knot_s * len(solver.poses) * (2 if solver.observed.between else 1)
-            job = GridJob(name, solve_gel, given_, cost, makes=stored_files(press))
+            job = GridJob(
+                name, solve_gel, given_, knot_s * len(solver.poses), makes=stored_files(press)
+            )
             jobs.setdefault(solver.stored_as, job)
     return list(jobs.values())
 
@@ -147,12 +148,10 @@ def gel_of(bench: VirtualRig) -> dict[str, Any]:
     """What the gel reports of presses, plain data.
 
     why: a line a mesh. cells_mm: of each. coarse: cells over those that the tolerance requires, the
-    worst. flags: by kind, the first in full. between_mm, between_n: the largest error of
-    interpolation between its knots, where it was tried. left_out: by the rig.
+    worst. flags: by kind, the first in full. left_out: by the rig.
     """
     presses = bench.presses
     opened = [press for press in presses.opened if press.name]
-    between = presses.between
     flags: dict[str, str] = {}
     for press in opened:
         for flag in (flag for knot in press.solver.knots for flag in knot.flags):
@@ -164,8 +163,5 @@ def gel_of(bench: VirtualRig) -> dict[str, Any]:
         "cells_mm": sorted({choice.spacing_mm for choice in choices}),
         "coarse": max((c.spacing_mm / c.asked_mm for c in choices if c.asked_mm), default=1.0),
         "flags": flags,
-        "between_samples": between.samples,
-        "between_mm": between.displacement_mm,
-        "between_n": presses.modulus_mpa * between.force_n,
         "left_out": bench.left_out(),
     }

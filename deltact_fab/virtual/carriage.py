@@ -77,23 +77,19 @@ class Carriage:
         return divide(count, self.axes(100))
 
     def speed_mm_min(self, t_ns: int) -> float:
-        """How fast it is driven now."""
         return self.moving.speed_mm_s(t_ns) * 60 if self.moving is not None else 0.0
 
     def outside(self, target_mm: Vector) -> bool:
-        """Whether a place is beyond the travel."""
         return any(not -m <= p <= 0 for p, m in zip(target_mm, self.axes(130), strict=True))
 
     # ---- the queue ----------------------------------------------------------------------------
 
     @property
     def free_blocks(self) -> int:
-        """How many more lines the planner can take."""
         return PLANNER_BLOCKS - len(self._queue)
 
     @property
     def queued(self) -> bool:
-        """Whether there are lines to follow, the one under way included."""
         return bool(self._queue)
 
     def plan(self, target_mm: Vector, feed_mm_min: float) -> None:
@@ -147,7 +143,6 @@ class Carriage:
             self._arrive()
 
     def drop(self) -> None:
-        """Forget what is queued."""
         self._queue.clear()
 
     # ---- stopping -----------------------------------------------------------------------------
@@ -220,7 +215,6 @@ class Carriage:
         return True
 
     def homed(self) -> None:
-        """The count is where the carriage is."""
         self._count = steps(self.path.end_mm, self.axes(100))
         self._slip_mm = (0.0, 0.0, 0.0)
 

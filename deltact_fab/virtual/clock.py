@@ -36,7 +36,6 @@ class Ticks:
         self.cancelled = False
 
     def cancel(self) -> None:
-        """Cancel all of them, those already due included."""
         self.cancelled = True
 
     def run(self, until_ns: int) -> None:
@@ -63,7 +62,6 @@ class VirtualClock:
         self._passing = False
 
     def now_ns(self) -> int:
-        """Virtual nanoseconds."""
         return self._now_ns
 
     def now_s(self) -> float:

@@ -7,6 +7,7 @@ clock.
 
 Where it is simpler than the firmware:
 - it runs no program: a line of G-code answers error:20. `make firmware` builds what does;
+- it knows millimetres alone: a jog in inches (G20) is refused, and $13 changes no report;
 - every line is a trapezoid from rest to rest, but for a jog that goes straight on: it prolongs the
   one under way. There is no other look-ahead, so a chain of lines takes longer than on a board;
 - homing comes to rest at the switches instead of running into them;
@@ -23,7 +24,7 @@ from typing import Literal
 
 from ..aliases import Vector
 from ..rig.stage.config import StageConfig
-from ..units import MM_PER_INCH, NS_PER_S, to_ns
+from ..units import NS_PER_S, to_ns
 from .carriage import PLANNER_BLOCKS, Carriage
 from .clock import NsClock
 from .grbl_lines import SETTINGS, GrblError, change, coordinates, jog_of, listed, settings_for
@@ -47,8 +48,7 @@ class GrblController:
 
     settings: `$` numbers to values, over `SETTINGS`. start_mm: where the carriage stands at
     power-on, in the true machine frame (the switches are at 0, or at -travel where $23 says so).
-    boot_s: time from power-on or a hardware reset to the banner. blank_eeprom: the first boot
-    prints error:7 and its settings before the banner.
+    boot_s: time from power-on or a hardware reset to the banner.
     """
 
     _state: State
@@ -68,7 +68,6 @@ class GrblController:
         start_mm: Vector = (-20.0, -20.0, -10.0),
         boot_s: float = 1.0,
         banner: str = BANNER,
-        blank_eeprom: bool = False,
     ) -> None:
         self.settings = {**SETTINGS, **(settings or {})}
         unknown = sorted(set(self.settings) - set(SETTINGS))
@@ -79,7 +78,6 @@ class GrblController:
         self._carriage = Carriage(self.settings, start_mm, self._t)
         self._out: list[tuple[int, bytes]] = []
         self._boot = to_ns(boot_s)
-        self._blank = blank_eeprom
         self._faults: list[tuple[int, Fault]] = []
         self._mute = False
         self._ajar = False  # the safety door's switch
@@ -141,7 +139,6 @@ class GrblController:
         return self._next_ns()
 
     def now_ns(self) -> int:
-        """The time of its clock."""
         return self._clock.now_ns()
 
     # ---- the truth, for the scene -------------------------------------------------------------
@@ -196,11 +193,6 @@ class GrblController:
                 then()
             if self._boot_ns is not None and self._boot_ns <= t:
                 self._boot_ns = None
-                if self._blank:
-                    self._blank = False
-                    self._say("error:7")
-                    for line in listed(self.settings):
-                        self._say(line)
                 self._greet()
             if self._trips_ns is not None and self._trips_ns <= t:
                 self._trips_ns = None
@@ -490,19 +482,18 @@ class GrblController:
                 else f"Hold:{int(self._holding)}"
             )
         mm = self._carriage.count_mm(self._t)
-        mask, inches = int(self.settings[10]), bool(self.settings[13])
-        parts = [name, f"{'MPos' if mask & 1 else 'WPos'}:{coordinates(mm, inches)}"]
+        mask = int(self.settings[10])
+        parts = [name, f"{'MPos' if mask & 1 else 'WPos'}:{coordinates(mm)}"]
         if mask & 2:
             parts.append(f"Bf:{self._carriage.free_blocks},{_RX_BYTES - len(self._rx)}")
-        speed = self._carriage.speed_mm_min(self._t)
-        parts.append(f"FS:{speed / MM_PER_INCH:.1f},0" if inches else f"FS:{speed:.0f},0")
+        parts.append(f"FS:{self._carriage.speed_mm_min(self._t):.0f},0")
         busy = self._state in ("Jog", "Hold")
         if self._wco_in:
             self._wco_in -= 1
         else:
             self._wco_in = 29 if busy else 9
             self._ov_in = self._ov_in or 1
-            parts.append(f"WCO:{coordinates((0.0, 0.0, 0.0), inches)}")
+            parts.append(f"WCO:{coordinates((0.0, 0.0, 0.0))}")
         if self._ov_in:
             self._ov_in -= 1
         else:

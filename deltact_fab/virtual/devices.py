@@ -92,7 +92,6 @@ class VirtualCamera:
         self._rng = noise_of(self._seed, stream_number(stream))
 
     def capture(self) -> CameraFrame:
-        """Draw the scene as it is now."""
         assert self._stream is not None, "begin() comes before the first frame"
         seen = self._scene.observe()
         self._seen.append((seen.a.index, seen.b.index, seen.fraction))
@@ -108,7 +107,6 @@ class VirtualCamera:
         self._stream = None
 
     def identity(self) -> dict[str, Any]:
-        """What the record keeps."""
         projection = "pinhole" if self._truth.lens is None else "fisheye"
         return {"kind": "virtual", "projection": projection}
 

@@ -27,8 +27,6 @@ class _Rule:
 
 
 class NoisyController(GrblController):
-    """Times are seconds of the clock."""
-
     _rules: tuple[_Rule, ...] = ()
     _invented: tuple[tuple[int, bytes], ...] = ()
     first_changed_ns = 0

@@ -39,8 +39,7 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
     found = sum(len(p.solver.knots) for p in opened if p.solver.found is not None)
     lines = [
         f"{solved} contact problems solved, {found} found in the store (no pattern, camera or "
-        "modulus matters to them); between them displacements and forces are interpolated "
-        f"linearly{_bound(presses)}"
+        "modulus matters to them); between them displacements and forces are interpolated linearly"
     ]
     if presses.level == LINEAR:
         lines.append("the linear gel ignores large strain: tenths of a mm in plane from 2 mm deep")
@@ -57,18 +56,6 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
             "ramps of the stage and the host's delays, some hundredths of a second, are not in"
         )
     return lines + _flag_notes(presses)
-
-
-def _bound(presses: Presses) -> str:
-    """What linear interpolation costs, as far as it was tried."""
-    between = presses.between
-    if between.samples == 0:
-        return ""
-    return (
-        f": half-way between knots off by at most {between.displacement_mm:.2g} mm in plane and "
-        f"{presses.modulus_mpa * between.force_n:.2g} N ({between.samples} intervals solved "
-        f"half-way, {between.failed} did not converge)"
-    )
 
 
 def _flag_notes(presses: Presses) -> list[str]:

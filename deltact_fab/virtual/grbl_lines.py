@@ -6,10 +6,9 @@ import re
 from collections.abc import Mapping
 
 from ..aliases import Vector
-from ..units import MM_PER_INCH
 
 WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+)?)")
-UNITS, DISTANCE, MACHINE = ({"20", "21"}, {"90", "91"}, {"53"})
+DISTANCE, OTHERS = {"90", "91"}, {"21", "53"}
 
 
 class GrblError(Exception):
@@ -31,9 +30,9 @@ def jog_of(line: str, at_mm: Vector) -> tuple[Vector, float]:
     if any(not value for _, value in words):
         raise GrblError(2)
     modes = [value for letter, value in words if letter == "G"]
-    if any(len(group.intersection(modes)) > 1 for group in (UNITS, DISTANCE)):
+    if len(DISTANCE.intersection(modes)) > 1:
         raise GrblError(21)
-    if set(modes) - UNITS - DISTANCE - MACHINE:
+    if set(modes) - DISTANCE - OTHERS:
         raise GrblError(16)
     values = {letter: float(value) for letter, value in words if letter != "G"}
     if len(values) + len(modes) < len(words):
@@ -42,21 +41,18 @@ def jog_of(line: str, at_mm: Vector) -> tuple[Vector, float]:
         raise GrblError(36 if unknown <= set("IJKLPRST") else 20)
     if values.get("F", 0.0) < 0:
         raise GrblError(4)
-    scale = MM_PER_INCH if "20" in modes else 1.0
-    feed_mm_min = values.get("F", 0.0) * scale
+    feed_mm_min = values.get("F", 0.0)
     if not feed_mm_min:
         raise GrblError(22)
     x, y, z = at_mm
     if "91" not in modes or "53" in modes:
         x, y, z = (at if axis not in values else 0.0 for axis, at in zip("XYZ", at_mm, strict=True))
-    dx, dy, dz = (values.get(axis, 0.0) * scale for axis in "XYZ")
+    dx, dy, dz = (values.get(axis, 0.0) for axis in "XYZ")
     return (x + dx, y + dy, z + dz), feed_mm_min
 
 
-def coordinates(mm: Vector, inches: bool) -> str:
-    """Three numbers as reported: 3 decimals of a millimetre, or 4 of an inch."""
-    if inches:
-        return ",".join(f"{p / MM_PER_INCH + 0.0:.4f}" for p in mm)
+def coordinates(mm: Vector) -> str:
+    """Three numbers as reported, with 3 decimals."""
     return ",".join(f"{p + 0.0:.3f}" for p in mm)
 
 
@@ -101,7 +97,6 @@ def change(settings: dict[int, float], what: str) -> None:
 
 
 def listed(settings: Mapping[int, float]) -> list[str]:
-    """The answer to `$$`."""
     return [
         f"${n}={value:.0f}" if n in _WHOLE or n in (30, 31) else f"${n}={value:.3f}"
         for n, value in settings.items()

@@ -126,12 +126,10 @@ class Path:
 
     @property
     def segments(self) -> list[Segment]:
-        """Every segment so far in order, the planned one last."""
         return list(self._segments)
 
     @property
     def end_mm(self) -> Vector:
-        """Where the last segment ends."""
         return self._segments[-1].end_mm if self._segments else self._origin_mm
 
     def add(self, segment: Segment) -> Segment:

@@ -159,7 +159,6 @@ class NetFTBox:
         return data
 
     def due(self) -> Datagram | None:
-        """The next datagram that is there by now."""
         if self._out and self._out[0].at_ns <= self._clock.now_ns():
             return self._out.popleft()
         return None
@@ -171,7 +170,6 @@ class NetFTBox:
         return otherwise_ns if self._ticks is None else self._ticks.next_ns
 
     def close(self) -> None:
-        """Forget what was not read."""
         self._stop()
         self._out.clear()
 
@@ -220,7 +218,6 @@ class LockstepLink:
         self._box = box
 
     def settings(self) -> NetFTSettings:
-        """Of the box."""
         return self._box.settings()
 
     def bias(self) -> None:
@@ -228,11 +225,9 @@ class LockstepLink:
         self._command(BIAS)
 
     def start(self) -> None:
-        """Ask for records without end."""
         self._command(STREAM)
 
     def stop(self) -> None:
-        """Ask for no more."""
         self._command(STOP)
         while self._box.receive(QUIET_S) is not None:
             pass
@@ -252,11 +247,9 @@ class LockstepLink:
         return arrivals
 
     def troubles(self) -> dict[str, int]:
-        """A wire in virtual time has none."""
         return {}
 
     def close(self) -> None:
-        """Stop streaming."""
         self._command(STOP)
         self._box.close()
 

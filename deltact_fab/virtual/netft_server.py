@@ -73,7 +73,6 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
 
     @property
     def faults(self) -> BoxFaults:
-        """What the box does wrong, changed at any time."""
         return self._box.faults
 
     def close(self) -> None:
@@ -111,7 +110,6 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
                     break  # nobody is there, or its buffer is full: as on a wire, it is lost
 
     def _answer(self, request: BaseHTTPRequestHandler) -> None:
-        """One request for the page."""
         if request.path.partition("?")[0] != self.path:
             request.send_error(404)
             return

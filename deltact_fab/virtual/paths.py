@@ -47,7 +47,6 @@ class PressPath:
 
     @property
     def deepest_mm(self) -> float:
-        """The largest depth."""
         return -min(line.end_mm[2] for line in self.lines)
 
 

@@ -66,8 +66,6 @@ ON_FACE = BoardPose((0.0, 0.0, 0.0), Rotation.identity())
 
 
 class Studio:
-    """Takes photographs of boards with one camera."""
-
     def __init__(self, lens: Fisheye, sensor: ImageSensor, design: SensorDimensions) -> None:
         self.lens, self.design = lens, design
         self._exposure = Exposure(sensor, RawView(lens, Rectified.of(design, lens)).off)

@@ -71,7 +71,6 @@ class Geometry:
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Width and height of an image."""
         seen = self.camera if self.raw is None else self.raw.lens
         return seen.width_px, seen.height_px
 

@@ -12,12 +12,12 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field
 
 from ..errors import DeltactFabError
-from ..gel.path.mirror import Mirror
 from ..gel.zones import Zones
 from ..jobs import JobOutcome, run, tell
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
+from .paths import PressPath
 from .presses import PlannedPress, Presses, path_of, stored_files
 
 
@@ -25,10 +25,8 @@ from .presses import PlannedPress, Presses, path_of, stored_files
 class PressRow:
     """The outcome of one press. seconds: of the knots' solves; found: it was in the store.
 
-    like: the press whose solution serves this one too. between_mm, between_n: largest error of
-    linear interpolation at the intervals tried, forces for the specimen's modulus. zones: of the
-    contact at its end. flags: of the solver, with the number of knots. failure: why it did not get
-    through, else empty.
+    like: the press whose solution serves this one too. zones: of the contact at its end. flags: of
+    the solver, with the number of knots. failure: why it did not get through, else empty.
     """
 
     press: str
@@ -37,8 +35,6 @@ class PressRow:
     found: bool = False
     like: str = ""
     seconds: float = 0.0
-    between_mm: float = 0.0
-    between_n: float = 0.0
     zones: Zones = field(default_factory=Zones)
     flags: dict[str, int] = field(default_factory=dict)
     failure: str = ""
@@ -63,20 +59,18 @@ def solve_ahead(
     rows: list[PressRow] = []
     todo: dict[str, PressRow] = {}
     given: list[_Press] = []
-    waiting: list[tuple[PressRow, PressRow]] = []
-    mirrors: dict[str, Mirror] = {}
+    waiting: list[tuple[PressRow, PressRow, PressPath]] = []
     for path in presses.paths:
         try:
             press = presses.of(path)
         except DeltactFabError as why:  # no mesh serves this one
             row = PressRow(path.press, 0, failure=" ".join(str(why).split()))
         else:
-            row = _row(press, presses.modulus_mpa)
-            mirrors[row.press] = press.solver.mirror
+            row = _row(press)
             name = press.solver.stored_as or press.name
             if press.solver.found is None and name in todo:
                 row.like = todo[name].press
-                waiting.append((row, todo[name]))
+                waiting.append((row, todo[name], path))
             elif press.solver.found is None:
                 todo[name] = row
                 given.append(_Press(protocol, skin, config, path.press, stored_files(press)))
@@ -104,13 +98,11 @@ def solve_ahead(
         told(row)
 
     run(_one, given, heard, executor, told=hear)
-    for row, solved in waiting:
+    for row, solved, path in waiting:
         if solved.failure:
             row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
         else:
-            zones = mirrors[row.press].zones(mirrors[solved.press].zones(solved.zones))
-            served = {"press": row.press, "like": solved.press, "found": True, "seconds": 0.0}
-            vars(row).update(vars(solved), **served, zones=zones)
+            vars(row).update(vars(_row(presses.of(path))), like=solved.press, seconds=0.0)
         told(row)
     return rows
 
@@ -138,20 +130,18 @@ def _one(job: _Press) -> PressRow:
         failure = " ".join(str(why).split())
     except (ArithmeticError, ValueError, MemoryError) as why:
         failure = f"{type(why).__name__}: {' '.join(str(why).split())}"
-    row = _row(press, presses.modulus_mpa)
+    row = _row(press)
     row.failure, row.found, row.seconds = failure, False, time.perf_counter() - started
     return row
 
 
-def _row(press: PlannedPress, modulus_mpa: float) -> PressRow:
+def _row(press: PlannedPress) -> PressRow:
     return PressRow(
         press.name,
         len(press.solver.poses),
         done=len(press.solver.knots),
         found=press.solver.found is not None,
         seconds=press.solver.found.seconds if press.solver.found else 0.0,
-        between_mm=press.solver.between.displacement_mm,
-        between_n=modulus_mpa * press.solver.between.force_n,
         zones=press.solver.knots[-1].zones if press.solver.knots else Zones(),
         flags=press.solver.flags,
         failure=press.solver.ended,

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from itertools import product
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from .. import cache
@@ -13,7 +12,7 @@ from ..aliases import Field, Point
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..gel.path import store
-from ..gel.path.knots import Increments, InterpolationError, KnotPose, ObservedChannels
+from ..gel.path.knots import Increments, KnotPose, ObservedChannels
 from ..gel.path.open import choose, open_path
 from ..gel.path.solver import PathSolver
 from ..levels import LINEAR
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from ..gel.level import Choice, Level
 
 
-BOTH = (False, True), (False, True)
 SAME_MM = 2e-3  # a point of the stage is the plan's within a motor step and its rounding
 
 
@@ -90,7 +88,6 @@ class Presses:
         self._shown = ObservedChannels(
             "all" if self.fields else "none",
             traction=self.tractions,
-            between=True,
             lattice_mm=lattice_mm,
         )
         self._wishes: dict[str, Any] = {
@@ -117,7 +114,6 @@ class Presses:
         raise InputError(f"no press of {indenter} is planned at ({at_mm[0]:g}, {at_mm[1]:g}) mm")
 
     def of(self, path: PressPath) -> PlannedPress:
-        """A planned press."""
         waiting = self._waiting.pop(path.press, None)
         return self._opened(waiting or self._press(path))
 
@@ -127,26 +123,14 @@ class Presses:
         self.opened.append(press)
         return press
 
-    @property
-    def between(self) -> InterpolationError:
-        """Worst interpolation of the presses opened, forces for a modulus of 1 MPa."""
-        worst = InterpolationError()
-        for press in self.opened:
-            worst = worst.joined(press.solver.between)
-        return worst
-
     def choice(self, path: PressPath) -> Choice:
         """Mesh and friction of a planned press. Raises InputError where the level has none."""
         return self._choose(path, poses(path, self.increments, self.relaxing_s))
 
     def _press(self, path: PressPath) -> PlannedPress:
         planned = poses(path, self.increments, self.relaxing_s)
-        # Where lines are a knot long, solving them half-way as well doubles the work: one press
-        # of an indenter speaks for its others.
-        first = next(p for p in self.paths if p.indenter == path.indenter)
-        shown = self._shown if path == first else replace(self._shown, between=False)
         shape, choice = parse_indenter(path.indenter), self._choose(path, planned)
-        solver = open_path(self._skin, self.material, shape, planned, shown, choice)
+        solver = open_path(self._skin, self.material, shape, planned, self._shown, choice)
         return PlannedPress(solver, path.press, path.waypoints)
 
     def _choose(self, path: PressPath, planned: Sequence[KnotPose]) -> Choice:
@@ -159,14 +143,8 @@ def stored_files(press: PlannedPress) -> tuple[str, ...]:
     solver = press.solver
     if solver.stored_as is None:
         return ()
-    key = json.loads(solver.stored_as)
-    serving = product(store.FIELDS[store.FIELDS.index(solver.observed.fields) :], *BOTH)
-    return tuple(
-        str(cache.file_of(store.KIND, key | asdict(shown)))
-        for fields, traction, between in serving
-        for shown in [replace(solver.observed, fields=fields, traction=traction, between=between)]
-        if traction >= solver.observed.traction and between >= solver.observed.between
-    )
+    keys = store.serving(json.loads(solver.stored_as), solver.observed)
+    return tuple(str(cache.file_of(store.KIND, key)) for key in keys)
 
 
 def path_of(presses: Presses, name: str) -> PressPath:

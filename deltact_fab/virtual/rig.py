@@ -39,7 +39,6 @@ class VirtualKind:
     part = "simulated gel"
 
     def __init__(self, config: VirtualConfig, source: Path) -> None:
-        """source: of the rig file."""
         self._config = config
         self._source = source
 
@@ -137,7 +136,6 @@ class VirtualRig:
             self._open.callback(self.force.close)
 
     def devices(self) -> Devices:
-        """What the runner drives."""
         camera: Camera | None = self.camera
         return Devices(
             clock=self.clock,
@@ -148,7 +146,6 @@ class VirtualRig:
         )
 
     def identity(self) -> dict[str, Any]:
-        """What the summary keeps of the devices."""
         return {
             "stage": self.stage.identity(),
             "camera": self.camera.identity() if self.camera else None,
@@ -156,7 +153,6 @@ class VirtualRig:
         }
 
     def close(self) -> None:
-        """Close what was built; again does nothing."""
         self._open.close()
 
     def left_out(self) -> list[str]:

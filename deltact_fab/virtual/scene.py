@@ -45,7 +45,6 @@ class Knot:
 
     @property
     def wrench(self) -> tuple[float, ...]:
-        """Force (N), then torque (N mm), on the sensor."""
         return (*self.force_n, *self.torque_nmm)
 
 
@@ -280,7 +279,6 @@ class GelScene:
         return None if self._press is None else self._press.rest_after(self._here.key)
 
     def _in_air(self, segment: Segment) -> bool:
-        """Whether a line ends out of contact."""
         return self._frame.to_sensor_mm(segment.end_mm)[2] > -CONTACT_EPS_MM
 
     def _finish(self, segment: Segment) -> None:

@@ -70,7 +70,6 @@ class SerialLink:
         self._out_ns = (from_ns, from_ns + for_s * NS_PER_S)
 
     def plug(self) -> None:
-        """Put the cable back."""
         self._out_ns = (0, 0)
         self.discard()
 

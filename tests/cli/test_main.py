@@ -192,8 +192,8 @@ def test_gel_refuses_a_figures_place_before_it_solves(
     tmp_path: Path, place: str, says: str
 ) -> None:
     (tmp_path / "press.csv").write_text("depth_mm,normal_n\n")  # fit would refuse it, later
-    for words in (["press", "--depth", "11.9"], ["fit", "press.csv", "--indenter", "sphere:10"]):
-        done = called("gel", *words, "--plot", place, cwd=tmp_path)
-        assert done.returncode == 2
-        assert done.stdout == ""
-        assert done.stderr.splitlines() == [f"deltact-fab: --plot {place}: {says}"]
+    words = ["fit", "press.csv", "--indenter", "sphere:10", "--plot", place]
+    done = called("gel", *words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.splitlines() == [f"deltact-fab: --plot {place}: {says}"]

@@ -18,7 +18,6 @@ from deltact_fab.gel.finite.assembly import BulkAssembly
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.pattern import Pattern
-from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear.contact import LinearContact
 from deltact_fab.gel.linear.state import ContactState
 from deltact_fab.shapes import SkinDimensions
@@ -53,7 +52,7 @@ def normal_n(*args: object, **how: object) -> float:
 # -- the operator ------------------------------------------------------------------------------
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(seed=st.integers(0, 10**6))
 def test_work_is_mutual_and_positive(block: FreeBlock, seed: int) -> None:
     """Maxwell and Betti, with all three components, and energy that no load makes negative."""
@@ -95,34 +94,10 @@ def test_sides_only_soften() -> None:
         assert values[-1] > 0
 
 
-def test_mirror_images(block: FreeBlock) -> None:
-    t = np.random.default_rng(1).standard_normal((*block.shape, 3))
-    u = block.apply(t)
-    in_x = block.apply(t[:, ::-1] * [-1, 1, 1])
-    in_y = block.apply(t[::-1] * [1, -1, 1])
-    assert in_x == pytest.approx(u[:, ::-1] * [-1, 1, 1], abs=1e-11)
-    assert in_y == pytest.approx(u[::-1] * [1, -1, 1], abs=1e-11)
-
-
-def test_modulus_only_scales(block: FreeBlock) -> None:
-    stiff = FreeBlock(SKIN, GelMaterial(modulus_mpa=560.0), 0.5, 1.5)
-    t = np.random.default_rng(2).standard_normal((*block.shape, 3))
-    assert 1000 * stiff.apply(t) == pytest.approx(block.apply(t), rel=1e-9, abs=1e-10)
-
-
-def test_cached_sides_are_those_computed() -> None:
-    skin = SkinDimensions(width_mm=20, length_mm=16)
-    first = free_sides(skin, 0.3, 2.0)
-    again = free_sides(skin, 0.3, 2.0)
-    fresh = free_sides(skin, 0.3, 2.0, use_cache=False)
-    assert first.quarters.tobytes() == again.quarters.tobytes() == fresh.quarters.tobytes()
-
-
 # -- against plain finite elements -----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("component", [0, 2])
-@pytest.mark.parametrize("even", [(True, True), (True, False), (False, True), (False, False)])
+@pytest.mark.parametrize(("component", "even"), [(0, (True, False)), (2, (False, True))])
 def test_smooth_load_against_plain_finite_elements(component: int, even: tuple[bool, bool]) -> None:
     """Four loads, mirrored in x and y with either sign, on a quarter meshed at a 12th of a height.
 
@@ -186,7 +161,7 @@ def test_smooth_load_against_plain_finite_elements(component: int, even: tuple[b
 # -- presses -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("nu", "within"), [(0.3, 3e-4), (0.49, 2e-3)])
+@pytest.mark.parametrize(("nu", "within"), [(0.49, 2e-3)])
 def test_wide_gel_is_the_layer(nu: float, within: float) -> None:
     """Sides 40 mm away; nearly incompressible gel feels them from farther than a soft one."""
     wide, gel = SkinDimensions(width_mm=80, length_mm=80), GelMaterial(poisson=nu)
@@ -212,22 +187,13 @@ def test_force_converges_with_the_cells() -> None:
             normal_n(FreeBlock(SKIN, GEL, 0.5, cell), x, y)
             for x, y in ((0.0, 0.0), (10.0, 0.0), (14.0, 13.0))
         ]
-        for cell in (3.0, 2.0, 1.5)
+        for cell in (3.0, 2.0)
     }
-    fine = np.array(forces[1.5])
-    assert np.abs(np.array(forces[2.0]) / fine - 1).max() < 3e-3
+    fine = np.array(forces[2.0])
     assert np.abs(np.array(forces[3.0]) / fine - 1).max() < 0.02
     # In the middle the disc's of equal area (tests/finite/test_linear_levels.py), the others with
     # cells of 1 mm, which take seconds to build.
     assert fine == pytest.approx([8.056, 7.597, 5.116], rel=6e-3)
-
-
-def test_mirrored_presses(block: FreeBlock) -> None:
-    one, two = (pressed(block, s * 9.3, s * -7.7) for s in (1, -1))
-    assert one.force_n[2] == pytest.approx(two.force_n[2], rel=1e-6)
-    assert one.displacement_mm == pytest.approx(
-        two.displacement_mm[::-1, ::-1] * [-1, -1, 1], abs=1e-5
-    )
 
 
 def test_contact_beyond_the_edge_carries_nothing_there(block: FreeBlock) -> None:
@@ -240,18 +206,6 @@ def test_contact_beyond_the_edge_carries_nothing_there(block: FreeBlock) -> None
     assert state.pressure_mpa[-1, -1] > 0
     centre = normal_n(block, 0, 0, depth=1.0)
     assert 0 < -state.force_n[2] < centre / 4
-
-
-def test_shear_and_friction_work_as_on_the_layer(block: FreeBlock) -> None:
-    contact = LinearContact(block, SPHERE)
-    *_, down = follow(contact, contact.rest((8.0, 0.0, 0.0)), (8.0, 0.0, 1.0), 0.25)
-    *_, dragged = follow(contact, down, (9.0, 0.0, 1.0), 0.25)
-    load = -dragged.force_n[2]
-    assert 0.3 * load < dragged.force_n[0] <= 0.5 * load * (1 + 1e-6)
-    size = np.hypot(*np.moveaxis(dragged.shear_mpa, -1, 0))
-    assert (size <= 0.5 * dragged.pressure_mpa + 1e-9).all()
-    *_, up = follow(contact, dragged, (9.0, 0.0, -0.1), 0.1)
-    assert np.abs(up.displacement_mm).max() == 0
 
 
 @pytest.mark.slow
@@ -273,5 +227,3 @@ def test_refusals() -> None:
         FreeBlock(SKIN, GEL, cell_mm=0.1)
     with pytest.raises(InputError, match="spacing_mm must be"):
         FreeBlock(SKIN, GEL, spacing_mm=0.0, cell_mm=3.0)
-    with pytest.raises(ValueError, match="tractions: shape"):
-        FreeBlock(SKIN, GEL, 0.5, 3.0).apply(np.zeros((3, 3, 3)))

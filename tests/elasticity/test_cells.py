@@ -22,12 +22,6 @@ def _windows(cells: FaceCells) -> tuple[slice, slice]:
     return slice(0, len(cells.y_mm)), slice(0, len(cells.x_mm))
 
 
-def test_the_cells_fill_the_face_and_mirror_each_other(cells: FaceCells) -> None:
-    a, b = SKIN.opening_half_mm
-    assert cells.cell_mm2 * len(cells.x_mm) * len(cells.y_mm) == pytest.approx(4 * a * b)
-    np.testing.assert_allclose(cells.x_mm, -cells.x_mm[::-1], atol=1e-12)
-
-
 def test_a_load_moves_the_cells_as_the_block_says(cells: FaceCells) -> None:
     block = FreeBlock(SKIN, GelMaterial(1.0, 0.49), 0.25)
     rows, columns = _windows(cells)

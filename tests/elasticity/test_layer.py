@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from deltact_fab import catalog
 from deltact_fab.elasticity.layer import BondedLayer, surface_compliance
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
@@ -115,20 +114,6 @@ def test_reciprocity_and_energy_on_the_grid(layer: BondedLayer) -> None:
     assert np.vdot(t1, u1) > 0
 
 
-def test_press_pushes_in_and_bulges_out_where_the_layer_is_thin(layer: BondedLayer) -> None:
-    """Signs: pressure pushes down, an incompressible thin layer flows away from it."""
-    thin = BondedLayer(GelMaterial(poisson=0.5), 1.0, (40.0, 30.0), (48, 64))
-    xx, yy = np.meshgrid(thin.x_mm, thin.y_mm)
-    t = np.zeros((48, 64, 3))
-    t[..., 2] = -np.exp(-(xx**2 + yy**2) / 8)
-    u = thin.apply(t)
-    assert u[24, 32, 2] < 0
-    assert (u[..., 0] * xx)[np.abs(xx) < 6].sum() > 0
-    # A compressible half-space does the opposite: it is drawn in.
-    deep = BondedLayer(GelMaterial(poisson=0.1), 60.0, (40.0, 30.0), (48, 64))
-    assert (deep.apply(t)[..., 0] * xx)[np.abs(xx) < 6].sum() < 0
-
-
 def test_window_and_patch_are_the_same_operator(layer: BondedLayer) -> None:
     rng = np.random.default_rng(2)
     small = rng.normal(size=(3, 16, 24))
@@ -143,9 +128,7 @@ def test_window_and_patch_are_the_same_operator(layer: BondedLayer) -> None:
     assert np.allclose(-depth, expected[20:36, 10:34, 2], atol=1e-12)
 
 
-def test_layer_refuses_odd_grid_and_oversized_window(layer: BondedLayer) -> None:
-    with pytest.raises(InputError, match="even"):
-        BondedLayer(GelMaterial(), 1.0, (1.0, 1.0), (15, 16))
+def test_an_oversized_window_is_refused(layer: BondedLayer) -> None:
     with pytest.raises(InputError, match="half the period"):
         layer.window(30, 10)
 
@@ -157,11 +140,3 @@ def test_layer_refuses_odd_grid_and_oversized_window(layer: BondedLayer) -> None
 def test_material_refuses(bad: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(bad))):
         GelMaterial(**bad)
-
-
-def test_material_from_the_catalogue_is_strict() -> None:
-    assert catalog.validate(GelMaterial, {"poisson": 0.3}, "gel.toml").poisson == 0.3
-    with pytest.raises(InputError, match=r"gel\.toml: poison: unknown key; did you mean 'poisson'"):
-        catalog.validate(GelMaterial, {"poison": 0.3}, "gel.toml")
-    with pytest.raises(InputError, match="poisson"):
-        catalog.validate(GelMaterial, {"poisson": 0.7}, "gel.toml")

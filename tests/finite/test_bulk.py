@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from disc import disc_mesh
 
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
@@ -101,42 +100,6 @@ def test_a_mesh_holds_its_volume_and_faces():
     assert len(mesh.base) * 3 + mesh.free_dofs == mesh.nodes_mm.size
 
 
-def test_a_disc_has_its_area_at_second_order():
-    short = []
-    for h in (1.0, 0.5):
-        mesh = disc_mesh(5.0, 2.0, h)
-        bulk = BulkAssembly(mesh, law(), Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
-        short.append(1 - bulk.volumes_mm3.sum() / (np.pi * 25 * 2))
-    assert 0 < short[1] < 0.3 * short[0] < 0.02
-
-
-@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, 5.0])
-def test_a_useless_spacing_is_refused(bad):
-    with pytest.raises(InputError, match="spacing_mm"):
-        block_mesh(SKIN, bad)
-
-
-def test_stress_of_the_law_is_a_derivative():
-    rng = np.random.default_rng(0)
-    f = np.eye(3) + 0.2 * rng.standard_normal((20, 3, 3))
-    f = f[np.linalg.det(f) > 0.3]
-    v = rng.standard_normal(f.shape)
-    h, w = 1e-6, law(0.3)
-    slope = (energy(w, f + h * v) - energy(w, f - h * v)) / (2 * h)
-    assert np.einsum("nij,nij->n", stress(w, f), v) == pytest.approx(slope, rel=1e-7, abs=1e-8)
-
-
-def test_small_strains_are_hookes_law():
-    w, e = law(0.49), 1e-7
-    f = np.eye(3)[None].copy()
-    f[0, 0, 0] += e
-    found = stress(w, f)[0]
-    assert found[0, 0] / e == pytest.approx(w.lambda_mpa + 2 * w.mu_mpa, rel=1e-5)
-    assert found[1, 1] / e == pytest.approx(w.lambda_mpa, rel=1e-5)
-    young = w.mu_mpa * (3 * w.lambda_mpa + 2 * w.mu_mpa) / (w.lambda_mpa + w.mu_mpa)
-    assert young == pytest.approx(0.56, rel=1e-12)
-
-
 def test_incompressible_is_refused_by_name():
     with pytest.raises(InputError, match="poisson"):
         law(0.5)
@@ -220,7 +183,6 @@ def test_linear_solvers_agree_and_take_new_entries(name):
         x = solver.solve(right)
         assert np.linalg.norm(full(pattern, scale * data) @ x - right) < 1e-6
     assert not solver.negative
-    assert solver.factorisations == 2
 
 
 @pytest.mark.parametrize("name", ["pardiso", "superlu"])
@@ -233,8 +195,3 @@ def test_direct_solvers_count_negative_eigenvalues(name):
     solver.factorise(upper)
     assert solver.negative == 2
     assert a @ solver.solve(np.ones(4)) == pytest.approx(np.ones(4))
-
-
-def test_an_unknown_solver_is_refused():
-    with pytest.raises(InputError, match="valid: auto"):
-        make_solver("gauss")

@@ -46,7 +46,7 @@ def force_n(skin: SkinDimensions, nu: float, name: str, depth: float) -> float:
     return -state.force_n[2]
 
 
-@pytest.mark.parametrize(("nu", "thickness"), [(0.35, 12.0), (0.49, 12.0), (0.499, 8.0)])
+@pytest.mark.parametrize(("nu", "thickness"), [(0.35, 12.0), (0.499, 8.0)])
 def test_the_block_is_the_disc_of_equal_area(nu: float, thickness: float) -> None:
     """Its sides, too: they take 2 to 3 % off the layer here, the corners' part of it is small."""
     skin = SkinDimensions(thickness_mm=thickness)
@@ -82,14 +82,12 @@ def held(nu: float, thickness: float, radius: float, depth: float) -> Held:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("nu", "thickness", "radius", "depth"),
     [
         (0.35, 9.0, 8.0, 0.45),
-        (0.406, 7.4, 13.2, 0.59),
-        (0.485, 9.7, 11.8, 0.6),
-        pytest.param(0.46, 12.0, 3.0, 0.5, marks=pytest.mark.slow),
-        pytest.param(0.499, 8.0, 6.0, 0.4, marks=pytest.mark.slow),
+        (0.499, 8.0, 6.0, 0.4),
     ],
 )
 def test_a_linear_level_is_within_its_estimate(
@@ -100,7 +98,7 @@ def test_a_linear_level_is_within_its_estimate(
     assert found.in_plane_mm <= found.told_in_plane_mm < 0.08
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_linear_presses_are_within_their_estimates() -> None:
     """Drawn with a seed that set no constant: nu .35 to .499, 6 to 20 mm thick, spheres of R 3 to
     15 mm, to depths that a tolerance of .1 would give to the level."""

@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse as sp
 
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.errors import InputError, SolverError
+from deltact_fab.errors import SolverError
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.finite.descent import descend
 from deltact_fab.gel.finite.problem import Equilibrium
@@ -32,12 +32,6 @@ def dented(rng) -> tuple[np.ndarray, np.ndarray]:
     u = 0.05 * rng.standard_normal(COARSE.nodes_mm.shape)
     u[:, 2] -= 2.0 * np.exp(-np.sum(COARSE.nodes_mm[:, :2] ** 2, axis=1) / 30)
     return u, np.array([0.3, -0.2, 2.2])
-
-
-@pytest.fixture(scope="module")
-def pressed():
-    press = pressing()
-    return press, last(press, press.rest(), (0.0, 0.0, 5.0))
 
 
 def test_contact_forces_and_tangent_are_derivatives():
@@ -120,70 +114,29 @@ def test_a_sharp_tip_is_met_at_more_points():
     assert pressing("sphere:15", mesh).surface.weights_mm2.shape[1] == 4
 
 
-@pytest.mark.slow
-def test_forces_of_a_sphere(pressed):
-    """Frictionless force within the coarse mesh's 8 % of the converged 3.4, 10.7 and 48.4 N."""
-    press, deep = pressed
-    one = last(press, press.rest(), (0.0, 0.0, 1.0))
-    two = last(press, one, (0.0, 0.0, 2.0))
-    assert -one.force_n[2] == pytest.approx(3.42, rel=0.08)
-    assert -two.force_n[2] == pytest.approx(10.67, rel=0.04)
-    assert -deep.force_n[2] == pytest.approx(48.4, rel=0.02)
-
-
-@pytest.mark.slow
-def test_the_base_carries_what_the_face_is_given(pressed):
-    _, s = pressed
-    assert np.add(s.force_n, s.base_force_n) == pytest.approx(np.zeros(3), abs=1e-6 * 48)
-
-
-def test_a_centred_press_is_mirror_symmetric(pressed):
-    _, s = pressed
-    u = s.displacement_mm
-    keys = {tuple(np.round(x, 6)): i for i, x in enumerate(COARSE.nodes_mm)}
+def test_a_centred_press_is_mirror_symmetric_and_carried_by_the_base():
+    press = pressing(mesh=ROUGH)
+    s = last(press, press.rest(), (0.0, 0.0, 3.0), 1.5)
+    u, at = s.displacement_mm, ROUGH.nodes_mm
+    keys = {tuple(np.round(x, 6)): i for i, x in enumerate(at)}
     for axis in (0, 1):
         flip = np.ones(3)
         flip[axis] = -1
-        twin = [keys[tuple(np.round(x * flip + 0.0, 6))] for x in COARSE.nodes_mm]
+        twin = [keys[tuple(np.round(x * flip + 0.0, 6))] for x in at]
         assert np.abs(u - u[twin] * flip).max() < 1e-8
     assert np.abs(s.force_n[:2]).max() < 1e-7
     assert np.abs(s.torque_nmm).max() < 1e-5
+    assert np.add(s.force_n, s.base_force_n) == pytest.approx(np.zeros(3), abs=1e-5)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_a_full_unload_leaves_nothing(friction):
-    press = pressing(mesh=FOCUS, friction=friction)
-    deep = last(press, press.rest(), (0.0, 0.0, 5.0))
+def test_a_full_unload_leaves_nothing():
+    press = pressing(mesh=FOCUS, friction=0.5)
+    deep = last(press, press.rest(), (0.0, 0.0, 4.0))
     for back in (0.0, -1.0):
         free = press.solve(deep, (0.0, 0.0, back))
         assert np.abs(free.displacement_mm).max() < 1e-8
         assert np.abs(free.force_n).max() < 1e-8
-
-
-@pytest.mark.slow
-def test_friction_holds_within_its_cone_and_adds_force():
-    press = pressing(mesh=FOCUS, friction=0.5)
-    s = last(press, press.rest(), (0.0, 0.0, 3.0))
-    shear = np.linalg.norm(s.shear_mpa, axis=2)
-    bound = 0.5 * s.pressure_mpa
-    assert (shear <= bound + 1e-12 * bound.max()).all()
-    smooth = pressing(mesh=FOCUS)
-    assert s.force_n[2] < last(smooth, smooth.rest(), (0.0, 0.0, 3.0)).force_n[2]
-
-
-@pytest.mark.slow
-def test_a_drag_pulls_the_gel_along_up_to_the_bound():
-    press = pressing(mesh=FOCUS, friction=0.3)
-    s = last(press, press.rest(), (0.0, 0.0, 2.0))
-    forces = [s.force_n]
-    path = list(press.path(s, (4.0, 0.0, 2.0), 1.0))
-    forces += [p.force_n for p in path]
-    fx, fz = np.array(forces)[:, 0], -np.array(forces)[:, 2]
-    assert (np.diff(fx[:3]) > 0).all()
-    # The flank in front adds what a flat punch would not have: at most its slope.
-    assert 0.25 < fx[-1] / fz[-1] < 0.5
-    assert abs(path[-1].force_n[1]) < 1e-6
 
 
 @pytest.mark.slow
@@ -207,27 +160,6 @@ def test_a_drag_goes_on_where_the_gel_folds():
 
 
 @pytest.mark.slow
-def test_a_thin_indenter_that_passed_through_the_gel_is_refused():
-    press = pressing("edges", block_mesh(SKIN, 3.0, mirrors=(True, True)))  # between its points
-    with pytest.raises(SolverError, match="hides between"):
-        last(press, press.rest(), (0.0, 0.0, 11.0))
-
-
-@pytest.mark.slow
-def test_scaling_the_modulus_scales_forces_and_changes_no_count():
-    soft, hard = (pressing(mesh=ROUGH, material=GelMaterial(modulus_mpa=e)) for e in (0.56, 560.0))
-    s, t = (last(press, press.rest(), (0.0, 0.0, 5.0)) for press in (soft, hard))
-    assert t.force_n[2] == pytest.approx(1000 * s.force_n[2], rel=1e-6)
-    assert t.diagnostics.iterations == s.diagnostics.iterations
-
-
-def test_no_depth_is_no_contact():
-    press = pressing()
-    s = press.solve(press.rest(), (0.0, 0.0, 0.0))
-    assert s.force_n == pytest.approx((0, 0, 0), abs=1e-12)
-
-
-@pytest.mark.slow
 def test_a_tip_that_hides_between_the_points_is_an_error():
     press = pressing("sphere:0.5")
     with pytest.raises(SolverError, match="hides between"):
@@ -242,19 +174,11 @@ def test_what_does_not_converge_is_an_error_and_no_number():
         press.solve(press.rest(), (0.0, 0.0, 1.0))
 
 
-@pytest.mark.parametrize("bad", [{"friction": -1.0}, {"friction": np.nan}])
-def test_useless_options_are_refused(bad):
-    with pytest.raises(InputError, match="press:"):
-        pressing(**bad)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["pardiso", "superlu"])
-def test_every_solver_gives_the_same_press(name):
-    if name == "pardiso":
-        pytest.importorskip("pypardiso")
-    press = pressing(mesh=ROUGH, solver=name, friction=0.5)
-    s = last(press, press.rest(), (0.0, 0.0, 3.0))
-    reference = pressing(mesh=ROUGH, solver="superlu", friction=0.5)
-    t = last(reference, reference.rest(), (0.0, 0.0, 3.0))
-    assert s.force_n == pytest.approx(t.force_n, rel=1e-5, abs=1e-5)
+def test_every_solver_gives_the_same_press():
+    pytest.importorskip("pypardiso")
+    forces = []
+    for name in ("pardiso", "superlu"):
+        press = pressing(mesh=ROUGH, solver=name, friction=0.5)
+        forces.append(last(press, press.rest(), (0.0, 0.0, 3.0)).force_n)
+    assert forces[0] == pytest.approx(forces[1], rel=1e-5, abs=1e-5)

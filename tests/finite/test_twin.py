@@ -58,7 +58,7 @@ def test_the_twin_is_exact_where_strain_is_homogeneous():
     assert total[z == 0, 1].sum() == pytest.approx(axial * np.pi * 16, rel=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_the_twin_in_the_limit_of_a_light_touch_on_a_thick_cylinder_is_hertz():
     """a/h = 1/160: F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5; the base adds about a / h to it."""
     lines = np.append(graded(72.0, 0.1, 1.0, growth=1.4, most=200.0), 80.0)
@@ -67,14 +67,14 @@ def test_the_twin_in_the_limit_of_a_light_touch_on_a_thick_cylinder_is_hertz():
     assert touch.force_n == pytest.approx(hertz, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_the_twin_has_converged(twin):
     """Cells of 1/2 mm are within 0.05 % of 1/8 mm at every depth: the contact edge is resolved."""
     assert [s.force_n for s in twin] == pytest.approx(list(TWIN_N), rel=5e-4)
     assert max(s.penetration_mm for s in twin) <= 1.1e-5
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_the_twins_friction_is_a_third_codes():
     """felupe with friction 1 adds .4 % of force at 1 mm and 2.3 % at 2 mm; steps count little."""
     body = cylinder(0.7, RADIUS, THICKNESS)
@@ -116,11 +116,17 @@ def estimated(nu, thickness, radius, depth, friction):
 @pytest.mark.parametrize(
     ("nu", "thickness", "radius", "depth", "friction"),
     [
-        (0.38, 7.4, 11.4, 1.38, 0.0),
         (0.45, 7.3, 6.1, 1.14, 0.5),
-        (0.495, 19.6, 12.8, 2.63, 0.5),
+        pytest.param(0.38, 7.4, 11.4, 1.38, 0.0, marks=pytest.mark.evidence),
+        pytest.param(0.495, 19.6, 12.8, 2.63, 0.5, marks=pytest.mark.evidence),
     ],
 )
 def test_the_estimate_of_a_press_covers_its_error(nu, thickness, radius, depth, friction):
     true, estimate = estimated(nu, thickness, radius, depth, friction)
     assert true <= estimate <= 0.03
+
+
+@pytest.mark.slow
+def test_a_thin_nearly_incompressible_gel_keeps_to_the_tolerance():
+    true, _ = estimated(0.495, 1.5, 10.0, 0.3, 0.0)
+    assert true <= 0.03

@@ -81,30 +81,6 @@ def test_a_hold_relaxes_from_stiff_to_soft_along_the_series(sudden):
     assert -state.force_n[2] == pytest.approx(soft, rel=1e-6)
 
 
-@pytest.mark.slow
-def test_a_hold_in_parts_converges_with_second_order(sudden):
-    press, start = sudden
-    press = pressing()
-    press.tolerance = 1e-10
-    forces = []
-    for parts in (1, 2, 4, 8):
-        state = start
-        for _ in range(parts):
-            state = press.solve(state, DEEP, 1.0 / parts)
-        forces.append(state.force_n[2])
-    change = np.abs(np.diff(forces))
-    assert change[0] < 1e-3 * abs(forces[-1])
-    assert (change[:-1] / change[1:] > 3.5).all()
-
-
-@pytest.mark.slow
-def test_slower_presses_are_softer():
-    press = pressing()
-    forces = [-last(press, t, (0.0, 0.0, 2.0)).force_n[2] for t in np.logspace(-12, 12, 7)]
-    assert (np.diff(forces) <= 1e-6).all()
-    assert forces[0] > 1.5 * forces[-1]
-
-
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_dent_creeps_back_and_long_rest_leaves_nothing(friction):
     press = pressing(friction=friction)
@@ -120,13 +96,6 @@ def test_a_dent_creeps_back_and_long_rest_leaves_nothing(friction):
     state = press.solve(state, UP, np.inf)
     assert np.abs(state.displacement_mm).max() < 1e-8
     assert np.abs(state.overstress_mpa).max() < 1e-12
-
-
-def test_a_sudden_touch_leaves_nothing(sudden):
-    press, state = sudden
-    back = press.solve(state, UP, 0.0)
-    assert np.abs(back.displacement_mm).max() < 1e-8
-    assert np.abs(back.overstress_mpa).max() < 1e-8
 
 
 def test_a_tip_may_advance_into_a_dent_without_contact(sudden):
@@ -199,12 +168,3 @@ def test_any_increment_of_a_strong_series_converges(seconds):
     assert state.diagnostics.residual <= 1e-8
     back = press.solve(press.solve(state, UP, seconds), UP, np.inf)
     assert np.abs(back.displacement_mm).max() < 1e-8
-
-
-def test_a_gel_far_stiffer_than_the_penalty_is_not_trusted_when_pressed_quickly():
-    press = pressing(replace(SOFT, prony=((100.0, 1.0),)))
-    quick = press.solve(press.rest(), DEEP, 0.0)
-    assert not quick.trusted
-    slow, soft = press.solve(press.rest(), DEEP, 1e12), last(pressing(SOFT), None, step=3.0)
-    assert slow.trusted == soft.trusted
-    assert slow.force_n[2] == pytest.approx(soft.force_n[2], rel=1e-6)

@@ -6,8 +6,6 @@ friction; cells of 1/8 mm for 10 and 15 mm balls, 1/4 for 22. More presses: docs
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from axisymmetric import cylinder
@@ -17,9 +15,7 @@ from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import GelContact, Reach, State, follow
 from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.open import contact_of
-from deltact_fab.gel.path.knots import SolvedKnot
-from deltact_fab.gel.path.mirror import Mirror
-from deltact_fab.gel.zones import Zones, inside
+from deltact_fab.gel.zones import inside
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -57,7 +53,13 @@ def test_the_rim_of_a_gap_that_opens_as_hertz_s(a: float, b: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "depth_mm"), RIM_MM)
+@pytest.mark.parametrize(
+    ("name", "depth_mm"),
+    [
+        pytest.param(*press, marks=() if press == ("sphere:15", 1.5) else pytest.mark.evidence)
+        for press in RIM_MM
+    ],
+)
 def test_area_of_a_ball_against_the_axisymmetric_twin(name: str, depth_mm: float) -> None:
     contact, state = pressed(name, 0.0, (0.0, 0.0, depth_mm))
     zones, found = state.zones
@@ -73,20 +75,12 @@ def test_area_of_a_ball_against_the_axisymmetric_twin(name: str, depth_mm: float
     assert not (found == 2).any()
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_the_twin_s_rim_at_coarse_cells() -> None:
     got = cylinder(0.5, float(np.sqrt(36 * 34 / np.pi)), 12.0).press(7.5, [1.0, 1.5])
     for one in got:
         low, high = RIM_MM["sphere:15", one.depth_mm]
         assert one.rim_mm[0] - 0.05 < low < high < one.rim_mm[1] + 0.05
-
-
-@pytest.mark.slow
-def test_area_of_a_flat_punch() -> None:
-    """It ends on the rounding of .3 mm: between 43 mm2 and 50.3."""
-    zones, _ = pressed("cylinder:8", 0.0, (0.0, 0.0, 1.0))[1].zones
-    assert np.pi * 3.7**2 < zones.contact_area_mm2 < np.pi * 16
-    assert np.pi * 16 - zones.contact_area_mm2 < zones.contact_area_error_mm2 < np.pi * 16 / 9
 
 
 @pytest.mark.slow
@@ -103,18 +97,3 @@ def test_stick_zone_of_a_drag() -> None:
     assert (found == 2).sum() / (found > 0).sum() == pytest.approx(share, abs=0.02)
     # With the ball, and a little ahead of it.
     assert zones.centroid_mm == (pytest.approx(0.3, abs=0.1), pytest.approx(0, abs=1e-9))
-
-
-def test_the_image_of_zones() -> None:
-    at = np.arange(6, dtype=np.uint8).reshape(2, 3)
-    zones = Zones(3.0, 0.2, 2.0, 0.3, (0.5, -0.25))
-    knot = SolvedKnot((0, 0, 0), (0, 0, 0), zones, None, (), zone_map=at)
-    image = Mirror(x=True).solved(knot)
-    assert image.zones == replace(zones, centroid_mm=(-0.5, -0.25))
-    assert image.zone_map is not None
-    assert (image.zone_map == at[:, ::-1]).all()
-
-
-def test_an_error_is_no_smaller_than_the_change_from_a_coarser_mesh() -> None:
-    fine = Zones(40.0, 2.0, 30.0, 3.0).beside(Zones(41.0, 3.0, 25.0, 4.0))
-    assert fine == Zones(40.0, 2.0, 30.0, 5.0)

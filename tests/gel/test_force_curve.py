@@ -9,8 +9,7 @@ from deltact_fab.elasticity.closed_forms import hertz_force_n
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
 from deltact_fab.gel import open as opening
-from deltact_fab.gel.finite import FinitePress, block_mesh
-from deltact_fab.gel.fit.force_curve import ForceCurve, cells_mm, force_curve, force_path
+from deltact_fab.gel.fit.force_curve import ForceCurve, force_curve
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -23,19 +22,6 @@ COARSE = 2.5
 def curve(modulus: float = 0.56, deepest: float = 4.0) -> ForceCurve:
     material = GelMaterial(modulus, 0.49, 0.0)
     return force_curve(SKIN, material, SPHERE, (0.0, 0.0), deepest, spacing_mm=COARSE)
-
-
-@pytest.mark.slow
-def test_forces_scale_with_the_modulus_in_the_engine_itself() -> None:
-    forces = []
-    for modulus in (1e-3, 50.0):
-        focus = (-7.5, 7.5, -7.5, 7.5)
-        press = FinitePress(
-            block_mesh(SKIN, COARSE, focus), GelMaterial(modulus, 0.49, 0.3), SPHERE
-        )
-        state = list(press.path(press.rest(), (0.0, 0.0, 2.0), 1.0))[-1]
-        forces.append(np.array(state.force_n) / modulus)
-    np.testing.assert_allclose(forces[0], forces[1], rtol=1e-6, atol=1e-6)
 
 
 def test_one_curve_serves_every_modulus(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,18 +37,6 @@ def test_a_deeper_curve_has_the_same_numbers_on_the_way() -> None:
     n = len(short.depth_mm)
     assert short.depth_mm[-1] == 3.5
     assert short.force_n.tobytes() == deep.force_n[:n].tobytes()
-
-
-@pytest.mark.slow
-def test_solved_depths_are_met_and_between_them_little_is_lost() -> None:
-    c = curve()
-    np.testing.assert_allclose(c.normal_n(c.depth_mm), -c.force_n[:, 2], rtol=1e-9)
-    press = FinitePress(
-        block_mesh(SKIN, COARSE, (-7.5, 7.5, -7.5, 7.5)), GelMaterial(0.56, 0.49, 0.0), SPHERE
-    )
-    state = list(press.path(press.rest(), (0.0, 0.0, 3.25), 0.5))[-1]
-    there = c.normal_n(np.array([3.25]))[0]
-    assert there == pytest.approx(-state.force_n[2], rel=0.0042)
 
 
 def test_smooth_and_rising_from_zero() -> None:
@@ -87,26 +61,3 @@ def test_refusals() -> None:
         curve(deepest=11.6)
     with pytest.raises(InputError, match="above 0"):
         curve(deepest=0.0)
-
-
-@pytest.mark.slow
-def test_path_is_the_engines_own_and_cached(monkeypatch: pytest.MonkeyPatch) -> None:
-    material = GelMaterial(0.7, 0.49, 0.4)
-    tips = np.array([[0.0, 0, 0], [0, 0, 1.5], [1.0, 0, 1.5], [1.0, 0, 0]])
-    found = force_path(SKIN, material, SPHERE, tips, spacing_mm=COARSE)
-    assert found.shape == (4, 3)
-    assert found[2, 0] > 0.1  # the gel is dragged to +x, which is the force on the sensor
-    assert np.abs(found[[0, 3]]).max() < 1e-6
-    monkeypatch.setattr(opening, "contact_of", None)
-    again = force_path(SKIN, material, SPHERE, tips, spacing_mm=COARSE)
-    assert again.tobytes() == found.tobytes()
-
-
-def test_cells_follow_the_contact_and_the_gel() -> None:
-    def cells(name: str, depth_mm: float, skin: SkinDimensions = SKIN) -> float:
-        return cells_mm(skin, parse(name), 0.49, np.array([(0.0, 0.0, depth_mm)]))
-
-    assert cells("sphere:15", 5.0) > cells("sphere:4", 5.0)
-    assert cells("sphere:15", 5.0) > cells("sphere:15", 1.0)
-    thin = SkinDimensions(thickness_mm=2.0, protrusion_mm=1.0, edge_fillet_mm=0.5)
-    assert cells("sphere:15", 1.0, thin) <= 0.25

@@ -60,11 +60,7 @@ def test_every_level_gives_a_light_touch_the_same_force_on_the_same_lattice(leve
 
 @pytest.mark.parametrize(
     ("level", "lattice_mm"),
-    [
-        ("linear", 0.2),
-        ("linear", 1.5),
-        pytest.param("hyperelastic", 0.3, marks=pytest.mark.slow),
-    ],
+    [("linear", 1.5), pytest.param("hyperelastic", 0.3, marks=pytest.mark.slow)],
 )
 def test_the_lattice_of_tractions_adds_up_to_the_wrench(level: Level, lattice_mm: float) -> None:
     """Off the middle, off the nodes and dragged; lattices finer and coarser than grid and mesh."""
@@ -108,27 +104,18 @@ def test_means_keep_sums_moments_and_constants() -> None:
     assert over_face(at, one, np.tile(found, (2, 1))) == pytest.approx((width * values).sum())
 
 
-@pytest.fixture(scope="module")
-def both() -> tuple[GelContact, State, GelContact, State]:
+@pytest.mark.slow
+def test_a_mirrored_mesh_gives_the_wrench_of_the_whole() -> None:
     """The same press on a quarter and on all of one mesh."""
     tip = (0.0, 0.0, 1.5)
-    choice = pick(
-        SKIN, GEL, parse("sphere:15"), Reach.around([tip]), level="hyperelastic", spacing_mm=2.0
-    )
+    scene = SKIN, GEL, parse("sphere:15")
+    choice = pick(*scene, Reach.around([tip]), level="hyperelastic", spacing_mm=2.0)
     # A whole number of cells from the mirrors on.
     choice = replace(choice, focus=(-8.0, 8.0, -8.0, 8.0))
     part, whole = (
-        contact_of(SKIN, GEL, parse("sphere:15"), replace(choice, mirrors=m), 0.45)
-        for m in ((True, True), (False, False))
+        contact_of(*scene, replace(choice, mirrors=m), 0.45) for m in ((True, True), (False, False))
     )
-    return part, end(part, tip), whole, end(whole, tip)
-
-
-@pytest.mark.slow
-def test_a_mirrored_mesh_gives_the_wrench_of_the_whole(
-    both: tuple[GelContact, State, GelContact, State],
-) -> None:
-    part, a, whole, b = both
+    a, b = end(part, tip), end(whole, tip)
     assert 3.0 < whole.dofs / part.dofs < 4.5
     assert a.force_n[:2] == (0.0, 0.0)
     assert a.force_n == pytest.approx(b.force_n, rel=1e-6, abs=1e-6)
@@ -138,28 +125,6 @@ def test_a_mirrored_mesh_gives_the_wrench_of_the_whole(
     assert (a.zones[1] != b.zones[1]).mean() < 1e-3
     assert a.displacement_mm == pytest.approx(b.displacement_mm, abs=1e-6)
     assert a.traction_mpa == pytest.approx(b.traction_mpa, abs=1e-6)
-
-
-def test_the_lattice_of_a_mirrored_mesh_is_symmetric(
-    both: tuple[GelContact, State, GelContact, State],
-) -> None:
-    _, a, _, _ = both
-    u = a.displacement_mm
-    assert u[:, ::-1] == pytest.approx(u * [-1, 1, 1], abs=1e-12)
-    assert u[::-1] == pytest.approx(u * [1, -1, 1], abs=1e-12)
-    assert u[len(u) // 2, u.shape[1] // 2, 2] == pytest.approx(-1.5, abs=0.1)
-    t = a.traction_mpa
-    assert t[:, ::-1] == pytest.approx(t * [-1, 1, 1], abs=1e-12)
-    assert t[::-1] == pytest.approx(t * [1, -1, 1], abs=1e-12)
-
-
-def test_torque_of_a_half_mesh_is_that_of_the_whole() -> None:
-    # Off the middle in x only: y = 0 stays a mirror, and the torque about y is arm x force.
-    tip = (6.0, 0.0, 1.5)
-    state = end(opened("hyperelastic", [tip], spacing_mm=2.5), tip)
-    tx, ty, tz = state.torque_nmm
-    assert (tx, tz) == (0.0, 0.0)
-    assert ty == pytest.approx(-6.0 * state.force_n[2], rel=0.1)
 
 
 def test_lattice_interpolation_is_exact_for_parabolas_and_of_third_order() -> None:
@@ -172,12 +137,6 @@ def test_lattice_interpolation_is_exact_for_parabolas_and_of_third_order() -> No
         return float(np.abs(w @ np.sin(5 * knots) - np.sin(5 * at)).max())
 
     assert error(41) < error(21) / 6
-
-
-def test_the_way_above_the_face_is_skipped() -> None:
-    contact = opened("hyperelastic", [(0.0, 0.0, 1.0)], spacing_mm=3.0)
-    states = list(follow(contact, contact.rest((0.0, 0.0, -5.0)), (0.0, 0.0, 1.0), 0.5))
-    assert [s.tip_mm[2] for s in states] == pytest.approx([0.5, 1.0])
 
 
 def test_what_cannot_be_is_refused_with_its_number() -> None:
@@ -241,23 +200,6 @@ def test_a_long_increment_with_friction_is_parted_and_tells_the_work_of_all_part
     press = contact.press  # type: ignore[attr-defined]
     bare = press.solve(press.rest(), tip).force_n[2] * press.mesh.copies
     assert bare != pytest.approx(fine.force_n[2], rel=0.1)
-
-
-def test_a_long_increment_without_friction_is_one() -> None:
-    tip = (0.0, 0.0, 6.0)
-    contact = opened("hyperelastic", [tip], spacing_mm=3.0, friction=0.0)
-    bare = contact.press.solve(contact.press.rest(), tip)  # type: ignore[attr-defined]
-    one = contact.solve(contact.rest(), tip)
-    assert one.diagnostics.iterations == bare.diagnostics.iterations
-
-
-@pytest.mark.slow
-def test_a_long_increment_from_above_is_parted_from_first_touch_on() -> None:
-    tip = (0.0, 0.0, 4.0)
-    contact = opened("hyperelastic", [tip], spacing_mm=3.0)
-    touch = contact.solve(contact.rest(), tip)
-    above = contact.solve(contact.rest((0.0, 0.0, -8.0)), tip)
-    assert above.force_n == pytest.approx(touch.force_n, rel=1e-6, abs=1e-9)
 
 
 def test_an_increment_on_which_pressure_and_friction_do_not_agree_is_halved(

@@ -14,11 +14,8 @@ from deltact_fab.errors import SolverError, TimeLimit
 from deltact_fab.gel import error_control, time_limit
 from deltact_fab.gel.error_control import (
     EDGE,
-    MAX_WORK,
     WORK_POWER,
     MeshConvergence,
-    SolvedPath,
-    afforded,
 )
 from deltact_fab.gel.level import Choice, IncrementDiagnostics, Reach, follow
 from deltact_fab.gel.level_selection import pick
@@ -96,14 +93,6 @@ def test_a_mesh_that_was_asked_for_is_the_one() -> None:
         assert found.run.cell_mm == pytest.approx(spacing)
 
 
-def test_a_mesh_that_rounds_an_edge_off_is_not_believed() -> None:
-    sharp = ladder(lambda h, step: 10.0, edge_mm=0.3)
-    found = sharp.refine(chosen(0.0), free=False)
-    assert found.estimate["force_rel"] == pytest.approx(error_control.BLUNTED * 1.6 / RADIUS_MM)
-    finer = sharp.refine(chosen(0.0, 0.55), free=False)
-    assert finer.estimate["force_rel"] == pytest.approx(EDGE * (0.55 / RADIUS_MM) ** 2)
-
-
 def test_an_error_of_second_order_is_what_is_told() -> None:
     def force(h: float, step: float) -> float:
         return 10 * (1 + 0.04 * h**2)
@@ -144,18 +133,6 @@ def test_a_mesh_too_coarse_to_be_solved_is_passed_over() -> None:
     assert found.estimate["force_rel"] <= TOLERANCE
     with pytest.raises(SolverError, match="hides"):
         ladder(force).refine(chosen(0.0, 1.8), free=False)
-
-
-@pytest.mark.parametrize("dofs", [2000, 20_000, 60_000])
-@pytest.mark.parametrize("states", [5, 40])
-def test_a_refinement_stays_within_the_work_and_coarsens_nothing(dofs: int, states: int) -> None:
-    solver: Any = SimpleNamespace(dofs=dofs, poses=[None] * states)
-    run = SolvedPath(chosen(0.5), solver)
-    factor = afforded(run, 0.7)
-    assert 0.7 <= factor <= 1
-    done = states * dofs**WORK_POWER
-    after = done / factor ** (error_control.DOFS_POWER * WORK_POWER)
-    assert after <= max(MAX_WORK, done) * (1 + 1e-9)
 
 
 @pytest.fixture
@@ -216,35 +193,6 @@ def test_a_limit_too_short_for_the_first_mesh_begins_with_a_coarser_one(
     assert found[1].estimate["force_rel"] > TOLERANCE
 
 
-def test_steps_that_no_time_was_left_to_judge_are_in_the_estimate(clock_s: list[float]) -> None:
-    def force(h: float, step: float) -> float:
-        clock_s[0] += 1.0
-        return 10.0
-
-    rubbed, smooth = [], []
-    for friction, found in ((0.5, rubbed), (0.0, smooth)):
-        clock_s[0] = 0.0
-        with time_limit.within(1.5):
-            found.append(ladder(force).refine(chosen(friction), free=True).estimate["force_rel"])
-    assert rubbed[0] > smooth[0] + TOLERANCE
-
-
-def test_a_longer_step_answers_where_the_shorter_one_takes_too_long(clock_s: list[float]) -> None:
-    steps = []
-
-    def force(h: float, step: float) -> float:
-        steps.append(step)
-        clock_s[0] += 1.0
-        return 10 * (1 - 0.2 * step)
-
-    with time_limit.within(2.5):
-        found = ladder(force).refine(chosen(0.5), free=True)
-    assert found.limited
-    assert len(steps) == 2
-    assert found.run.choice.step_mm == steps[0]
-    assert found.estimate["force_rel"] > 0.2 * steps[0]
-
-
 def test_waiting_takes_nothing_of_the_limit_and_computing_does() -> None:
     with time_limit.within(0.05):
         time.sleep(0.1)
@@ -257,9 +205,8 @@ def test_waiting_takes_nothing_of_the_limit_and_computing_does() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shape", ["sphere:15", "star"])
-def test_a_press_returns_within_its_limit(shape: str) -> None:
-    asked = (SkinDimensions(), GelMaterial(), parse(shape), (0.3, 0.0), 3.0)
+def test_a_press_returns_within_its_limit() -> None:
+    asked = (SkinDimensions(), GelMaterial(), parse("star"), (0.3, 0.0), 3.0)
     press(*asked, limit_s=2.0)  # loads what it needs
     for limit_s in (0.5, 2.5):
         started_s = time.thread_time()
@@ -324,22 +271,3 @@ def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> Non
     # The indenter stands inside the gel: a hard contact would be pressed deeper.
     force = -middle.force_n[2] / contact.press.mesh.copies
     assert 0 < contact.lacking_rel(middle) == pytest.approx(slope / force, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("depth_mm", "shear_mm", "model"),
-    [(0.6, 0.0, "linear"), pytest.param(1.2, 0.5, "hyperelastic", marks=pytest.mark.slow)],
-)
-def test_every_mesh_tells_its_increments_to_the_last(
-    depth_mm: float, shear_mm: float, model: Any
-) -> None:
-    told: list[tuple[int, int, str]] = []
-    press(
-        SkinDimensions(), GelMaterial(), parse("sphere:15"), (0.0, 0.0), depth_mm, (shear_mm, 0.0),
-        model, 0.5, 2.4 if model == "hyperelastic" else 0.5, lambda *of: told.append(of),
-    )  # fmt: skip
-    starts = [i for i, (done, *_) in enumerate(told) if done == 0]
-    assert len(starts) >= 2
-    for a, b in zip(starts, [*starts[1:], len(told)], strict=True):
-        assert [done for done, *_ in told[a:b]] == list(range(told[a][1] + 1))
-        assert model in told[a][2]

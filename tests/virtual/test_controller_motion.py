@@ -9,11 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltact_fab.protocols.motion import along_line
-from deltact_fab.units import to_ns
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.motion import Path, Segment, brake, trapezoid
+from deltact_fab.virtual.motion import Segment, brake, trapezoid
 
 number = st.floats(-50, 50).map(lambda v: round(v, 3))
 point = st.tuples(number, number, number)
@@ -45,23 +43,6 @@ def ready(**limits: float) -> tuple[VirtualClock, GrblController]:
 def test_duration_is_the_closed_form(length: float, duration: float) -> None:
     move = trapezoid((0, 0, 0), (length, 0, 0), 10, 50, 0)
     assert move.end_ns == pytest.approx(duration * 1e9, abs=1.01)
-
-
-def test_positions_are_the_closed_form() -> None:
-    move = trapezoid((1, 2, 3), (1, 2, -9), 10, 50, to_ns(5))
-
-    def z(t: float) -> float:
-        return move.position_mm(to_ns(5 + t))[2]
-
-    assert z(0) == 3
-    assert z(0.1) == pytest.approx(3 - 0.5 * 50 * 0.1**2, abs=1e-12)
-    assert z(0.2) == pytest.approx(3 - 1, abs=1e-12)
-    assert z(1.0) == pytest.approx(3 - 1 - 8, abs=1e-12)
-    assert z(1.4) == -9
-    assert move.speed_mm_s(to_ns(5.7)) == 10
-    assert move.speed_mm_s(to_ns(6.3)) == pytest.approx(5)
-    assert z(-1) == 3
-    assert move.speed_mm_s(to_ns(7)) == 0
 
 
 @given(point, point, speed, accel)
@@ -104,11 +85,6 @@ def check_smooth(move: Segment, v: float, acc: float) -> None:
     for (u, w), h in zip(itertools.pairwise(mean), dt, strict=False):
         assert abs(w - u) <= acc * h * (1 + 1e-5) + noise
     assert move.speed_mm_s(move.end_ns - 1) <= acc * 2e-9 + 1e-6 * v
-
-
-def test_along_line_keeps_every_axis_within_its_limit() -> None:
-    assert along_line((3, 4, 0), (30, 30, 1)) == pytest.approx(30 / 0.8)
-    assert along_line((0, 0, -2), (30, 30, 7)) == 7
 
 
 def test_axis_limits_slow_a_diagonal_down() -> None:
@@ -157,27 +133,3 @@ def test_the_carriage_never_jumps(script: list[tuple[bytes, int, bytes, float]])
         assert all(s.speed_mm_s(t) <= top * (1 + 1e-9) for t in between)
         assert math.dist(s.position_mm(s.end_ns - 1), s.end_mm) <= top * 2e-9 + 1e-9
     assert not path or path[-1].end_mm == grbl.position_mm()
-
-
-def test_the_past_does_not_change() -> None:
-    clock, grbl = ready()
-    grbl.write(b"$J=X-50F600\n")
-    seen = []
-    for _ in range(20):
-        clock.sleep_s(0.1)
-        seen.append((clock.now_s(), grbl.position_mm()))
-    grbl.write(b"\x85")
-    clock.sleep_s(1)
-    grbl.write(b"$J=X-2Z-9F900\n")
-    clock.sleep_s(20)
-    assert [(t, grbl.position_mm(t)) for t, _ in seen] == seen
-
-
-def test_path_rests_between_segments() -> None:
-    path = Path((0, 0, 0), 0)
-    path.add(trapezoid((0, 0, 0), (1, 0, 0), 1, 10, to_ns(1), 1))
-    assert path.position_mm(0) == (0, 0, 0)
-    assert path.position_mm(to_ns(9)) == (1, 0, 0)
-    assert path.moving(to_ns(0.5)) is None
-    assert path.moving(to_ns(1.5)) is path.segments[0]
-    assert path.moving(to_ns(9)) is None

@@ -112,15 +112,6 @@ def test_words_that_the_controller_never_said(words: bytes, said: str) -> None:
     bench.homes_at_once()
 
 
-def test_a_false_error_in_answer_to_a_move_that_was_begun() -> None:
-    bench = Bench()
-    bench.replace(b"ok", b"error:9\r\n")
-    with pytest.raises(StageError, match="was refused: error:9"):
-        bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
-    assert bench.came_to_rest() < COAST_MM
-    bench.homes_at_once()
-
-
 def test_silence() -> None:
     bench = Bench().moving()
     bench.drop(b"")
@@ -130,16 +121,6 @@ def test_silence() -> None:
     assert bench.came_to_rest() == 0  # a second and the braking after the silence began
     assert math.dist(silent_mm, bench.grbl.position_mm()) < 1.2 * FEED_MM_MIN / 60 + COAST_MM
     bench.homes_at_once()
-
-
-def test_a_voice_that_comes_back_too_late_does_not_hide_the_stop() -> None:
-    bench = Bench().moving()
-    bench.grbl.change(lambda line: line if b"\x85" in bench.sent() else b"")
-    with pytest.raises(StageError, match="was told to stop"):
-        bench.stage.position_mm()
-    with pytest.raises(StageError, match="no motion after a fault"):
-        bench.stage.wait()
-    assert bench.came_to_rest() < COAST_MM
 
 
 @pytest.mark.parametrize("resets_on_open", [True, False])
@@ -183,26 +164,13 @@ def test_the_first_reason_is_the_one_that_is_kept() -> None:
         bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
 
 
-def test_a_move_after_a_stop_is_planned_from_where_the_carriage_is() -> None:
-    bench = Bench().moving()
-    bench.replace(b"<", b"<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>\r\n")
-    with pytest.raises(StageError, match=r"Hold:0 \(feed hold\) during a move"):
-        bench.stage.wait()
-    bench.drop(b"nothing")
-    planned_s = bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
-    bench.stage.wait()
-    last = bench.grbl.segments[-1]
-    first = next(s for s in bench.grbl.segments if s.block == last.block)
-    assert planned_s == pytest.approx((last.end_ns - first.start_ns) / 1e9, abs=1e-3)
-
-
 def test_a_port_that_is_closed_in_mid_move() -> None:
     bench = Bench().moving()
     bench.stage.close()
     assert bench.came_to_rest() < COAST_MM
 
 
-@pytest.mark.parametrize("wait_s", [0.0, 0.3, 2.0])
+@pytest.mark.parametrize("wait_s", [0.0, 2.0])
 @pytest.mark.parametrize("when", ["moving", "resting"])
 def test_a_hard_limit_keeps_its_reason_and_one_homing_is_enough(wait_s: float, when: str) -> None:
     bench = Bench()
@@ -218,7 +186,7 @@ def test_a_hard_limit_keeps_its_reason_and_one_homing_is_enough(wait_s: float, w
     bench.homes_at_once()
 
 
-@pytest.mark.parametrize("wait_s", [0.0, 0.4, 0.6, 5.0])
+@pytest.mark.parametrize("wait_s", [0.0, 0.6])
 def test_after_a_reset_in_motion_one_homing_is_enough(wait_s: float) -> None:
     bench = Bench().moving()
     bench.stage.abort()
@@ -263,16 +231,6 @@ def test_homing_that_fails_is_stopped_by_a_reset(words: bytes, said: str) -> Non
     bench.clock.sleep_s(30)
     assert math.dist(begin_mm, bench.grbl.position_mm()) < 2
     assert bench.grbl.position_mm()[2] < -10  # Z was on its way to its switch
-    bench.homes_at_once()
-
-
-def test_homing_without_an_end_is_stopped_by_a_reset() -> None:
-    bench = Bench()
-    bench.drop(b"ok")
-    with pytest.raises(StageError, match=r"no answer to \$H within .*homing was told to stop"):
-        bench.stage.home()
-    assert bench.sent()[-1] == b"\x18"
-    bench.drop(b"nothing")
     bench.homes_at_once()
 
 

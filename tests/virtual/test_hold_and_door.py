@@ -52,27 +52,6 @@ class Bench:
         assert b"~" not in self.sent()  # of the host
 
 
-def test_the_door_s_states() -> None:
-    bench = Bench()
-    bench.moving()
-    bench.grbl.fault("door")
-    assert bench.said().startswith("<Jog|")  # braking: a jog is cancelled first
-    bench.clock.sleep_s(1)
-    assert bench.said().startswith("<Door:1|")
-    bench.grbl.write(b"~")
-    assert bench.said().startswith("<Door:1|")  # not while it is open
-    bench.grbl.fault("door closes")
-    assert bench.said().startswith("<Door:0|")
-    bench.grbl.fault("door")
-    bench.grbl.write(b"\x18")
-    bench.clock.sleep_s(0.1)
-    assert "[MSG:Check Door]" in bench.grbl.read_available().decode()
-    assert bench.said().startswith("<Door:1|")  # a reset closes no door
-    bench.grbl.fault("door closes")
-    bench.grbl.write(b"~")
-    assert bench.said().startswith("<Idle|")
-
-
 def test_a_door_that_opens_in_a_move() -> None:
     bench = Bench()
     bench.moving()

@@ -69,33 +69,6 @@ def test_image_axes_are_sensor_axes() -> None:
     assert abs(int(blue[60, 40]) - int(blue[60, 120])) <= 3
 
 
-def test_a_push_to_plus_x_moves_the_picture_to_plus_x() -> None:
-    picture = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
-    still = np.zeros((LATTICE.ny, LATTICE.nx, 3))
-    still[..., 0] = 0.4
-    rng = np.random.default_rng(0)
-    before, after = picture.render(None, rng), picture.render(still, rng)
-    # The centre now shows what was 0.4 mm to its left, where red is darker.
-    assert int(after[60, 80, 2]) < int(before[60, 80, 2]) - 2
-
-
-def test_the_press_is_seen_larger() -> None:
-    """Pressed in, nearer to the camera: a depth w of gel is seen as w / n (paraxial Snell)."""
-    rest = CAMERA.project_px(np.array([2.0, 0.0, 0.0]))
-    pressed = CAMERA.project_px(np.array([2.0, 0.0, -1.2]))
-    cx = CAMERA.centre_px[0]
-    assert (pressed[0] - cx) / (rest[0] - cx) == pytest.approx(12.85 / (12.85 - 1.2 / 1.41))
-
-
-def test_noise_repeats_with_its_seed_and_not_with_another() -> None:
-    picture = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), ImageSensor())
-    first, again, other = (
-        picture.render(bump(0.5), np.random.default_rng(seed)) for seed in (1, 1, 2)
-    )
-    assert np.array_equal(first, again)
-    assert not np.array_equal(first, other)
-
-
 @pytest.mark.slow
 def test_where_the_face_hides_a_part_of_itself_the_nearest_is_seen() -> None:
     picture = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)

@@ -117,14 +117,6 @@ def test_where_the_print_ends_it_is_dark() -> None:
     assert image[y, x].max() == 0
 
 
-def test_a_deep_dent_hides_a_part_of_itself_and_is_drawn() -> None:
-    picture = FrameRenderer(
-        Geometry(RawView(LENS, VIEW), LATTICE), dots(np.zeros((1, 2))), ImageSensor()
-    )
-    first, again = (picture.render(bump(4.0), np.random.default_rng(1)) for _ in range(2))
-    assert np.array_equal(first, again)
-
-
 def test_the_spline_between_nodes_is_the_projection() -> None:
     u = bump(1.5)
     motion = FaceMotion(LATTICE, LENS.project_px)

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from deltact_fab import cache
 from deltact_fab.errors import InputError, SolverError
-from deltact_fab.gel.path.knots import Increments, divide
+from deltact_fab.gel.path.knots import Increments
 from deltact_fab.gel.path.solver import PathSolver
-from deltact_fab.gel.path.store import KIND, load
+from deltact_fab.gel.path.store import KIND
 from deltact_fab.protocols.plan import Protocol
-from deltact_fab.rig.simulator import FiniteGelConfig, GelConfig
+from deltact_fab.rig.simulator import GelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.virtual.paths import paths, poses, rest_s
 from deltact_fab.virtual.presolve import solve_ahead
@@ -44,9 +41,14 @@ def specimen(**changes: Any) -> Protocol:
     return declared(specimen=changes)
 
 
-@pytest.fixture(autouse=True)
-def _own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "store"))
+@pytest.fixture(scope="module", autouse=True)
+def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A store of these tests alone, with one press in it."""
+    folder = tmp_path_factory.mktemp("store")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DELTACT_FAB_CACHE", str(folder))
+        solved(declared())
+        yield folder / KIND
 
 
 def solved(protocol: Protocol, config: GelConfig = COARSE) -> PathSolver:
@@ -55,6 +57,46 @@ def solved(protocol: Protocol, config: GelConfig = COARSE) -> PathSolver:
     press = presses.of(presses.paths[0]).solver
     press.solve_all()
     return press
+
+
+def test_a_press_is_solved_once_and_found_bit_for_bit(store: Path) -> None:
+    (entry,) = store.glob("*.bin")
+    data = entry.read_bytes()
+    found = solved(declared())
+    assert (found.found is not None, found.solves) == (True, 0)
+    assert all(k.displacement_mm is not None for k in found.knots)
+    # A damaged entry is none, and what is solved anew is the same.
+    entry.write_bytes(data[: len(data) // 2] + b"x" + data[len(data) // 2 + 1 :])
+    again = solved(declared())
+    assert again.found is None
+    assert again.solves == len(again.poses) == len(found.knots)
+    for a, b in zip(again.knots, found.knots, strict=True):
+        assert a.force_n == b.force_n
+        assert a.torque_nmm == b.torque_nmm
+        assert np.array_equal(a.displacement_mm, b.displacement_mm)
+    assert solved(declared()).found is not None
+    # One with fields serves who needs none.
+    blind = solved(declared(channels=["force", "shear"]))
+    assert blind.found is not None
+    assert all(k.displacement_mm is None for k in blind.knots)
+
+
+@pytest.mark.parametrize(
+    ("other", "shared"),
+    [
+        (specimen(pattern="dense", modulus_mpa=0.3), True),
+        (declared(motion={"shear_feed_mm_min": 60.0}), True),
+        (declared(indenters=["sphere:12", "4dots"]), True),
+        (specimen(poisson=0.48), False),
+        (specimen(friction=0.4), False),
+        (declared(depths_mm=[0.5]), False),
+        (declared(shear={"amplitude_mm": 1.5, "axes": ["x"]}), False),
+        (declared(indenters=["sphere:11"]), False),
+    ],
+)
+def test_only_what_changes_the_mechanics_is_solved_again(other: Protocol, shared: bool) -> None:
+    presses = Presses(other, SKIN, COARSE)
+    assert (presses.of(presses.paths[0]).solver.found is not None) == shared
 
 
 def test_the_way_of_a_press_is_the_plan_s_in_contact() -> None:
@@ -66,18 +108,6 @@ def test_the_way_of_a_press_is_the_plan_s_in_contact() -> None:
     assert first.lines[0].start_mm == (0.0, 0.0, 0.5)
     assert first.lines[0].seconds == pytest.approx(1.1 / 0.5)
     assert second.deepest_mm == 0.6
-
-
-def test_knots_are_no_further_apart_than_the_increments_and_one_is_at_first_touch() -> None:
-    at, where = divide((0.0, 0.0, 0.5), (0.0, 0.0, -0.6), Increments(0.25, 0.5))
-    assert where[1] == (0.0, 0.0, 0.0)
-    assert [round(p[2], 9) for p in where[2:]] == [-0.2, -0.4, -0.6]
-    assert at[0] == 0.0
-    assert at[-1] == 1.0
-    found = poses(paths(declared())[0], Increments(0.25, 0.5))
-    assert len(found) == 3 + 2 + 4 + 2
-    for a, b in itertools.pairwise(found):
-        assert math.dist(a.tip_mm, b.tip_mm) <= 0.5 + 1e-12
 
 
 def test_rests_count_for_a_gel_that_creeps_only() -> None:
@@ -92,138 +122,8 @@ def test_rests_count_for_a_gel_that_creeps_only() -> None:
     assert len(rests) == stops * len(rest_s(2.0, (5.0, 0.4)))
 
 
-@pytest.mark.parametrize("dwell", [0.001, 0.05, 1.0, 30.0, 600.0])
-def test_a_rest_is_parted_so_that_what_lies_between_its_knots_is_right(dwell: float) -> None:
-    times = (0.3, 3.0, 30.0)
-    knots = np.concatenate([[0.0], np.cumsum(rest_s(dwell, times))])
-    assert knots[-1] == pytest.approx(dwell, rel=1e-12)
-    t = np.linspace(0.0, dwell, 20_001)
-    for tau in times:
-        between = np.interp(t, knots, np.exp(-knots / tau))
-        assert np.abs(between - np.exp(-t / tau)).max() < 0.012
-
-
-def test_a_press_is_solved_once_and_found_bit_for_bit() -> None:
-    first, again = solved(declared()), solved(declared())
-    assert first.found is None
-    assert first.solves == len(first.poses) == len(first.knots)
-    assert again.found is not None
-    assert again.solves == 0
-    for a, b in zip(first.knots, again.knots, strict=True):
-        assert a.force_n == b.force_n
-        assert a.torque_nmm == b.torque_nmm
-        assert a.displacement_mm is not None
-        assert np.array_equal(a.displacement_mm, b.displacement_mm)
-    assert again.between == first.between
-    assert np.array_equal(first.axes_mm[0], again.axes_mm[0])
-
-
-@pytest.mark.parametrize(
-    ("other", "shared"),
-    [
-        (lambda: specimen(pattern="dense", modulus_mpa=0.3), True),
-        (lambda: declared(capture={"rate_hz": 5.0}), True),
-        (lambda: declared(motion={"shear_feed_mm_min": 60.0}), True),
-        (lambda: declared(indenters=["sphere:12", "4dots"]), True),
-        (lambda: specimen(poisson=0.48), False),
-        (lambda: specimen(friction=0.4), False),
-        (lambda: declared(depths_mm=[0.5]), False),
-        (lambda: declared(shear={"amplitude_mm": 1.5, "axes": ["x"]}), False),
-        (lambda: declared(indenters=["sphere:11"]), False),
-    ],
-)
-def test_only_what_changes_the_mechanics_is_solved_again(
-    other: Callable[[], Protocol], shared: bool
-) -> None:
-    solved(declared())
-    presses = Presses(other(), SKIN, COARSE)
-    assert (presses.of(presses.paths[0]).solver.found is not None) == shared
-
-
-@pytest.mark.slow
-def test_forces_are_in_proportion_to_the_modulus() -> None:
-    """What lets all moduli share a trajectory: the solver itself, with another one."""
-    from deltact_fab.elasticity.material import GelMaterial
-    from deltact_fab.gel.level import Reach
-    from deltact_fab.gel.level_selection import pick
-    from deltact_fab.gel.open import contact_of
-    from deltact_fab.shapes.indenter import parse
-
-    press = solved(specimen(gel_model="hyperelastic"), finite(2.5))
-    e = 0.37
-    scene, reach = (SKIN, GelMaterial(e), parse("sphere:12")), Reach((-1.0, 1.0), (0.0, 0.0), 0.6)
-    choice = pick(*scene, reach, level="hyperelastic", spacing_mm=2.5)
-    contact = contact_of(*scene, choice, lattice_mm=1.0)
-    state = contact.rest()
-    for pose, knot in zip(press.poses, press.knots, strict=True):
-        state = contact.solve(state, (*pose.tip_mm[:2], -pose.tip_mm[2]))
-        assert state.force_n == pytest.approx([e * f for f in knot.force_n], rel=1e-5, abs=1e-6)
-        assert knot.displacement_mm is not None
-        assert np.abs(state.displacement_mm - knot.displacement_mm).max() < 1e-5
-
-
-def finite(cell_mm: float) -> GelConfig:
-    return GelConfig(
-        hyperelastic=FiniteGelConfig(
-            cell_mm=cell_mm, lattice_mm=1.0, press_increment_mm=0.6, shear_increment_mm=1.0
-        )
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("damage", ["cut", "flipped", "empty"])
-def test_a_damaged_entry_is_solved_again(damage: str) -> None:
-    first = solved(declared())
-    (entry,) = (cache.user_folder() / KIND).glob("*.bin")
-    data = entry.read_bytes()
-    middle = len(data) // 2
-    flipped = data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
-    entry.write_bytes({"cut": data[:middle], "flipped": flipped, "empty": b""}[damage])
-    again = solved(declared())
-    assert again.found is None
-    assert again.knots[-1].force_n == first.knots[-1].force_n
-    assert solved(declared()).found is not None
-
-
-def test_an_entry_of_another_length_is_none() -> None:
-    press = solved(declared())
-    assert press._key is not None
-    assert load(press._key, press.observed, len(press.poses)) is not None
-    assert load(press._key, press.observed, len(press.poses) + 1) is None
-
-
-@pytest.mark.slow
-def test_without_images_no_field_is_kept_and_one_with_fields_serves() -> None:
-    blind = declared(channels=["force", "shear"])
-    alone = solved(blind)
-    assert all(k.displacement_mm is None for k in alone.knots)
-    assert alone.between.displacement_mm == 0.0
-    assert solved(declared()).found is None
-    small, large = sorted(p.stat().st_size for p in (cache.user_folder() / KIND).glob("*.bin"))
-    assert small < large / 10
-
-
-def test_one_with_fields_serves_who_needs_none() -> None:
-    solved(declared())
-    assert solved(declared(channels=["force", "shear"])).found is not None
-
-
-def test_between_knots_the_bound_is_what_a_finer_path_shows() -> None:
-    """The reported error is of the size that twice as many knots show at the middles."""
-    one = declared(shear=None, channels=["image", "force", "shear"])
-    wide = solved(one, COARSE.model_copy(update={"press_increment_mm": 0.2}))
-    fine = solved(one, COARSE.model_copy(update={"press_increment_mm": 0.1}))
-    fz = [0.0, *(k.force_n[2] for k in wide.knots)]
-    middles = [k.force_n[2] for k in fine.knots[::2]]
-    off = [abs(m - (a + b) / 2) for m, a, b in zip(middles, fz, fz[1:], strict=False)]
-    assert wide.between.samples >= 1
-    assert wide.between.force_n == pytest.approx(off[0], rel=0.05)
-    assert wide.between.force_n > 0
-
-
 def test_off_the_plan_a_found_press_is_solved_from_its_start() -> None:
     """A stop at a place that no plan knows: the history before it is solved again, and right."""
-    solved(declared())
     found = solved(declared())
     before = 4
     key, knot = found.next(before, (0.7, 0.0, -0.6), 1.0)
@@ -265,17 +165,12 @@ def test_a_failure_ends_one_press_and_the_rest_is_kept() -> None:
         presses.of(presses.paths[1]).solver.solve_all()
 
 
-def test_opening_the_next_press_lets_the_fields_of_the_last_go() -> None:
-    presses = Presses(declared(), SKIN, COARSE)
-    first = presses.of(presses.paths[0]).solver
-    first.solve_all()
-    forces, flags = [knot.force_n for knot in first.knots], first.flags
-    presses.of(presses.paths[1])
-    assert all(knot.displacement_mm is None for knot in first.knots)
-    assert [knot.force_n for knot in first.knots] == forces
-    assert (first.flags, first.solves) == (flags, len(forces))
-    with pytest.raises(AssertionError, match="has begun"):
-        first.next(0, first.poses[0].tip_mm, 1.0)
-    again = Presses(declared(), SKIN, COARSE).of(presses.paths[0]).solver
-    assert again.found is not None
-    assert all(knot.displacement_mm is not None for knot in again.knots)
+@pytest.mark.parametrize("dwell", [0.05, 600.0])
+def test_a_rest_is_parted_so_that_what_lies_between_its_knots_is_right(dwell: float) -> None:
+    times = (0.3, 3.0, 30.0)
+    knots = np.concatenate([[0.0], np.cumsum(rest_s(dwell, times))])
+    assert knots[-1] == pytest.approx(dwell, rel=1e-12)
+    t = np.linspace(0.0, dwell, 20_001)
+    for tau in times:
+        between = np.interp(t, knots, np.exp(-knots / tau))
+        assert np.abs(between - np.exp(-t / tau)).max() < 0.012

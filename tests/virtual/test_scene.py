@@ -119,24 +119,6 @@ def test_only_the_knots_around_the_present_are_solved() -> None:
 
 
 @pytest.mark.slow
-def test_between_knots_the_force_is_close_to_the_solver_s() -> None:
-    """The stated bound of the interpolation at the default increments: 1 % of the peak force."""
-    wide, fine = Bench(0.1), Bench(0.025)
-    worst, peak = 0.0, 0.0
-    for bench in (wide, fine):
-        bench.go(0.0, 0.0, 0.0)
-        bench.jog(0.0, 0.0, -1.2, 30.0)
-    for _ in range(12):
-        forces = []
-        for bench in (wide, fine):
-            bench.clock.sleep_s(0.19)
-            forces.append(bench.force_n()[2])
-        worst = max(worst, abs(forces[0] - forces[1]))
-        peak = max(peak, abs(forces[1]))
-    assert worst < 0.01 * peak
-
-
-@pytest.mark.slow
 def test_a_jog_that_is_cancelled_keeps_the_true_path() -> None:
     """Stopped between two knots, the gel is where the tip is, not where the plan led."""
     bench = Bench()
@@ -216,14 +198,6 @@ def test_history_is_gone_after_the_tip_left() -> None:
     assert abs(force[0]) < 1e-3 * abs(force[2])
 
 
-def test_a_scene_without_a_camera_keeps_no_fields() -> None:
-    bench = Bench(drawn=False)
-    bench.go(0.0, 0.0, 0.0)
-    bench.go(0.0, 0.0, -0.5, 60.0)
-    bench.scene.observe()
-    assert all(k.displacement_mm is None for k in bench.scene.knots)
-
-
 def test_the_same_motion_later_gives_the_same_bits() -> None:
     """Everything counts from the start of a line, in whole nanoseconds."""
     seen = []
@@ -253,37 +227,6 @@ def test_a_face_below_the_floor_is_kept_on_it_and_flagged() -> None:
     told = f"floor: {deep.sum()} of {deep.size} points of the face come out below the gel's floor"
     assert any(flag.startswith(told) for flag in below.flags)
     assert below.force_n == above.force_n
-
-
-def test_a_creeping_gel_goes_on_while_the_tip_rests() -> None:
-    """A rest of the plan is one knot more: the force falls from the end of the line to its end."""
-    gel = GelMaterial(1.0, prony=((1.0, 2.0),))
-    scene, reach = (SkinDimensions(), gel, parse("sphere:15")), Reach((0.0, 0.5), (0.0, 0.0), 1.0)
-    choice = pick(*scene, reach, level="hyperelastic", spacing_mm=3.0)
-    contact = contact_of(*scene, choice, lattice_mm=1.0)
-    down = (0.0, 0.0, -1.0)
-    planned = [
-        KnotPose((0.0, 0.0, -0.5), 0.05, 0.5),
-        KnotPose(down, 0.05, 1.0),
-        KnotPose(down, 4.0, 0.0),
-    ]
-    press = PlannedPress(PathSolver(lambda: contact, planned), "", ((0.0, 0.0, 0.0), down))
-    bench = Bench(drawn=False)
-    bench.scene = GelScene(
-        bench.controller, bench.clock, FRAME, Increments(0.5, 0.5), lambda name, at: press, None
-    )
-    bench.go(0.0, 0.0, 0.0)
-    bench.scene.begin()
-    bench.jog(0.0, 0.0, -1.0, 1200.0)
-    forces = []
-    for wait_s in (1.2, 1.0, 6.0, 1.0):
-        bench.clock.sleep_s(wait_s)
-        forces.append(-bench.force_n()[2])
-    assert forces[0] > forces[1] > 1.2 * forces[2]
-    assert forces[2] == forces[3] == -press.solver.knots[2].force_n[2]
-    bench.go(0.5, 0.0, -1.0, 1200.0)  # the next line starts from the rested gel
-    bench.scene.observe()
-    assert [k.key for k in bench.scene.knots[:4]] == [0, 1, 2, 3]
 
 
 def test_a_rest_of_several_knots_is_followed_and_is_over_when_the_next_line_starts() -> None:

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from deltact_fab import experiment, record
-from deltact_fab.errors import InputError, RunFailed
-from deltact_fab.protocols import plan
+from deltact_fab.errors import RunFailed
 
 PROTOCOL = """
 name = "tractions"
@@ -101,10 +100,3 @@ def test_what_was_not_asked_for_is_neither_kept_nor_found(tmp_path: Path) -> Non
     truth.displacement_mm(frame_id)
     with pytest.raises(RunFailed, match=r"no traction_mpa: .*did not ask for 'traction'"):
         truth.traction_mpa(frame_id)
-
-
-def test_it_needs_frames(tmp_path: Path) -> None:
-    path = tmp_path / "p.toml"
-    path.write_text(PROTOCOL.format(level="linear", channels='["force", "shear", "traction"]'))
-    with pytest.raises(InputError, match="'traction' needs 'image'"):
-        plan.load(str(path))

@@ -7,17 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ...aliases import Field
+from ...elasticity.edge_compliance import brick_gradients
 from ...errors import InputError
 from .material import NeoHooke
 from .mesh import HexMesh
 from .pattern import Pattern
 from .viscous import Memory
 
-_G = 1 / np.sqrt(3)
-_CORNER = np.array(
-    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1],
-     [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=np.float64,
-)  # fmt: skip
 POINTS = 8
 # Empty arrays stand for None in machine code.
 _NO_PRESSURE = np.empty(0)
@@ -49,7 +45,7 @@ class BulkAssembly:
 
     def __init__(self, mesh: HexMesh, law: NeoHooke, pattern: Pattern) -> None:
         self.mesh, self.law, self.pattern = mesh, law, pattern
-        local = _local_gradients()
+        local = brick_gradients()
         x = mesh.nodes_mm[mesh.cells]
         jacobian = np.einsum("mai,qaj->mqij", x, local)
         det = np.linalg.det(jacobian)
@@ -93,7 +89,6 @@ class BulkAssembly:
         return Bulk(energy, force, data[:-1] if tangent else None, least, jbar, whole)
 
     def deformation_gradient(self, displacement_mm: Field) -> Field:
-        """F (m, 8 points, 3, 3)."""
         u = displacement_mm[self.mesh.cells]
         grad = np.matmul(np.swapaxes(u, 1, 2), self.gradients_per_mm)
         f = np.swapaxes(grad.reshape(len(u), 3, POINTS, 3), 1, 2)
@@ -101,18 +96,4 @@ class BulkAssembly:
 
     def scatter(self, nodal: Field) -> Field:
         """Sum of cell forces (m, 8, 3) at the nodes, (n, 3)."""
-        n = len(self.mesh.nodes_mm)
-        flat = self.mesh.cells.ravel()
-        columns = [np.bincount(flat, weights=nodal[..., i].ravel(), minlength=n) for i in range(3)]
-        return np.stack(columns, axis=1)
-
-
-def _local_gradients() -> Field:
-    """dN_a / dxi_j (points, nodes, 3) at the Gauss points of the cube from -1 to 1."""
-    points = _G * _CORNER
-    factor = 1 + points[:, None, :] * _CORNER[None]
-    out = np.empty((POINTS, 8, 3))
-    for j in range(3):
-        others = [k for k in range(3) if k != j]
-        out[:, :, j] = _CORNER[:, j] * factor[..., others[0]] * factor[..., others[1]] / 8
-    return out
+        return self.mesh.at_nodes(self.mesh.cells, nodal)

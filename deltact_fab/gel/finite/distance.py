@@ -198,7 +198,6 @@ def _prism_outline(tip: PrismTip, p: Field) -> _Outline:
 
 
 def _swept(outline: _Outline, chain: _Chain, z: Field) -> Gap:
-    """A profile swept along an outline."""
     flat = _profile_distance(chain, outline.d, z)
     n_d, n_z = flat.normal[:, 0], flat.normal[:, 1]
     up = np.array([0.0, 0.0, 1.0])

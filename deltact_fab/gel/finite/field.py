@@ -68,7 +68,6 @@ class FaceLattice:
         return np.ascontiguousarray(np.moveaxis(wy @ np.moveaxis(parts, -1, 0) @ wx.T, 0, -1))
 
     def _to_means(self, n: int) -> list[Field]:
-        """Along x and y, of n parts a cell."""
         if n not in self._means:
             ends = np.cumsum(np.polynomial.legendre.leggauss(n)[1]) / 2
             self._means[n] = []

@@ -54,8 +54,6 @@ LONGEST_RUB = 1 / 8  # of the thickness: longest increment with friction, a firs
 
 
 class FiniteGel:
-    """`level.GelContact` of the finite-strain block."""
-
     level: Level = "hyperelastic"
 
     def __init__(
@@ -75,7 +73,6 @@ class FiniteGel:
         self._lattice = FaceLattice(mesh, x_mm, y_mm)
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> State:
-        """Without contact."""
         return self._state(self.press.rest(tip_mm), jumped=False)
 
     def solve(
@@ -105,19 +102,17 @@ class FiniteGel:
         return self._state(found, previous.jumped)
 
     def guide(self, states: Sequence[State]) -> Guide | None:
-        """What a coarser mesh moved, for this one to start from."""
         if not states:
             return None
         coarse = states[0].contact.press.mesh
         return Guide(coarse, [s.inner for s in states], self.press.mesh)
 
     def lacking_rel(self, state: State) -> float:
-        """What a hard contact would add to the normal force, relative; see `penalty_correction`."""
+        """What a hard contact would add to the normal force, relative; see `lacking_n`."""
         force = -state.inner.force_n[2]
         return lacking_n(self.press, state.inner) / force if force > 0 else 0.0
 
     def displacement_mm(self, inner: FiniteState) -> Field:
-        """(ny, nx, 3) on the lattice of material points at rest."""
         return self._lattice.displacement_mm(inner.displacement_mm)
 
     def traction_mpa(self, inner: FiniteState) -> Field:
@@ -195,7 +190,6 @@ class FiniteGel:
                 )
 
     def _state(self, inner: FiniteState, jumped: bool) -> State:
-        """jumped: of the state before."""
         d = inner.diagnostics
         jumped = inner.contact_points > 0 and (jumped or d.lagged > 0)
         depth = max(inner.tip_mm[2], 0.0)

@@ -47,7 +47,6 @@ class Pardiso:
             self._mkl.set_iparm(place, value)
         self._upper: sp.csr_matrix | None = None
         self.negative: int | None = None
-        self.factorisations = 0
 
     def factorise(self, upper: sp.csr_matrix) -> None:
         """Numerical factorisation; symbolic only when the pattern is a new one."""
@@ -62,10 +61,8 @@ class Pardiso:
         self._call(22 if known else 12, np.zeros(upper.shape[0]))
         # Input parameters 22 and 23 of the manual, counted from one.
         self.negative = int(self._mkl.get_iparm(23))
-        self.factorisations += 1
 
     def solve(self, right: Field) -> Field:
-        """Forward and back substitution."""
         return self._call(33, np.ascontiguousarray(right, dtype=np.float64))
 
     def _call(self, phase: int, right: Field) -> Field:
@@ -86,7 +83,6 @@ class SuperLU:
     def __init__(self) -> None:
         self._factor: Any = None
         self.negative: int | None = None
-        self.factorisations = 0
 
     def factorise(self, upper: sp.csr_matrix) -> None:
         """Both triangles are made; the ordering is repeated each time."""
@@ -102,17 +98,15 @@ class SuperLU:
         # With pivots left on the diagonal their signs are the inertia (Sylvester).
         same = np.array_equal(self._factor.perm_r, self._factor.perm_c)
         self.negative = int((self._factor.U.diagonal() < 0).sum()) if same else None
-        self.factorisations += 1
 
     def solve(self, right: Field) -> Field:
-        """Forward and back substitution."""
         return self._factor.solve(right)
 
 
 Solver = Pardiso | SuperLU
 """Solves K x = b for one sparsity pattern and changing entries; `factorise` takes the upper
 triangle with its diagonal. negative: number of negative eigenvalues of the last factor; None where
-that is not known. factorisations: made so far."""
+that is not known."""
 SOLVERS: dict[str, type[Solver]] = {"pardiso": Pardiso, "superlu": SuperLU}
 
 
@@ -129,5 +123,4 @@ def make_solver(name: Name = "auto") -> Solver:
 
 
 def _full(upper: sp.csr_matrix) -> sp.csr_matrix:
-    """Both triangles of a matrix given by its upper one."""
     return (upper + sp.triu(upper, k=1).T).tocsr()

@@ -52,7 +52,6 @@ class NeoHooke:
 
     @property
     def local_mpa(self) -> float:
-        """b of the energy above."""
         return min(LOCAL * self.mu_mpa, self.lambda_mpa / 8)
 
     def volumetric(self, jbar: Field) -> tuple[Field, Field, Field]:

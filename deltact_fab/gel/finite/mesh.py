@@ -50,7 +50,6 @@ class HexMesh:
 
     @property
     def copies(self) -> int:
-        """How many times the mesh makes the whole body."""
         return 2 ** sum(self.mirrors)
 
     @property
@@ -58,9 +57,14 @@ class HexMesh:
         """Node numbers (f, 4) of the touched face, round it, seen from outside counterclockwise."""
         return self.cells[self.touched, 4:]
 
+    def at_nodes(self, cells: Index, forces: Field) -> Field:
+        """Sum (n, 3) of forces (m, k, 3) at the nodes (m, k) of cells or faces."""
+        flat, n = cells.ravel(), len(self.nodes_mm)
+        columns = [np.bincount(flat, weights=forces[..., i].ravel(), minlength=n) for i in range(3)]
+        return np.stack(columns, axis=1)
+
     @property
     def free_dofs(self) -> int:
-        """Number of displacements that are not held."""
         return int((~self.held).sum())
 
 
@@ -111,7 +115,6 @@ def _axes(
     mirrors: tuple[bool, bool],
     growth: float = GROWTH,
 ) -> tuple[Field, Field, Field]:
-    """Coordinates of a block's nodes along x, y and z."""
     halves = skin.opening_half_mm
     axes = []
     for axis, half in enumerate(halves):

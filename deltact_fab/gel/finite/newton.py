@@ -103,7 +103,6 @@ class _Direction:
             raise SolverError(f"newton: {MAX_WEAK} steps left a residual of {now:.1e}")
 
     def step_mm(self, residual_n: Field) -> Field:
-        """The step (size,) against a residual."""
         if not self._problem.couples:
             return -self._solver.solve(residual_n)
         n = len(residual_n)
@@ -160,7 +159,6 @@ def solve(
 
 
 def size_of(e: Evaluation) -> float:
-    """The residual's norm over its scale."""
     return float(np.linalg.norm(e.residual_n)) / e.scale_n
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -90,10 +89,8 @@ class FinitePress:
         solver: Name = "auto",
         points: int | None = None,
     ) -> None:
-        friction = material.friction if friction is None else friction
-        if not (math.isfinite(friction) and friction >= 0):
-            raise InputError(f"press: friction >= 0 and finite: {friction} fails")
-        self.mesh, self.indenter, self.friction = mesh, indenter, friction
+        self.mesh, self.indenter = mesh, indenter
+        self.friction = material.friction if friction is None else friction
         self.tolerance = TOLERANCE
         self.law = NeoHooke.of(material)
         self.viscosity = Viscosity.of(material, self.law)
@@ -112,7 +109,6 @@ class FinitePress:
         self.floor_n = FLOOR * material.modulus_mpa * cell * float(np.ptp(mesh.nodes_mm[:, 2]))
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> FiniteState:
-        """The state without contact: nothing displaced, nothing remembered."""
         at = self.surface.weights_mm2.shape
         nothing = (0.0, 0.0, 0.0)
         return FiniteState(
@@ -164,7 +160,6 @@ class FinitePress:
                 "press: a gel with a Prony series needs the seconds that an increment takes: 0 for "
                 "a sudden one, inf for long rest"
             )
-        started = time.perf_counter()
         start, move = np.array(previous.tip_mm), np.array(tip_mm) - np.array(previous.tip_mm)
         done, part, cuts = 0.0, 1.0, 0
         state, parts = previous, []
@@ -193,11 +188,9 @@ class FinitePress:
             done = goal
         refuse_lost(self.surface, self.indenter, self._cell_mm, previous, state)
         work = IncrementDiagnostics.over(parts)
-        seconds_s = time.perf_counter() - started
-        return replace(state, diagnostics=replace(work, cuts=cuts, seconds=seconds_s))
+        return replace(state, diagnostics=replace(work, cuts=cuts))
 
     def _memory(self, state: FiniteState, seconds: float | None, part: float) -> Memory | None:
-        """What a relaxing gel brings into the next part of an increment."""
         if self.viscosity is None or seconds is None:
             return None
         f = self.bulk.deformation_gradient(state.displacement_mm)
@@ -318,13 +311,11 @@ class FinitePress:
         )
 
     def _most_stretch(self, u: Field) -> float:
-        """Largest principal stretch over all points."""
         f = self.bulk.deformation_gradient(u)
         return float(np.sqrt(np.linalg.eigvalsh(np.swapaxes(f, 2, 3) @ f)[..., -1].max()))
 
 
 def _smallest_face_mm(mesh: HexMesh) -> float:
-    """Side of the smallest face that can be touched."""
     x = mesh.nodes_mm[mesh.faces]
     across = np.linalg.norm(np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]), axis=1) / 2
     return float(np.sqrt(across.min()))

@@ -95,7 +95,6 @@ class Equilibrium:
         return self._coupling is not None and bool(self._coupling.gain_n_mm.any())
 
     def coupled(self, step_mm: Field) -> Field:
-        """That part times a step (size,)."""
         assert self._coupling is not None
         pattern = self._bulk.pattern
         return self._surface.coupled(self._coupling, pattern.whole(step_mm))[pattern.free]

@@ -151,7 +151,7 @@ class Surface:
                     gain = np.where(slips & grip.held, -grip.friction * rise, 0.0) * w
                     coupling = Coupling(gain, traction / size[..., None], normal)
         nodal = np.matmul(self.shape.T, w[..., None] * pull)
-        force = self._scatter(nodal)
+        force = self.mesh.at_nodes(self.faces, nodal)
         data = None
         if block is not None:
             # A bound that is held outlasts the contact.
@@ -169,13 +169,15 @@ class Surface:
         psi, pressure, rise = self._ramp(-q, float(tip_mm[2]))
         energy = float((self.weights_mm2 * (pressure * q - psi)).sum())
         pull = (self.weights_mm2 * q * rise)[..., None] * near.normal.reshape(*q.shape, 3)
-        return energy, -self._scatter(np.matmul(self.shape.T, pull))
+        return energy, -self.mesh.at_nodes(self.faces, np.matmul(self.shape.T, pull))
 
     def coupled(self, coupling: Coupling, step_mm: Field) -> Field:
         """Change (n, 3) of the nodal forces with displacements (n, 3), by the coupling alone."""
         move = np.matmul(self.shape, step_mm[self.faces])
         change = coupling.gain_n_mm * (coupling.normal * move).sum(axis=2)
-        return self._scatter(np.matmul(self.shape.T, change[..., None] * coupling.way))
+        return self.mesh.at_nodes(
+            self.faces, np.matmul(self.shape.T, change[..., None] * coupling.way)
+        )
 
     def normals(self, at_mm: Field) -> Field:
         """Outward normals (f, q, 3) of the indenter next to points (f, q, 3)."""
@@ -262,12 +264,6 @@ class Surface:
         cells = np.einsum("qab,fqij->faibj", pairs, block[some], optimize=True)
         flat = cells.reshape(-1, 12, 12)[:, FACE_UPPER[0], FACE_UPPER[1]]
         return self.pattern.add(self.pattern.face_slots[some], flat)
-
-    def _scatter(self, nodal: Field) -> Field:
-        n = len(self.mesh.nodes_mm)
-        flat = self.faces.ravel()
-        columns = [np.bincount(flat, weights=nodal[..., i].ravel(), minlength=n) for i in range(3)]
-        return np.stack(columns, axis=1)
 
 
 def _bilinear(xi: Field, eta: Field) -> Field:

@@ -1,58 +1,28 @@
-"""Force against depth of one indenter, and forces along a path, for every modulus.
+"""Force against depth of one indenter, for every modulus.
 
 With Poisson's ratio and friction fixed, all stresses of a neo-Hookean gel scale with its modulus.
-All is solved by `gel.path` at finite strain, on cells for the deepest point. Between solved depths
-`power_law` interpolates. Below the depth at which the contact is some cells wide, the
-linear level's force is taken, times a factor that goes from 1 at touch to the first solved ratio as
-sqrt(d): what finite strain changes grows with the contact's radius.
+All is solved by `gel.path` at finite strain, on cells for the deepest point; between solved depths
+a monotone cubic of log force over log depth interpolates. Below the depth at which the contact is
+some cells wide, the linear level's force is taken, times a factor that goes from 1 at touch to the
+first solved ratio as sqrt(d): what finite strain changes grows with the contact's radius.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ...aliases import Field, Point, Point2, Progress
+from ...aliases import Field, Point2, Progress
 from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter, SkinDimensions
 from ..footprint import contact_radius_mm
-from ..level import Choice
-from ..path.knots import Increments, KnotPose, ObservedChannels, divide
+from ..path.knots import KnotPose, ObservedChannels
 from ..path.open import choose, open_path
-
-
-class PowerLaw(NamedTuple):
-    """Monotone cubic of log force over log depth, its start, the exponent before it."""
-
-    curve: Any
-    start: float
-    power: float
-
-
-def interpolant(depth_mm: Field, normal_n: Field) -> PowerLaw:
-    """Through depths (n,) above 0, rising, and forces (n,) above 0."""
-    from scipy.interpolate import PchipInterpolator
-
-    x, y = np.log(depth_mm), np.log(normal_n)
-    curve = PchipInterpolator(x, y)
-    # The exponent of the first interval; the one-sided slope of PCHIP is noisier.
-    return PowerLaw(curve, float(x[0]), float((y[1] - y[0]) / (x[1] - x[0])))
-
-
-def evaluated(law: PowerLaw, at_mm: Field) -> Field:
-    """Value at depths of 0 or more; a power law before the first point."""
-    touched = at_mm > 0
-    t = np.log(np.where(touched, at_mm, 1.0))
-    inner, before = np.maximum(t, law.start), np.minimum(t - law.start, 0.0)
-    return np.where(touched, np.exp(law.curve(inner) + law.power * before), 0.0)
-
 
 STEP_MM = 0.5
 DEEPEST = 0.95  # of the thickness
@@ -64,31 +34,43 @@ SPACING_MM = 0.2  # of the linear grid
 
 @dataclass(frozen=True, eq=False)
 class ForceCurve:
-    """Forces on the sensor along one press.
-
-    depth_mm (n,) rising from 0, force_n (n, 3).
-    """
+    """Forces on the sensor along one press: depth_mm (n,) rising from 0, force_n (n, 3)."""
 
     depth_mm: Field
     force_n: Field
 
     def normal_n(self, depth_mm: Field) -> Field:
-        """-Fz (n,) at depths (n,) up to the last solved one; 0 out of contact."""
-        return evaluated(self._power_law, np.clip(depth_mm, 0, self.depth_mm[-1]))
+        """-Fz (n,) at depths (n,) up to the last solved one; 0 out of contact.
+
+        Before the first solved depth it is a power law.
+        """
+        at = np.clip(depth_mm, 0, self.depth_mm[-1])
+        curve, start, power = self._power_law
+        touched = at > 0
+        t = np.log(np.where(touched, at, 1.0))
+        inner, before = np.maximum(t, start), np.minimum(t - start, 0.0)
+        return np.where(touched, np.exp(curve(inner) + power * before), 0.0)
 
     @cached_property
-    def _power_law(self) -> PowerLaw:
-        return interpolant(self.depth_mm[1:], -self.force_n[1:, 2])
+    def _power_law(self) -> tuple[Any, float, float]:
+        """Monotone cubic of log force over log depth, its start, the exponent before it."""
+        from scipy.interpolate import PchipInterpolator
+
+        x, y = np.log(self.depth_mm[1:]), np.log(-self.force_n[1:, 2])
+        # The exponent of the first interval; the one-sided slope of PCHIP is noisier.
+        return PchipInterpolator(x, y), float(x[0]), float((y[1] - y[0]) / (x[1] - x[0]))
 
 
-def cells_mm(skin: SkinDimensions, indenter: Indenter, poisson: float, tips_mm: Field) -> float:
-    """Cells that the default tolerance requires on a path over tips (n, 3) = (x, y, depth).
+def cells_mm(
+    skin: SkinDimensions, indenter: Indenter, poisson: float, at_mm: Point2, deepest_mm: float
+) -> float:
+    """Cells that the default tolerance requires for a press.
 
     Raises InputError where finite strain has no mesh for it.
     """
-    poses = [KnotPose((x, y, -d), 0.0, 1.0) for x, y, d in tips_mm.tolist()]
+    pose = KnotPose((*at_mm, -deepest_mm), 0.0, 1.0)
     material = GelMaterial(1.0, poisson)
-    return choose(skin, material, indenter, poses, level="hyperelastic").spacing_mm
+    return choose(skin, material, indenter, [pose], level="hyperelastic").spacing_mm
 
 
 def force_curve(
@@ -118,7 +100,7 @@ def force_curve(
     unit = GelMaterial(1.0, material.poisson, material.friction)
     h = spacing_mm
     if h is None:
-        h = cells_mm(skin, indenter, unit.poisson, np.array([(*at_mm, deepest_mm)]))
+        h = cells_mm(skin, indenter, unit.poisson, at_mm, deepest_mm)
     # Number of steps to the first solved depth, and the linear level's numbers above it.
     reach = math.floor(LINEAR_DEPTH * thickness / step + 1e-9)
     first = max(1, min(reach, round(_seen_from_mm(indenter, h) / step)))
@@ -135,7 +117,13 @@ def force_curve(
     # Cells for any depth, so that a deeper press has the same numbers on the way.
     whole = [*poses, KnotPose((*at_mm, -DEEPEST * thickness), 0.0, 1.0)]
     choice = choose(skin, unit, indenter, whole, level="hyperelastic", spacing_mm=h)
-    forces = _forces(skin, unit, indenter, poses, choice, step, progress)
+    # None of the poses is further apart than the solver may go at once.
+    solver = open_path(
+        skin, unit, indenter, poses, ObservedChannels(), replace(choice, step_mm=step)
+    )
+    what = f"{indenter.name}, friction {unit.friction:g}"
+    knots = solver.solve_all(progress and (lambda done, of, _: progress(done, of, what)))
+    forces = np.array([knot.force_n for knot in knots])
     shallow, small = np.empty(0), np.empty((0, 3))
     if light is not None:
         shallow, normal, linear_n = light
@@ -144,56 +132,6 @@ def force_curve(
     depth = np.concatenate([[0.0], shallow, depths])
     force = np.concatenate([np.zeros((1, 3)), small, forces])
     return ForceCurve(depth, force * material.modulus_mpa)
-
-
-def force_path(
-    skin: SkinDimensions,
-    material: GelMaterial,
-    indenter: Indenter,
-    tips_mm: Field,
-    *,
-    spacing_mm: float,
-    step_mm: float = STEP_MM,
-    progress: Progress | None = None,
-) -> Field:
-    """Force on the sensor (n, 3) at tips (n, 3) = (x, y, depth) met one after the other.
-
-    Friction remembers the way, so all of it is solved, in increments of at most step_mm. Raises
-    what the solver raises.
-    """
-    unit = GelMaterial(1.0, material.poisson, material.friction)
-    poses, met = _way([(x, y, -d) for x, y, d in tips_mm.tolist()], step_mm)
-    choice = choose(skin, unit, indenter, poses, level="hyperelastic", spacing_mm=spacing_mm)
-    forces = _forces(skin, unit, indenter, poses, choice, step_mm, progress)
-    return forces[met] * material.modulus_mpa
-
-
-def _way(tips: Sequence[Point], step_mm: float) -> tuple[list[KnotPose], list[int]]:
-    """Poses from the first tip on, in the air too, and which of them are the tips."""
-    poses, met = [KnotPose(tips[0], 0.0, 1.0)], [0]
-    for start, end in itertools.pairwise(tips):
-        at, where = divide(start, end, Increments(step_mm, step_mm))
-        poses += [KnotPose(tip, 0.0, f) for f, tip in zip(at[1:], where[1:], strict=True)]
-        met.append(len(poses) - 1)
-    return poses, met
-
-
-def _forces(
-    skin: SkinDimensions,
-    unit: GelMaterial,
-    indenter: Indenter,
-    poses: Sequence[KnotPose],
-    choice: Choice,
-    step_mm: float,
-    progress: Progress | None,
-) -> Field:
-    """Forces (n, 3) at poses, none of them further apart than the solver may go at once."""
-    solver = open_path(
-        skin, unit, indenter, poses, ObservedChannels(), replace(choice, step_mm=step_mm)
-    )
-    what = f"{indenter.name}, friction {unit.friction:g}"
-    knots = solver.solve_all(progress and (lambda done, of, _: progress(done, of, what)))
-    return np.array([knot.force_n for knot in knots])
 
 
 def _seen_from_mm(indenter: Indenter, h: float) -> float:

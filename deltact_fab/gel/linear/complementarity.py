@@ -16,6 +16,7 @@ from ...elasticity.block import BlockWindow
 from ...errors import SolverError
 from .. import time_limit
 
+MAX_ITERATIONS = 4000
 _POWER_STEPS = 12  # to the largest eigenvalue: the uniform start is already close to it
 MUCH = 0.7  # of a set of nodes: a smaller part of it has an eigenvalue of its own
 
@@ -25,7 +26,6 @@ def normal_contact(
     pressure_mpa: Field,
     rest_gap_mm: Field,
     goal_mm: float,
-    max_iterations: int = 4000,
 ) -> tuple[Field, float, int]:
     """Polonsky-Keer conjugate gradients: p >= 0, gap >= 0, p gap = 0 at a given depth.
 
@@ -38,7 +38,7 @@ def normal_contact(
     applications = 1
     direction = np.zeros_like(p)
     old = 0.0
-    for _ in range(max_iterations):
+    for _ in range(MAX_ITERATIONS):
         time_limit.check()
         worst = normal_violation(gap, p)
         if worst <= goal_mm:
@@ -64,7 +64,7 @@ def normal_contact(
         changed = clipped or bool(np.any((p == 0) & (gap < 0)))
         old = 0.0 if changed else new
     raise SolverError(
-        f"contact: pressure not converged after {max_iterations} iterations: "
+        f"contact: pressure not converged after {MAX_ITERATIONS} iterations: "
         f"violation {worst:.1e} mm, {goal_mm:.1e} mm is asked"
     )
 
@@ -104,7 +104,6 @@ def friction_contact(
     bound_mpa: Field,
     goal_mm: float,
     compliance: ShearComplianceBound,
-    max_iterations: int = 4000,
 ) -> tuple[Field, Field, float, int]:
     """Minimise 1/2 q.C q + q.free_slip over |q| <= bound: accelerated gradient with restart.
 
@@ -120,7 +119,7 @@ def friction_contact(
     slip = operator.shear_of_shear(q) + free_slip_mm
     applications += 1
     ahead, ahead_slip, momentum = q, slip, 1.0
-    for _ in range(max_iterations):
+    for _ in range(MAX_ITERATIONS):
         time_limit.check()
         worst = float(np.abs(q - _on_disc(q - step * slip, bound_mpa)).max()) / step
         if worst <= goal_mm:
@@ -139,7 +138,7 @@ def friction_contact(
         ahead_slip = slip_new + weight * (slip_new - slip)
         q, slip = q_new, slip_new
     raise SolverError(
-        f"contact: friction not converged after {max_iterations} iterations: "
+        f"contact: friction not converged after {MAX_ITERATIONS} iterations: "
         f"violation {worst:.1e} mm, {goal_mm:.1e} mm is asked"
     )
 

@@ -21,8 +21,6 @@ MAX_CUTS = 2  # halvings of an increment
 
 
 class LinearGel:
-    """`level.GelContact` of the linear level."""
-
     def __init__(
         self,
         skin: SkinDimensions,
@@ -46,7 +44,6 @@ class LinearGel:
         self._means = means(next(edges), x_mm), means(next(edges), y_mm)
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> State:
-        """Without contact."""
         return self._state(self.contact.rest(tip_mm))
 
     def solve(
@@ -71,11 +68,9 @@ class LinearGel:
         """None: a linear problem needs no start."""
 
     def lacking_rel(self, state: State) -> float:
-        """0: the contact is hard."""
         return 0.0
 
     def displacement_mm(self, inner: ContactState) -> Field:
-        """(ny, nx, 3) on the lattice."""
         return _laid(self._sampled, inner.displacement_mm)
 
     def traction_mpa(self, inner: ContactState) -> Field:

@@ -46,13 +46,11 @@ class ObservedChannels:
     """What is observed of a trajectory; nothing else is computed or kept.
 
     fields: of which knots the face's displacement is kept. traction: the face's traction of the
-    same knots. between: intervals are solved half-way too, here and there, to see how far linear
-    interpolation is off. lattice_mm: largest distance of the lattice's nodes.
+    same knots. lattice_mm: largest distance of the lattice's nodes.
     """
 
     fields: Literal["none", "last", "all"] = "none"
     traction: bool = False
-    between: bool = False
     lacking: bool = False
     lattice_mm: float = 0.25
 
@@ -80,29 +78,6 @@ class SolvedKnot:
     zone_map: ZoneMap | None = None
 
 
-@dataclass(frozen=True)
-class InterpolationError:
-    """How far linear interpolation was from a solve half-way between knots.
-
-    samples: how many were tried; failed: of them did not converge. displacement_mm: largest, in
-    plane (0 where no field is kept). force_n: largest norm, for a modulus of 1 MPa.
-    """
-
-    samples: int = 0
-    failed: int = 0
-    displacement_mm: float = 0.0
-    force_n: float = 0.0
-
-    def joined(self, other: InterpolationError) -> InterpolationError:
-        """The worst of both."""
-        return InterpolationError(
-            self.samples + other.samples,
-            self.failed + other.failed,
-            max(self.displacement_mm, other.displacement_mm),
-            max(self.force_n, other.force_n),
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """Knots in order, the lattice's axes, and how it was made.
@@ -113,7 +88,6 @@ class Trajectory:
     knots: tuple[SolvedKnot, ...]
     x_mm: Field
     y_mm: Field
-    between: InterpolationError
     seconds: float
     dofs: int = 0
     ended: tuple[str, str] | None = None

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ...aliases import Point
 from ...shapes import Indenter
 from ..footprint import is_mirrored
-from ..zones import Zones
 from .knots import KnotPose, SolvedKnot
 
 
@@ -47,12 +46,7 @@ class Mirror:
                 u[..., axis] *= -1
         return u
 
-    def zones(self, zones: Zones) -> Zones:
-        """Their image."""
-        return replace(zones, centroid_mm=self.point((*zones.centroid_mm, 0.0))[:2])
-
     def solved(self, knot: SolvedKnot) -> SolvedKnot:
-        """The image of a solved knot."""
         u, t, zone_map = knot.displacement_mm, knot.traction_mpa, knot.zone_map
         return replace(
             knot,
@@ -60,7 +54,7 @@ class Mirror:
             torque_nmm=self.torque(knot.torque_nmm),
             displacement_mm=None if u is None else self.field(u),
             traction_mpa=None if t is None else self.field(t),
-            zones=self.zones(knot.zones),
+            zones=replace(knot.zones, centroid_mm=self.point((*knot.zones.centroid_mm, 0.0))[:2]),
             zone_map=None if zone_map is None else self.field(zone_map),
         )
 

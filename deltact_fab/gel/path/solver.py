@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...aliases import Field, Point
 from ...errors import DeltactFabError, InputError, SolverError
 from . import store
-from .knots import InterpolationError, KnotPose, ObservedChannels, SolvedKnot, Trajectory
+from .knots import KnotPose, ObservedChannels, SolvedKnot, Trajectory
 from .mirror import Mirror
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 Told = Callable[[int, int, float], None]  # knots done, of all, seconds of the last
 
 UNKEPT: dict[str, Any] = dict.fromkeys(("displacement_mm", "traction_mpa", "zone_map"))
-SAMPLE = 16  # beside the first of each line, every so many intervals are solved half-way too
 ENDS: dict[str, type[DeltactFabError]] = {"input": InputError, "solver": SolverError}
 
 
@@ -62,26 +61,23 @@ class PathSolver:
         self._states: dict[int, State] = {}
         self._others = len(self.poses)
         self._closed = False
-        self.solves, self.seconds, self.between = 0, 0.0, InterpolationError()
+        self.solves, self.seconds = 0, 0.0
         self.found = self._load()
 
     @property
     def contact(self) -> GelContact:
-        """What solves."""
         if self._contact is None:
             self._contact = self._open()
         return self._contact
 
     @property
     def axes_mm(self) -> tuple[Field, Field]:
-        """The lattice's nodes along x and y."""
         if self.found is not None:
             return self.found.x_mm, self.found.y_mm
         return self.contact.x_mm, self.contact.y_mm
 
     @property
     def dofs(self) -> int:
-        """Unknowns of the deformable body."""
         return self.found.dofs if self.found is not None else self.contact.dofs
 
     @property
@@ -91,7 +87,6 @@ class PathSolver:
 
     @property
     def knots(self) -> tuple[SolvedKnot, ...]:
-        """The planned knots found or solved so far."""
         return tuple(self._knots)
 
     @property
@@ -124,7 +119,6 @@ class PathSolver:
         return self._others, solved
 
     def solve_all(self, told: Told | None = None) -> tuple[SolvedKnot, ...]:
-        """Every planned knot. Raises as `next` does."""
         for k in range(len(self._knots), len(self.poses)):
             start_s = time.perf_counter()
             self.next(k, self.poses[k].tip_mm, 0.0)
@@ -152,10 +146,6 @@ class PathSolver:
             kind = next(name for name, error in ENDS.items() if type(why) is error)
             self._keep((kind, str(why)))
             raise
-        if self.observed.between:
-            first = pose.part != 0 and (before == 0 or self.poses[before - 1].part in (0.0, 1.0))
-            if first or before % SAMPLE == SAMPLE // 2:
-                self._compare(start, pose, before, solved)
         self._knots.append(solved)
         self._remember(before, before + 1, state)
         if self._keeps_states:
@@ -187,31 +177,6 @@ class PathSolver:
             self.contact.lacking_rel(state) if last and self.observed.lacking else 0.0, zone_map,
         )  # fmt: skip
         return state, self.mirror.solved(solved)
-
-    def _compare(self, start: State, pose: KnotPose, before: int, after: SolvedKnot) -> None:
-        """A solve half-way between two knots against the mean of both."""
-        a = np.array(start.tip_mm) * (1, 1, -1)
-        x, y, z = ((a + self.mirror.point(pose.tip_mm)) / 2).tolist()
-        start_s = time.perf_counter()
-        try:
-            half = self.contact.solve(start, (x, y, -z), pose.seconds / 2)
-        except SolverError:
-            self.between = self.between.joined(InterpolationError(1, 1))
-            return
-        finally:
-            self.seconds += time.perf_counter() - start_s
-        knot = self._knots[before - 1] if before else None
-        force = (np.array(after.force_n) + (knot.force_n if knot else 0.0)) / 2
-        half_n = self.mirror.point(half.force_n)
-        off_mm = 0.0
-        if after.displacement_mm is not None:
-            mean = after.displacement_mm.astype(float)
-            if knot is not None and knot.displacement_mm is not None:
-                mean = mean + knot.displacement_mm
-            off = self.mirror.field(half.displacement_mm) - mean / 2
-            off_mm = float(np.hypot(off[..., 0], off[..., 1]).max())
-        off_n = float(np.linalg.norm(force - half_n))
-        self.between = self.between.joined(InterpolationError(1, 0, off_mm, off_n))
 
     # -- states ----------------------------------------------------------------------------------
 
@@ -245,7 +210,6 @@ class PathSolver:
         if self.observed.fields == "none":
             more = UNKEPT
         self._knots = [self.mirror.solved(replace(knot, **more)) for knot in found.knots]
-        self.between = found.between
         return replace(found, knots=())
 
     def _keep(self, ended: tuple[str, str] | None) -> None:
@@ -253,7 +217,7 @@ class PathSolver:
             return
         x_mm, y_mm = self.axes_mm
         knots = tuple(self.mirror.solved(knot) for knot in self._knots)
-        made = Trajectory(knots, x_mm, y_mm, self.between, self.seconds, self.contact.dofs, ended)
+        made = Trajectory(knots, x_mm, y_mm, self.seconds, self.contact.dofs, ended)
         store.keep(self._key, self.observed, made)
 
 

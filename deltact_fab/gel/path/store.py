@@ -12,7 +12,7 @@ from ...levels import FINITE
 from ...shapes import Indenter, SkinDimensions
 from ..level import Choice
 from ..zones import Zones
-from .knots import InterpolationError, KnotPose, ObservedChannels, SolvedKnot, Trajectory
+from .knots import KnotPose, ObservedChannels, SolvedKnot, Trajectory
 
 KIND = "gel-trajectory"
 KEEP_BYTES = 8 * 10**9
@@ -57,26 +57,22 @@ def load(key: dict[str, Any], observed: ObservedChannels, count: int) -> Traject
 
     None where there is no whole one.
     """
-    for more in _serving(observed):
-        found = _load(key | asdict(more), count)
-        if found is not None:
-            return found
-    return None
+    found = (_load(more, count) for more in serving(key, observed))
+    return next((one for one in found if one is not None), None)
 
 
 def keep(key: dict[str, Any], observed: ObservedChannels, made: Trajectory) -> bool:
     """Store a trajectory; False when the folder refuses. The longest unused make room."""
     knots = [vars(k) | {"zones": vars(k.zones)} for k in made.knots]
-    value = {**vars(made), "knots": knots, "between": vars(made.between)}
+    value = {**vars(made), "knots": knots}
     return cache.put(KIND, key | asdict(observed), value, KEEP_BYTES)
 
 
-def _serving(observed: ObservedChannels) -> Iterator[ObservedChannels]:
-    """What is asked for, then those that show more than that."""
+def serving(key: dict[str, Any], observed: ObservedChannels) -> Iterator[dict[str, Any]]:
+    """Keys of what is asked for, then of those that show more than that."""
     for fields in FIELDS[FIELDS.index(observed.fields) :]:
         for traction in dict.fromkeys((observed.traction, True)):
-            for between in dict.fromkeys((observed.between, True)):
-                yield replace(observed, fields=fields, traction=traction, between=between)
+            yield key | asdict(replace(observed, fields=fields, traction=traction))
 
 
 def _load(key: dict[str, Any], count: int) -> Trajectory | None:
@@ -86,7 +82,6 @@ def _load(key: dict[str, Any], count: int) -> Trajectory | None:
     for knot in held["knots"]:
         knot["zones"] = Zones(**_tuples(knot["zones"]))
     held["knots"] = tuple(SolvedKnot(**_tuples(knot)) for knot in held["knots"])
-    held["between"] = InterpolationError(**held["between"])
     return Trajectory(**_tuples(held))
 
 
