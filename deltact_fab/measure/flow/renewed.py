@@ -21,8 +21,10 @@ from .method import FlowMethod, PreparedReference
 from .observation import PreparedImage, TrackedFrame
 
 Sum = Literal["composed", "summed", "static"]
-RENEW_SHARE = 0.5
-"""Of the pattern's own difference between unrelated views. The paper gives no threshold."""
+RENEW_SHARE = 0.25
+"""Of the pattern's own difference between unrelated views. The paper gives no threshold. At .25 its
+order of patterns and nearly its errors come out, at .5 they do not (docs/evidence/study-methods.md).
+"""
 LIGHT_PX, BLOB_PX, BLOB = 24.0, 3.0, 3.0
 SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
 """Many, for a pattern of two colours alternates: one shift may lay like on like."""
