@@ -16,9 +16,8 @@ import numpy as np
 from ..aliases import Array
 from ..errors import InputError, SensorError
 from ..optics import CameraModel
-from .face import FaceFlow
+from .face import FaceFlow, rigid
 from .flow import FlowTracker, to_gray
-from .rigid import rigid
 
 # Beyond these a calibration no longer tells the force within its stated error (decision 0026).
 MAX_SHIFT_MM = 0.3

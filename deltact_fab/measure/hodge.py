@@ -24,8 +24,7 @@ from scipy import fft
 
 from ..aliases import Array
 from ..errors import InputError
-from .face import FaceFlow
-from .hole_filling import whole
+from .face import FaceFlow, whole
 
 NEAR = 16  # cells within which the lattice's Green's function is integrated, not expanded
 

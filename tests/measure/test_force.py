@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from deltact_fab.errors import InputError
-from deltact_fab.measure.face import FaceFlow
+from deltact_fab.measure.face import FaceFlow, whole
 from deltact_fab.measure.force import COMPONENTS, ForceModel, SensorView, make_features
-from deltact_fab.measure.hole_filling import whole
 from deltact_fab.optics import Pinhole
 from deltact_fab.shapes.sensor import SkinDimensions
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from ...aliases import Array
 from ...errors import InputError, SensorError
-from .colours import Rings
 from .detect import Blobs, Detector, Polarity
 from .found import find_dots
-from .identity import AREA_FACTOR, GATE, Identities
+from .identity import AREA_FACTOR, GATE, Identities, Rings
 from .skin import Skin, mutual
 
 OFFSET_PX = 8.0

@@ -9,7 +9,7 @@ it with cv2.setNumThreads, and records it where bytes must repeat.
 """
 
 from .confidence import FlowState
-from .image import Sampled, to_gray
+from .fused import Sampled, to_gray
 from .method import FLOW_METHODS, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage
 from .renewed import RENEW_SHARE

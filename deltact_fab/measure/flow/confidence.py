@@ -8,15 +8,13 @@ over.
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from ...aliases import Array
 from ..compose import landing_px, sample, shrunk
-from .fused import Plane, Refined
-from .image import Sampled
+from .fused import Plane, Refined, Sampled
 
 _EDGE = cv2.BORDER_REPLICATE
 _COARSE_PX = 4  # windows are counted in cells of two nodes each way
@@ -53,14 +51,6 @@ class FlowState(IntEnum):
     """Found in this image."""
 
 
-class FrameConfidence(NamedTuple):
-    """Of one frame: confident (hh, ww) bool, and as in FlowDiagnostics."""
-
-    confident: Array
-    bad_share: float
-    trusted: bool
-
-
 class ConfidenceEstimator:
     """What a node must show; the first image's side of it, prepared once.
 
@@ -86,7 +76,7 @@ class ConfidenceEstimator:
     """
 
     def __init__(self, image: Array | Sampled, plane: Plane) -> None:
-        self.name = "colour" if image.ndim == 3 else "grey"
+        self._colour = image.ndim == 3
         self._shape = plane.shape
         self._window = (max(1, round(WINDOW_PX / _COARSE_PX)),) * 2
         self._fit = (max(1, round(FIT_PX / _COARSE_PX)),) * 2
@@ -98,7 +88,7 @@ class ConfidenceEstimator:
         self.textured: Array = self._wide(power) >= TEXTURE_MIN**2
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
-        if self.name == "colour":
+        if self._colour:
             self._secondary = [channel.astype(np.float32) - 128 for channel in _secondary(image)]
             self._mean = [self._around(channel) for channel in self._secondary]
             power = self._around(_product(self._secondary, self._secondary))
@@ -109,21 +99,26 @@ class ConfidenceEstimator:
 
     def secondary_match(self, image: Array | Sampled) -> list[Array]:
         """What `look` asks of the current image (h, w[, 3]), nothing of a grey one."""
-        return _secondary(image) if self.name == "colour" else []
+        return _secondary(image) if self._colour else []
 
     def look(self, secondary_match: list[Array], match: Refined) -> tuple[Array, Array]:
         """Nodes whose own flow stands, and those of them that the secondary match bears out.
 
         Both (hh, ww) bool; secondary_match: of the current image, of which the match is.
         """
-        from . import kernel  # and numba with it, which takes its time
-
-        least = KEEP_CORRELATION, KEEP_DET, DEVIATION_MAX_PX, BORDER_PX
         flow, correlation, deviation, _ = match
-        kept, agreeing = kernel.stands(
-            flow, correlation, deviation, self.textured, least, self._shape
+        right, down = (
+            cv2.Sobel(flow, -1, dx, 1 - dx, ksize=1, scale=0.25, borderType=_EDGE) for dx in (1, 0)
         )
-        if self.name == "colour":
+        det = (1 + right[..., 0]) * (1 + down[..., 1]) - down[..., 0] * right[..., 1]
+        height, width = self._shape
+        x, y = cv2.split(2 * _landing(flow) + np.float32(0.5))
+        near = np.minimum(
+            np.minimum(x, np.float32(width - 1) - x), np.minimum(y, np.float32(height - 1) - y)
+        )
+        kept = (correlation > KEEP_CORRELATION) & (det > KEEP_DET) & (near >= 0)
+        agreeing = kept & self.textured & (deviation < DEVIATION_MAX_PX) & (near >= BORDER_PX)
+        if self._colour:
             alike = self._wide(self._chroma(secondary_match, _landing(flow)) > CHROMA_MIN)
             agreeing &= np.where(self._colourless, correlation > GREY_MIN, alike)
         else:
@@ -149,17 +144,14 @@ class ConfidenceEstimator:
         left = self._wide(total / np.maximum(n, np.float32(1e-3)))
         return np.asarray(match.deviation_px**2 + left < DEVIATION_MAX_PX**2)
 
-    def verdict(self, inside: Array, agreeing: Array) -> FrameConfidence:
-        """What is trusted; inside (hh, ww) bool: nodes that land in the image."""
-        confident = agreeing & (self._near(agreeing) >= SUPPORT_SHARE * self._textured_near)
-        n = int(np.count_nonzero(confident))
-        n_seen = int(np.count_nonzero(self.textured & inside))
-        share = n / max(1, int(np.count_nonzero(self.textured)))
-        return FrameConfidence(
-            confident,
-            1 - n / n_seen if n_seen else 1.0,
-            self.textured_share >= TEXTURED_SHARE and share >= TRUSTED_SHARE,
-        )
+    def confident(self, agreeing: Array) -> Array:
+        """Nodes that agree, with enough others around them that do, (hh, ww) bool."""
+        return np.asarray(agreeing & (self._near(agreeing) >= SUPPORT_SHARE * self._textured_near))
+
+    def trusted(self, confident: Array) -> bool:
+        """Whether a frame with these confident nodes is trusted."""
+        least = TRUSTED_SHARE * max(1, int(np.count_nonzero(self.textured)))
+        return self.textured_share >= TEXTURED_SHARE and int(np.count_nonzero(confident)) >= least
 
     def _chroma(self, secondary_match: list[Array], landing: Array) -> Array:
         """Correlation, by coarse cell, of what the fit has not seen; both channels together."""

@@ -13,7 +13,6 @@ blur takes the patterns of mosaic and compression away.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from threading import get_ident
 from typing import Any, NamedTuple
@@ -25,9 +24,9 @@ from ...aliases import Array
 from ...errors import InputError
 from ..compose import shrunk
 from . import nodes
-from .image import MIN_SIDE_PX, Sampled, require_image, to_gray
 from .nodes import MIN_VARIANCE
 
+MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
 STEPS = (6, 4, 2)  # on a quarter, half and the full size
 _LEVELS = 3
 COARSE = 2 ** (_LEVELS - 1)
@@ -41,6 +40,42 @@ _PRIOR = 0.02
 # and smoothing, after two steps on the full size. The blur makes the noise of neighbours alike: the
 # fit leaves less of it than it takes, 2.1 to 2.4 through a Bayer mosaic, 1.5 to 2.1 without.
 NOISE_GAIN = 1.24 * 2.0
+
+
+class Sampled(NamedTuple):
+    """All that the anchored tracker reads of a colour image, where the rest is not needed.
+
+    luma (h, w) uint8: what is tracked. nodes (hh, ww, 3) BGR uint8: one pixel a node
+    of the half grid, hh = ceil(h / 2).
+    """
+
+    luma: Array
+    nodes: Array
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Of the image."""
+        return (*self.luma.shape, 3)
+
+    @property
+    def ndim(self) -> int:
+        """Of the image."""
+        return 3
+
+
+def to_gray(image: Array) -> Array:
+    """BGR (h, w, 3) or grey (h, w) uint8 to a contiguous grey (h, w) uint8 that is our own.
+
+    Raises InputError for another type or shape.
+    """
+    if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
+        raise InputError(
+            f"image is {image.dtype} {image.shape}; (h, w, 3) BGR or (h, w) grey of uint8 is needed"
+        )
+    if image.ndim == 3:
+        return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    # Kept across frames, while a camera may reuse its buffer.
+    return np.array(image, order="C")
 
 
 class Plane:
@@ -62,7 +97,6 @@ class Plane:
             level = cv2.resize(level, half, interpolation=cv2.INTER_AREA)
             self._levels.append(level)
         self.small = _evened(self._levels[1][: -(-h // 2), : -(-w // 2)])
-        self._targets: dict[int, Array] = {}
 
     @classmethod
     def of(cls, image: Array | Sampled) -> Plane:
@@ -70,14 +104,12 @@ class Plane:
 
         Raises InputError for another type or shape, and for sides below 64 px.
         """
-        whole = image.luma if isinstance(image, Sampled) else image
-        require_image(whole)
-        if min(image.shape[:2]) < MIN_SIDE_PX:
+        gray = to_gray(image.luma if isinstance(image, Sampled) else image)
+        if min(gray.shape) < MIN_SIDE_PX:
             raise InputError(
-                f"flow: the image is {image.shape[:2]}; "
-                f"sides of {MIN_SIDE_PX} px or more are needed"
+                f"flow: the image is {gray.shape}; sides of {MIN_SIDE_PX} px or more are needed"
             )
-        return cls(cv2.GaussianBlur(to_gray(whole), (0, 0), 1.0))
+        return cls(cv2.GaussianBlur(gray, (0, 0), 1.0))
 
     def level(self, k: int) -> Array:
         """The image at 1 / 2^k of its size, padded to whole cells at every level."""
@@ -86,14 +118,6 @@ class Plane:
     def size_px(self, k: int) -> tuple[int, int]:
         """Height and width of a level without its padding."""
         return self.shape[0] >> k, self.shape[1] >> k
-
-    def target(self, k: int) -> Array:
-        """What a step reads of a level."""
-        if k not in self._targets:
-            self._targets[k] = cv2.copyMakeBorder(
-                self._levels[k], 0, _BEYOND_PX, 0, _BEYOND_PX, cv2.BORDER_REPLICATE
-            )
-        return self._targets[k]
 
 
 class Refined(NamedTuple):
@@ -129,70 +153,37 @@ class RefinementReference:
             _Level(nodes.pixels(image), nodes.normal(image, size), size) for image, size in sizes
         ]
 
-    def refine(
-        self, current: Plane, start_px: Array | None = None, steps: Sequence[int] = STEPS
-    ) -> Refined:
-        """The flow from the reference to the current image.
+    def refine(self, current: Plane, start_px: Array | None = None) -> Refined:
+        """The flow from the reference to the current image, of the same size.
 
         start_px: (hh, ww, 2) float32 to start from, or its means over COARSE x COARSE nodes, which
-        are all that is read of it; `predict` by default. steps: on a quarter,
-        half and the full size, the last of them 1 or more. Correlation and deviation are those
-        before the last step. Raises InputError for another size of image or start, a start that is
-        not finite, or other steps.
+        are all that is read of it; `predict` by default. Correlation and deviation are those
+        before the last step.
         """
-        if len(steps) != _LEVELS or min(steps) < 0 or steps[-1] < 1:
-            raise InputError(
-                f"flow: steps {tuple(steps)}; {_LEVELS} are needed, the last 1 or more"
-            )
-        self._check_size(current)
         start = predict(self.plane, current) if start_px is None else start_px
-        planes = light = self._coarse(start)
+        if start.shape[:2] == self.plane.small.shape:
+            start = shrunk(start, COARSE)
+        planes = light = np.stack(cv2.split(start * np.float32(1 / COARSE)))
         n_rows, n_cols = (s // 2 for s in self.plane.level(0).shape)
-        for k, n in zip(reversed(range(_LEVELS)), steps, strict=True):
+        for k, n in zip(reversed(range(_LEVELS)), STEPS, strict=True):
             size = (n_cols >> k, n_rows >> k)
             planes = _resized(planes, size)
             # Grey levels are the same on every level: what the first one says serves the next.
             between = 0 < k < _LEVELS - 1
             light = _resized(light, size, 1) if between else self._light(current, k, planes)
+            target = _target(current, k)
             for i in range(n):
                 last = k == 0 and i == n - 1
-                planes, told = self._step(current, k, planes, light, last)
+                planes, told = self._step(target, k, planes, light, last)
         return self._cut(cv2.merge(list(planes)), told)
 
     def evaluate(self, current: Plane, flow_px: Array) -> Refined:
         """Correlation and deviation, as in `refine`, of a flow (hh, ww, 2) found elsewhere."""
-        self._check_size(current)
-        planes = self._padded(flow_px)
+        (h, w), (hh, ww) = self.plane.level(0).shape, flow_px.shape[:2]
+        wide = cv2.copyMakeBorder(flow_px, 0, h // 2 - hh, 0, w // 2 - ww, cv2.BORDER_REPLICATE)
+        planes = np.stack(cv2.split(wide))
         light = self._light(current, 0, planes)
-        _, told = self._step(current, 0, planes, light, True)
-        return self._cut(flow_px, told)
-
-    def _check_size(self, current: Plane) -> None:
-        if current.shape != self.plane.shape:
-            raise InputError(
-                f"flow: the images are {self.plane.shape} and {current.shape}; one size is needed"
-            )
-
-    def _coarse(self, start_px: Array) -> Array:
-        hh, ww = self.plane.small.shape
-        given = start_px.shape
-        start = shrunk(start_px, COARSE) if given == (hh, ww, 2) else start_px
-        if start.shape != (-(-hh // COARSE), -(-ww // COARSE), 2):
-            raise InputError(f"flow: the start is {given}, not {(hh, ww, 2)}")
-        if not np.isfinite(start).all():
-            raise InputError("flow: the start is not finite everywhere")
-        return np.stack(cv2.split(start * np.float32(1 / COARSE)))
-
-    def _padded(self, flow_px: Array) -> Array:
-        hh, ww = self.plane.small.shape
-        if flow_px.shape != (hh, ww, 2):
-            raise InputError(f"flow: the start is {flow_px.shape}, not {(hh, ww, 2)}")
-        rows, cols = (s // 2 for s in self.plane.level(0).shape)
-        planes = np.empty((2, rows, cols), np.float32)
-        planes[:, :hh, :ww] = flow_px.transpose(2, 0, 1)
-        planes[:, hh:, :ww] = planes[:, hh - 1 : hh, :ww]
-        planes[:, :, ww:] = planes[:, :, ww - 1 : ww]
-        return planes
+        return self._cut(flow_px, self._step(_target(current, 0), 0, planes, light, True)[1])
 
     def _light(self, current: Plane, k: int, planes: Array) -> Array:
         """What a change of light makes of reference less current image, see `kernel.step`.
@@ -221,18 +212,22 @@ class RefinementReference:
         return _resized(coarse, (planes.shape[2], planes.shape[1]), 1)
 
     def _step(
-        self, current: Plane, k: int, planes: Array, light: Array, last: bool
+        self, target: Array, k: int, planes: Array, light: Array, last: bool
     ) -> tuple[Array, Array]:
         from . import kernel  # and numba with it, which takes its time
 
         level, gain = self._levels[k], NOISE_GAIN if last else 0.0
-        return kernel.step(
-            current.target(k), level.pixels, level.normal, level.size_px, planes, light, gain
-        )
+        return kernel.step(target, level.pixels, level.normal, level.size_px, planes, light, gain)
 
     def _cut(self, flow: Array, told: Array) -> Refined:
         hh, ww = self.plane.small.shape
         return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, *told)))
+
+
+def _target(plane: Plane, k: int) -> Array:
+    """What a step reads of a level."""
+    edge = cv2.BORDER_REPLICATE
+    return cv2.copyMakeBorder(plane.level(k), 0, _BEYOND_PX, 0, _BEYOND_PX, edge)
 
 
 def _resized(planes: Array, size: tuple[int, int], unit: float | None = None) -> Array:

@@ -13,9 +13,8 @@ from functools import partial
 import numpy as np
 
 from ...aliases import Array
-from ..face import FaceFlow
+from ..face import FaceFlow, whole
 from ..hodge import decompose
-from ..hole_filling import whole
 from ..shape.density import by_jacobian
 from ..view import SensorView
 from .model import ForceModel, LocalFeatures

@@ -9,9 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...aliases import Array
-from ..face import FaceFlow
+from ..face import FaceFlow, whole
 from ..hodge import Hodge, decompose
-from ..hole_filling import whole
 from ..view import SensorView
 from .model import Features
 

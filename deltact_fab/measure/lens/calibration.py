@@ -16,8 +16,7 @@ from ...optics import Fisheye, FlatField, as_toml
 from ...shapes import SensorDimensions
 from ...shapes.bounded import ShapeError
 from . import trust
-from .board import Checkerboard
-from .corners import find, read_image
+from .corners import Checkerboard, find, read_image
 from .problem import BoardView, LensProblem, LensSolution, Prior, solve
 from .start import nominal, pose, priors
 

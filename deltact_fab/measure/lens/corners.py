@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,56 @@ from numpy.typing import NDArray
 
 from ...aliases import Array
 from ...errors import InputError
-from .board import Checkerboard
+
+FORM = re.compile(r"(\d+)x(\d+)x(\d+(?:\.\d*)?|\.\d+)")
+MAX_SQUARES = 200
+
+
+@dataclass(frozen=True)
+class Checkerboard:
+    """nx x ny squares of `square_mm`; the first square, at (-x, -y), is dark.
+
+    `skin`: it is the sensor's own skin, which lies on the face with its middle at the sensor's
+    origin and its rows along x, and of which the camera may see only a part.
+    """
+
+    nx: int
+    ny: int
+    square_mm: float
+    skin: bool = False
+
+    @classmethod
+    def parse(cls, words: str, option: str = "--board") -> Checkerboard:
+        """Of NXxNYxMM, as in 9x7x3: squares along x and y and their side. Raises InputError."""
+        found = FORM.fullmatch(words.strip())
+        if found is None:
+            raise InputError(
+                f"{option}: {words!r}; as in 9x7x3: squares along x and y and their side in mm"
+            )
+        nx, ny, square_mm = int(found[1]), int(found[2]), float(found[3])
+        if not (min(nx, ny) >= 4 and max(nx, ny) <= MAX_SQUARES):
+            raise InputError(f"{option}: {words!r}: a board has 4 to {MAX_SQUARES} squares a side")
+        if not 0.05 <= square_mm <= 100:
+            raise InputError(f"{option}: {words!r}: a square has a side of 0.05 to 100 mm")
+        return cls(nx, ny, square_mm)
+
+    @property
+    def corners(self) -> tuple[int, int]:
+        """Inner corners along x and y; four squares meet in each."""
+        return self.nx - 1, self.ny - 1
+
+    def __str__(self) -> str:
+        """As the command line takes it."""
+        return f"{self.nx}x{self.ny}x{self.square_mm:g}"
+
+    def at_mm(self, index: NDArray[np.integer]) -> NDArray[np.float64]:
+        """Inner corners (..., 2), counted from 0 at (-x, -y), to the board's own plane, mm.
+
+        Its origin is the middle of the whole board.
+        """
+        half = np.array([self.nx, self.ny]) / 2
+        return np.asarray((index + 1 - half) * self.square_mm, np.float64)
+
 
 FEWEST = 5
 """Inner corners each way that are looked for on a skin; the finder then grows the grid."""

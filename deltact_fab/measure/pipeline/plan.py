@@ -6,11 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, get_args
 
 from ...errors import InputError, did_you_mean
-from ..face import FaceFlow
+from ..face import FaceFlow, whole
 from ..force import Features, ForceModel, LocalFeatures, features_of
 from ..force.inverse import Inverse
 from ..force.press import inverse_for
-from ..hole_filling import whole
 from ..shape import Density, Depth, DepthFinder, by_jacobian, contacts, relative_depth
 from .calibrated import Calibrated
 from .result import Output, Shape

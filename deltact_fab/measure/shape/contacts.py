@@ -9,9 +9,8 @@ import numpy as np
 
 from ...aliases import Array
 from ...optics import CameraModel
-from ..face import FaceFlow
+from ..face import FaceFlow, whole
 from ..force import TractionField
-from ..hole_filling import whole
 from .depth import Depth
 
 RIM = 0.3

@@ -15,8 +15,7 @@ import cv2
 import numpy as np
 
 from ...aliases import Array
-from ..face import FaceFlow
-from ..hole_filling import whole
+from ..face import FaceFlow, whole
 
 SIGMA_PX = 3.0
 """Of the full image, whatever the distance of the flow's points."""

@@ -18,11 +18,9 @@ from annotated_types import Ge, Gt, Le, Lt
 from ... import catalog
 from ...aliases import Array
 from ...elasticity.block import interpolation
-from ..face import FaceFlow
+from ..face import FaceFlow, rigid, whole
 from ..force import TractionField
 from ..force.press import inverse_for
-from ..hole_filling import whole
-from ..rigid import rigid
 from ..sensor_id import Head, read_calibration
 from ..view import SensorView
 
