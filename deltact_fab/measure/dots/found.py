@@ -29,29 +29,29 @@ class FoundDots:
     polarity: Polarity
 
 
-def find_dots(image: Array, polarity: Polarity | None = None) -> FoundDots:
+def find_dots(image: Array) -> FoundDots:
     """Dots of one size on a ground that shows little else, (h, w, 3) BGR uint8.
 
-    polarity: None takes the one of which more dots are there. Raises InputError for another type
-    of image, SensorError when fewer than 9 such dots are there, or the ground between them is no
-    less a set of dots than they are: a chessboard.
+    Of white and dark ones those of which there are more. Raises InputError for another type of
+    image, SensorError when fewer than 9 such dots are there, or the ground between them is no less
+    a set of dots than they are: a chessboard.
     """
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise InputError(f"dots: image is {image.dtype} {image.shape}; BGR uint8 is needed")
-    dots = {kind: _most(image, kind) for kind in ("white", "dark")}
-    best = max(dots, key=lambda kind: _count(dots[kind])) if polarity is None else polarity
-    found = dots[best]
+    polarities: tuple[Polarity, ...] = ("white", "dark")
+    most = [
+        max((_at_scale(image, one, size_px) for size_px in DIAMETERS_PX), key=_count)
+        for one in polarities
+    ]
+    found, other = most if _count(most[0]) >= _count(most[1]) else most[::-1]
     if found is None:
-        wanted = "white or dark" if polarity is None else polarity
         raise SensorError(
-            f"dots: the image does not show {MIN_DOTS} or more {wanted} dots of one size, "
-            "at least 4 px wide and 1.3 diameters apart: wrong pattern or polarity, out of focus "
-            "or over-exposed"
+            f"dots: the image does not show {MIN_DOTS} or more white or dark dots of one size, "
+            "at least 4 px wide and 1.3 diameters apart: wrong pattern, out of focus, over-exposed"
         )
-    other = dots["dark" if best == "white" else "white"]
     if other is not None and _count(other) > MAX_OTHERS * _count(found):
         raise SensorError(
-            f"dots: the image shows {_count(found)} {best} dots and {_count(other)} "
+            f"dots: the image shows {_count(found)} {found.polarity} dots and {_count(other)} "
             f"{other.polarity} ones: a chessboard or the like; dots on a plain ground are needed"
         )
     return found
@@ -59,12 +59,6 @@ def find_dots(image: Array, polarity: Polarity | None = None) -> FoundDots:
 
 def _count(dots: FoundDots | None) -> int:
     return 0 if dots is None else len(dots.position_px)
-
-
-def _most(image: Array, polarity: Polarity) -> FoundDots | None:
-    """The scale that shows most dots."""
-    scales = [_at_scale(image, polarity, diameter_px) for diameter_px in DIAMETERS_PX]
-    return max(scales, key=_count)
 
 
 def _at_scale(image: Array, polarity: Polarity, diameter_px: float) -> FoundDots | None:

@@ -63,20 +63,15 @@ class Skin:
 
     def _regions(self, expected: Array, blobs: Array, match: Array, tolerance: float) -> Array:
         """(n,) a number for each group of neighbours that move together, -1 where not matched."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
         steps = self._steps(expected, blobs, match)
         apart = np.hypot(*np.moveaxis(steps[self.near] - steps[:, None], -1, 0))
         alike = apart <= tolerance * self.span_px  # False where NaN
-        region = np.arange(len(match))
         one, other = np.nonzero(alike)[0], self.near[alike]
-        while True:
-            low = np.minimum(region[one], region[other])
-            new = region.copy()
-            np.minimum.at(new, one, low)
-            np.minimum.at(new, other, low)
-            new = new[new]
-            if (new == region).all():
-                return np.where(match >= 0, region, -1)
-            region = new
+        links = coo_array((np.ones(len(one), bool), (one, other)), shape=(len(match),) * 2)
+        return np.where(match >= 0, connected_components(links, directed=False)[1], -1)
 
     def _spread(self, expected: Array, blobs: Array, match: Array, gate_px: float) -> Array:
         """Dots next to two matched ones take what lies where these steps put them, and so on."""

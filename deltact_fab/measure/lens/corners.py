@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -113,14 +112,11 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 def find(image: Array, board: Checkerboard, source: str) -> Corners | None:
     """The board's inner corners in an image (h, w, 3) BGR, None where no board is found.
 
-    Sector-based detection (Duda and Frese, 2018), each corner refined on its gradients in a window
-    that stays clear of its neighbours. A board must be seen whole. A skin is seen in part, and
-    followed from the image's middle outwards, so that uneven light does not matter: the camera is
-    taken to be turned by less than 45 degrees about its axis, and the skin's middle is the square
-    of the right colour nearest to the image's middle.
+    Sector-based detection (Duda and Frese, 2018). A board must be seen whole. A skin is seen in
+    part and followed outwards from the image's middle: the camera is taken to be turned by less
+    than 45 degrees, and the skin's middle is the square of the right colour nearest to the image's.
 
-    Raises InputError where more or other corners are found than the board has, or where the middle
-    of a skin cannot be told.
+    Raises InputError for corners of another board, and for a skin whose middle cannot be told.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     columns, rows = board.corners
@@ -130,14 +126,13 @@ def find(image: Array, board: Checkerboard, source: str) -> Corners | None:
     grid, inside = seed, _inside(grey, seed)
     if board.skin:
         grid, inside = _grown(grey, grid, inside, board)
-    if not board.skin and grid.shape[:2] == (columns, rows) != (rows, columns):
+    elif grid.shape[:2] == (columns, rows) != (rows, columns):
         # A board that lies across: count along its own sides.
         grid = np.ascontiguousarray(grid.transpose(1, 0, 2)[::-1])
         inside = np.ascontiguousarray(inside.T[::-1])
     found = grid.shape[1], grid.shape[0]
-    if (board.skin and (found[0] > columns or found[1] > rows)) or (
-        not board.skin and found != (columns, rows)
-    ):
+    more = found[0] > columns or found[1] > rows
+    if more or (not board.skin and found != (columns, rows)):
         raise InputError(
             f"{source}: {found[0]} x {found[1]} inner corners found, and a board of {board} has "
             f"{columns} x {rows}: another board?"
@@ -284,19 +279,16 @@ def _refined(grey: Array, grid: Array, inside: Array) -> Array:
     nearest_px = np.full((rows, columns), np.inf)
     down = np.linalg.norm(np.diff(grid, axis=0), axis=-1)
     right = np.linalg.norm(np.diff(grid, axis=1), axis=-1)
-    for distance, here in (
-        (down, nearest_px[1:]),
-        (down, nearest_px[:-1]),
-        (right, nearest_px[:, 1:]),
-        (right, nearest_px[:, :-1]),
+    for distance, *sides in (
+        (down, nearest_px[1:], nearest_px[:-1]),
+        (right, nearest_px[:, 1:], nearest_px[:, :-1]),
     ):
-        np.minimum(here, distance, out=here)
+        for side in sides:
+            np.minimum(side, distance, out=side)
     half_px = np.clip(np.rint(WINDOW * nearest_px), *WINDOWS_PX).astype(int)
     refined = grid.copy()
-    for half in np.unique(half_px):
+    for half in np.unique(half_px[inside]):
         at = (half_px == half) & inside
-        if not at.any():
-            continue
         start = grid[at].astype(np.float32).reshape(-1, 1, 2)
         new = cv2.cornerSubPix(grey, start, (int(half), int(half)), (-1, -1), _STOP).reshape(-1, 2)
         # One that wanders off has met something else than its corner.
@@ -317,30 +309,20 @@ def _shift(
     px = np.column_stack((grid.reshape(-1, 2)[near] - middle_px, np.ones(len(near))))
     guess = np.linalg.lstsq(px, where[near], rcond=None)[0][2]
     # The square right of and below corner (i, j) of the skin is (i + 1, j + 1), dark where even.
-    dark_even = _dark_even(grey, grid, inside)
+    values, whole, even = _squares(grey, grid, inside)
+    dark_even = bool(values[whole & even].mean() < values[whole & ~even].mean())
     half = np.array([board.nx, board.ny]) / 2 - 1  # the origin, counted in the skin's corners
-    options: list[tuple[float, tuple[int, int]]] = []
-    for shift in itertools.product(
-        range(board.corners[0] - columns + 1), range(board.corners[1] - rows + 1)
-    ):
-        if (sum(shift) % 2 == 0) == dark_even:
-            off_mm = float(np.linalg.norm(guess + shift - half)) * board.square_mm
-            options.append((off_mm, shift))
-    if not options:
+    shifts = np.argwhere(np.ones((board.corners[0] - columns + 1, board.corners[1] - rows + 1)))
+    shifts = shifts[(shifts.sum(axis=1) % 2 == 0) == dark_even]
+    if not len(shifts):
         raise InputError(
             f"{source}: the squares have the colours of another board, or its negative"
         )
-    options.sort()
-    (off_mm, shift), others = options[0], options[1:]
-    if others and off_mm > CLEARLY * others[0][0]:
+    off_mm = np.linalg.norm(guess + shifts - half, axis=1) * board.square_mm
+    order = np.argsort(off_mm, kind="stable")
+    if len(order) > 1 and off_mm[order[0]] > CLEARLY * off_mm[order[1]]:
         raise InputError(
-            f"{source}: the skin's middle lies {off_mm:.2f} mm off the image's, so that it might "
-            "be one square or another: put skin and camera in the middle"
+            f"{source}: the skin's middle lies {off_mm[order[0]]:.2f} mm off the image's, so that "
+            "it might be one square or another: put skin and camera in the middle"
         )
-    return np.array(shift)
-
-
-def _dark_even(grey: Array, grid: Array, inside: Array) -> bool:
-    """Whether squares whose first corner has an even column + row are the dark ones."""
-    values, whole, even = _squares(grey, grid, inside)
-    return bool(values[whole & even].mean() < values[whole & ~even].mean())
+    return np.asarray(shifts[order[0]])

@@ -88,10 +88,6 @@ class LensProblem:
         values: dict[str, Any] = {n: p.mean + float(v) * p.sigma for (n, p), v in pairs}
         return replace(self.base, **values)
 
-    def start(self, poses: Sequence[Array]) -> NDArray[np.float64]:
-        """The vector of the priors' means and these poses."""
-        return np.concatenate([np.zeros(len(self.names)), *poses])
-
     def points_mm(self, x: Array) -> NDArray[np.float64]:
         """All corners in the sensor frame, (n, 3)."""
         at = [s.at_mm(x[pose]) for s, pose in zip(self.seen, self.poses, strict=True)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,34 +40,23 @@ LENS = {
 
 
 def nominal(sensor: SensorDimensions, contact: Sequence[Corners], size_px: Array) -> Fisheye:
-    """The design's lens for an image of (width, height) px, its focal length from the corners.
-
-    The scale of the face where the image's middle is: corners' distances over a square's side.
-    """
-    width, height = int(size_px[0]), int(size_px[1])
-    middle = np.array([(width - 1) / 2, (height - 1) / 2])
-    px_per_mm = _px_per_mm(contact, middle)
-    design = Fisheye.of(sensor)
-    distance_mm = design.mm_per_px * design.f_px
-    values = {**design.as_dict(), "f_px": px_per_mm * distance_mm}
-    values |= {"cx_px": middle[0], "cy_px": middle[1], "width_px": width, "height_px": height}
-    values.pop("model")
-    return Fisheye(**values)
+    """The design's lens for an image of (width, height) px, its focal length from the corners."""
+    (cx, cy), design = (size_px - 1) / 2, Fisheye.of(sensor)
+    _, px_per_mm = min(_near_middle(seen, (cx, cy)) for seen in contact)
+    return replace(
+        design, f_px=px_per_mm * (design.mm_per_px * design.f_px),
+        cx_px=float(cx), cy_px=float(cy), width_px=int(size_px[0]), height_px=int(size_px[1]),
+    )  # fmt: skip
 
 
-def _px_per_mm(contact: Sequence[Corners], middle: Array) -> float:
-    """Of the corners nearest the image's middle, the root of the local map's determinant."""
-    best: tuple[float, float] | None = None
-    for corners in contact:
-        far = np.linalg.norm(corners.px - middle, axis=1)
-        near = np.argsort(far)[:12]
-        at = np.column_stack((corners.board_mm[near], np.ones(len(near))))
-        local = np.linalg.lstsq(at, corners.px[near], rcond=None)[0][:2]
-        found = float(np.median(far[near])), float(np.sqrt(abs(np.linalg.det(local))))
-        best = found if best is None else min(best, found)
-    if best is None or not best[1] > 0:
-        raise InputError("no contact image shows corners")
-    return best[1]
+def _near_middle(corners: Corners, middle: tuple[float, float]) -> tuple[float, float]:
+    """Of the corners nearest the image's middle: median distance to it, px, and scale, px/mm."""
+    far = np.linalg.norm(corners.px - middle, axis=1)
+    near = np.argsort(far)[:12]
+    at = np.column_stack((corners.board_mm[near], np.ones(len(near))))
+    local = np.linalg.lstsq(at, corners.px[near], rcond=None)[0][:2]
+    # The root of the local map's determinant.
+    return float(np.median(far[near])), float(np.sqrt(abs(np.linalg.det(local))))
 
 
 def priors(lens: Fisheye, placed: bool) -> dict[str, Prior]:
