@@ -21,9 +21,9 @@ class FaceFlow:
     """The pattern's motion in the view, at points of the resting face; sensor frame.
 
     shift_mm (h, w, 2) float32: the way of each point's picture, in mm of the resting face, so the
-    parallax of its depth is in it. known (h, w) bool: it was found in the image, or lies between
-    points that were; elsewhere the shift is a guess and no result may rest on it silently.
-    x_mm (w,), y_mm (h,): the points, equally spaced by cell_mm. trusted: as the tracker says.
+    parallax of its depth is in it. known (h, w) bool: found in the image, or between points that
+    were; elsewhere the shift is a guess. x_mm (w,), y_mm (h,): the points, equally spaced by
+    cell_mm. trusted: as the tracker says.
     """
 
     shift_mm: Array
@@ -92,9 +92,8 @@ def whole(flow: FaceFlow) -> FaceFlow:
     """The same flow with its shift replaced wherever it is not known; finite everywhere.
 
     There it goes on as planes fitted to the known points around (`flow.fill.filled`), held between
-    the least and the largest of the known shifts: nothing lost is given more than was seen. The
-    guess that stood there has no say. A point that is not finite, or that moved farther than the
-    view is wide, is not known whatever the flow says. With nothing known the shift is 0.
+    the least and the largest of the known shifts. A point that is not finite, or that moved farther
+    than the view is wide, is not known whatever the flow says. With nothing known the shift is 0.
     """
     if isinstance(flow, Whole):
         return flow

@@ -9,8 +9,7 @@ import numpy as np
 
 from ...aliases import Array
 from ...errors import InputError, SensorError
-from .detect import Detector, Polarity
-from .found import find_dots
+from .detect import Detector, Polarity, find_dots
 from .identity import AREA_FACTOR, GATE, Identities, Rings
 from .skin import Skin, mutual
 
@@ -43,11 +42,10 @@ class DotTracker:
     """Follow dots from their first image on: white ones on colours, or dark ones on light.
 
     rest_px: (n, 2) expected positions (x, y) in the first image, right to within OFFSET_PX after
-    a common shift of as much; diameter_px: the dots' diameter. n >= 4 dots, not on a line.
-    Without colours around the dots the neighbours tell which is which: dots that are all gone for
-    more than `identity.KEEP_FRAMES` frames stay lost, and a regular grid that moves
-    by half a pitch between two frames as a whole cannot be told from itself.
-    Raises InputError for anything else.
+    a common shift of as much; n >= 4 dots, not on a line. Without colours around the dots the
+    neighbours tell which is which: dots that are all gone for more than `identity.KEEP_FRAMES`
+    frames stay lost, and a regular grid that moves by half a pitch between two frames cannot be
+    told from itself. Raises InputError for anything else.
     """
 
     def __init__(

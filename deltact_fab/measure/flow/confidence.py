@@ -19,8 +19,6 @@ from .fused import Plane, Refined, Sampled
 _EDGE = cv2.BORDER_REPLICATE
 _COARSE_PX = 4  # windows are counted in cells of two nodes each way
 _MIN_VARIANCE = 1.0  # grey levels^2: less than a camera's noise
-
-
 KEEP_CORRELATION = 0.35
 KEEP_DET = 0.12
 CHROMA_MIN = 0.5
@@ -28,10 +26,9 @@ COLOUR_SHARE = 0.45
 """Of the luma's deviation: a Bayer mosaic gives a grey pattern up to .38, colours .61 and more."""
 GREY_MIN = 0.7
 DEVIATION_MAX_PX = 0.29
-FIT_PX = 28
 BORDER_PX = 3.0
-WINDOW_PX = 20
-SUPPORT_PX = 68
+WINDOW_PX, FIT_PX, SUPPORT_PX = 20, 28, 68
+_WINDOW, _FIT, _SUPPORT = ((px // _COARSE_PX,) * 2 for px in (WINDOW_PX, FIT_PX, SUPPORT_PX))
 SUPPORT_SHARE = 0.5
 TEXTURE_MIN = 2.0
 """Grey levels: rounding, noise and compression leave up to 1.9 in a picture of a plain face."""
@@ -55,22 +52,19 @@ class ConfidenceEstimator:
     """What a node must show; the first image's side of it, prepared once.
 
     Kept, so that its own flow stands: the tracked channel correlates above KEEP_CORRELATION, it
-    lands inside the image, and the flow around it does not squeeze areas below KEEP_DET. This
-    asks little: a dense flow fits itself to noise, too.
+    lands inside the image, and the flow around it does not squeeze areas below KEEP_DET.
 
     Confident: kept, and a secondary match. Of a colour image the fit sees the luma, so the colour
-    differences, which hold none of it, must correlate above CHROMA_MIN over WINDOW_PX; blue and red
-    alone hold luma, most where chroma is subsampled. A grey image, and a place whose colour varies
-    by less than COLOUR_SHARE, has no secondary match: the one correlation must be above GREY_MIN.
-    In all, the fit's own predicted deviation is below DEVIATION_MAX_PX; of a flow that the fused
-    steps found, together with what they have yet to do around (root of the mean square over
-    FIT_PX). It lands BORDER_PX or more from the image's edge, where the fit's window is cut off,
+    differences, which hold none of it, must correlate above CHROMA_MIN over WINDOW_PX. A grey
+    image, and a place whose colour varies by less than COLOUR_SHARE, has no secondary match: the
+    one correlation must be above GREY_MIN. In all, the fit's own predicted deviation is below
+    DEVIATION_MAX_PX; of a flow that the fused steps found, together with what they have yet to do
+    around (root of the mean square over FIT_PX). It lands BORDER_PX or more from the image's edge,
     and of the textured nodes in SUPPORT_PX around at least SUPPORT_SHARE agree.
 
     A frame is trusted when TEXTURED_SHARE or more of the first image has a standard deviation of
-    TEXTURE_MIN grey levels in detail finer than FINE_PX, at full size, where cells of 2 px still
-    show; and TRUSTED_SHARE or more of that is confident now. One image does not tell that detail
-    from noise; later ones do: correlation and deviation are relative to what does not return.
+    TEXTURE_MIN grey levels in detail finer than FINE_PX, at full size; and TRUSTED_SHARE or more of
+    that is confident now. One image does not tell that detail from noise; later ones do.
 
     image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same.
     """
@@ -78,9 +72,6 @@ class ConfidenceEstimator:
     def __init__(self, image: Array | Sampled, plane: Plane) -> None:
         self._colour = image.ndim == 3
         self._shape = plane.shape
-        self._window = (max(1, round(WINDOW_PX / _COARSE_PX)),) * 2
-        self._fit = (max(1, round(FIT_PX / _COARSE_PX)),) * 2
-        self._support = (max(1, round(SUPPORT_PX / _COARSE_PX)),) * 2
         fine = plane.gray.astype(np.float32)
         fine -= cv2.blur(fine, (FINE_PX, FINE_PX), borderType=_EDGE)
         power = self._around(shrunk(fine * fine, 2))
@@ -140,7 +131,7 @@ class ConfidenceEstimator:
         """
         weight = shrunk(kept.astype(np.float32), 2)
         ahead = shrunk(np.where(kept, match.ahead_px2, np.float32(0)), 2)
-        n, total = (cv2.blur(a, self._fit, borderType=_EDGE) for a in (weight, ahead))
+        n, total = (cv2.blur(a, _FIT, borderType=_EDGE) for a in (weight, ahead))
         left = self._wide(total / np.maximum(n, np.float32(1e-3)))
         return np.asarray(match.deviation_px**2 + left < DEVIATION_MAX_PX**2)
 
@@ -165,14 +156,12 @@ class ConfidenceEstimator:
         )
 
     def _around(self, nodes: Array) -> Array:
-        """Means over `window_px`, by coarse cell."""
-        return cv2.blur(shrunk(nodes, 2), self._window, borderType=_EDGE)
+        """Means over WINDOW_PX, by coarse cell."""
+        return cv2.blur(shrunk(nodes, 2), _WINDOW, borderType=_EDGE)
 
     def _near(self, mask: Array) -> Array:
-        """Share of the nodes in `support_px` around, (hh, ww)."""
-        return self._wide(
-            cv2.blur(shrunk(mask.astype(np.float32), 2), self._support, borderType=_EDGE)
-        )
+        """Share of the nodes in SUPPORT_PX around, (hh, ww)."""
+        return self._wide(cv2.blur(shrunk(mask.astype(np.float32), 2), _SUPPORT, borderType=_EDGE))
 
     def _wide(self, coarse: Array) -> Array:
         hh, ww = (-(-s // 2) for s in self._shape)

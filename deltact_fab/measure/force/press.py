@@ -11,7 +11,6 @@ Tractions are for a Young's modulus of 1 MPa, so in effect strains; a calibratio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -58,16 +57,13 @@ FLOOR = 5.0  # a peak of the first look this many times what noise makes of it i
 class FaceInverse:
     """The inverse for one sensor: seconds to make, then used for every frame; see `inverse_for`.
 
-    noise_mm: rms error of the flow over a cell of a millimetre. It sets the least press that is
-    told from none, and how smooth a traction is asked for: the weight of smoothness goes with the
-    square of (noise_mm^2 + (MODEL x largest shift)^2)^(1/2) over the largest shift, so it is that
-    of the model's error for all but light presses. Raises InputError for a skin or a Poisson's
-    ratio that the free sides cannot take.
+    The weight of smoothness goes with the square of (NOISE_MM^2 + (MODEL x largest shift)^2)^(1/2)
+    over the largest shift, so it is that of the model's error for all but light presses. Raises
+    InputError for a skin or a Poisson's ratio that the free sides cannot take.
     """
 
-    def __init__(self, view: SensorView, noise_mm: float = NOISE_MM) -> None:
+    def __init__(self, view: SensorView) -> None:
         cells = FaceCells.of(view.skin, view.poisson, CELL_MM)
-        self.noise_mm = noise_mm
         xs, ys = axes_mm(view.camera)
         half = view.camera.mm_per_px / 2
         seen = _window(cells, (ys[0] - half, ys[-1] + half), (xs[0] - half, xs[-1] + half))
@@ -87,9 +83,7 @@ class FaceInverse:
         found = cells.compliance(seen, (rows, columns))
         n = len(self.y_mm) * len(self.x_mm)
         # A row for each cell that may be loaded: those of a contact lie in one piece each.
-        self._moves = np.ascontiguousarray(
-            found.reshape(-1, 3, 3 * n).transpose(1, 2, 0), np.float32
-        )
+        self._sinks = np.ascontiguousarray(found.reshape(-1, 3, 3 * n)[:, 2].T, np.float32)
         see = sight(view.camera, self.seen_x_mm, self.seen_y_mm).reshape(-1, 2, 3)
         rows_of = np.matmul(see, found.reshape(len(see), 3, 3 * n)).reshape(-1, 3 * n)
         self._told = np.ascontiguousarray(rows_of.T, np.float32)
@@ -136,13 +130,12 @@ class FaceInverse:
         cover = float((whole_view * pressure).sum() / pressure.sum())
         return TractionField(traction, self.x_mm, self.y_mm, cover)
 
-    def displacement_mm(self, press: TractionField, parts: Sequence[int] = (0, 1, 2)) -> Array:
-        """How the view's cells moved, those components, (len(seen_y_mm), len(seen_x_mm), n)."""
+    def sunk_mm(self, press: TractionField) -> Array:
+        """How deep the view's cells sank, (len(seen_y_mm), len(seen_x_mm)) float32."""
         at = np.flatnonzero(press.traction_mpa.any(axis=-1))
         columns = (3 * at[:, None] + np.arange(3)).ravel()
         t = press.traction_mpa.reshape(-1)[columns].astype(np.float32)
-        moved = np.stack([t @ self._moves[part, columns] for part in parts], axis=-1)
-        return moved.reshape(len(self.seen_y_mm), len(self.seen_x_mm), len(parts))
+        return -(t @ self._sinks[columns]).reshape(len(self.seen_y_mm), len(self.seen_x_mm))
 
     def _restricted(self, shift: Array, known: Array, look: Array, at: Array) -> tuple[Array, bool]:
         """Traction (n, 3) of the cells at those places, and whether it leaves too much over."""
@@ -155,7 +148,7 @@ class FaceInverse:
             gram -= lost @ lost.T
         right = (told @ seen.astype(np.float32)).astype(float)
         largest = float(np.abs(shift).max())
-        weight = 1 + (self.noise_mm / (MODEL * largest)) ** 2
+        weight = 1 + (NOISE_MM / (MODEL * largest)) ** 2
         rough = _roughness(at, self.shape)
         share = np.maximum(look.ravel()[at], 0) / look.max() + LEAST
         for i, kind in enumerate(("shear", "shear", "pressure")):
@@ -163,7 +156,7 @@ class FaceInverse:
         signed = np.tile([False, False, True], len(at))
         t = least_squares_signed(gram, right, signed)
         rest = seen - np.where(np.repeat(known.ravel(), 2), t.astype(np.float32) @ told, 0)
-        noise2 = 2 * np.count_nonzero(known) * (2 * self.noise_mm) ** 2
+        noise2 = 2 * np.count_nonzero(known) * (2 * NOISE_MM) ** 2
         return t.reshape(-1, 3), bool(rest @ rest > noise2 + FOREIGN**2 * (seen @ seen))
 
     def _cells(self, flow: FaceFlow) -> tuple[Array, Array]:
@@ -195,7 +188,7 @@ class FaceInverse:
         variance = sum(
             np.einsum("cs,cs->c", first[:, i::2] @ alike, first[:, i::2]) for i in (0, 1)
         )
-        floor = FLOOR * self.noise_mm * np.sqrt(variance).reshape(self.shape)
+        floor = FLOOR * NOISE_MM * np.sqrt(variance).reshape(self.shape)
         return first.astype(np.float32), floor
 
 

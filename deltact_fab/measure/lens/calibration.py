@@ -17,8 +17,16 @@ from ...shapes import SensorDimensions
 from ...shapes.bounded import ShapeError
 from . import trust
 from .corners import Checkerboard, find, read_image
-from .problem import BoardView, LensProblem, LensSolution, Prior, solve
-from .start import nominal, pose, priors
+from .problem import (
+    BoardView,
+    LensProblem,
+    LensSolution,
+    Prior,
+    nominal,
+    pose,
+    priors,
+    solve,
+)
 
 CLEAR_DEPTH_PX = 0.5
 PHOTOGRAPHS = "photographs.json"

@@ -1,8 +1,7 @@
 """The measurement as a robot calls it: images in; flow, shape, force and contact out."""
 
 from .calibrated import Calibration
-from .markers import MarkerMeasurement
-from .measurement import Measurement, everything
+from .measurement import MarkerMeasurement, Measurement, everything
 from .pipeline import Pipeline
 from .plan import OUTPUTS
 from .result import Result
