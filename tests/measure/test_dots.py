@@ -141,9 +141,7 @@ def test_a_blank_or_unrelated_image_finds_nothing_and_the_next_one_recovers(smal
     for image in (np.zeros((320, 400, 3), np.uint8), np.full((320, 400, 3), 255, np.uint8), noise):
         assert not tracker.update(image).found.any()
     # The same grid of dots in other colours: every dot is where it should be, and none is ours.
-    strange = tracker.update(other)
-    assert strange.n_blobs >= 49
-    assert not strange.found.any()
+    assert not tracker.update(other).found.any()
     assert tracker.update(small.picture(None, 7)).found.all()
 
 
@@ -184,18 +182,6 @@ def test_without_colours_the_order_of_the_neighbours_is_kept(small):
         assert not seen.found[dot] or np.hypot(*seen.displacement_px[dot]) < 2.0
     others = np.delete(np.arange(49), [a, b])
     assert np.hypot(*seen.displacement_px[others][seen.found[others]].T).max() < 1.0
-
-
-def test_the_same_images_give_the_same_bytes(small, make_bump):
-    bump = make_bump((200, 160), 80, shear_px=(10, 5))
-    images = [small.picture(), small.picture(bump, 1)]
-    results = []
-    for _ in range(2):
-        tracker = DotTracker(small.rest_px, DIAMETER_PX)
-        results.append([tracker.update(image).position_px.tobytes() for image in images])
-    assert results[0] == results[1]
-    tracker.reset()
-    assert not tracker.update(images[0]).displacement_px.any()
 
 
 def test_a_first_image_without_the_dots_is_an_error(small, make_scene):
@@ -242,16 +228,3 @@ def test_input_is_checked(small):
         tracker.update(np.zeros((300, 400, 3), np.uint8))
     with pytest.raises(InputError, match="no expected position"):
         DotTracker(rest + 5000, DIAMETER_PX).update(small.picture())
-
-
-def test_a_half_covered_dot_is_flagged_by_its_area(small):
-    rest = small.rest_px
-    tracker = DotTracker(rest, DIAMETER_PX)
-    tracker.update(plain(rest))
-    image = plain(rest + 2.0)
-    x, y = (round(v) for v in rest[24] + 2.0)
-    image[y - 12 : y + 12, x : x + 12] = image[y - 14, x]
-    seen = tracker.update(image)
-    # Its centroid alone would look like a motion of 3 px, well within reach.
-    assert np.flatnonzero(~seen.found).tolist() == [24]
-    assert tracker.update(plain(rest + 4.0)).found.all()

@@ -117,6 +117,7 @@ def test_a_gradient_of_light_and_a_disc_lose_only_what_they_touch(pattern: str) 
         assert follow([first, covered]).diagnostics.confident_share > 0.66 * whole, value
 
 
+@pytest.mark.slow
 def test_a_small_drag_of_the_paper_s_own_pattern() -> None:
     images = [seen("dense", "4:2:0", part) for part in (0.0, 0.05)]
     found = follow(images)

