@@ -37,7 +37,7 @@ class SensorId:
     """What identifies a sensor; None where a source of images does not know it.
 
     pattern, camera: the pattern's recipe and the camera, as they are stored; in files up to version
-    0.2 short digests of them. The camera says most: no two calibrated lenses have the same numbers.
+    0.2 short digests of them.
     """
 
     design: str | None = None

@@ -51,7 +51,6 @@ def test_composition_beats_the_sum_and_a_static_reference_over_8_mm(method, shar
     bump, images = extreme
     truth = bump.flow_px(H, W)
     assert np.hypot(*np.moveaxis(truth, -1, 0)).max() * MM_PER_PX == pytest.approx(8.39, abs=0.02)
-    assert bump.det_f(H, W).min() > 0.25
     last = {
         kept: run(images, method, kept, renew_share=share)[-1]
         for kept in ("composed", "summed", "static")
@@ -89,20 +88,6 @@ def test_every_method_tracks_a_press_cold_and_warm(name, pressed):
     assert error_mm(cold, truth).mean() <= 0.03
     assert error_mm(warm, truth).mean() <= 0.03
     assert np.array_equal(start, kept)
-
-
-def test_a_warm_start_reaches_where_a_cold_one_does_not(make_scene, make_bump):
-    scene = make_scene(320, 256, margin=160)
-    shift = make_bump((0, 0), 100, shift_px=(130, 0))
-    first, second = to_gray(scene.picture()), to_gray(scene.picture(shift, 1))
-    near = np.full((256, 320, 2), (127, 1), np.float32)
-    for name in ("farneback-paper", "dis-medium"):
-        method = FlowMethod(name)
-        # Columns below 190 - 60 are still in the second image.
-        cold = method.between(first, second)[40:-40, 40:130]
-        warm = method.between(first, second, near)[40:-40, 40:130]
-        assert np.abs(np.median(warm, axis=(0, 1)) - [130, 0]).max() < 0.2
-        assert np.abs(np.median(cold, axis=(0, 1)) - [130, 0]).max() > 10
 
 
 # Confidence
@@ -174,22 +159,6 @@ def test_a_path_that_left_the_image_stays_invisible_when_followed_by_composition
     assert columns[320 - 57 :].max() == 0.0
     assert out[-1].visible[40:-40, 320 - 42 :].mean() < 0.05
     assert static[-1].visible[40:-40, 4:-4].mean() > 0.95
-
-
-@pytest.mark.parametrize("reference", ["composed", "summed"])
-def test_a_wrong_match_stays_marked_in_what_is_composed_from_it(reference, make_scene, make_bump):
-    # 15 px at once from a cold start is more than DIS fast can do on this small, fine pattern.
-    scene = make_scene(320, 256, margin=90)
-    shifts = [make_bump((0, 0), 100, shift_px=(15.0 + 4 * k, 0.0)) for k in range(5)]
-    images = [scene.picture(), *(scene.picture(s, k + 1) for k, s in enumerate(shifts))]
-    last = run(images, "dis-fast", reference, renew_share=0.0)[-1]
-    wrong = np.hypot(*np.moveaxis(last.flow_px - [31.0, 0.0], -1, 0)) > 2
-    view = last.visible.copy()
-    view[:, 280:] = False
-    # The last flow alone is right nearly everywhere; the total is judged against the first image.
-    assert wrong[view].mean() > 0.05
-    assert wrong[view & last.confident].mean() < 0.01
-    assert last.diagnostics.confident_share < 0.95
 
 
 # Contract

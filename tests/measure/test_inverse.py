@@ -91,17 +91,6 @@ def test_an_even_pressure_is_not_lost(features, block) -> None:
     assert six[2] == pytest.approx(force[2], rel=0.05)
 
 
-def test_depth_comes_with_it(features, block) -> None:
-    traction, _ = _spot(block, 2.0, 1.0, 3.0, (0, 0, -0.3))
-    inverse = features.inverse
-    depth = inverse.sunk_mm(inverse.of(_seen(block, traction)))
-    spline = RectBivariateSpline(block.y_mm, block.x_mm, -block.apply(traction)[..., 2])
-    error = np.abs(depth - spline(inverse.seen_y_mm, inverse.seen_x_mm))
-    pressed = np.hypot(inverse.seen_x_mm - 2, inverse.seen_y_mm[:, None] - 1) < 3
-    assert error[pressed].mean() < 0.15 * spline(1.0, 2.0)
-    assert error.mean() < 0.03 * spline(1.0, 2.0)
-
-
 def test_the_traction_adds_up_to_the_models_force(features, block) -> None:
     rng = np.random.default_rng(4)
     flows, wrenches = [], []
@@ -199,17 +188,6 @@ def test_motion_that_no_press_makes_is_said_to_be_foreign(features, block, size_
     wild_flow = replace(flow, shift_mm=wild)
     assert np.isfinite(features.of(wild_flow)).all()
     assert features.cover(wild_flow) == 0
-
-
-def test_a_spreading_that_only_shear_could_make_is_foreign_too(features, block) -> None:
-    flow = _seen(block, np.zeros((*block.shape, 3)))
-    x, y = np.meshgrid(flow.x_mm, flow.y_mm)
-    spread = np.stack((x, y), -1) * 0.05 * np.exp(-((x / 7) ** 4) - (y / 5) ** 4)[..., None]
-    wide = replace(flow, shift_mm=spread.astype(np.float32))
-    press = features.inverse.of(wide)
-    assert not press.pressed
-    assert press.cover == 0
-    assert not features.of(wide)[:2].round(6).any()
 
 
 def test_the_sight_of_a_pinhole() -> None:

@@ -40,8 +40,6 @@ def test_statsmodels_gives_the_same_figures_of_badly_scaled_columns(constant):
     assert ours.adjusted_r2_about_zero == pytest.approx(theirs.rsquared_adj, rel=1e-12)
     centred = OLS(Y, columns, hasconst=True).fit(method="qr")
     assert ours.r2 == pytest.approx(centred.rsquared, rel=1e-9)
-    if constant:  # only then are its degrees of freedom those of a model with one
-        assert ours.adjusted_r2 == pytest.approx(centred.rsquared_adj, rel=1e-9)
     assert ours.rmse == pytest.approx(np.sqrt(np.mean(theirs.resid**2)), rel=1e-9)
     assert ours.condition_raw == pytest.approx(np.linalg.cond(columns), rel=1e-6)
     assert ours.condition_scaled < 1e3 < 1e8 < ours.condition_raw

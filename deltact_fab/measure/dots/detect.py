@@ -3,10 +3,7 @@
 A white dot is bright in every channel, a dark one dark in every channel: min(B, G, R), or
 max(B, G, R) turned over, against the local light, blurred so that single patches of a dense
 pattern vanish. Connected components above a level; each centroid is weighted by the height above
-that level, so that a pixel at the contour weighs nothing and none flips in or out.
-
-All of it happens in an image reduced by whole pixels until a dot is about 7 px wide: means of
-whole pixels keep a centroid, and the work falls with the square.
+that level. All of it happens in an image reduced by whole pixels until a dot is about 7 px wide.
 """
 
 from __future__ import annotations

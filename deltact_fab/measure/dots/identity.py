@@ -1,7 +1,7 @@
 """Which blob is which dot: by their neighbours, and by the colours around them where there are any.
 
-What the order of nearness says is only a first guess. Every match has to stand the checks of
-`skin` and `colours`, and one that does not is given up: a lost dot does less harm than a wrong one.
+What the order of nearness says is only a first guess. Every match has to stand the checks of order
+and colours, and one that does not is given up: a lost dot does less harm than a wrong one.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ FOUND_NCC = 0.65  # the same for a dot found again anywhere in the image
 class Identities:
     """Follows the dots of a skin through the blobs of frame after frame.
 
-    first_px: (n, 2) places in the first frame, NaN for a dot that is not in it and is never
-    reported; area_px: (n,) areas there. rings: what remembers the colours, None without any.
-    `image` below is then the smoothed one that they are sampled in.
+    first_px: (n, 2) places in the first frame, NaN for a dot that is not in it; area_px: (n,) areas
+    there. rings: what remembers the colours, None without any; `image` is the smoothed one that
+    they are sampled in.
     """
 
     def __init__(
@@ -192,9 +192,10 @@ class Identities:
 
 
 class Rings:
-    """The rings of all dots, between two radii in pixels of an image reduced by `shrink`.
+    """The colours around all dots, which tell a dot from the one a pitch further.
 
-    Centres are places in the full image, (n, 2) px; images are reduced and smoothed ones.
+    A ring between two radii, in pixels of an image reduced by `shrink`. Centres are places in the
+    full image, (n, 2) px; images are reduced and smoothed ones.
     """
 
     def __init__(self, inner_px: float, outer_px: float, shrink: int) -> None:

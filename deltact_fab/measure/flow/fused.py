@@ -2,13 +2,11 @@
 
 A translation is fitted at every node, one node a cell of 2 x 2 pixels, over a window that falls to
 half within 7 cells, in Lucas-Kanade steps on images of a quarter, a half and the full size (Baker
-and Matthews 2004, "Lucas-Kanade 20 years on"). Gradients and normal matrix are the reference's, and
-gain and offset of the light are projected out, so a step is one warp, four products summed, and the
-window. The sums also give the local correlation, and with what the fit leaves the deviation that is
-to be expected.
+and Matthews 2004). Gradients and normal matrix are the reference's, and gain and offset of the
+light are projected out. The sums also give the local correlation and the deviation to be expected.
 
 The luma is tracked, blurred by sigma 1: a camera that subsamples chroma leaves luma whole, and the
-blur takes the patterns of mosaic and compression away.
+blur takes the patterns of mosaic and compression away (decision 0015).
 """
 
 from __future__ import annotations
@@ -36,9 +34,8 @@ _EVEN_PX = 41  # of the half-size image
 _EVEN_CONTRAST, _LEAST_CONTRAST = np.float32(40), np.float32(2)  # grey levels
 _LIGHT_WINDOW = 11  # of 8 px: within it the light is alike
 _PRIOR = 0.02
-# Steps and smoothing pass more noise than one fit does: 1.24 by the transfer functions of window
-# and smoothing, after two steps on the full size. The blur makes the noise of neighbours alike: the
-# fit leaves less of it than it takes, 2.1 to 2.4 through a Bayer mosaic, 1.5 to 2.1 without.
+# Two steps pass 1.24 times the noise of one fit; the blur makes the noise of neighbours alike, so
+# the fit leaves half of it or less (decision 0015).
 NOISE_GAIN = 1.24 * 2.0
 
 
@@ -121,14 +118,13 @@ class Plane:
 
 
 class Refined(NamedTuple):
-    """What a refinement gives at the nodes of the half grid.
+    """What a refinement gives at the nodes of the half grid, float32.
 
-    flow_px (hh, ww, 2) float32, in px of the full image. correlation (hh, ww) float32 in -1..1, of
-    the windows of reference and warped image, where the current image shows them; 0 where it does
-    not. deviation_px (hh, ww) float32: standard deviation of the flow's endpoint, from what the fit
-    leaves and the normal matrix; it knows noise, not a match that is wrong. ahead_px2 (hh, ww)
-    float32: squared length of the last step over the contrast that the current image has to the
-    reference, which steps are short by: an estimate of what they have yet to do.
+    flow_px (hh, ww, 2), in px of the full image. correlation (hh, ww) in -1..1, of the windows of
+    reference and warped image; 0 where the current image does not show them. deviation_px (hh, ww):
+    standard deviation of the flow's endpoint by noise; a wrong match is not in it. ahead_px2
+    (hh, ww): estimate of what the steps have yet to do, squared: the last step over the contrast
+    that the current image has to the reference.
     """
 
     flow_px: Array
@@ -247,11 +243,8 @@ def _resized(planes: Array, size: tuple[int, int], unit: float | None = None) ->
 
 
 def _evened(image: Array) -> Array:
-    """An image (h, w) uint8 less its local mean, over its local contrast, around 128.
-
-    Without it a gradient of light or a bright disc moves what DIS finds of a weak pattern all over
-    the face.
-    """
+    """An image (h, w) uint8 less its local mean, over its local contrast, around 128: light would
+    else move what DIS finds of a weak pattern."""
     fine = image.astype(np.float32)
     fine -= cv2.blur(fine, (_EVEN_PX, _EVEN_PX))
     power = cv2.blur(fine * fine, (_EVEN_PX, _EVEN_PX))

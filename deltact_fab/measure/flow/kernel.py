@@ -34,12 +34,10 @@ def step(
 
     image (h, w) uint8: the current one, 4 px more than the nodes need. pixels, normal, size_px: of
     the reference, see `nodes`. flow (2, rows, cols) float32 px. light (2, rows, cols) float32: what
-    a change of light makes of reference less current image there, light[0] + light[1] * reference;
-    it stands in where the current image does not show a pixel, so that the pixel does not pull.
-    gain: how much more noise the chain of steps passes than one fit. Returns the new flow and, if
-    gain is positive, (3, rows, cols) over what the current image shows of the windows: correlation
-    and deviation in px of the flow that was given, and the squared length of the step over the
-    contrast, px^2.
+    a change of light makes of reference less current image, light[0] + light[1] * reference; it
+    stands in for pixels that the current image does not show. gain: how much more noise the chain
+    of steps passes than one fit. Returns the new flow and, if gain is positive, (3, rows, cols):
+    correlation, deviation (px) of the flow that was given, and `Refined.ahead_px2`.
     """
     last = gain > 0
     rows, cols = flow.shape[1:]

@@ -35,15 +35,13 @@ class FlowDiagnostics:
 class FlowObservation:
     """Total flow of one frame; the arrays are read-only.
 
-    All have one size (h, w): that of the image, or half of it, rounded down, where the tracker was
-    asked for half (`full=False`); element (i, j) then stands for the middle of the four pixels
-    from (2 i, 2 j) on. Flows are in pixels of the image in either case.
+    All have one size (h, w): that of the image, or half of it where the tracker was asked for half
+    (`full=False`); element (i, j) then stands for the middle of the four pixels from (2 i, 2 j) on.
+    Flows are in pixels of the image in either case.
 
-    flow_px: (h, w, 2) float32, from the first image, at its pixels (Lagrangian).
-    visible: (h, w) bool, the flow ends inside this image; of a flow composed over several
-    references also that it did so in each of them.
-    confident: (h, w) bool, see `ConfidenceEstimator`.
-    state: (h, w) uint8 of `FlowState`.
+    flow_px: (h, w, 2) float32, from the first image, at its pixels (Lagrangian). visible: (h, w)
+    bool, the flow ends inside this image, and inside every reference that it was composed over.
+    confident: (h, w) bool, see `ConfidenceEstimator`. state: (h, w) uint8 of `FlowState`.
     """
 
     flow_px: Array

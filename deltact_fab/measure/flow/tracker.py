@@ -30,10 +30,7 @@ LOST_SHARE = 0.1
 
 
 class AnchoredTracker:
-    """Follows one sequence.
-
-    reference: of the first image. judge: of the same.
-    """
+    """Follows one sequence from its first image on, of which reference and judge are."""
 
     def __init__(self, reference: RefinementReference, judge: ConfidenceEstimator) -> None:
         self._reference = reference
@@ -48,11 +45,8 @@ class AnchoredTracker:
         return shrunk(predict(before, plane), COARSE)
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
-        """Follow one more image.
-
-        One in which nothing agrees leaves no trace: what comes after it is looked for where the
-        face was last seen, and where it would be found from rest.
-        """
+        """Follow one more image. After one in which nothing agrees the next is looked for where
+        the face was last seen, and from rest."""
         assert ready.ahead_px is not None, "made by `ahead`"
         so_far = shrunk(self._flow, COARSE)
         if self._lost:

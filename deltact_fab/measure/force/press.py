@@ -1,10 +1,9 @@
 """What presses on the face: traction by inverting the linear face operator of the free-sided block.
 
-A camera tells two numbers a point and traction has three, and a bonded gel that hardly changes its
-volume hides an even pressure: left alone, an inverse explains a press by shear and returns a part
-of its force. So it goes in two steps. The first looks for pressure over the whole view, shear held
-small, and is precomputed. The second keeps to the cells where that found some and to those around
-them, and asks for pressure, never pull, and for little shear where there is little pressure.
+A camera tells two numbers a point and traction has three, and a bonded gel hides an even pressure:
+left alone, an inverse explains a press by shear. So it goes in two steps. The first, precomputed,
+looks for pressure over the whole view, shear held small. The second keeps to the cells around what
+that found, and asks for pressure, never pull, and for little shear where there is little pressure.
 
 Tractions are for a Young's modulus of 1 MPa, so in effect strains; a calibration tells the modulus.
 """

@@ -84,8 +84,8 @@ CLEARLY = 0.6
 class Corners:
     """What one image shows of a board.
 
-    px: (n, 2) in the image. index: (n, 2) whole numbers, column and row of each among the board's
-    inner corners; of a board that is no skin up to half a turn, which its pose takes up.
+    px: (n, 2) in the image. index: (n, 2), column and row of each among the board's inner corners;
+    of a board that is no skin up to half a turn, which its pose takes up.
     """
 
     source: str
@@ -147,8 +147,7 @@ def find(image: Array, board: Checkerboard, source: str) -> Corners | None:
 def _seed(grey: Array, board: Checkerboard) -> Array | None:
     """A rectangle of corners (rows, columns, 2) px, upright; of a skin any, else the whole board.
 
-    A skin is looked for in the image's middle first: a finder that grows a grid over a whole view
-    of uneven light may leave corners out, and still give what looks like one.
+    A skin is looked for in the middle first: under uneven light a finder may leave corners out.
     """
     least = tuple(min(FEWEST, n) for n in board.corners) if board.skin else board.corners
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -166,9 +165,7 @@ def _seed(grey: Array, board: Checkerboard) -> Array | None:
 
 
 def _trimmed(grey: Array, grid: Array) -> Array:
-    """The rectangle without sides that run along the board's edge: a finder may take its corners
-    for inner ones.
-    """
+    """The rectangle without sides along the board's edge: a finder may take them for inner ones."""
     for side in range(4):
         turned = np.rot90(grid, side)
         if len(turned) > 2 and np.mean(_corners_near(grey, turned[-1], turned[-2])[1]) < 0.5:
@@ -177,9 +174,8 @@ def _trimmed(grey: Array, grid: Array) -> Array:
 
 
 def _squares(grey: Array, grid: Array, inside: Array) -> tuple[Array, Array, Array]:
-    """Of the squares between corners: grey level, whether all four are inside, whether the column
-    and row of the first add up to an even number. (rows - 1, columns - 1) each.
-    """
+    """Of the squares between corners, (rows - 1, columns - 1) each: grey level, whether all four
+    are inside, whether column and row add up to an even number."""
     whole = inside[1:, 1:] & inside[:-1, 1:] & inside[1:, :-1] & inside[:-1, :-1]
     middles = (grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]) / 4
     at = np.rint(np.where(whole[..., None], middles, 0)).astype(int)
@@ -200,10 +196,7 @@ def _alternates(grey: Array, grid: Array) -> bool:
 
 
 def _upright(grid: Array) -> Array:
-    """The rectangle (rows, columns, 2) px turned so that columns run to +x and rows to +y.
-
-    A finder may give it by columns, turned or mirrored; an image of a board is never a mirror's.
-    """
+    """The rectangle (rows, columns, 2) px turned so that columns run to +x and rows to +y."""
     along = np.diff(grid, axis=1).mean((0, 1))
     if abs(along[0]) < abs(along[1]):
         grid = grid.transpose(1, 0, 2)
@@ -225,8 +218,7 @@ def _grown(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """The rectangle with all that lies around it, and which of its corners are seen.
 
-    A finder may end anywhere, under uneven light most of all. Each side is continued by the
-    parabola of its last three corners, as long as there are corners where it says.
+    Each side is continued by the parabola of its last three corners, as long as there are some.
     """
     most = board.corners[::-1]
     sides = [0, 1, 2, 3]

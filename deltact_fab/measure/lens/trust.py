@@ -40,8 +40,7 @@ def sigma_px(
 ) -> float:
     """Sigma of where the lens sees a point, px in the raw image; 95th percentile over the view.
 
-    The points lie depth_mm below the face on the rays of the view's points, and a sigma is that of
-    the distance (both axes together), with the corners' systematic error in it.
+    Of points depth_mm below the face; both axes together, the corners' systematic error in it.
     """
     lens = problem.lens(fit.x)
     origin, slope = lens.ray(lens.rest_px(view_mm(sensor)), "gel")
