@@ -80,7 +80,9 @@ def test_side_by_side_gives_to_the_bit_what_one_by_one_does(
     one_by_one = [measurement.update(image) for image in images]
     measurement.reset()
     with Pipeline(measurement) as pipeline:
-        side_by_side = list(pipeline.over(images))
+        for image in images:
+            pipeline.submit(image)
+    side_by_side = list(pipeline.results())
     assert [result.frame for result in side_by_side] == list(range(len(images)))
     assert all(map(same, one_by_one, side_by_side))
     assert all(result.age_ms > 0 and result.trusted for result in side_by_side)

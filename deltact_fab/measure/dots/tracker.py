@@ -140,8 +140,7 @@ class DotTracker:
         level = ground + LEVEL * (float(np.median(peaks)) - ground)
         blobs = self._detector.blobs(signal, level)
         nominal = np.pi / 4 * self.diameter_px**2
-        limit = AREA_FACTOR
-        fits = (blobs.area_px < limit * nominal) & (blobs.area_px > nominal / limit)
+        fits = np.abs(np.log(blobs.area_px / nominal)) < np.log(AREA_FACTOR)
         position, area = np.full_like(rest, np.nan), np.full(len(rest), nominal)
         shift = np.zeros(2)
         # A common offset first, then each dot within the same tolerance of it.

@@ -22,8 +22,7 @@ from ..flow.fused import to_half
 from ..force import LocalFeatures, features_of
 from ..health import Health
 from ..view import SensorView
-from .calibrated import Calibrated, Calibration
-from .plan import Plan
+from .plan import Calibrated, Calibration, Plan
 from .result import Result
 
 

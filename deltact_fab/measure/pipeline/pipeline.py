@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from queue import Empty, Queue
 from threading import Lock, Thread
 from types import TracebackType
@@ -25,8 +25,10 @@ class Pipeline:
     counts both. While it is open the measurement's own `update` is refused; `reset` works.
 
         with Pipeline(measurement) as p:
-            for result in p.over(images):
-                ...
+            for image in images:
+                p.submit(image)
+        for result in p.results():
+            ...
     """
 
     def __init__(self, measurement: Measurement, policy: Policy = "every") -> None:
@@ -76,36 +78,10 @@ class Pipeline:
             raise job.error
         return job.result
 
-    def _next(self, timeout_s: float | None = None) -> Result:
-        result = self.result(timeout_s)
-        if result is None:
-            raise RuntimeError("the pipeline was closed before its images were through")
-        return result
-
     def results(self) -> Iterator[Result]:
         """All results until the pipeline closes. Raises as `result`; may then be called again."""
         while (result := self.result()) is not None:
             yield result
-
-    def over(self, images: Iterable[Array]) -> Iterator[Result]:
-        """The results of some images, which are read on while the stages run.
-
-        With "every" a few images later; with "newest" at the first image after each is complete.
-        Raises as `result`, which ends it.
-        """
-        waiting, fell, live = 0, self.dropped, self.policy == "newest"
-        for image in images:
-            self.submit(image)
-            waiting += 1
-            try:
-                while live or waiting > len(self._belts):
-                    yield self._next(0 if live else None)
-                    waiting -= 1
-            except TimeoutError:  # none is complete
-                pass
-        while waiting > self.dropped - fell:
-            yield self._next()
-            waiting -= 1
 
     def close(self) -> None:
         """Finish what was given and let the measurement go; results can still be read.
