@@ -21,6 +21,8 @@ _DIS = {
     "dis-fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
     "dis-medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
 }
+PAPER = "paper"
+"""The paper's method, Farneback's; alone it is summed, as the paper's tracker."""
 FUSED = "fused"
 """Dense Inverse Search at half the size, then inverse-compositional steps."""
 FLOW_METHODS = ("farneback-paper", *_DIS, FUSED)
@@ -29,17 +31,15 @@ FLOW_METHODS = ("farneback-paper", *_DIS, FUSED)
 class FlowMethod:
     """One way to find the flow between two grey images (h, w) uint8 of one size.
 
-    name: one of FLOW_METHODS; InputError is raised for any other. What `fused` computes of the
-    last reference alone is kept, and so is Farneback's last flow, which trackers that share a
+    name: PAPER or one of FLOW_METHODS; InputError is raised for any other. What `fused` computes of
+    the last reference alone is kept, and so is Farneback's last flow, which trackers that share a
     method ask for again: a summed and a composed one of the same images.
     """
 
     def __init__(self, name: str = FUSED) -> None:
-        if name not in FLOW_METHODS:
-            raise InputError(
-                f"flow method {name!r}: unknown; {did_you_mean(str(name), FLOW_METHODS)}"
-            )
-        self.name = name
+        if name not in (known := (PAPER, *FLOW_METHODS)):
+            raise InputError(f"flow method {name!r}: unknown; {did_you_mean(name, known)}")
+        self.name = name = "farneback-paper" if name == PAPER else name
         self._dis = cv2.DISOpticalFlow.create(_DIS[name]) if name in _DIS else None
         self._prepared: tuple[Array, RefinementReference] | None = None
         self._last: tuple[list[bytes | None], Array] | None = None

@@ -14,7 +14,7 @@ from ..compose import landing_px, sample, shrunk
 from .confidence import TEXTURE_MIN, ConfidenceEstimator
 from .fill import denoised, filled
 from .fused import COARSE, Plane, RefinementReference, Sampled, predict, to_full
-from .method import FLOW_METHODS, FUSED, FlowMethod
+from .method import FUSED, PAPER, FlowMethod
 from .observation import (
     FlowDiagnostics,
     FlowObservation,
@@ -83,23 +83,22 @@ class FlowTracker:
     def __init__(
         self,
         method: FlowMethod | str = FUSED,
-        reference: Reference | None = None,
+        reference: str | None = None,
         *,
         full: bool = True,
         renew_share: float = RENEW_SHARE,
     ) -> None:
         self.method = FlowMethod(method) if isinstance(method, str) else method
         fused = self.method.name == FUSED
-        self.reference = reference or ("anchored" if fused else "composed")
-        if self.reference not in (known := get_args(Reference)):
+        known: list[Reference] = [k for k in get_args(Reference) if k != "anchored" or fused]
+        wanted = reference or known[0]
+        found = next((k for k in known if k == wanted), None)
+        if found is None:
             raise InputError(
-                f"flow reference {reference!r}: unknown; {did_you_mean(str(reference), known)}"
+                f"flow reference {wanted!r} of {self.method.name!r}: not available; "
+                f"{did_you_mean(wanted, known)}"
             )
-        if self.reference == "anchored" and not fused:
-            raise InputError(
-                f"flow reference 'anchored': only with the method {FUSED!r}, "
-                f"not {self.method.name!r}"
-            )
+        self.reference = found
         self.full, self.renew_share = full, renew_share
         self.reset()
 
@@ -191,10 +190,6 @@ class FlowTracker:
         return RenewedTracker(self.method, self.reference, image, first, judge, self.renew_share)
 
 
-PAPER = "paper"
-"""The paper's method, Farneback's; alone it is summed, as the paper's tracker."""
-
-
 def named_tracker(
     name: str, *, full: bool = True, shared: dict[str, FlowMethod] | None = None
 ) -> FlowTracker:
@@ -205,21 +200,11 @@ def named_tracker(
     no one's own. Raises InputError with the valid names.
     """
     method, _, kept = name.partition("/")
-    if method == PAPER:
-        method, kept = "farneback-paper", kept or "summed"
-    if method not in FLOW_METHODS:
-        methods = (PAPER, *FLOW_METHODS)
-        raise InputError(f"flow method {method!r}: unknown; {did_you_mean(method, methods)}")
-    known: list[Reference] = [k for k in get_args(Reference) if k != "anchored" or method == FUSED]
-    reference = next((k for k in known if k == kept), None)
-    if kept and reference is None:
-        raise InputError(
-            f"flow reference {kept!r} of {method!r}: not available; {did_you_mean(kept, known)}"
-        )
+    kept = kept or ("summed" if method == PAPER else "")
     own = FlowMethod(method)
-    return FlowTracker(
-        own if shared is None else shared.setdefault(method, own), reference, full=full
-    )
+    if shared is not None:
+        own = shared.setdefault(own.name, own)
+    return FlowTracker(own, kept or None, full=full)
 
 
 def _why_plain(gray: Array) -> str:

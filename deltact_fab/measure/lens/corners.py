@@ -34,16 +34,13 @@ class Checkerboard:
     def parse(cls, words: str, option: str = "--board") -> Checkerboard:
         """Of NXxNYxMM, as in 9x7x3: squares along x and y and their side. Raises InputError."""
         found = FORM.fullmatch(words.strip())
-        if found is None:
+        nx, ny, side = (int(found[1]), int(found[2]), float(found[3])) if found else (0, 0, 0.0)
+        if not (min(nx, ny) >= 4 and max(nx, ny) <= MAX_SQUARES and 0.05 <= side <= 100):
             raise InputError(
-                f"{option}: {words!r}; as in 9x7x3: squares along x and y and their side in mm"
+                f"{option}: {words!r}; as in 9x7x3: 4 to {MAX_SQUARES} squares along x and y and "
+                "their side, 0.05 to 100 mm"
             )
-        nx, ny, square_mm = int(found[1]), int(found[2]), float(found[3])
-        if not (min(nx, ny) >= 4 and max(nx, ny) <= MAX_SQUARES):
-            raise InputError(f"{option}: {words!r}: a board has 4 to {MAX_SQUARES} squares a side")
-        if not 0.05 <= square_mm <= 100:
-            raise InputError(f"{option}: {words!r}: a square has a side of 0.05 to 100 mm")
-        return cls(nx, ny, square_mm)
+        return cls(nx, ny, side)
 
     @property
     def corners(self) -> tuple[int, int]:
