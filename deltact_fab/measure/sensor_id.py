@@ -27,8 +27,7 @@ _WRITERS: dict[str, str] = {
 }
 _ANEW = {"depth": " RUN", "force": " RUN --transfer {}", "acceptance": " SOURCE RECIPE"}
 """What is typed for another sensor: one to three presses are enough in RUN."""
-SHOWN = 3
-"""So many differences are told; a lens that was fitted again differs in all its numbers."""
+SHOWN = 3  # so many differences are told; a lens that was fitted again differs in all its numbers
 Description = Mapping[str, Any] | str
 
 

@@ -27,8 +27,7 @@ from .nodes import MIN_VARIANCE
 MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
 STEPS = (6, 4, 2)  # on a quarter, half and the full size
 _LEVELS = 3
-COARSE = 2 ** (_LEVELS - 1)
-"""Nodes to a side of the grid that a refinement starts on."""
+COARSE = 2 ** (_LEVELS - 1)  # nodes to a side of the grid that a refinement starts on
 _BEYOND_PX = 4  # pixels behind the last one that a warp may read
 _EVEN_PX = 41  # of the half-size image
 _EVEN_CONTRAST, _LEAST_CONTRAST = np.float32(40), np.float32(2)  # grey levels

@@ -21,10 +21,8 @@ _DIS = {
     "dis-fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
     "dis-medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
 }
-PAPER = "paper"
-"""The paper's method, Farneback's; alone it is summed, as the paper's tracker."""
-FUSED = "fused"
-"""Dense Inverse Search at half the size, then inverse-compositional steps."""
+PAPER = "paper"  # the paper's method, Farneback's; alone it is summed, as the paper's tracker
+FUSED = "fused"  # Dense Inverse Search at half the size, then inverse-compositional steps
 FLOW_METHODS = ("farneback-paper", *_DIS, FUSED)
 
 

@@ -29,8 +29,7 @@ from .problem import (
 )
 
 CLEAR_DEPTH_PX = 0.5
-PHOTOGRAPHS = "photographs.json"
-"""Beside simulated images: {"simulated": true, "seed": N}."""
+PHOTOGRAPHS = "photographs.json"  # beside simulated images: {"simulated": true, "seed": N}
 
 
 @dataclass(frozen=True)

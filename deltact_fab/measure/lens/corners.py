@@ -60,18 +60,15 @@ class Checkerboard:
         return np.asarray((index + 1 - half) * self.square_mm, np.float64)
 
 
-FEWEST = 5
-"""Inner corners each way that are looked for on a skin; the finder then grows the grid."""
-WINDOW = 0.3
-"""Half side of the window that refines a corner, in distances to the nearest corner."""
+FEWEST = 5  # inner corners each way that are looked for on a skin; the finder then grows the grid
+WINDOW = 0.3  # half side of the window that refines a corner, in distances to the nearest corner
 WINDOWS_PX = (2, 7)
 BORDER_PX = 4
 SKIN_SHARES = (0.5, 0.7, 1.0)
 """Of the image's sides, around its middle, in which a skin is looked for."""
 ALTERNATING = 0.97
 """Share of the steps from square to square that must change from dark to light or back."""
-MIN_CONTRAST = 8.0
-"""Grey levels between the squares that meet in a corner of a skin."""
+MIN_CONTRAST = 8.0  # grey levels between the squares that meet in a corner of a skin
 _STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
 CLEARLY = 0.6
 """The skin's middle must lie so much nearer to its guess than the next square that might be it."""

@@ -152,8 +152,7 @@ SYSTEMATIC_PX, SYSTEMATIC_REACH_PX = 0.02, 40.0
 """Smooth error of the corners of an image, which no residual shows, for the lens absorbs it:
 curvature, shading and sharpening within a corner's window. .01 to .02 px on rendered boards
 (decision 0019)."""
-OUTLIER = 5.0
-"""In robust sigmas of the residuals: beyond, a corner was misread."""
+OUTLIER = 5.0  # in robust sigmas of the residuals: beyond, a corner was misread
 
 
 def solve(problem: LensProblem, x: Array, scale_px: float = NOISE_PX) -> LensSolution:
@@ -229,8 +228,7 @@ def _search(
     return np.asarray(found.x, np.float64)
 
 
-HEIGHTS_MM = (3.0, 8.0, 16.0, 32.0)
-"""Of a board in air, from which its pose is looked for."""
+HEIGHTS_MM = (3.0, 8.0, 16.0, 32.0)  # of a board in air, from which its pose is looked for
 TILTS_RAD = ((0.0, 0.0), (0.4, 0.0), (-0.4, 0.0), (0.0, 0.4), (0.0, -0.4))
 
 LAYERS = {

@@ -13,8 +13,7 @@ from ...errors import InputError
 from ...shapes import SensorDimensions
 from .problem import PRIOR_STEP, SYSTEMATIC_PX, LensProblem, LensSolution
 
-DEPTHS_MM = (3.0, 6.0)
-"""Below the face, at which the sigma is stated besides the face's own."""
+DEPTHS_MM = (3.0, 6.0)  # below the face, at which the sigma is stated besides the face's own
 MIN_COVER = 0.8
 MAX_FACE_SIGMA_PX = 0.15
 PRIOR_SHARE = 0.5
