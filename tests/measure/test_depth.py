@@ -134,12 +134,6 @@ def test_a_rigid_motion_has_no_depth(finder, flow):
     assert np.abs(relative_depth(density, flow)).max() < 3e-3
 
 
-def test_the_noise_of_a_face_at_rest_has_no_depth(finder):
-    rng = np.random.default_rng(0)
-    noise = rng.normal(0, 0.004, (2, len(Y), len(X)))
-    assert finder.of(_in_plane(*noise)).depth_mm.max() == 0
-
-
 def test_relative_depth_keeps_an_edge_and_smooths_noise():
     rng = np.random.default_rng(1)
     grow = 0.3 * (np.hypot(AT[..., 0], AT[..., 1]) < 4)

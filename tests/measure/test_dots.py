@@ -143,6 +143,7 @@ def test_without_colours_the_order_of_the_neighbours_is_kept(small):
     first = tracker.update(plain(rest))
     assert first.found.all()
     assert np.isnan(first.identity_ncc).all()
+    assert np.abs((first.position_px - rest).mean(axis=0)).max() < 0.1
     moved = tracker.update(plain(rest + np.array([6.0, -4.0])))
     assert moved.found.all()
     assert moved.displacement_px == pytest.approx(np.tile([6.0, -4.0], (49, 1)), abs=0.05)

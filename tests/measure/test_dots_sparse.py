@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.measure.dots import DotTracker, find_dots, identity
 from deltact_fab.measure.dots import tracker as tracking
+from deltact_fab.measure.dots.skin import Skin
 
 MM_PER_PX = 0.0378
 W, H = 798, 586
@@ -170,6 +171,14 @@ def test_a_glitch_is_survived_and_a_longer_gap_leaves_all_dots_lost():
         # A grid that nobody watched for a while may stand a pitch further on
         assert seen.found.all() if frames == 1 else not seen.found.any()
         assert not seen.found.any() or errors_mm(seen, np.tile([11.0, -9.0], (169, 1))).max() < 0.06
+
+
+def test_of_two_dots_that_changed_places_neither_is_believed():
+    rest = grid((2.2, 1.6), 5, 5)
+    position = rest.copy()
+    position[[12, 13]] = rest[[13, 12]]
+    Skin(rest).keep_order(position)
+    assert np.flatnonzero(np.isnan(position[:, 0])).tolist() == [12, 13]
 
 
 def test_a_skin_let_go_at_once_is_followed_home(make_bump):

@@ -46,21 +46,16 @@ def run(images: Any, *args: Any, **kwargs: Any) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("method", "share"), [("dis-fast", 0.5), ("dis-medium", 0.25)])
-def test_composition_beats_the_sum_and_a_static_reference_over_8_mm(method, share, extreme):
+def test_composition_beats_the_sum_and_a_static_reference_over_8_mm(extreme):
     bump, images = extreme
     truth = bump.flow_px(H, W)
     assert np.hypot(*np.moveaxis(truth, -1, 0)).max() * MM_PER_PX == pytest.approx(8.39, abs=0.02)
-    last = {
-        kept: run(images, method, kept, renew_share=share)[-1]
-        for kept in ("composed", "summed", "static")
-    }
+    last = {kept: run(images, "dis-medium", kept)[-1] for kept in ("composed", "summed", "static")}
     mean = {k: error_mm(one.flow_px, truth, one.visible).mean() for k, one in last.items()}
-    print(method, mean, last["composed"].diagnostics)
     assert 1 <= last["composed"].diagnostics.n_reference_switches < 20
     assert mean["composed"] < 0.7 * mean["summed"]
     assert mean["composed"] < mean["static"]
-    still = run(images[:1] * 3, method)
+    still = run(images[:1] * 3, "dis-medium")
     assert still[-1].diagnostics.n_reference_switches == 0
 
 

@@ -21,9 +21,7 @@ VIEW = Rectified.of(SensorDimensions(), Fisheye(f_px=LENS.f_px))
 MOTION = Motion(press_mm=2.0, drag_mm=(3.0, 0.0), twist_rad=0.1)
 STEPS = 8
 CAMERAS = {
-    "lossless": Imaging(jpeg=0),
     "edge-aware": Imaging(jpeg=0, demosaic="COLOR_BayerRG2BGR_EA"),
-    "4:4:4": Imaging(subsampling=0),
     "4:2:0": Imaging(),
 }
 PATTERNS = {"coarse": (0.15, 0.1), "dense": (0.075, 0.6)}

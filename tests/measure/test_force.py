@@ -72,20 +72,6 @@ def test_even_powers_break_the_mirror_of_the_papers_shear_and_of_nothing_else():
     assert np.allclose(mirrored[:, even], columns[:, even], rtol=1e-4)
 
 
-def test_a_rigid_motion_gives_no_density_and_a_shift_no_normal_force():
-    features = make_features("paper", VIEW)
-    angle = np.radians(10)
-    turn = np.array([[np.cos(angle) - 1, -np.sin(angle)], [np.sin(angle), np.cos(angle) - 1]])
-    shifted = _face(lambda x, y: (0.7 + 0 * x * y, -0.2 + 0 * x * y))
-    turned = _face(lambda x, y: [row[0] * x + row[1] * y for row in turn])
-    density = [i for i, label in enumerate(features.names) if "D" in label]
-    pressed = np.abs(features.of(FLOWS[0])[density])
-    for rigid in (shifted, turned):
-        assert (np.abs(features.of(rigid)[density]) < 1e-4 * pressed.max()).all()
-    sums = make_features("sums", VIEW)
-    assert abs(sums.of(shifted)[0]) < 1e-5 * sums.of(FLOWS[0])[0]
-
-
 def _twist(x, y):
     """Each ring turns as a whole, by an angle that ends inside the view: no area changes."""
     angle = 0.12 * np.exp(-(x**2 + y**2) / 8)

@@ -59,10 +59,9 @@ def test_a_lens_that_was_fitted_again_is_told_by_its_numbers(tmp_path: Path) -> 
         require_same(head, SensorId.of(again), str(path))
     f_px, k2, aspect, rest = str(why.value).partition("camera file: ")[2].split("; ", 3)
     assert f_px == f"camera.f_px {lens.f_px + 1:.6g} here, {lens.f_px:.6g} in this file"
-    assert k2 == "camera.k2 0.01 here, 0 in this file"
-    assert aspect == "camera.aspect 1.000000001 here, 1.0 in this file"
-    assert rest.startswith("1 more; measure with that one; or, if the lens was calibrated again")
-    assert "`deltact-fab calibrate depth RUN` makes one for this sensor" in rest
+    assert (k2, aspect.split()[1]) == ("camera.k2 0.01 here, 0 in this file", "1.000000001")
+    assert rest.startswith("1 more; ")
+    assert "`deltact-fab calibrate depth RUN`" in rest
     digest = "644ff0123456"
     old = replace(head, sensor=SensorId(camera=digest))
     with pytest.raises(InputError, match=rf"camera '\w{{12}}' here, '{digest}' in this file"):
