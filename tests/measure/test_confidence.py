@@ -78,6 +78,12 @@ def test_true_images_are_believed_and_an_unrelated_one_leaves_no_trace(gray, seq
     assert (error > 2.6).mean() <= 0.0005
 
 
+def test_three_pixels_from_the_edge_on_a_node_is_believed(sequence):
+    still = follow([sequence[0][0]] * 2).confident
+    assert not still[:2].any()
+    assert still[30:40, 30:-30].mean() > 0.9
+
+
 @pytest.mark.parametrize("with_what", ["grey card", "another pattern"])
 def test_half_a_view_is_believed_for_its_half(with_what, sequence):
     images, truths, other = sequence
