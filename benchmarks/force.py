@@ -167,7 +167,7 @@ def _fields(
             total = field.force_n - wrench(press)[i, :3]
             found = contacts(finder.of(flow), flow, features.view.camera)
             place = np.hypot(*(found[0].place_mm - truth["tips_mm"][i, :2])) if found else np.nan
-            depth = -inverse.displacement_mm(pressed)[..., 2]
+            depth = inverse.sunk_mm(pressed)
             at = np.ix_(*(_nearest(truth[k], s) for k, s in
                           (("y_mm", inverse.seen_y_mm), ("x_mm", inverse.seen_x_mm))))  # fmt: skip
             error = np.abs(depth + truth["displacement_mm"][i][..., 2][at])

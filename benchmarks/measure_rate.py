@@ -122,7 +122,10 @@ def _rate(measurement: Measurement, raw: list[Array]) -> dict[str, float]:
     measurement.reset()
     with Pipeline(measurement) as pipeline:
         start_s, start_cpu_s = time.perf_counter(), time.process_time()
-        n = sum(1 for _ in pipeline.over(raw))
+        for image in raw:
+            pipeline.submit(image)
+        pipeline.close()
+        n = sum(1 for _ in pipeline.results())
         taken_s, cpu_s = time.perf_counter() - start_s, time.process_time() - start_cpu_s
     return {"hz": n / taken_s, "cpu_ms": cpu_s / n * 1e3}
 

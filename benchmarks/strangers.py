@@ -172,7 +172,7 @@ def _fields(
     cells = binned(truth["points"][i], inverse.seen_x_mm, inverse.seen_y_mm)[..., 2]
     seen = (("y_mm", inverse.seen_y_mm), ("x_mm", inverse.seen_x_mm))
     at = np.ix_(*(np.abs(truth[k][:, None] - c).argmin(axis=0) for k, c in seen))
-    z = finder.inverse.displacement_mm(inverse.of(flow), (2,))[..., 0] * finder.model.gain
+    z = -finder.inverse.sunk_mm(inverse.of(flow)) * finder.model.gain
     below = -cells > CONTACT * peak
     depth = np.abs(z - truth["displacement_mm"][i][..., 2][at])[below].mean()
     return float(place), float(pressure), float(depth)

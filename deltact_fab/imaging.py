@@ -1,8 +1,6 @@
 """From colour values to the bytes that a program gets: printer, light, lens, mosaic, noise, cable.
 
-Pattern quality and the virtual camera share it. Everything here is a model: 4-level halftone,
-15 um of misregistration, 20 um of ink spread, 0.6 px of blur are assumed values of an office laser
-printer and a small fisheye camera, not measured ones.
+The defaults are assumed values of an office laser printer and a small fisheye camera.
 """
 
 from __future__ import annotations
@@ -50,13 +48,8 @@ class Printer:
         inks = []
         for c in range(3):
             move = np.array([[1, 0, shifts[c, 0]], [0, 1, shifts[c, 1]]])
-            ink = cv2.warpAffine(
-                np.ascontiguousarray(reflectance[..., c]),
-                move,
-                reflectance.shape[1::-1],
-                flags=cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
+            plane = np.ascontiguousarray(reflectance[..., c])
+            ink = cv2.warpAffine(plane, move, plane.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
             inks.append(cv2.GaussianBlur(ink, (0, 0), sigma))
         return np.stack(inks, axis=-1)
 
@@ -121,11 +114,9 @@ class Exposure:
             light *= 1 + (sensor.led_gradient - 1) * self._outward
             light /= max(1.0, sensor.led_gradient)
         self._light = light.astype(np.float32)
-        self._highlight: Float | None = None
-        if sensor.highlight:
-            away = np.sum((off - np.asarray(_HIGHLIGHT_AT)) ** 2, axis=-1)[..., None]
-            spot = sensor.highlight * np.exp(-away / (2 * _HIGHLIGHT_WIDTH**2))
-            self._highlight = spot.astype(np.float32)
+        away = np.sum((off - np.asarray(_HIGHLIGHT_AT)) ** 2, axis=-1)[..., None]
+        spot = sensor.highlight * np.exp(-away / (2 * _HIGHLIGHT_WIDTH**2))
+        self._highlight = spot.astype(np.float32)
 
     def expose(
         self, radiance: Float, rng: np.random.Generator, depth_mm: Float | None = None
@@ -142,16 +133,11 @@ class Exposure:
         if sensor.corner_blur_px > sensor.blur_px:
             outer = cv2.GaussianBlur(radiance, (0, 0), sensor.corner_blur_px)
             light += (outer - light) * self._outward
-        light = light * self._light
-        if self._highlight is not None:
-            light += self._highlight
+        light = light * self._light + self._highlight
         if not sensor.mosaic:
             return self._delivered(self._digitised(np.ascontiguousarray(light[..., ::-1]), rng))
-        raw = np.empty(light.shape[:2], np.float32)  # BGGR mosaic
-        raw[0::2, 0::2] = light[0::2, 0::2, 2]
-        raw[0::2, 1::2] = light[0::2, 1::2, 1]
-        raw[1::2, 0::2] = light[1::2, 0::2, 1]
-        raw[1::2, 1::2] = light[1::2, 1::2, 0]
+        raw = light[..., 1].copy()  # BGGR mosaic
+        raw[0::2, 0::2], raw[1::2, 1::2] = light[0::2, 0::2, 2], light[1::2, 1::2, 0]
         return self._delivered(cv2.cvtColor(self._digitised(raw, rng), _DEMOSAICS[sensor.demosaic]))
 
     def _digitised(self, raw: Float, rng: np.random.Generator) -> NDArray[np.uint8]:

@@ -1,9 +1,8 @@
 """Which part of a surface is seen where it hides another: the nearest one along a pixel's ray.
 
-A camera inside the gel sees the printed face from within. Where the flank of a deep dent leans
-over, several points of the face project to one pixel. Between them lies a piece that could only be
-seen from outside the gel, whose image is turned over; so the pixels in dispute are those under a
-piece turned over, and of the other points there the nearest is seen.
+Where the flank of a deep dent leans over, several points of the face project to one pixel. Between
+them lies a piece whose image is turned over; so the pixels in dispute are those under such a piece,
+and of the other points there the nearest is seen.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ _PAIRS = 2_000_000  # triangles by pixels at a time
 
 
 def in_dispute(at_px: Points, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Pixels (h, w) of an image onto which a piece that is turned over projects.
+    """Pixels (h, w) onto which a piece that is turned over projects.
 
     at_px: image points (x, y) of a grid of surface points, (rows, columns, 2).
     """
@@ -56,8 +55,7 @@ def nearest(at_px: Points, depth: Points, wanted: NDArray[np.bool_]) -> Points:
 
 def _doubled_areas(at_px: Points) -> Points:
     """Of the two triangles of each cell, (2, rows - 1, columns - 1); below 0: turned over."""
-    a, b = at_px[:-1, :-1], at_px[:-1, 1:]
-    c, d = at_px[1:, :-1], at_px[1:, 1:]
+    a, b, c, d = at_px[:-1, :-1], at_px[:-1, 1:], at_px[1:, :-1], at_px[1:, 1:]
     return np.stack((_cross(b - a, c - a), _cross(c - d, b - d)))
 
 

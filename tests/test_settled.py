@@ -14,6 +14,7 @@ from deltact_fab.protocols.limits import MAX_BETWEEN_FRAMES_MM
 from deltact_fab.record import CLOCK_COLUMNS
 from deltact_fab.virtual.clock import VirtualClock
 
+pytestmark = pytest.mark.slow
 SETTLE_S = 0.4
 PROTOCOL = """
 name = "settles"
@@ -49,7 +50,6 @@ def folder(files: tuple[str, str], tmp_path_factory: pytest.TempPathFactory) -> 
     return out
 
 
-@pytest.mark.slow
 def test_settled_frames_are_the_last_of_each_stop(files: tuple[str, str], folder: Path) -> None:
     steps = plan.expand(plan.load(files[0])[0])
     frames = record.open(folder).frames()
@@ -64,7 +64,6 @@ def test_settled_frames_are_the_last_of_each_stop(files: tuple[str, str], folder
         assert (row.x_mm, row.y_mm, row.z_mm) == pytest.approx(step.target_mm, abs=2e-3)
 
 
-@pytest.mark.slow
 def test_the_tip_has_stood_still_for_as_long_as_the_protocol_settles(folder: Path) -> None:
     run = record.open(folder)
     frames, pose = run.frames(), run.pose()
@@ -85,32 +84,6 @@ def test_between_two_frames_in_the_gel_the_tip_goes_a_short_way(folder: Path) ->
     assert 0.02 < ways_mm.max() < MAX_BETWEEN_FRAMES_MM
 
 
-def assert_goes_on(files: tuple[str, str], folder: Path, out: Path) -> None:
-    """What was stopped ends as the undisturbed run, which is in folder."""
-    experiment.run(experiment.RunRequest(*files, out, seed=3), resume=True)
-    wanted, found = (
-        record.open(p).frames().drop(columns=list(CLOCK_COLUMNS), errors="ignore")
-        for p in (folder, out)
-    )
-    assert found.equals(wanted)
-
-
-@pytest.mark.slow
-def test_stopped_while_it_is_filmed_it_goes_on_to_the_same_bytes(
-    files: tuple[str, str], folder: Path, tmp_path: Path
-) -> None:
-    def press_ctrl_c(done: int, total: int, what: str) -> None:
-        if what.endswith("d0.60/shear-x-y0"):
-            raise KeyboardInterrupt
-
-    with pytest.raises(RunFailed, match=r"stopped by the operator .* the tip was lifted"):
-        experiment.run(experiment.RunRequest(*files, tmp_path / "r", seed=3, progress=press_ctrl_c))
-    last = record.open(tmp_path / "r").frames().iloc[-1]
-    assert (last.k, last.settled) == (1, False)
-    assert_goes_on(files, folder, tmp_path / "r")
-
-
-@pytest.mark.slow
 def test_stopped_while_it_settles_there_is_no_settled_frame_and_it_goes_on(
     files: tuple[str, str], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,7 +103,13 @@ def test_stopped_while_it_settles_there_is_no_settled_frame_and_it_goes_on(
     run = record.open(tmp_path / "r")
     assert run.events().iloc[-1]["step_id"] == stop.step_id
     assert stop.frame_id not in run.frames()["frame_id"].tolist()
-    assert_goes_on(files, folder, tmp_path / "r")
+    # It ends as the undisturbed run.
+    experiment.run(experiment.RunRequest(*files, tmp_path / "r", seed=3), resume=True)
+    wanted, found = (
+        record.open(p).frames().drop(columns=list(CLOCK_COLUMNS), errors="ignore")
+        for p in (folder, tmp_path / "r")
+    )
+    assert found.equals(wanted)
 
 
 def test_a_hold_and_the_way_out_are_in_images_force_and_truth(

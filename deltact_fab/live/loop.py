@@ -57,8 +57,8 @@ def track(
 class LiveMeasurement(Pipeline):
     """Measures images that a program of your own takes, the newest first, a thread a stage.
 
-    Give each image to `submit`, BGR or grey, as the camera gave it, and ask for `result`; `over`
-    does both for whatever yields images. The first image must show the face at rest.
+    Give each image to `submit`, BGR or grey, as the camera gave it, and ask for `result`. The first
+    image must show the face at rest.
     """
 
     def __init__(

@@ -13,6 +13,7 @@ import numpy as np
 from ..aliases import Array
 from ..optics import CameraModel, axes_mm
 from .flow import FlowObservation, FlowState
+from .flow.fill import filled
 
 
 @dataclass(frozen=True)
@@ -20,9 +21,9 @@ class FaceFlow:
     """The pattern's motion in the view, at points of the resting face; sensor frame.
 
     shift_mm (h, w, 2) float32: the way of each point's picture, in mm of the resting face, so the
-    parallax of its depth is in it. known (h, w) bool: it was found in the image, or lies between
-    points that were; elsewhere the shift is a guess and no result may rest on it silently.
-    x_mm (w,), y_mm (h,): the points, equally spaced by cell_mm. trusted: as the tracker says.
+    parallax of its depth is in it. known (h, w) bool: found in the image, or between points that
+    were; elsewhere the shift is a guess. x_mm (w,), y_mm (h,): the points, equally spaced by
+    cell_mm. trusted: as the tracker says.
     """
 
     shift_mm: Array
@@ -85,3 +86,49 @@ def _means(shift: Array, known: Array, n: int) -> tuple[Array, Array]:
 
 def _mean(values: Array, size: tuple[int, int]) -> Array:
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))
+
+
+def whole(flow: FaceFlow) -> FaceFlow:
+    """The same flow with its shift replaced wherever it is not known; finite everywhere.
+
+    There it goes on as planes fitted to the known points around (`flow.fill.filled`), held between
+    the least and the largest of the known shifts. A point that is not finite, or that moved farther
+    than the view is wide, is not known whatever the flow says. With nothing known the shift is 0.
+    """
+    if isinstance(flow, Whole):
+        return flow
+    widest_mm = np.hypot(np.ptp(flow.x_mm), np.ptp(flow.y_mm)) + flow.cell_mm
+    # A component at a time: numpy is slow along an axis of two.
+    x, y = (np.ascontiguousarray(flow.shift_mm[..., k], np.float32) for k in (0, 1))
+    known = flow.known & (np.maximum(np.abs(x), np.abs(y)) <= widest_mm)
+    if known.all():
+        return flow
+    part = [np.where(known, a, np.float32(0)) for a in (x, y)]
+    if known.any():
+        ends = [
+            (a.min(where=known, initial=np.inf), a.max(where=known, initial=-np.inf)) for a in part
+        ]
+        both = cv2.split(filled(cv2.merge(part), known, known))
+        part = [np.clip(a, *low_high) for a, low_high in zip(both, ends, strict=True)]
+    return Whole(np.asarray(cv2.merge(part)), known, flow.x_mm, flow.y_mm, flow.trusted)
+
+
+class Whole(FaceFlow):
+    """One that `whole` has made; it is not made so again."""
+
+
+def rigid(flow: FaceFlow) -> tuple[Array, float, Array]:
+    """Shift (2,) mm and turn in degrees that best fit the known points, and what is left (n, 2).
+
+    Least squares over x -> R x + t (Kabsch 1976, in the plane). At least one point must be known.
+    """
+    # As complex numbers x + i y: numpy is slow along an axis of two.
+    at = (flow.x_mm + 1j * flow.y_mm[:, None])[flow.known]
+    to = at + flow.shift_mm[..., 0][flow.known] + 1j * flow.shift_mm[..., 1][flow.known]
+    middle, landed = at.mean(), to.mean()
+    a, b = at - middle, to - landed
+    turn = np.angle(np.vdot(a, b))
+    spun = np.exp(1j * turn)
+    shift, left = landed - spun * middle, b - a * spun
+    apart = left.view(float).reshape(-1, 2)
+    return np.array((shift.real, shift.imag)), float(np.degrees(turn)), apart

@@ -16,9 +16,8 @@ import numpy as np
 from ..aliases import Array
 from ..errors import InputError, SensorError
 from ..optics import CameraModel
-from .face import FaceFlow
+from .face import FaceFlow, rigid
 from .flow import FlowTracker, to_gray
-from .rigid import rigid
 
 # Beyond these a calibration no longer tells the force within its stated error (decision 0026).
 MAX_SHIFT_MM = 0.3
@@ -96,35 +95,24 @@ def health(reference: Array, now: Array, camera: CameraModel) -> Health:
     size = np.linalg.norm(left, axis=-1)
     rms, peak = float(np.sqrt(np.mean(size**2))), float(np.percentile(size, 99))
     moved = float(np.hypot(*shift))
-    limits = (
-        (moved > MAX_SHIFT_MM, f"the pattern moved by {moved:.2f} mm (limit {MAX_SHIFT_MM:g})"),
-        (
-            abs(turn_deg) > MAX_TURN_DEG,
-            f"the pattern turned by {turn_deg:.2f} degrees (limit {MAX_TURN_DEG:g})",
-        ),
-        (
-            rms > MAX_DEFORMATION_MM,
-            f"the face is deformed by {rms:.3f} mm at rest (limit {MAX_DEFORMATION_MM:g}): "
-            "touched, or it took a set",
-        ),
-        (
-            matched < MIN_MATCHED,
-            f"{matched:.0%} of the pattern is found again (limit {MIN_MATCHED:.0%})",
-        ),
-        (
-            not MIN_BRIGHTNESS <= brightness <= MAX_BRIGHTNESS,
-            f"brightness is {brightness:.2f} of what it was "
-            f"(limits {MIN_BRIGHTNESS:g} to {MAX_BRIGHTNESS:g})",
-        ),
-        (
-            contrast < MIN_CONTRAST,
-            f"contrast is {contrast:.2f} of what it was (limit {MIN_CONTRAST:g})",
-        ),
-    )
-    reasons = tuple(text for beyond, text in limits if beyond)
+    reasons = []
+    if moved > MAX_SHIFT_MM:
+        reasons.append(f"the pattern moved by {moved:.2f} mm (limit {MAX_SHIFT_MM:g})")
+    if abs(turn_deg) > MAX_TURN_DEG:
+        reasons.append(f"the pattern turned by {turn_deg:.2f} degrees (limit {MAX_TURN_DEG:g})")
+    if rms > MAX_DEFORMATION_MM:
+        limit = f"(limit {MAX_DEFORMATION_MM:g}): touched, or it took a set"
+        reasons.append(f"the face is deformed by {rms:.3f} mm at rest {limit}")
+    if matched < MIN_MATCHED:
+        reasons.append(f"{matched:.0%} of the pattern is found again (limit {MIN_MATCHED:.0%})")
+    if not MIN_BRIGHTNESS <= brightness <= MAX_BRIGHTNESS:
+        limits = f"(limits {MIN_BRIGHTNESS:g} to {MAX_BRIGHTNESS:g})"
+        reasons.append(f"brightness is {brightness:.2f} of what it was {limits}")
+    if contrast < MIN_CONTRAST:
+        reasons.append(f"contrast is {contrast:.2f} of what it was (limit {MIN_CONTRAST:g})")
     return Health(
         (float(shift[0]), float(shift[1])), turn_deg, rms, peak, brightness, contrast, matched,
-        reasons,
+        tuple(reasons),
     )  # fmt: skip
 
 
@@ -134,11 +122,10 @@ def _light(reference: Array, now: Array) -> tuple[float, float]:
     for image in (reference, now):
         grey = image.astype(np.float32)
         size = (grey.shape[1] // _BLOCK_PX, grey.shape[0] // _BLOCK_PX)
-        mean, square = (cv2.resize(g, size, interpolation=cv2.INTER_AREA) for g in (grey, grey**2))
-        ratios.append((mean, np.sqrt(np.maximum(np.subtract(square, np.square(mean)), 0))))
+        mean, square = (
+            np.asarray(cv2.resize(g, size, interpolation=cv2.INTER_AREA)) for g in (grey, grey**2)
+        )
+        ratios.append((mean, np.sqrt(np.maximum(square - mean**2, 0))))
     (mean0, std0), (mean1, std1) = ratios
-    lit = (np.asarray(mean0) > 1) & (np.asarray(std0) > 1)
-    return (
-        float(np.median(np.asarray(mean1)[lit] / np.asarray(mean0)[lit])),
-        float(np.median(np.asarray(std1)[lit] / np.asarray(std0)[lit])),
-    )
+    lit = (mean0 > 1) & (std0 > 1)
+    return float(np.median(mean1[lit] / mean0[lit])), float(np.median(std1[lit] / std0[lit]))

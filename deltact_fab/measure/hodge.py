@@ -5,12 +5,10 @@ div V and curl V *inside* the view under the Green's function of the free plane,
 set at the view's edge and what comes from beyond it is h.
 
 Everything lives on one lattice and is exact there. div and curl are taken over each 2 x 2 points,
-at the corner where the four meet (difference along one side, mean along the other: no side of a
-point is preferred, so mirrors stay mirrors), and grad and rot go from corners back to points the
-same way. Then curl grad = div rot = 0, and div grad = curl rot is the five-point Laplacian on the
-diagonals, whose free Green's function is known (McCrea and Whipple 1940; far away Martinsson and
-Rodin 2002). So, over every 2 x 2 points inside the view, d has no curl, r no divergence and h
-neither, to rounding. Against a smooth field the error is of second order in the cell.
+at the corner where the four meet, and grad and rot go from corners back to points the same way.
+Then curl grad = div rot = 0, and div grad = curl rot is the five-point Laplacian on the diagonals,
+whose free Green's function is known (McCrea and Whipple 1940; far away Martinsson and Rodin 2002).
+Against a smooth field the error is of second order in the cell.
 """
 
 from __future__ import annotations
@@ -24,8 +22,7 @@ from scipy import fft
 
 from ..aliases import Array
 from ..errors import InputError
-from .face import FaceFlow
-from .hole_filling import whole
+from .face import FaceFlow, whole
 
 NEAR = 16  # cells within which the lattice's Green's function is integrated, not expanded
 
@@ -39,15 +36,12 @@ def decompose(flow: FaceFlow) -> Hodge:
 class Hodge:
     """The parts of a field (h, w, 2), each of that shape, computed once, on first use.
 
-    d, or hr = h + r = V - d: two transforms; r: two of its own; h needs both. float32 or float64
-    as the field is. Raises InputError for a field that is not finite everywhere.
+    float32 or float64 as the field is. Raises InputError for a field that is not finite everywhere.
     """
 
     field: Array
 
     def __post_init__(self) -> None:
-        if self.field.ndim != 3 or self.field.shape[-1] != 2 or min(self.field.shape[:2]) < 2:
-            raise ValueError(f"a field is (h, w, 2), h and w at least 2: {self.field.shape} fails")
         if not np.isfinite(self.field).all():
             raise InputError("Hodge: points that are not finite: such a field has no parts")
 

@@ -14,9 +14,8 @@ import numpy as np
 from ..aliases import Array
 from ..errors import SensorError
 from .dots import FoundDots, find_dots
-from .flow import to_gray
-from .flow.confidence import FINE_PX, TEXTURED_SHARE, ConfidenceEstimator
-from .flow.fused import Plane
+from .flow import FlowTracker, to_gray
+from .flow.confidence import FINE_PX, TEXTURED_SHARE
 
 PLAIN = 0.1
 """Detail between dots, over their contrast, up to which they are markers. Images of three real
@@ -25,39 +24,42 @@ marker skins have .012 to .050, the shipped pattern of dots .004, the dense one 
 
 @dataclass(frozen=True)
 class SeenPattern:
-    """Of one image. detail_share: of it, with detail that a dense flow can follow; a dense pattern
-    has TEXTURED_SHARE and more. markers: dots of one size. between: detail between them over their
-    contrast, infinite without any."""
+    """Of one image. markers: dots of one size. between: detail between them over their contrast,
+    infinite without any. lacks: what a reader who expects a dense pattern must know; empty where
+    there is one."""
 
     kind: Literal["dense", "markers", "nothing"]
-    detail_share: float
-    markers: int = 0
-    between: float = np.inf
-
-    @property
-    def lacks(self) -> str:
-        """What a reader who expects a dense pattern must know; empty where there is one."""
-        if self.kind == "markers":
-            return f"no dense pattern: {self.markers} markers"
-        if self.kind == "nothing":
-            return (
-                f"no pattern: {self.detail_share:.0%} of the first image has detail to follow, "
-                f"{TEXTURED_SHARE:.0%} are needed: nothing is trusted"
-            )
-        return ""
+    markers: int
+    between: float
+    lacks: str = ""
 
 
 def recognise(image: Array) -> SeenPattern:
-    """Of an image (h, w, 3) BGR uint8 of the face at rest. Raises InputError as the flow does."""
-    share = ConfidenceEstimator(image, Plane.of(image)).textured_share
+    """Of an image (h, w, 3) BGR uint8 of the face at rest. Raises InputError as the flow does.
+
+    Whether there is a dense pattern is the tracker's word; markers are told from it here.
+    """
+    try:
+        said = FlowTracker(full=False).update(image).diagnostics
+        share, trusted = said.textured_share, said.trusted
+    except SensorError:
+        share, trusted = 0.0, False
     try:
         dots = find_dots(image)
         count, between = len(dots.position_px), _between(to_gray(image).astype(np.float32), dots)
     except SensorError:
         count, between = 0, np.inf
     if between <= PLAIN:
-        return SeenPattern("markers", share, count, between)
-    return SeenPattern("dense" if share >= TEXTURED_SHARE else "nothing", share, count, between)
+        return SeenPattern("markers", count, between, f"no dense pattern: {count} markers")
+    if trusted:
+        return SeenPattern("dense", count, between)
+    return SeenPattern(
+        "nothing",
+        count,
+        between,
+        f"no pattern: {share:.0%} of the first image has detail to follow, {TEXTURED_SHARE:.0%} "
+        "are needed: nothing is trusted",
+    )
 
 
 def _between(grey: Array, dots: FoundDots) -> float:

@@ -27,15 +27,13 @@ class RegressionFit:
 
     names, coefficients (k,): of all columns, in order; a column that was left out has 0. prior: the
     columns that were held at 0, and how firmly: this times the coefficient was one more error,
-    in the unit of y. It is no sample: nothing below counts it but the conditions.
-    intervals (k, 2): of a share `level`, clustered by press, as the rows of one press err together
-    (CR1, Student's t of presses - 1); a column that was left out has no width, and what a prior
-    pulls to 0 is not in it. None of fewer than MIN_PRESSES presses. dropped: the columns left
-    out. notes: why, and what else a reader must know. samples, free: number of rows, and rows less
-    columns kept. rmse: of the rows fitted, in the unit of y. r2, adjusted_r2: against a model that
-    says the mean; r2_about_zero, adjusted_r2_about_zero: against one that says 0, the milder ones,
-    which `statsmodels` prints where there is no constant. Which of the two the paper prints is not
-    known. condition_raw, condition_scaled: of the columns kept, as they came and with length 1.
+    in the unit of y; nothing below counts it but the conditions. intervals (k, 2): of a share
+    `level`, clustered by press (CR1, Student's t of presses - 1); None of fewer than MIN_PRESSES
+    presses. dropped: the columns left out. notes: why, and what else a reader must know. samples,
+    free: number of rows, and rows less columns kept. rmse: of the rows fitted, in the unit of y.
+    r2, adjusted_r2: against a model that says the mean; r2_about_zero, adjusted_r2_about_zero:
+    against one that says 0, which `statsmodels` prints where there is no constant. condition_raw,
+    condition_scaled: of the columns kept, as they came and with length 1.
     """
 
     names: tuple[str, ...]

@@ -27,8 +27,7 @@ _WRITERS: dict[str, str] = {
 }
 _ANEW = {"depth": " RUN", "force": " RUN --transfer {}", "acceptance": " SOURCE RECIPE"}
 """What is typed for another sensor: one to three presses are enough in RUN."""
-SHOWN = 3
-"""So many differences are told; a lens that was fitted again differs in all its numbers."""
+SHOWN = 3  # so many differences are told; a lens that was fitted again differs in all its numbers
 Description = Mapping[str, Any] | str
 
 
@@ -37,7 +36,7 @@ class SensorId:
     """What identifies a sensor; None where a source of images does not know it.
 
     pattern, camera: the pattern's recipe and the camera, as they are stored; in files up to version
-    0.2 short digests of them. The camera says most: no two calibrated lenses have the same numbers.
+    0.2 short digests of them.
     """
 
     design: str | None = None

@@ -71,11 +71,6 @@ class Bump:
         y, x = np.mgrid[0:height, 0:width].astype(float)
         return self.displacement_px(np.stack((x, y), -1))
 
-    def det_f(self, height: int, width: int) -> Array:
-        y, x = np.mgrid[0:height, 0:width].astype(float)
-        _, _, a, b, c, d = self.parts(x, y)
-        return (1 + a) * (1 + d) - b * c
-
     def inverse_px(self, height: int, width: int, start: Array | None = None) -> Array:
         """Material point (h, w, 2) seen at each pixel."""
         y, x = np.mgrid[0:height, 0:width].astype(float)

@@ -49,28 +49,18 @@ def off_px(seen: Any, truth: Any) -> Any:
     return np.hypot(*np.moveaxis(seen.flow_px - truth, -1, 0))
 
 
+@pytest.mark.parametrize("gray", [False, True])
 @pytest.mark.parametrize("what", UNRELATED)
-def test_an_unrelated_image_is_not_believed(what, sequence):
+def test_an_unrelated_image_is_not_believed(what, gray, sequence):
     images, _, other = sequence
-    for before in (images[:1], images):
-        bad = UNRELATED[what](before[-1], other)
-        seen = follow([*before, bad])
-        assert seen.confident.mean() <= 0.005
-        assert not seen.diagnostics.trusted
-        again = follow([*before, bad, bad])
-        assert again.confident.mean() <= 0.005
-        assert not again.diagnostics.trusted
-
-
-@pytest.mark.parametrize("what", UNRELATED)
-def test_a_grey_camera_does_not_trust_it_either(what, sequence):
-    images, _, other = sequence
-    for before in (images[:1], images):
-        bad = UNRELATED[what](before[-1], other)
-        seen = follow([to_gray(np.ascontiguousarray(i)) for i in (*before, bad)])
-        assert seen.diagnostics.rule == "grey"
-        assert not seen.diagnostics.trusted
-        assert seen.confident.mean() <= 0.005
+    for before in (images[:1], images[2:]):
+        bad, tracker = UNRELATED[what](before[-1], other), FlowTracker()
+        for image in (*before, bad, bad):
+            image = np.ascontiguousarray(image)
+            seen = tracker.update(to_gray(image) if gray else image)
+            if image is not before[0] and np.array_equal(image, bad):
+                assert seen.confident.mean() <= 0.005
+                assert not seen.diagnostics.trusted
 
 
 @pytest.mark.parametrize("gray", [False, True])
@@ -79,15 +69,19 @@ def test_true_images_are_believed_and_an_unrelated_one_leaves_no_trace(gray, seq
     take = to_gray if gray else np.asarray
     shown = [take(i) for i in (*images[:3], other, *images[3:])]
     seen = follow(shown)
-    assert seen.diagnostics.rule == ("grey" if gray else "colour")
     assert seen.diagnostics.trusted
     assert seen.diagnostics.textured_share > 0.95
     # A grey image has one witness, so that one must say more.
     assert seen.diagnostics.confident_share > (0.8 if gray else 0.92)
-    assert seen.diagnostics.bad_share < (0.2 if gray else 0.08)
     error = off_px(seen, truths[-1])[seen.confident]
     assert error.mean() < 0.2
     assert (error > 2.6).mean() <= 0.0005
+
+
+def test_three_pixels_from_the_edge_on_a_node_is_believed(sequence):
+    still = follow([sequence[0][0]] * 2).confident
+    assert not still[:2].any()
+    assert still[30:40, 30:-30].mean() > 0.9
 
 
 @pytest.mark.parametrize("with_what", ["grey card", "another pattern"])
@@ -114,8 +108,6 @@ def test_trust_needs_texture_over_half_of_the_image(sequence):
         assert 0.1 < seen.diagnostics.textured_share < 0.25
         assert not seen.diagnostics.trusted
     assert second.confident[-100:-20, -120:-20].mean() > 0.9
-    # Of what has texture nearly all is confident: alone that must not make it trusted.
-    assert second.diagnostics.bad_share < 0.3
 
 
 @pytest.mark.parametrize("light", [0.6, 1.4, "gradient"])
@@ -129,22 +121,10 @@ def test_light_does_not_matter(light, sequence):
     assert (off_px(seen, truths[-1])[seen.confident] > 2.6).mean() <= 0.002
 
 
-def test_nine_pixels_of_motion_blur_stay_measurable(sequence):
-    images, truths, _ = sequence
-    kernel = np.full((1, 9), 1 / 9, np.float32)
-    seen = follow([*images[:-1], cv2.filter2D(images[-1], -1, kernel)])
-    error = off_px(seen, truths[-1])[seen.confident]
-    print(f"cover {seen.confident.mean():.3f} mean {error.mean():.3f} px")
-    assert seen.diagnostics.trusted
-    assert seen.confident.mean() >= 0.61
-    assert error.mean() < 1.0
-
-
 @pytest.mark.parametrize("name", ["dis-fast", "dis-fast/static", "paper"])
 def test_every_tracker_is_judged_by_the_same_rule(name, sequence):
     images, truths, _ = sequence
     true = follow(images, named_tracker(name))
-    assert true.diagnostics.rule == "colour"
     assert true.diagnostics.trusted
     assert (off_px(true, truths[-1])[true.confident] > 2.6).mean() < 0.05
     turned = follow([images[0], images[0][::-1, ::-1]], named_tracker(name))

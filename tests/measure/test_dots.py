@@ -50,26 +50,6 @@ def test_169_dots_are_within_10_um_under_noise_shading_and_blur(
         assert error.mean() <= 0.01
         # A tenth of a dot: no identity is exchanged.
         assert error.max() <= 0.06
-    print(
-        f"d {patch_mm}: mean {error.mean():.4f} 95 % {np.percentile(error, 95):.4f} "
-        f"max {error.max():.4f} mm, {seen.cpu_ms:.1f} ms"
-    )
-
-
-@pytest.mark.slow
-def test_dots_under_8_mm_of_shear_are_right_or_flagged(make_scene, make_bump):
-    scene = make_scene(W, H, dots=True, margin=120)
-    bump = make_bump((430, 290), 185, shear_px=(200, 97))
-    tracker = DotTracker(scene.rest_px, DIAMETER_PX)
-    tracker.update(scene.picture())
-    for k in range(1, 13):
-        now = bump.scaled(k / 12)
-        seen = tracker.update(scene.picture(now, k))
-        error = error_mm(seen, scene, now)
-        assert error.max() <= 0.06
-        assert error.mean() <= 0.01
-        assert (in_view(scene, now) & ~seen.found).sum() <= 8
-    print(f"mean {error.mean():.4f} max {error.max():.4f} mm, {seen.found.sum()} found")
 
 
 @pytest.fixture(scope="module")
@@ -141,9 +121,7 @@ def test_a_blank_or_unrelated_image_finds_nothing_and_the_next_one_recovers(smal
     for image in (np.zeros((320, 400, 3), np.uint8), np.full((320, 400, 3), 255, np.uint8), noise):
         assert not tracker.update(image).found.any()
     # The same grid of dots in other colours: every dot is where it should be, and none is ours.
-    strange = tracker.update(other)
-    assert strange.n_blobs >= 49
-    assert not strange.found.any()
+    assert not tracker.update(other).found.any()
     assert tracker.update(small.picture(None, 7)).found.all()
 
 
@@ -165,6 +143,7 @@ def test_without_colours_the_order_of_the_neighbours_is_kept(small):
     first = tracker.update(plain(rest))
     assert first.found.all()
     assert np.isnan(first.identity_ncc).all()
+    assert np.abs((first.position_px - rest).mean(axis=0)).max() < 0.1
     moved = tracker.update(plain(rest + np.array([6.0, -4.0])))
     assert moved.found.all()
     assert moved.displacement_px == pytest.approx(np.tile([6.0, -4.0], (49, 1)), abs=0.05)
@@ -184,18 +163,6 @@ def test_without_colours_the_order_of_the_neighbours_is_kept(small):
         assert not seen.found[dot] or np.hypot(*seen.displacement_px[dot]) < 2.0
     others = np.delete(np.arange(49), [a, b])
     assert np.hypot(*seen.displacement_px[others][seen.found[others]].T).max() < 1.0
-
-
-def test_the_same_images_give_the_same_bytes(small, make_bump):
-    bump = make_bump((200, 160), 80, shear_px=(10, 5))
-    images = [small.picture(), small.picture(bump, 1)]
-    results = []
-    for _ in range(2):
-        tracker = DotTracker(small.rest_px, DIAMETER_PX)
-        results.append([tracker.update(image).position_px.tobytes() for image in images])
-    assert results[0] == results[1]
-    tracker.reset()
-    assert not tracker.update(images[0]).displacement_px.any()
 
 
 def test_a_first_image_without_the_dots_is_an_error(small, make_scene):
@@ -224,16 +191,15 @@ def test_a_dot_hidden_in_the_first_image_is_never_reported(small, make_bump):
 
 def test_input_is_checked(small):
     rest = small.rest_px
-    with pytest.raises(InputError, match="n >= 4 dots"):
-        DotTracker(rest[:3], DIAMETER_PX)
-    with pytest.raises(InputError, match="n >= 4 dots"):
-        DotTracker(np.full((5, 2), np.nan), DIAMETER_PX)
-    with pytest.raises(InputError, match="diameter_px is 2"):
-        DotTracker(rest, 2.0)
-    with pytest.raises(InputError, match="on one line"):
-        DotTracker(rest[:7], DIAMETER_PX)
-    with pytest.raises(InputError, match="two rest positions are"):
-        DotTracker(rest * 0.4, DIAMETER_PX)
+    for dots, diameter_px, says in (
+        (rest[:3], DIAMETER_PX, "n >= 4 dots"),
+        (np.full((5, 2), np.nan), DIAMETER_PX, "n >= 4 dots"),
+        (rest, 2.0, "diameter_px is 2"),
+        (rest[:7], DIAMETER_PX, "on one line"),
+        (rest * 0.4, DIAMETER_PX, "two rest positions are"),
+    ):
+        with pytest.raises(InputError, match=says):
+            DotTracker(dots, diameter_px)
     tracker = DotTracker(rest, DIAMETER_PX)
     with pytest.raises(InputError, match="BGR uint8"):
         tracker.update(np.zeros((320, 400), np.uint8))
@@ -242,16 +208,3 @@ def test_input_is_checked(small):
         tracker.update(np.zeros((300, 400, 3), np.uint8))
     with pytest.raises(InputError, match="no expected position"):
         DotTracker(rest + 5000, DIAMETER_PX).update(small.picture())
-
-
-def test_a_half_covered_dot_is_flagged_by_its_area(small):
-    rest = small.rest_px
-    tracker = DotTracker(rest, DIAMETER_PX)
-    tracker.update(plain(rest))
-    image = plain(rest + 2.0)
-    x, y = (round(v) for v in rest[24] + 2.0)
-    image[y - 12 : y + 12, x : x + 12] = image[y - 14, x]
-    seen = tracker.update(image)
-    # Its centroid alone would look like a motion of 3 px, well within reach.
-    assert np.flatnonzero(~seen.found).tolist() == [24]
-    assert tracker.update(plain(rest + 4.0)).found.all()

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.measure.dots import DotTracker, find_dots, identity
 from deltact_fab.measure.dots import tracker as tracking
+from deltact_fab.measure.dots.skin import Skin
 
 MM_PER_PX = 0.0378
 W, H = 798, 586
@@ -58,7 +59,6 @@ def errors_mm(seen: Any, moved: Any) -> Any:
 LAYOUTS = {
     "1 mm": (grid((1.0, 1.0), 28, 20), 0.4, 0.5),
     "1.6 mm": (grid((1.6, 1.6), 17, 13), 0.5, 1.0),
-    "2.2 x 1.6 mm": (grid((2.2, 1.6), 13, 13), 0.6, 1.0),
     "3 mm": (grid((3.0, 3.0), 9, 7), 0.6, 1.0),
 }
 
@@ -173,6 +173,14 @@ def test_a_glitch_is_survived_and_a_longer_gap_leaves_all_dots_lost():
         assert not seen.found.any() or errors_mm(seen, np.tile([11.0, -9.0], (169, 1))).max() < 0.06
 
 
+def test_of_two_dots_that_changed_places_neither_is_believed():
+    rest = grid((2.2, 1.6), 5, 5)
+    position = rest.copy()
+    position[[12, 13]] = rest[[13, 12]]
+    Skin(rest).keep_order(position)
+    assert np.flatnonzero(np.isnan(position[:, 0])).tolist() == [12, 13]
+
+
 def test_a_skin_let_go_at_once_is_followed_home(make_bump):
     rest = grid((2.2, 1.6), 13, 13)
     bump = make_bump((400, 290), 170, shear_px=(110, 0))
@@ -185,16 +193,6 @@ def test_a_skin_let_go_at_once_is_followed_home(make_bump):
     assert np.hypot(*seen.displacement_px.T).max() * MM_PER_PX <= 0.03
 
 
-def test_the_other_polarity_is_refused():
-    rest = grid((2.2, 1.6), 13, 13)
-    with pytest.raises(SensorError, match="0 of 169 white dots found in the first image"):
-        DotTracker(rest, 0.6 / MM_PER_PX).update(picture(rest, 0.6))
-    with pytest.raises(SensorError, match="9 or more white dots of one size"):
-        DotTracker.found_in(picture(rest, 0.6), polarity="white")
-    with pytest.raises(InputError, match="'white' or 'dark' is needed"):
-        DotTracker(rest, 16.0, polarity="black")  # type: ignore[arg-type]
-
-
 def test_an_image_without_dots_is_refused(make_scene):
     noise = np.random.default_rng(1).integers(0, 256, (H, W, 3), np.uint8)
     dense = make_scene(W, H, patch_mm=0.1).picture()
@@ -205,16 +203,14 @@ def test_an_image_without_dots_is_refused(make_scene):
         find_dots(dense[..., 0])
 
 
-@pytest.mark.parametrize("turn_deg", [0, 20, 45])
-@pytest.mark.parametrize("square_px", [14, 26, 53])
-@pytest.mark.parametrize("polarity", [None, "white", "dark"])
-def test_a_chessboard_is_not_dots(turn_deg, square_px, polarity):
+@pytest.mark.parametrize(("turn_deg", "square_px"), [(0, 53), (20, 26), (45, 14)])
+def test_a_chessboard_is_not_dots(turn_deg, square_px):
     c, s = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
     u, v = c * COLUMNS + s * ROWS, c * ROWS - s * COLUMNS
     board = ((u // square_px + v // square_px) % 2 * 200 + 20).astype(np.uint8)
     board = cv2.GaussianBlur(board, (0, 0), 1.5)
     with pytest.raises(SensorError, match="dots: the image"):
-        find_dots(np.repeat(board[..., None], 3, axis=2), polarity)
+        find_dots(np.repeat(board[..., None], 3, axis=2))
 
 
 def test_white_dots_among_colours_are_found_too(make_scene):

@@ -15,7 +15,7 @@ CAMERA = Pinhole(0.04, 102, 78, 14.0)
 def _seen(flow: np.ndarray, state: np.ndarray | None = None) -> FlowObservation:
     shape = flow.shape[:2]
     state = np.full(shape, FlowState.MATCHED, np.uint8) if state is None else state
-    said = FlowDiagnostics(1, 0, 0, 1, 1.0, 0.0, True, 1.0, "colour", 0.0)
+    said = FlowDiagnostics(1, 0, 1.0, True, 1.0, 0.0)
     yes = np.ones(shape, bool)
     return FlowObservation(flow.astype(np.float32), yes, yes, state, said)
 

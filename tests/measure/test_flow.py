@@ -46,22 +46,16 @@ def run(images: Any, *args: Any, **kwargs: Any) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("method", "share"), [("dis-fast", 0.5), ("dis-medium", 0.25)])
-def test_composition_beats_the_sum_and_a_static_reference_over_8_mm(method, share, extreme):
+def test_composition_beats_the_sum_and_a_static_reference_over_8_mm(extreme):
     bump, images = extreme
     truth = bump.flow_px(H, W)
     assert np.hypot(*np.moveaxis(truth, -1, 0)).max() * MM_PER_PX == pytest.approx(8.39, abs=0.02)
-    assert bump.det_f(H, W).min() > 0.25
-    last = {
-        kept: run(images, method, kept, renew_share=share)[-1]
-        for kept in ("composed", "summed", "static")
-    }
+    last = {kept: run(images, "dis-medium", kept)[-1] for kept in ("composed", "summed", "static")}
     mean = {k: error_mm(one.flow_px, truth, one.visible).mean() for k, one in last.items()}
-    print(method, mean, last["composed"].diagnostics)
     assert 1 <= last["composed"].diagnostics.n_reference_switches < 20
     assert mean["composed"] < 0.7 * mean["summed"]
     assert mean["composed"] < mean["static"]
-    still = run(images[:1] * 3, method)
+    still = run(images[:1] * 3, "dis-medium")
     assert still[-1].diagnostics.n_reference_switches == 0
 
 
@@ -91,45 +85,6 @@ def test_every_method_tracks_a_press_cold_and_warm(name, pressed):
     assert np.array_equal(start, kept)
 
 
-@pytest.mark.parametrize(("shear", "press"), [((25, 12), 15), ((70, -35), 25)])
-def test_dis_medium_is_within_30_um_at_1_to_3_mm(shear, press, make_scene, make_bump):
-    bump = make_bump((380, 300), 140, shear_px=shear, press_px=press)
-    truth = bump.flow_px(H, W)
-    peak_mm = np.hypot(*np.moveaxis(truth, -1, 0)).max() * MM_PER_PX
-    assert 1.0 <= peak_mm <= 3.1
-    scene = make_scene(W, H, patch_mm=0.15, seed=4, noise=3.0)
-    flow = FlowMethod("dis-medium").between(
-        to_gray(scene.picture()), to_gray(scene.picture(bump, 1))
-    )
-    error = error_mm(flow, truth)
-    print(f"peak {peak_mm:.2f} mm: mean {error.mean():.4f} 95 % {np.percentile(error, 95):.4f}")
-    assert error.mean() <= 0.03
-
-
-@pytest.mark.parametrize("name", FLOW_METHODS)
-def test_a_pure_translation_is_found_with_its_sign(name, make_scene, make_bump):
-    scene = make_scene(320, 256)
-    shift = make_bump((0, 0), 100, shift_px=(7.3, -4.6))
-    flow = FlowMethod(name).between(to_gray(scene.picture()), to_gray(scene.picture(shift, 1)))
-    middle = flow[32:-32, 32:-32]
-    assert np.median(middle, axis=(0, 1)) == pytest.approx([7.3, -4.6], abs=0.1)
-    assert np.hypot(*(middle - [7.3, -4.6]).reshape(-1, 2).T).mean() < 0.3
-
-
-def test_a_warm_start_reaches_where_a_cold_one_does_not(make_scene, make_bump):
-    scene = make_scene(320, 256, margin=160)
-    shift = make_bump((0, 0), 100, shift_px=(130, 0))
-    first, second = to_gray(scene.picture()), to_gray(scene.picture(shift, 1))
-    near = np.full((256, 320, 2), (127, 1), np.float32)
-    for name in ("farneback-paper", "dis-medium"):
-        method = FlowMethod(name)
-        # Columns below 190 - 60 are still in the second image.
-        cold = method.between(first, second)[40:-40, 40:130]
-        warm = method.between(first, second, near)[40:-40, 40:130]
-        assert np.abs(np.median(warm, axis=(0, 1)) - [130, 0]).max() < 0.2
-        assert np.abs(np.median(cold, axis=(0, 1)) - [130, 0]).max() > 10
-
-
 # Confidence
 
 
@@ -138,23 +93,6 @@ def small(make_scene, make_bump):
     scene = make_scene(320, 256)
     bump = make_bump((150, 130), 70, shear_px=(24, -10))
     return scene, bump
-
-
-@pytest.mark.parametrize("name", FLOW_METHODS)
-@pytest.mark.parametrize("what", ["noise", "other pattern", "black"])
-def test_an_unrelated_image_is_flagged(name, what, small, make_scene):
-    scene, _ = small
-    rng = np.random.default_rng(3)
-    image = {
-        "noise": rng.integers(0, 256, (256, 320, 3), np.uint8),
-        "other pattern": make_scene(320, 256, seed=77).picture(),
-        "black": np.zeros((256, 320, 3), np.uint8),
-    }[what]
-    tracker = FlowTracker(name)
-    tracker.update(scene.picture())
-    odd = tracker.update(image)
-    assert odd.diagnostics.bad_share > 0.9
-    assert not odd.diagnostics.trusted
 
 
 def test_a_pattern_of_low_contrast_is_followed(small, make_scene):
@@ -218,23 +156,6 @@ def test_a_path_that_left_the_image_stays_invisible_when_followed_by_composition
     assert static[-1].visible[40:-40, 4:-4].mean() > 0.95
 
 
-@pytest.mark.parametrize("reference", ["composed", "summed"])
-def test_a_wrong_match_stays_marked_in_what_is_composed_from_it(reference, make_scene, make_bump):
-    # 15 px at once from a cold start is more than DIS fast can do on this small, fine pattern.
-    scene = make_scene(320, 256, margin=90)
-    shifts = [make_bump((0, 0), 100, shift_px=(15.0 + 4 * k, 0.0)) for k in range(5)]
-    images = [scene.picture(), *(scene.picture(s, k + 1) for k, s in enumerate(shifts))]
-    last = run(images, "dis-fast", reference, renew_share=0.0)[-1]
-    wrong = np.hypot(*np.moveaxis(last.flow_px - [31.0, 0.0], -1, 0)) > 2
-    view = last.visible.copy()
-    view[:, 280:] = False
-    # The last flow alone is right nearly everywhere; the total is judged against the first image.
-    assert last.diagnostics.bad_share > 0.5 * wrong[view].mean()
-    assert wrong[view].mean() > 0.05
-    assert wrong[view & last.confident].mean() < 0.01
-    assert last.diagnostics.confident_share < 0.95
-
-
 # Contract
 
 
@@ -244,20 +165,12 @@ def test_the_first_image_is_the_origin_and_reset_forgets(small):
     first = tracker.update(scene.picture())
     assert not first.flow_px.any()
     assert first.visible.all()
-    assert first.diagnostics.n_flows == 0
     moved = tracker.update(scene.picture(bump, 1))
     assert np.abs(moved.flow_px).max() > 10
     tracker.reset()
     again = tracker.update(scene.picture(bump, 2))
     assert again.diagnostics.frame == 0
     assert not again.flow_px.any()
-
-
-def test_the_same_images_give_the_same_bytes(small):
-    scene, bump = small
-    images = [scene.picture(bump.scaled(k / 4), k) for k in range(5)]
-    a, b = (run(images, "dis-medium") for _ in range(2))
-    assert all(x.flow_px.tobytes() == y.flow_px.tobytes() for x, y in zip(a, b, strict=True))
 
 
 def test_a_camera_that_reuses_its_buffer_does_not_disturb(small):
@@ -270,15 +183,6 @@ def test_a_camera_that_reuses_its_buffer_does_not_disturb(small):
         buffer[:] = frame
         last = tracker.update(buffer)
     assert np.array_equal(last.flow_px, separate[-1].flow_px)
-
-
-def test_names_are_checked():
-    with pytest.raises(InputError, match="flow method 'dis-medum': unknown; did you mean"):
-        FlowMethod("dis-medum")
-    with pytest.raises(InputError, match="'lucas': unknown; valid: dis-fast, dis-medium"):
-        FlowTracker("lucas")
-    with pytest.raises(InputError, match="flow reference 'compose': unknown; did you mean"):
-        FlowTracker(reference="compose")  # type: ignore[arg-type]
 
 
 def test_images_are_checked(small):
@@ -294,11 +198,6 @@ def test_images_are_checked(small):
     tracker.update(image)
     with pytest.raises(InputError, match=r"\(200, 320\), the first one was \(256, 320\)"):
         tracker.update(image[:200])
+    with pytest.raises(InputError, match=r"\(256, 320\), the first one was \(256, 320, 3\)"):
+        tracker.update(to_gray(image))
     assert tracker.update(scene.picture(bump, 1)).diagnostics.frame == 1
-    method, gray = FlowMethod("dis-fast"), to_gray(image)
-    with pytest.raises(InputError, match="one size"):
-        method.between(gray, gray[:200])
-    with pytest.raises(InputError, match="grey image"):
-        method.between(gray, image)
-    with pytest.raises(InputError, match="initial flow"):
-        method.between(gray, gray, np.zeros((8, 8, 2), np.float32))

@@ -21,9 +21,7 @@ VIEW = Rectified.of(SensorDimensions(), Fisheye(f_px=LENS.f_px))
 MOTION = Motion(press_mm=2.0, drag_mm=(3.0, 0.0), twist_rad=0.1)
 STEPS = 8
 CAMERAS = {
-    "lossless": Imaging(jpeg=0),
     "edge-aware": Imaging(jpeg=0, demosaic="COLOR_BayerRG2BGR_EA"),
-    "4:4:4": Imaging(subsampling=0),
     "4:2:0": Imaging(),
 }
 PATTERNS = {"coarse": (0.15, 0.1), "dense": (0.075, 0.6)}
@@ -74,10 +72,6 @@ def test_a_drag_is_measured_through_an_ordinary_camera(pattern: str, camera: str
 
 UNRELATED = {
     "upside down": lambda image: image[::-1, ::-1],
-    "mirrored": lambda image: image[:, ::-1],
-    "negative": lambda image: 255 - image,
-    "noise": lambda image: np.random.default_rng(3).integers(0, 256, image.shape, np.uint8),
-    "flat": lambda image: np.full_like(image, 120),
     "red and blue swapped": lambda image: image[..., ::-1],
     "channels moved on by one": lambda image: np.roll(image, 1, -1),
     "without colour": lambda image: np.repeat(image[..., 1:2], 3, -1),
@@ -117,6 +111,7 @@ def test_a_gradient_of_light_and_a_disc_lose_only_what_they_touch(pattern: str) 
         assert follow([first, covered]).diagnostics.confident_share > 0.66 * whole, value
 
 
+@pytest.mark.slow
 def test_a_small_drag_of_the_paper_s_own_pattern() -> None:
     images = [seen("dense", "4:2:0", part) for part in (0.0, 0.05)]
     found = follow(images)

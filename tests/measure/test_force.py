@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from deltact_fab.errors import InputError
-from deltact_fab.measure.face import FaceFlow
+from deltact_fab.measure.face import FaceFlow, whole
 from deltact_fab.measure.force import COMPONENTS, ForceModel, SensorView, make_features
-from deltact_fab.measure.hole_filling import whole
 from deltact_fab.optics import Pinhole
 from deltact_fab.shapes.sensor import SkinDimensions
 
@@ -47,16 +46,6 @@ def _mirrored(flow: FaceFlow) -> FaceFlow:
     return replace(flow, shift_mm=flow.shift_mm[:, ::-1] * flip, known=flow.known[:, ::-1])
 
 
-def _swapped(flow: FaceFlow) -> FaceFlow:
-    shift = np.ascontiguousarray(flow.shift_mm.transpose(1, 0, 2)[..., ::-1])
-    return FaceFlow(shift, np.ascontiguousarray(flow.known.T), flow.y_mm, flow.x_mm)
-
-
-def _swapped_wrench(wrench: np.ndarray) -> np.ndarray:
-    fx, fy, fz, tx, ty, tz = wrench.T
-    return np.stack((fy, fx, fz, -ty, -tx, -tz), -1)
-
-
 FLOWS = [_press(seed) for seed in range(40)]
 WRENCHES = np.random.default_rng(5).normal(size=(40, 6))  # any: symmetry is no matter of the truth
 
@@ -81,28 +70,6 @@ def test_even_powers_break_the_mirror_of_the_papers_shear_and_of_nothing_else():
     assert broken.tolist() == [True, True, False, False, False, False]
     even = [i for i, name in enumerate(model.names) if name in ("a^2 mm4", "b^2 mm4")]
     assert np.allclose(mirrored[:, even], columns[:, even], rtol=1e-4)
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_with_x_and_y_exchanged_the_same_data_give_the_same_model_exchanged(name):
-    _, model, columns = _fitted(name)
-    wrenches = _swapped_wrench(WRENCHES)
-    _, other, exchanged = _fitted(name, [_swapped(flow) for flow in FLOWS], wrenches)
-    assert np.allclose(other.predict(exchanged), _swapped_wrench(model.predict(columns)), atol=1e-3)
-
-
-def test_a_rigid_motion_gives_no_density_and_a_shift_no_normal_force():
-    features = make_features("paper", VIEW)
-    angle = np.radians(10)
-    turn = np.array([[np.cos(angle) - 1, -np.sin(angle)], [np.sin(angle), np.cos(angle) - 1]])
-    shifted = _face(lambda x, y: (0.7 + 0 * x * y, -0.2 + 0 * x * y))
-    turned = _face(lambda x, y: [row[0] * x + row[1] * y for row in turn])
-    density = [i for i, label in enumerate(features.names) if "D" in label]
-    pressed = np.abs(features.of(FLOWS[0])[density])
-    for rigid in (shifted, turned):
-        assert (np.abs(features.of(rigid)[density]) < 1e-4 * pressed.max()).all()
-    sums = make_features("sums", VIEW)
-    assert abs(sums.of(shifted)[0]) < 1e-5 * sums.of(FLOWS[0])[0]
 
 
 def _twist(x, y):
@@ -132,14 +99,6 @@ def test_the_papers_force_field_adds_up_to_its_force():
     field = features.traction(FLOWS[3], model)
     assert field.traction_mpa.shape == (*FLOWS[3].known.shape, 3)
     assert field.force_n == pytest.approx(model.predict(columns[3:4])[0, :3], rel=1e-6)
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_a_feature_is_the_same_at_any_distance_of_points(name):
-    features = make_features(name, VIEW)
-    fine, coarse = (features.of(_press(1, every)) for every in (4, 8))
-    # Where the flow does not end inside the view, its moments feel that the last half cell differs.
-    assert np.allclose(fine, coarse, rtol=0.01, atol=0.02 * np.abs(coarse).max())
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -198,23 +157,6 @@ def test_a_light_touch_is_unlike_deep_presses_though_no_feature_leaves_its_range
     assert model.outside(seen).all()
     assert not model.outside(np.zeros_like(seen)).any()
     assert model.outside(np.full_like(seen, np.nan)).all()
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda d: d.pop("reach"), "reach: missing"),
-        (lambda d: d["coefficients"].pop("tz"), "tz: missing"),
-        (lambda d: d["reach"].update({key: [[1.0]] for key in COMPONENTS}), "reach: 19 finite"),
-        (lambda d: d["coefficients"]["fx"].pop(), "not numbers"),
-        (lambda d: d["coefficients"]["fx"].__setitem__(0, np.nan), "coefficients: 19 finite"),
-    ],
-)
-def test_a_spoilt_model_is_refused_by_its_key(change, said):
-    data = _fitted("paper")[1].as_dict()
-    change(data)
-    with pytest.raises(InputError, match=said):
-        ForceModel.from_dict(data)
 
 
 def test_an_unknown_set_and_an_unusable_column_are_named():

@@ -94,12 +94,3 @@ def test_a_damaged_file_is_refused_in_one_line(
         load_force(path)
     assert said in str(why.value)
     assert "\n" not in str(why.value)
-
-
-def test_half_a_file_is_no_calibration(written: tuple[ForceCalibration, Path]) -> None:
-    _, path = written
-    text = path.read_text()
-    for share in (0.2, 0.5, 0.7):
-        path.write_text(text[: int(share * len(text))])
-        with pytest.raises(InputError):
-            load_force(path)

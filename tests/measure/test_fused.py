@@ -3,13 +3,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
-from deltact_fab.errors import InputError
-from deltact_fab.measure.flow import FLOW_METHODS, FlowMethod, to_gray
-from deltact_fab.measure.flow.fused import Plane, RefinementReference, predict, to_full, to_half
+from deltact_fab.measure.flow import to_gray
+from deltact_fab.measure.flow.fused import Plane, RefinementReference, to_full, to_half
 from deltact_fab.measure.flow.nodes import WINDOW
 
 W, H = 320, 256
@@ -35,27 +33,6 @@ class Affine:
         return _grid(height, width) - [(width - 1) / 2, (height - 1) / 2]
 
 
-@dataclass(frozen=True)
-class Wave:
-    """v = 0.5 cos(2 pi y / period) px."""
-
-    period_px: float
-
-    def flow_px(self, height: int, width: int) -> Any:
-        y = _grid(height, width)[..., 1]
-        return np.stack((0 * y, self._v(y)), -1)
-
-    def inverse_px(self, height: int, width: int, start: Any = None) -> Any:
-        x, seen = np.moveaxis(_grid(height, width), -1, 0)
-        y = seen.copy()
-        for _ in range(40):
-            y = seen - self._v(y)
-        return np.stack((x, y), -1)
-
-    def _v(self, y: Any) -> Any:
-        return 0.5 * np.cos(2 * np.pi * y / self.period_px)
-
-
 def _grid(height: int, width: int) -> Any:
     y, x = np.mgrid[0:height, 0:width].astype(float)
     return np.stack((x, y), -1)
@@ -77,14 +54,8 @@ def off_px(flow: Any, truth: Any) -> Any:
 @pytest.mark.parametrize("grey", [True, False], ids=["grey", "colour"])
 @pytest.mark.parametrize(
     "motion",
-    [
-        Affine((0.25, -0.4)),
-        Affine((6.3, -5.1)),
-        Affine((1.2, 0.7), ((0.06, 0.0), (0.0, -0.04))),
-        Affine((-2.1, 1.4), ((0.0, -0.05), (0.05, 0.0))),
-        Affine((0.0, 0.0), ((0.03, 0.06), (-0.02, 0.05))),
-    ],
-    ids=["sub-pixel", "six px", "stretch", "turn", "both"],
+    [Affine((6.3, -5.1)), Affine((-2.1, 1.4), ((0.03, 0.06), (-0.02, 0.05)))],
+    ids=["six px", "turn and stretch"],
 )
 def test_shifts_and_affine_motions_are_found_within_a_twentieth_of_a_pixel(motion, grey, scene):
     first, second = scene.picture(), scene.picture(motion, 1)
@@ -96,32 +67,6 @@ def test_shifts_and_affine_motions_are_found_within_a_twentieth_of_a_pixel(motio
     assert np.sqrt(np.mean(error**2)) < 0.05
     assert error.max() < 0.25
     assert np.median(found.correlation) > 0.95
-
-
-@pytest.mark.parametrize(("period_px", "least"), [(34, 0.85), (60, 0.95)])
-def test_a_wave_of_half_a_pixel_is_resolved(period_px, least, scene):
-    wave = Wave(period_px)
-    reference = RefinementReference(Plane.of(to_gray(scene.picture())))
-    found = reference.refine(Plane.of(to_gray(scene.picture(wave, 1)))).flow_px
-    v, truth = (f[EDGE:-EDGE, EDGE:-EDGE, 1] for f in (found, to_half(wave.flow_px(H, W))))
-    share = float((v * truth).sum() / (truth * truth).sum())
-    print(f"period {period_px}: {share:.3f} of the amplitude")
-    assert least < share < 1.05
-
-
-@pytest.mark.parametrize(("gain", "offset"), [(0.6, 0), (1.4, 0), (1, 40), (0.7, 50)])
-def test_another_light_does_no_harm(gain, offset, make_scene):
-    scene = make_scene(W, H, patch_mm=0.1, contrast=0.6, shading=0.0)
-    motion = Affine((1.3, -2.6))
-    first, second = to_gray(scene.picture()), to_gray(scene.picture(motion, 1))
-    lit = np.clip(np.rint(gain * second.astype(float) + offset), 0, 255).astype(np.uint8)
-    assert np.mean(lit == 255) < 0.01  # what is saturated is lost to everyone
-    reference = RefinementReference(Plane.of(first))
-    plain, other = (reference.refine(Plane.of(image)) for image in (second, lit))
-    truth = motion.flow_px(H, W)
-    plain_px, other_px = (off_px(f.flow_px, truth).mean() for f in (plain, other))
-    assert other_px < 1.5 * plain_px + 0.005
-    assert np.median(other.correlation) > np.median(plain.correlation) - 0.02
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(1, -60), (1, 40), (0.6, 0)])
@@ -156,7 +101,7 @@ def test_its_own_result_as_the_start_changes_little_however_often(scene):
 
 
 @pytest.mark.parametrize("grey", [True, False], ids=["grey", "colour"])
-@pytest.mark.parametrize("noise", [2.0, 5.0, 10.0])
+@pytest.mark.parametrize("noise", [2.0, 10.0])
 def test_the_deviation_is_the_error_that_noise_makes(noise, grey, make_scene):
     scene = make_scene(W, H, patch_mm=0.1, noise=noise)
     first, second = scene.picture(), scene.picture(Affine((0.5, 0.5)), 1)
@@ -190,61 +135,6 @@ def test_correlation_is_that_of_the_windows(scene, make_scene):
     assert found.correlation[i, j] == pytest.approx(expected, abs=2e-3)
 
 
-def test_what_is_covered_flat_or_unrelated_does_not_correlate(scene, make_scene):
-    image = scene.picture()
-    reference = RefinementReference(Plane.of(image))
-    half = image.copy()
-    half[:, W // 2 :] = make_scene(W, H, patch_mm=0.1, seed=9).picture()[:, W // 2 :]
-    seen = reference.refine(Plane.of(half))
-    assert np.median(seen.correlation[:, : W // 4 - EDGE]) > 0.97
-    assert np.median(seen.correlation[:, W // 4 + EDGE :]) < 0.6
-    for flat in (np.zeros_like(image), np.full_like(image, 90)):
-        dark = reference.refine(Plane.of(flat))
-        assert np.abs(dark.correlation).max() < 0.3
-        nothing = RefinementReference(Plane.of(flat)).refine(Plane.of(image))
-        assert np.abs(nothing.correlation).max() < 0.3
-        assert nothing.deviation_px.min() > 0.15
-
-
-# One result, however it is asked for
-
-
-@pytest.mark.parametrize("name", FLOW_METHODS)
-def test_a_prepared_reference_gives_what_the_pair_gives(name, scene):
-    images = [to_gray(scene.picture(Affine((k, 0.5 * k)), k)) for k in range(3)]
-    method = FlowMethod(name)
-    prepared = method.prepare(images[0])
-    start = np.full((H, W, 2), 0.5, np.float32)
-    for image in images[1:]:
-        assert np.array_equal(prepared.to(image), method.between(images[0], image))
-        assert np.array_equal(prepared.to(image, start), method.between(images[0], image, start))
-
-
-def test_the_same_images_give_the_same_bytes(scene):
-    first, second = scene.picture(), scene.picture(Affine((3.2, 1.1)), 1)
-    a, b = (RefinementReference(Plane.of(first)).refine(Plane.of(second)) for _ in range(2))
-    assert [x.tobytes() for x in a] == [x.tobytes() for x in b]
-
-
-def test_a_plane_serves_as_current_now_and_as_reference_later(scene):
-    buffer = scene.picture()
-    plane = Plane.of(buffer)
-    kept = plane.gray.copy()
-    buffer[:] = 0  # a camera may reuse its buffer
-    assert np.array_equal(plane.gray, kept)
-    other = Plane.of(scene.picture(Affine((2, 1)), 1))
-    there = RefinementReference(plane).refine(other).flow_px
-    back = RefinementReference(other).refine(plane).flow_px
-    assert np.abs(there + back)[EDGE:-EDGE, EDGE:-EDGE].mean() < 0.05
-
-
-def test_luma_is_tracked_without_the_mosaic(scene):
-    image = scene.picture()
-    blurred = cv2.GaussianBlur(to_gray(image), (0, 0), 1.0)
-    assert np.array_equal(Plane.of(image).gray, blurred)
-    assert np.array_equal(Plane.of(to_gray(image)).gray, blurred)
-
-
 # The half grid
 
 
@@ -260,7 +150,7 @@ def test_a_node_is_at_the_centre_of_its_four_pixels(shape):
     assert to_full(nodes[..., 0], shape) == pytest.approx(field[..., 0], abs=1e-3)
 
 
-@pytest.mark.parametrize("size", [(64, 64), (65, 71), (101, 64), (130, 99), (250, 318)])
+@pytest.mark.parametrize("size", [(64, 64), (65, 71), (130, 99)])
 def test_any_size_of_64_px_or_more_will_do(size, make_scene):
     h, w = size
     motion = Affine((1.4, -0.8))
@@ -273,9 +163,6 @@ def test_any_size_of_64_px_or_more_will_do(size, make_scene):
     assert found.correlation.shape == found.deviation_px.shape == nodes
     assert all(np.isfinite(a).all() and a.dtype == np.float32 for a in found)
     assert off_px(found.flow_px, motion.flow_px(h, w)).mean() < 0.06
-    full = FlowMethod("fused").between(to_gray(scene.picture()), to_gray(scene.picture(motion, 1)))
-    assert full.shape == (h, w, 2)
-    assert np.isfinite(full).all()
 
 
 def test_what_leaves_the_image_does_no_harm_to_what_stays(scene):
@@ -290,22 +177,3 @@ def test_what_leaves_the_image_does_no_harm_to_what_stays(scene):
     away = reference.refine(current, np.full_like(start, 1e7))
     for result in (found, away):
         assert all(np.isfinite(a).all() for a in result)
-
-
-def test_what_does_not_fit_is_refused(scene):
-    image = scene.picture()
-    reference, plane = RefinementReference(Plane.of(image)), Plane.of(image)
-    with pytest.raises(InputError, match="64 px or more"):
-        Plane.of(image[:40])
-    with pytest.raises(InputError, match="float64"):
-        Plane.of(image.astype(float))
-    with pytest.raises(InputError, match="one size"):
-        reference.refine(Plane.of(image[:200]))
-    with pytest.raises(InputError, match=r"start is \(8, 8, 2\)"):
-        reference.refine(plane, np.zeros((8, 8, 2), np.float32))
-    with pytest.raises(InputError, match="the last 1 or more"):
-        reference.refine(plane, steps=(2, 2, 0))
-    start = predict(plane, plane)
-    start[3, 4] = np.nan
-    with pytest.raises(InputError, match="not finite"):
-        reference.refine(plane, start)

@@ -50,15 +50,6 @@ def test_the_part_of_the_skin_that_is_seen_is_told_and_found(skin: NDArray[np.ui
     assert off.max() < 0.5
 
 
-def test_corners_hold_under_little_light(studio: Studio, skin: NDArray[np.uint8]) -> None:
-    rng = np.random.default_rng(2)
-    dim = np.clip(skin * 0.4 + 4 * rng.standard_normal(skin.shape), 0, 255).astype(np.uint8)
-    found = find(dim, SKIN, "dim")
-    assert found is not None
-    off = np.linalg.norm(found.px - LENS.rest_px(found.board_mm), axis=1)
-    assert np.percentile(off, 95) < 0.28
-
-
 @pytest.mark.parametrize("contact", [True, False], ids=["face", "air"])
 @pytest.mark.parametrize("turn", [0.0, 80.0])
 def test_a_board_is_found_where_the_lens_has_it(studio: Studio, contact: bool, turn: float) -> None:

@@ -51,14 +51,6 @@ def misses(
     ]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("skin", [True, False], ids=["skin", "boards"])
-def test_a_lens_from_rendered_images(skin: bool) -> None:
-    true = lens_of(3)
-    found = photographed(true, 3, skin, air=0 if skin else 9)
-    assert misses(true, found, not skin, SKIN_ALONE_PX if skin else LIMITS_PX) == []
-
-
 @pytest.mark.evidence
 @pytest.mark.parametrize(
     ("skin", "air"), [(True, 0), (True, 9), (False, 9)], ids=["skin", "skin-and-air", "boards"]

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from deltact_fab.errors import InputError
-from deltact_fab.measure.force import COMPONENTS, FEATURES, ForceModel, SensorView, make_features
+from deltact_fab.measure.force import COMPONENTS, ForceModel, SensorView, make_features
 from deltact_fab.measure.regression import MIN_PRESSES, least_squares
 from deltact_fab.optics import Pinhole
 from deltact_fab.shapes import SkinDimensions
@@ -23,34 +23,32 @@ VIEW = SensorView(Pinhole(0.04, 640, 480, 13.0), SkinDimensions())
 
 
 @pytest.mark.parametrize("constant", [False, True])
-@pytest.mark.parametrize("level", [0.95, 0.5])
-def test_statsmodels_gives_the_same_figures_of_badly_scaled_columns(constant, level):
+def test_statsmodels_gives_the_same_figures_of_badly_scaled_columns(constant):
     from statsmodels.api import OLS, add_constant
 
     columns = add_constant(COLUMNS, prepend=False) if constant else COLUMNS
     names = (*NAMES, "1") if constant else NAMES
     # By itself statsmodels would call any columns that span a constant "with a constant".
     theirs = OLS(Y, columns, hasconst=False).fit(method="qr")
-    ours = least_squares(columns, Y, names, PRESSES, level=level)
+    ours = least_squares(columns, Y, names, PRESSES)
     assert ours.coefficients == pytest.approx(theirs.params, rel=1e-9)
     clustered = OLS(Y, columns, hasconst=False).fit(
         method="qr", cov_type="cluster", cov_kwds={"groups": PRESSES.astype(int)}, use_t=True
     )
-    assert np.array(ours.intervals) == pytest.approx(clustered.conf_int(1 - level), rel=1e-8)
+    assert np.array(ours.intervals) == pytest.approx(clustered.conf_int(), rel=1e-8)
     assert ours.r2_about_zero == pytest.approx(theirs.rsquared, rel=1e-12)
     assert ours.adjusted_r2_about_zero == pytest.approx(theirs.rsquared_adj, rel=1e-12)
     centred = OLS(Y, columns, hasconst=True).fit(method="qr")
     assert ours.r2 == pytest.approx(centred.rsquared, rel=1e-9)
-    if constant:  # only then are its degrees of freedom those of a model with one
-        assert ours.adjusted_r2 == pytest.approx(centred.rsquared_adj, rel=1e-9)
     assert ours.rmse == pytest.approx(np.sqrt(np.mean(theirs.resid**2)), rel=1e-9)
     assert ours.condition_raw == pytest.approx(np.linalg.cond(columns), rel=1e-6)
     assert ours.condition_scaled < 1e3 < 1e8 < ours.condition_raw
 
 
-@pytest.mark.parametrize("component", COMPONENTS)
-@pytest.mark.parametrize("name", FEATURES)
-def test_statsmodels_gives_the_same_figures_of_every_force_model(name, component):
+@pytest.mark.parametrize(
+    ("name", "component"), [("sums", "tx"), ("paper", "fx"), ("inverse-placed", "fz")]
+)
+def test_statsmodels_gives_the_same_figures_of_force_models(name, component):
     from statsmodels.api import OLS
     from statsmodels.stats.sandwich_covariance import S_crosssection
 
@@ -64,7 +62,10 @@ def test_statsmodels_gives_the_same_figures_of_every_force_model(name, component
     ours = ForceModel.fit(features, X, wrench, presses.astype(str))[1][component]
 
     labels = features.explains[component]
-    columns, y = X[:, [features.names.index(one) for one in labels]], wrench[:, _at(component)]
+    columns, y = (
+        X[:, [features.names.index(one) for one in labels]],
+        wrench[:, COMPONENTS.index(component)],
+    )
     size = np.sqrt(np.mean(columns[:, 0] ** 2))
     held = [one for one in labels if one in features.held]
     assert ours.prior == pytest.approx({one: size * features.held[one] for one in held})
@@ -82,25 +83,12 @@ def test_statsmodels_gives_the_same_figures_of_every_force_model(name, component
     width = np.diff(np.array(ours.intervals), axis=1)[:, 0] / 2
     assert width == pytest.approx(half, rel=1e-10)
     assert np.mean(ours.intervals, axis=1) == pytest.approx(theirs.params, rel=1e-10)
-    if not held:
-        own = OLS(y, columns, hasconst=False).fit(
-            cov_type="cluster", cov_kwds={"groups": presses}, use_t=True
-        )
-        assert np.array(ours.intervals) == pytest.approx(own.conf_int(), rel=1e-10)
-        assert width == pytest.approx(np.diff(own.conf_int(), axis=1)[:, 0] / 2, rel=1e-10)
-        assert ours.r2_about_zero == pytest.approx(own.rsquared, rel=1e-10)
-        assert ours.adjusted_r2_about_zero == pytest.approx(own.rsquared_adj, rel=1e-10)
-        assert ours.r2 == pytest.approx(OLS(y, columns, hasconst=True).fit().rsquared, rel=1e-10)
     # Of the rows measured alone.
     rss, mean = left @ left, OLS(y, np.ones(n)).fit()
     assert (ours.samples, ours.free, ours.presses) == (n, n - k, many)
     assert ours.rmse == pytest.approx(np.sqrt(rss / n), rel=1e-10)
     assert ours.r2 == pytest.approx(1 - rss / mean.ssr, rel=1e-10)
     assert ours.adjusted_r2 == pytest.approx(1 - rss / (n - k) / mean.mse_resid, rel=1e-10)
-
-
-def _at(component: str) -> int:
-    return COMPONENTS.index(component)
 
 
 def test_a_prior_holds_what_the_rows_do_not_tell_and_is_no_sample():
@@ -181,8 +169,3 @@ def test_what_is_not_finite_is_refused_by_row_and_column(bad):
         least_squares(columns, Y, NAMES)
     with pytest.raises(InputError, match="y: row 0"):
         least_squares(COLUMNS, np.full(ROWS, bad), NAMES)
-
-
-def test_as_many_columns_as_rows_fit_anything_and_are_refused():
-    with pytest.raises(InputError, match="3 rows for 3 columns; at least 4 are needed"):
-        least_squares(COLUMNS[:3], Y[:3], NAMES)

@@ -4,13 +4,11 @@ The paper (Pattern Selection) separates the white dots by a colour filter and me
 displacement by blob detection, as the truth that optical flow is compared with. A skin of sparse
 dark dots, the markers of other sensors, is followed in the same way.
 
-Read in this order: `detect` (centroids in one image), `skin` and `colours` (what tells one dot
-from another), `identity` (which blob is which dot), `tracker`, `found` (the dots of a skin that
-nothing is known of).
+Read in this order: `detect` (dots in one image), `skin` (what neighbours tell), `identity` (which
+blob is which dot), `tracker`.
 """
 
-from .detect import Polarity
-from .found import FoundDots, find_dots
+from .detect import FoundDots, Polarity, find_dots
 from .tracker import DotObservation, DotTracker
 
 __all__ = ["DotObservation", "DotTracker", "FoundDots", "Polarity", "find_dots"]

@@ -40,8 +40,8 @@ class Skin:
         """Matches, (n,) the blob of each dot or -1, such that neighbours move almost equally.
 
         expected: (n, 2), NaN for dots not to be looked for. Each dot takes the nearest blob at
-        first. Where the step passes half a pitch that is another dot's, for all dots of a region:
-        so the regions of like steps are found, and each of the largest is grown over the rest.
+        first, another dot's beyond half a pitch; each of the largest regions of like steps is then
+        grown over the rest.
         """
         match = np.full(len(expected), -1)
         who, which = mutual(expected, blobs, gate_px)
@@ -63,20 +63,15 @@ class Skin:
 
     def _regions(self, expected: Array, blobs: Array, match: Array, tolerance: float) -> Array:
         """(n,) a number for each group of neighbours that move together, -1 where not matched."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
         steps = self._steps(expected, blobs, match)
         apart = np.hypot(*np.moveaxis(steps[self.near] - steps[:, None], -1, 0))
         alike = apart <= tolerance * self.span_px  # False where NaN
-        region = np.arange(len(match))
         one, other = np.nonzero(alike)[0], self.near[alike]
-        while True:
-            low = np.minimum(region[one], region[other])
-            new = region.copy()
-            np.minimum.at(new, one, low)
-            np.minimum.at(new, other, low)
-            new = new[new]
-            if (new == region).all():
-                return np.where(match >= 0, region, -1)
-            region = new
+        links = coo_array((np.ones(len(one), bool), (one, other)), shape=(len(match),) * 2)
+        return np.where(match >= 0, connected_components(links, directed=False)[1], -1)
 
     def _spread(self, expected: Array, blobs: Array, match: Array, gate_px: float) -> Array:
         """Dots next to two matched ones take what lies where these steps put them, and so on."""
@@ -107,11 +102,7 @@ class Skin:
 
     def drop_strays(self, first: Array, position: Array) -> None:
         """Drop, in place, dots that lie much further from where their neighbours put them than
-        these do themselves (as the median test of particle image velocimetry: Westerweel and
-        Scarano 2005).
-
-        The one that is furthest among its neighbours goes first: it has put them off as well.
-        """
+        these do themselves (the median test of Westerweel and Scarano 2005), the furthest first."""
         for _ in range(10):
             _, at, _ = self.fit(first, position)
             off = np.hypot(*(position - at).T)
@@ -124,11 +115,7 @@ class Skin:
             position[stray] = np.nan
 
     def keep_order(self, position: Array) -> None:
-        """Drop, in place, what turns a triangle of neighbours over.
-
-        The dots in most turned triangles go first, until none is turned; of two that changed
-        places both go, since one alone would turn nothing.
-        """
+        """Drop, in place, what turns a triangle of neighbours over; the dots in most go first."""
         corner = position[self.triangles]
         a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
         turned = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] <= 0  # False where NaN

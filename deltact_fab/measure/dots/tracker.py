@@ -9,10 +9,8 @@ import numpy as np
 
 from ...aliases import Array
 from ...errors import InputError, SensorError
-from .colours import Rings
-from .detect import Blobs, Detector, Polarity
-from .found import find_dots
-from .identity import AREA_FACTOR, GATE, Identities
+from .detect import Detector, Polarity, find_dots
+from .identity import AREA_FACTOR, GATE, Identities, Rings
 from .skin import Skin, mutual
 
 OFFSET_PX = 8.0
@@ -30,15 +28,13 @@ class DotObservation:
 
     position_px: (n, 2) float64, NaN where lost. displacement_px: (n, 2), position - first position.
     found: (n,) bool. identity_ncc: (n,) correlation of the ring of colours with the first image,
-    NaN where lost or where the pattern has no colours. n_blobs: blobs of the size of a dot.
-    cpu_ms: process time of the update.
+    NaN where lost or where the pattern has no colours. cpu_ms: process time of the update.
     """
 
     position_px: Array
     displacement_px: Array
     found: Array
     identity_ncc: Array
-    n_blobs: int
     cpu_ms: float
 
 
@@ -46,11 +42,10 @@ class DotTracker:
     """Follow dots from their first image on: white ones on colours, or dark ones on light.
 
     rest_px: (n, 2) expected positions (x, y) in the first image, right to within OFFSET_PX after
-    a common shift of as much; diameter_px: the dots' diameter. n >= 4 dots, not on a line.
-    Without colours around the dots the neighbours tell which is which: dots that are all gone for
-    more than `identity.KEEP_FRAMES` frames stay lost until `reset`, and a regular grid that moves
-    by half a pitch between two frames as a whole cannot be told from itself.
-    Raises InputError for anything else.
+    a common shift of as much; n >= 4 dots, not on a line. Without colours around the dots the
+    neighbours tell which is which: dots that are all gone for more than `identity.KEEP_FRAMES`
+    frames stay lost, and a regular grid that moves by half a pitch between two frames cannot be
+    told from itself. Raises InputError for anything else.
     """
 
     def __init__(
@@ -69,8 +64,6 @@ class DotTracker:
             raise InputError(
                 f"dots: diameter_px is {diameter_px}; at least 4 px are needed for a centroid"
             )
-        if polarity not in ("white", "dark"):
-            raise InputError(f"dots: polarity is {polarity!r}; 'white' or 'dark' is needed")
         if np.linalg.matrix_rank(rest - rest.mean(0), tol=diameter_px) < 2:
             raise InputError("dots: all rest positions lie on one line")
         self.rest_px = rest
@@ -85,23 +78,19 @@ class DotTracker:
             )
         self.offset_px = min(OFFSET_PX, GATE * self.pitch_px)
         self._detector = Detector(self.diameter_px, self.pitch_px, polarity)
-        self.reset()
-
-    @classmethod
-    def found_in(cls, image: Array, *, polarity: Polarity | None = None) -> DotTracker:
-        """A tracker of the dots that an image of a foreign skin shows; `update` with it comes next.
-
-        polarity: None takes the one of which more dots are there. Raises as `find_dots` does.
-        """
-        dots = find_dots(image, polarity)
-        return cls(dots.position_px, dots.diameter_px, polarity=dots.polarity)
-
-    def reset(self) -> None:
-        """Forget everything: the next image is the first."""
         self._shape: tuple[int, ...] | None = None
         self._level = 0.0
         self._rings: Rings | None = None
         self._identities: Identities | None = None
+
+    @classmethod
+    def found_in(cls, image: Array) -> DotTracker:
+        """A tracker of the dots that an image of a foreign skin shows; `update` with it comes next.
+
+        Raises as `find_dots` does.
+        """
+        dots = find_dots(image)
+        return cls(dots.position_px, dots.diameter_px, polarity=dots.polarity)
 
     @property
     def first_px(self) -> Array:
@@ -114,7 +103,7 @@ class DotTracker:
         """Find the dots in one more image, (h, w, 3) BGR uint8 of the first image's size.
 
         Raises InputError for another type or size, SensorError when the first image does not show
-        at least min_found_share of the dots.
+        at least MIN_FOUND_SHARE of the dots.
         """
         start_s = time.process_time()
         if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
@@ -124,7 +113,7 @@ class DotTracker:
         small = self._detector.reduced(image)
         signal = self._detector.signal(small)
         if self._identities is None:
-            blobs, position = self._register(image.shape, small, signal)
+            position = self._register(image.shape, small, signal)
             likeness = 1.0 if self._rings is not None else np.nan
             ncc = np.where(np.isfinite(position[:, 0]), likeness, np.nan)
         else:
@@ -133,16 +122,10 @@ class DotTracker:
             position, ncc = self._identities.follow(blobs, colours)
         found = np.isfinite(position[:, 0])
         ncc[~found] = np.nan
-        return DotObservation(
-            position,
-            position - self.first_px,
-            found,
-            ncc,
-            len(blobs),
-            (time.process_time() - start_s) * 1e3,
-        )
+        cpu_ms = (time.process_time() - start_s) * 1e3
+        return DotObservation(position, position - self.first_px, found, ncc, cpu_ms)
 
-    def _register(self, shape: tuple[int, ...], small: Array, signal: Array) -> tuple[Blobs, Array]:
+    def _register(self, shape: tuple[int, ...], small: Array, signal: Array) -> Array:
         """The first image: level, places, areas and colours of the dots."""
         rest, (h, w) = self.rest_px, shape[:2]
         seen = (rest >= 0).all(1) & (rest[:, 0] <= w - 1) & (rest[:, 1] <= h - 1)
@@ -157,8 +140,7 @@ class DotTracker:
         level = ground + LEVEL * (float(np.median(peaks)) - ground)
         blobs = self._detector.blobs(signal, level)
         nominal = np.pi / 4 * self.diameter_px**2
-        limit = AREA_FACTOR
-        fits = (blobs.area_px < limit * nominal) & (blobs.area_px > nominal / limit)
+        fits = np.abs(np.log(blobs.area_px / nominal)) < np.log(AREA_FACTOR)
         position, area = np.full_like(rest, np.nan), np.full(len(rest), nominal)
         shift = np.zeros(2)
         # A common offset first, then each dot within the same tolerance of it.
@@ -187,4 +169,4 @@ class DotTracker:
         coloured = rings.remember(rings.smooth(small), position, MIN_TEXTURE)
         self._rings = rings if coloured else None
         self._identities = Identities(self._skin, position.copy(), area, self._rings)
-        return blobs, position
+        return position

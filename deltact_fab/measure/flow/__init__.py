@@ -9,11 +9,11 @@ it with cv2.setNumThreads, and records it where bytes must repeat.
 """
 
 from .confidence import FlowState
-from .image import Sampled, to_gray
-from .method import FLOW_METHODS, FlowMethod
+from .fused import Sampled, to_gray
+from .method import FLOW_METHODS, PAPER, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage
 from .renewed import RENEW_SHARE
-from .tracker import PAPER, FlowTracker, Reference, named_tracker
+from .tracker import FlowTracker, Reference, named_tracker
 
 __all__ = [
     "FLOW_METHODS",

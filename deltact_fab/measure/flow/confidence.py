@@ -8,21 +8,17 @@ over.
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from ...aliases import Array
 from ..compose import landing_px, sample, shrunk
-from .fused import Plane, Refined
-from .image import Sampled
+from .fused import Plane, Refined, Sampled
 
 _EDGE = cv2.BORDER_REPLICATE
 _COARSE_PX = 4  # windows are counted in cells of two nodes each way
 _MIN_VARIANCE = 1.0  # grey levels^2: less than a camera's noise
-
-
 KEEP_CORRELATION = 0.35
 KEEP_DET = 0.12
 CHROMA_MIN = 0.5
@@ -30,10 +26,9 @@ COLOUR_SHARE = 0.45
 """Of the luma's deviation: a Bayer mosaic gives a grey pattern up to .38, colours .61 and more."""
 GREY_MIN = 0.7
 DEVIATION_MAX_PX = 0.29
-FIT_PX = 28
 BORDER_PX = 3.0
-WINDOW_PX = 20
-SUPPORT_PX = 68
+WINDOW_PX, FIT_PX, SUPPORT_PX = 20, 28, 68
+_WINDOW, _FIT, _SUPPORT = ((px // _COARSE_PX,) * 2 for px in (WINDOW_PX, FIT_PX, SUPPORT_PX))
 SUPPORT_SHARE = 0.5
 TEXTURE_MIN = 2.0
 """Grey levels: rounding, noise and compression leave up to 1.9 in a picture of a plain face."""
@@ -53,44 +48,30 @@ class FlowState(IntEnum):
     """Found in this image."""
 
 
-class FrameConfidence(NamedTuple):
-    """Of one frame: confident (hh, ww) bool, and as in FlowDiagnostics."""
-
-    confident: Array
-    bad_share: float
-    trusted: bool
-
-
 class ConfidenceEstimator:
     """What a node must show; the first image's side of it, prepared once.
 
     Kept, so that its own flow stands: the tracked channel correlates above KEEP_CORRELATION, it
-    lands inside the image, and the flow around it does not squeeze areas below KEEP_DET. This
-    asks little: a dense flow fits itself to noise, too.
+    lands inside the image, and the flow around it does not squeeze areas below KEEP_DET.
 
     Confident: kept, and a secondary match. Of a colour image the fit sees the luma, so the colour
-    differences, which hold none of it, must correlate above CHROMA_MIN over WINDOW_PX; blue and red
-    alone hold luma, most where chroma is subsampled. A grey image, and a place whose colour varies
-    by less than COLOUR_SHARE, has no secondary match: the one correlation must be above GREY_MIN.
-    In all, the fit's own predicted deviation is below DEVIATION_MAX_PX; of a flow that the fused
-    steps found, together with what they have yet to do around (root of the mean square over
-    FIT_PX). It lands BORDER_PX or more from the image's edge, where the fit's window is cut off,
+    differences, which hold none of it, must correlate above CHROMA_MIN over WINDOW_PX. A grey
+    image, and a place whose colour varies by less than COLOUR_SHARE, has no secondary match: the
+    one correlation must be above GREY_MIN. In all, the fit's own predicted deviation is below
+    DEVIATION_MAX_PX; of a flow that the fused steps found, together with what they have yet to do
+    around (root of the mean square over FIT_PX). It lands BORDER_PX or more from the image's edge,
     and of the textured nodes in SUPPORT_PX around at least SUPPORT_SHARE agree.
 
     A frame is trusted when TEXTURED_SHARE or more of the first image has a standard deviation of
-    TEXTURE_MIN grey levels in detail finer than FINE_PX, at full size, where cells of 2 px still
-    show; and TRUSTED_SHARE or more of that is confident now. One image does not tell that detail
-    from noise; later ones do: correlation and deviation are relative to what does not return.
+    TEXTURE_MIN grey levels in detail finer than FINE_PX, at full size; and TRUSTED_SHARE or more of
+    that is confident now. One image does not tell that detail from noise; later ones do.
 
     image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same.
     """
 
     def __init__(self, image: Array | Sampled, plane: Plane) -> None:
-        self.name = "colour" if image.ndim == 3 else "grey"
+        self._colour = image.ndim == 3
         self._shape = plane.shape
-        self._window = (max(1, round(WINDOW_PX / _COARSE_PX)),) * 2
-        self._fit = (max(1, round(FIT_PX / _COARSE_PX)),) * 2
-        self._support = (max(1, round(SUPPORT_PX / _COARSE_PX)),) * 2
         fine = plane.gray.astype(np.float32)
         fine -= cv2.blur(fine, (FINE_PX, FINE_PX), borderType=_EDGE)
         power = self._around(shrunk(fine * fine, 2))
@@ -98,7 +79,7 @@ class ConfidenceEstimator:
         self.textured: Array = self._wide(power) >= TEXTURE_MIN**2
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
-        if self.name == "colour":
+        if self._colour:
             self._secondary = [channel.astype(np.float32) - 128 for channel in _secondary(image)]
             self._mean = [self._around(channel) for channel in self._secondary]
             power = self._around(_product(self._secondary, self._secondary))
@@ -109,21 +90,26 @@ class ConfidenceEstimator:
 
     def secondary_match(self, image: Array | Sampled) -> list[Array]:
         """What `look` asks of the current image (h, w[, 3]), nothing of a grey one."""
-        return _secondary(image) if self.name == "colour" else []
+        return _secondary(image) if self._colour else []
 
     def look(self, secondary_match: list[Array], match: Refined) -> tuple[Array, Array]:
         """Nodes whose own flow stands, and those of them that the secondary match bears out.
 
         Both (hh, ww) bool; secondary_match: of the current image, of which the match is.
         """
-        from . import kernel  # and numba with it, which takes its time
-
-        least = KEEP_CORRELATION, KEEP_DET, DEVIATION_MAX_PX, BORDER_PX
         flow, correlation, deviation, _ = match
-        kept, agreeing = kernel.stands(
-            flow, correlation, deviation, self.textured, least, self._shape
+        right, down = (
+            cv2.Sobel(flow, -1, dx, 1 - dx, ksize=1, scale=0.25, borderType=_EDGE) for dx in (1, 0)
         )
-        if self.name == "colour":
+        det = (1 + right[..., 0]) * (1 + down[..., 1]) - down[..., 0] * right[..., 1]
+        height, width = self._shape
+        x, y = cv2.split(2 * _landing(flow) + np.float32(0.5))
+        near = np.minimum(
+            np.minimum(x, np.float32(width - 1) - x), np.minimum(y, np.float32(height - 1) - y)
+        )
+        kept = (correlation > KEEP_CORRELATION) & (det > KEEP_DET) & (near >= 0)
+        agreeing = kept & self.textured & (deviation < DEVIATION_MAX_PX) & (near >= BORDER_PX)
+        if self._colour:
             alike = self._wide(self._chroma(secondary_match, _landing(flow)) > CHROMA_MIN)
             agreeing &= np.where(self._colourless, correlation > GREY_MIN, alike)
         else:
@@ -145,21 +131,18 @@ class ConfidenceEstimator:
         """
         weight = shrunk(kept.astype(np.float32), 2)
         ahead = shrunk(np.where(kept, match.ahead_px2, np.float32(0)), 2)
-        n, total = (cv2.blur(a, self._fit, borderType=_EDGE) for a in (weight, ahead))
+        n, total = (cv2.blur(a, _FIT, borderType=_EDGE) for a in (weight, ahead))
         left = self._wide(total / np.maximum(n, np.float32(1e-3)))
         return np.asarray(match.deviation_px**2 + left < DEVIATION_MAX_PX**2)
 
-    def verdict(self, inside: Array, agreeing: Array) -> FrameConfidence:
-        """What is trusted; inside (hh, ww) bool: nodes that land in the image."""
-        confident = agreeing & (self._near(agreeing) >= SUPPORT_SHARE * self._textured_near)
-        n = int(np.count_nonzero(confident))
-        n_seen = int(np.count_nonzero(self.textured & inside))
-        share = n / max(1, int(np.count_nonzero(self.textured)))
-        return FrameConfidence(
-            confident,
-            1 - n / n_seen if n_seen else 1.0,
-            self.textured_share >= TEXTURED_SHARE and share >= TRUSTED_SHARE,
-        )
+    def confident(self, agreeing: Array) -> Array:
+        """Nodes that agree, with enough others around them that do, (hh, ww) bool."""
+        return np.asarray(agreeing & (self._near(agreeing) >= SUPPORT_SHARE * self._textured_near))
+
+    def trusted(self, confident: Array) -> bool:
+        """Whether a frame with these confident nodes is trusted."""
+        least = TRUSTED_SHARE * max(1, int(np.count_nonzero(self.textured)))
+        return self.textured_share >= TEXTURED_SHARE and int(np.count_nonzero(confident)) >= least
 
     def _chroma(self, secondary_match: list[Array], landing: Array) -> Array:
         """Correlation, by coarse cell, of what the fit has not seen; both channels together."""
@@ -173,14 +156,12 @@ class ConfidenceEstimator:
         )
 
     def _around(self, nodes: Array) -> Array:
-        """Means over `window_px`, by coarse cell."""
-        return cv2.blur(shrunk(nodes, 2), self._window, borderType=_EDGE)
+        """Means over WINDOW_PX, by coarse cell."""
+        return cv2.blur(shrunk(nodes, 2), _WINDOW, borderType=_EDGE)
 
     def _near(self, mask: Array) -> Array:
-        """Share of the nodes in `support_px` around, (hh, ww)."""
-        return self._wide(
-            cv2.blur(shrunk(mask.astype(np.float32), 2), self._support, borderType=_EDGE)
-        )
+        """Share of the nodes in SUPPORT_PX around, (hh, ww)."""
+        return self._wide(cv2.blur(shrunk(mask.astype(np.float32), 2), _SUPPORT, borderType=_EDGE))
 
     def _wide(self, coarse: Array) -> Array:
         hh, ww = (-(-s // 2) for s in self._shape)

@@ -21,8 +21,7 @@ def filled(flow: Array, known: Array, kept: Array) -> Array:
 
     known, kept: (h, w) bool. Around each cell a plane is fitted to the known nodes (normalised
     convolution of the first order, Knutsson and Westin 1993), over the smallest window that knows
-    enough and wider ones for the rest. Planes, not means: beside a dent the flow is steep, and a
-    mean leaves the pattern out of reach of the next match. With nothing known the flow is 0.
+    enough and wider ones for the rest. With nothing known the flow is 0.
     """
     if kept.all():
         return flow
@@ -56,9 +55,7 @@ def denoised(flow: Array, deviation_px: Array, kept: Array) -> Array:
     """The flow (h, w, 2) float32 with less of its noise, which is white beside the motion.
 
     Wiener's filter as Lee (1980) made it local: of what a node has over the mean of its window only
-    the share stays that is more than the noise, `deviation_px` (h, w) where it is `kept`. A mean
-    keeps a slope as it is, so only curvature is at stake: at rest the mean remains, and a dent of
-    some tenths of a pixel remains a dent.
+    the share stays that is more than the noise, `deviation_px` (h, w) where it is `kept`.
     """
     window, rim = (NOISE_NODES, NOISE_NODES), cv2.BORDER_REFLECT
     smooth = cv2.blur(flow, window, borderType=rim)

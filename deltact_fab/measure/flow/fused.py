@@ -2,18 +2,15 @@
 
 A translation is fitted at every node, one node a cell of 2 x 2 pixels, over a window that falls to
 half within 7 cells, in Lucas-Kanade steps on images of a quarter, a half and the full size (Baker
-and Matthews 2004, "Lucas-Kanade 20 years on"). Gradients and normal matrix are the reference's, and
-gain and offset of the light are projected out, so a step is one warp, four products summed, and the
-window. The sums also give the local correlation, and with what the fit leaves the deviation that is
-to be expected.
+and Matthews 2004). Gradients and normal matrix are the reference's, and gain and offset of the
+light are projected out. The sums also give the local correlation and the deviation to be expected.
 
 The luma is tracked, blurred by sigma 1: a camera that subsamples chroma leaves luma whole, and the
-blur takes the patterns of mosaic and compression away.
+blur takes the patterns of mosaic and compression away (decision 0015).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from threading import get_ident
 from typing import Any, NamedTuple
@@ -25,22 +22,56 @@ from ...aliases import Array
 from ...errors import InputError
 from ..compose import shrunk
 from . import nodes
-from .image import MIN_SIDE_PX, Sampled, require_image, to_gray
 from .nodes import MIN_VARIANCE
 
+MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
 STEPS = (6, 4, 2)  # on a quarter, half and the full size
 _LEVELS = 3
-COARSE = 2 ** (_LEVELS - 1)
-"""Nodes to a side of the grid that a refinement starts on."""
+COARSE = 2 ** (_LEVELS - 1)  # nodes to a side of the grid that a refinement starts on
 _BEYOND_PX = 4  # pixels behind the last one that a warp may read
 _EVEN_PX = 41  # of the half-size image
 _EVEN_CONTRAST, _LEAST_CONTRAST = np.float32(40), np.float32(2)  # grey levels
 _LIGHT_WINDOW = 11  # of 8 px: within it the light is alike
 _PRIOR = 0.02
-# Steps and smoothing pass more noise than one fit does: 1.24 by the transfer functions of window
-# and smoothing, after two steps on the full size. The blur makes the noise of neighbours alike: the
-# fit leaves less of it than it takes, 2.1 to 2.4 through a Bayer mosaic, 1.5 to 2.1 without.
+# Two steps pass 1.24 times the noise of one fit; the blur makes the noise of neighbours alike, so
+# the fit leaves half of it or less (decision 0015).
 NOISE_GAIN = 1.24 * 2.0
+
+
+class Sampled(NamedTuple):
+    """All that the anchored tracker reads of a colour image, where the rest is not needed.
+
+    luma (h, w) uint8: what is tracked. nodes (hh, ww, 3) BGR uint8: one pixel a node
+    of the half grid, hh = ceil(h / 2).
+    """
+
+    luma: Array
+    nodes: Array
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Of the image."""
+        return (*self.luma.shape, 3)
+
+    @property
+    def ndim(self) -> int:
+        """Of the image."""
+        return 3
+
+
+def to_gray(image: Array) -> Array:
+    """BGR (h, w, 3) or grey (h, w) uint8 to a contiguous grey (h, w) uint8 that is our own.
+
+    Raises InputError for another type or shape.
+    """
+    if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
+        raise InputError(
+            f"image is {image.dtype} {image.shape}; (h, w, 3) BGR or (h, w) grey of uint8 is needed"
+        )
+    if image.ndim == 3:
+        return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    # Kept across frames, while a camera may reuse its buffer.
+    return np.array(image, order="C")
 
 
 class Plane:
@@ -62,7 +93,6 @@ class Plane:
             level = cv2.resize(level, half, interpolation=cv2.INTER_AREA)
             self._levels.append(level)
         self.small = _evened(self._levels[1][: -(-h // 2), : -(-w // 2)])
-        self._targets: dict[int, Array] = {}
 
     @classmethod
     def of(cls, image: Array | Sampled) -> Plane:
@@ -70,14 +100,12 @@ class Plane:
 
         Raises InputError for another type or shape, and for sides below 64 px.
         """
-        whole = image.luma if isinstance(image, Sampled) else image
-        require_image(whole)
-        if min(image.shape[:2]) < MIN_SIDE_PX:
+        gray = to_gray(image.luma if isinstance(image, Sampled) else image)
+        if min(gray.shape) < MIN_SIDE_PX:
             raise InputError(
-                f"flow: the image is {image.shape[:2]}; "
-                f"sides of {MIN_SIDE_PX} px or more are needed"
+                f"flow: the image is {gray.shape}; sides of {MIN_SIDE_PX} px or more are needed"
             )
-        return cls(cv2.GaussianBlur(to_gray(whole), (0, 0), 1.0))
+        return cls(cv2.GaussianBlur(gray, (0, 0), 1.0))
 
     def level(self, k: int) -> Array:
         """The image at 1 / 2^k of its size, padded to whole cells at every level."""
@@ -87,24 +115,15 @@ class Plane:
         """Height and width of a level without its padding."""
         return self.shape[0] >> k, self.shape[1] >> k
 
-    def target(self, k: int) -> Array:
-        """What a step reads of a level."""
-        if k not in self._targets:
-            self._targets[k] = cv2.copyMakeBorder(
-                self._levels[k], 0, _BEYOND_PX, 0, _BEYOND_PX, cv2.BORDER_REPLICATE
-            )
-        return self._targets[k]
-
 
 class Refined(NamedTuple):
-    """What a refinement gives at the nodes of the half grid.
+    """What a refinement gives at the nodes of the half grid, float32.
 
-    flow_px (hh, ww, 2) float32, in px of the full image. correlation (hh, ww) float32 in -1..1, of
-    the windows of reference and warped image, where the current image shows them; 0 where it does
-    not. deviation_px (hh, ww) float32: standard deviation of the flow's endpoint, from what the fit
-    leaves and the normal matrix; it knows noise, not a match that is wrong. ahead_px2 (hh, ww)
-    float32: squared length of the last step over the contrast that the current image has to the
-    reference, which steps are short by: an estimate of what they have yet to do.
+    flow_px (hh, ww, 2), in px of the full image. correlation (hh, ww) in -1..1, of the windows of
+    reference and warped image; 0 where the current image does not show them. deviation_px (hh, ww):
+    standard deviation of the flow's endpoint by noise; a wrong match is not in it. ahead_px2
+    (hh, ww): estimate of what the steps have yet to do, squared: the last step over the contrast
+    that the current image has to the reference.
     """
 
     flow_px: Array
@@ -129,70 +148,37 @@ class RefinementReference:
             _Level(nodes.pixels(image), nodes.normal(image, size), size) for image, size in sizes
         ]
 
-    def refine(
-        self, current: Plane, start_px: Array | None = None, steps: Sequence[int] = STEPS
-    ) -> Refined:
-        """The flow from the reference to the current image.
+    def refine(self, current: Plane, start_px: Array | None = None) -> Refined:
+        """The flow from the reference to the current image, of the same size.
 
         start_px: (hh, ww, 2) float32 to start from, or its means over COARSE x COARSE nodes, which
-        are all that is read of it; `predict` by default. steps: on a quarter,
-        half and the full size, the last of them 1 or more. Correlation and deviation are those
-        before the last step. Raises InputError for another size of image or start, a start that is
-        not finite, or other steps.
+        are all that is read of it; `predict` by default. Correlation and deviation are those
+        before the last step.
         """
-        if len(steps) != _LEVELS or min(steps) < 0 or steps[-1] < 1:
-            raise InputError(
-                f"flow: steps {tuple(steps)}; {_LEVELS} are needed, the last 1 or more"
-            )
-        self._check_size(current)
         start = predict(self.plane, current) if start_px is None else start_px
-        planes = light = self._coarse(start)
+        if start.shape[:2] == self.plane.small.shape:
+            start = shrunk(start, COARSE)
+        planes = light = np.stack(cv2.split(start * np.float32(1 / COARSE)))
         n_rows, n_cols = (s // 2 for s in self.plane.level(0).shape)
-        for k, n in zip(reversed(range(_LEVELS)), steps, strict=True):
+        for k, n in zip(reversed(range(_LEVELS)), STEPS, strict=True):
             size = (n_cols >> k, n_rows >> k)
             planes = _resized(planes, size)
             # Grey levels are the same on every level: what the first one says serves the next.
             between = 0 < k < _LEVELS - 1
             light = _resized(light, size, 1) if between else self._light(current, k, planes)
+            target = _target(current, k)
             for i in range(n):
                 last = k == 0 and i == n - 1
-                planes, told = self._step(current, k, planes, light, last)
+                planes, told = self._step(target, k, planes, light, last)
         return self._cut(cv2.merge(list(planes)), told)
 
     def evaluate(self, current: Plane, flow_px: Array) -> Refined:
         """Correlation and deviation, as in `refine`, of a flow (hh, ww, 2) found elsewhere."""
-        self._check_size(current)
-        planes = self._padded(flow_px)
+        (h, w), (hh, ww) = self.plane.level(0).shape, flow_px.shape[:2]
+        wide = cv2.copyMakeBorder(flow_px, 0, h // 2 - hh, 0, w // 2 - ww, cv2.BORDER_REPLICATE)
+        planes = np.stack(cv2.split(wide))
         light = self._light(current, 0, planes)
-        _, told = self._step(current, 0, planes, light, True)
-        return self._cut(flow_px, told)
-
-    def _check_size(self, current: Plane) -> None:
-        if current.shape != self.plane.shape:
-            raise InputError(
-                f"flow: the images are {self.plane.shape} and {current.shape}; one size is needed"
-            )
-
-    def _coarse(self, start_px: Array) -> Array:
-        hh, ww = self.plane.small.shape
-        given = start_px.shape
-        start = shrunk(start_px, COARSE) if given == (hh, ww, 2) else start_px
-        if start.shape != (-(-hh // COARSE), -(-ww // COARSE), 2):
-            raise InputError(f"flow: the start is {given}, not {(hh, ww, 2)}")
-        if not np.isfinite(start).all():
-            raise InputError("flow: the start is not finite everywhere")
-        return np.stack(cv2.split(start * np.float32(1 / COARSE)))
-
-    def _padded(self, flow_px: Array) -> Array:
-        hh, ww = self.plane.small.shape
-        if flow_px.shape != (hh, ww, 2):
-            raise InputError(f"flow: the start is {flow_px.shape}, not {(hh, ww, 2)}")
-        rows, cols = (s // 2 for s in self.plane.level(0).shape)
-        planes = np.empty((2, rows, cols), np.float32)
-        planes[:, :hh, :ww] = flow_px.transpose(2, 0, 1)
-        planes[:, hh:, :ww] = planes[:, hh - 1 : hh, :ww]
-        planes[:, :, ww:] = planes[:, :, ww - 1 : ww]
-        return planes
+        return self._cut(flow_px, self._step(_target(current, 0), 0, planes, light, True)[1])
 
     def _light(self, current: Plane, k: int, planes: Array) -> Array:
         """What a change of light makes of reference less current image, see `kernel.step`.
@@ -221,18 +207,22 @@ class RefinementReference:
         return _resized(coarse, (planes.shape[2], planes.shape[1]), 1)
 
     def _step(
-        self, current: Plane, k: int, planes: Array, light: Array, last: bool
+        self, target: Array, k: int, planes: Array, light: Array, last: bool
     ) -> tuple[Array, Array]:
         from . import kernel  # and numba with it, which takes its time
 
         level, gain = self._levels[k], NOISE_GAIN if last else 0.0
-        return kernel.step(
-            current.target(k), level.pixels, level.normal, level.size_px, planes, light, gain
-        )
+        return kernel.step(target, level.pixels, level.normal, level.size_px, planes, light, gain)
 
     def _cut(self, flow: Array, told: Array) -> Refined:
         hh, ww = self.plane.small.shape
         return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, *told)))
+
+
+def _target(plane: Plane, k: int) -> Array:
+    """What a step reads of a level."""
+    edge = cv2.BORDER_REPLICATE
+    return cv2.copyMakeBorder(plane.level(k), 0, _BEYOND_PX, 0, _BEYOND_PX, edge)
 
 
 def _resized(planes: Array, size: tuple[int, int], unit: float | None = None) -> Array:
@@ -252,11 +242,8 @@ def _resized(planes: Array, size: tuple[int, int], unit: float | None = None) ->
 
 
 def _evened(image: Array) -> Array:
-    """An image (h, w) uint8 less its local mean, over its local contrast, around 128.
-
-    Without it a gradient of light or a bright disc moves what DIS finds of a weak pattern all over
-    the face.
-    """
+    """An image (h, w) uint8 less its local mean, over its local contrast, around 128: light would
+    else move what DIS finds of a weak pattern."""
     fine = image.astype(np.float32)
     fine -= cv2.blur(fine, (_EVEN_PX, _EVEN_PX))
     power = cv2.blur(fine * fine, (_EVEN_PX, _EVEN_PX))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 
 from ...aliases import Array
@@ -21,6 +22,7 @@ _OUTER, _INNER = 6, 5  # the window is a box of 6 of a box of 5 of a box of 2
 _REACH = 5  # cells to each side of its own
 _SUMS, _LAST_SUMS = 4, 8  # of a step, and of the last
 _BYTE = np.uint32(255)
+_SMOOTH = np.array([0.25, 0.5, 0.25], np.float32)
 
 
 _compiled = compiled(error_model="numpy", nogil=True)
@@ -34,12 +36,10 @@ def step(
 
     image (h, w) uint8: the current one, 4 px more than the nodes need. pixels, normal, size_px: of
     the reference, see `nodes`. flow (2, rows, cols) float32 px. light (2, rows, cols) float32: what
-    a change of light makes of reference less current image there, light[0] + light[1] * reference;
-    it stands in where the current image does not show a pixel, so that the pixel does not pull.
-    gain: how much more noise the chain of steps passes than one fit. Returns the new flow and, if
-    gain is positive, (3, rows, cols) over what the current image shows of the windows: correlation
-    and deviation in px of the flow that was given, and the squared length of the step over the
-    contrast, px^2.
+    a change of light makes of reference less current image, light[0] + light[1] * reference; it
+    stands in for pixels that the current image does not show. gain: how much more noise the chain
+    of steps passes than one fit. Returns the new flow and, if gain is positive, (3, rows, cols):
+    correlation, deviation (px) of the flow that was given, and `Refined.ahead_px2`.
     """
     last = gain > 0
     rows, cols = flow.shape[1:]
@@ -51,7 +51,9 @@ def step(
         words, image.shape[1], pixels, normal, size_px[0], size_px[1], flow, light, gain,
         out, told,
     )  # fmt: skip
-    return out, told
+    edge = cv2.BORDER_REPLICATE
+    smooth = [cv2.sepFilter2D(plane, -1, _SMOOTH, _SMOOTH, borderType=edge) for plane in out]
+    return np.stack(smooth), told
 
 
 @_compiled
@@ -74,9 +76,7 @@ def _step(
     old_outer = np.zeros((_INNER, n_sums, cols), np.float32)
     column = np.zeros((n_sums, cols + 2 * _REACH), np.float32)
     box = np.zeros((n_sums, cols), np.float32)
-    moved = np.zeros((2, cols + 2), np.float32)
     kept = np.zeros((3, cols), np.float32)
-    smooth = np.zeros((3, 2, cols), np.float32)
     for i in range(rows + _REACH):
         if i < seen_rows:
             _address(flow[0, i], flow[1, i], i, seen_cols, height, width, stride, where, at)
@@ -98,22 +98,11 @@ def _step(
             continue
         for k in range(n_sums):
             _across(column[k], cols, box[k])
-        _solve(box, nodes, flow, i0, cols, moved)
+        _solve(box, nodes, flow, i0, cols, out)
         if last:
             _shown(box, light[0, i0], light[1, i0], cols)
-            _judge(box, nodes, flow, i0, cols, moved, kept, gain,
+            _judge(box, nodes, flow, i0, cols, out, kept, gain,
                    told[0, i0], told[1, i0], told[2, i0])  # fmt: skip
-        for k in range(2):
-            moved[k, 0], moved[k, cols + 1] = moved[k, 1], moved[k, cols]
-            _soften(moved[k], cols, smooth[i0 % 3, k])
-            if i0 == 0:
-                smooth[2, k] = smooth[0, k]
-            else:
-                _blend(smooth[(i0 + 1) % 3, k], smooth[(i0 + 2) % 3, k], smooth[i0 % 3, k],
-                       out[k, i0 - 1])  # fmt: skip
-    end = rows - 1
-    for k in range(2):
-        _blend(smooth[(end + 2) % 3, k], smooth[end % 3, k], smooth[end % 3, k], out[k, end])
 
 
 @_compiled
@@ -261,19 +250,19 @@ def _across(v: Any, n: int, box: Any) -> None:
 
 
 @_compiled
-def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any) -> None:
+def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, out: Any) -> None:
     most = np.float32(_MAX_STEP_PX)
     b0, b1, b2, b3 = box[0], box[1], box[2], box[3]
     i11, i12, i22, ex, ey, fx, fy = (
         nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3], nodes[i, 4], nodes[i, 5], nodes[i, 6],
     )  # fmt: skip
-    ux, uy, mx, my = flow[0, i], flow[1, i], moved[0], moved[1]
+    ux, uy, mx, my = flow[0, i], flow[1, i], out[0, i], out[1, i]
     for j in range(n):
         dx = i11[j] * b0[j] + i12[j] * b1[j] - ex[j] * b2[j] - fx[j] * b3[j]
-        mx[j + 1] = ux[j] + min(max(dx, -most), most)
+        mx[j] = ux[j] + min(max(dx, -most), most)
     for j in range(n):
         dy = i12[j] * b0[j] + i22[j] * b1[j] - ey[j] * b2[j] - fy[j] * b3[j]
-        my[j + 1] = uy[j] + min(max(dy, -most), most)
+        my[j] = uy[j] + min(max(dy, -most), most)
 
 
 @_compiled
@@ -294,7 +283,7 @@ def _shown(box: Any, a: Any, b: Any, n: int) -> None:
 
 @_compiled
 def _judge(
-    box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any, kept: Any, gain: float,
+    box: Any, nodes: Any, flow: Any, i: int, n: int, out: Any, kept: Any, gain: float,
     correlation: Any, deviation: Any, ahead: Any,
 ) -> None:  # fmt: skip
     zero, one, two = np.float32(0), np.float32(1), np.float32(2)
@@ -315,11 +304,11 @@ def _judge(
         found = (power[j] - shared[j]) / np.sqrt(power[j] * current)
         correlation[j] = min(max(found, -one), one) if b5[j] < weights[j] - own else zero
     i11, i12, i22 = nodes[i, 0], nodes[i, 1], nodes[i, 2]
-    ux, uy, mx, my = flow[0, i], flow[1, i], moved[0], moved[1]
+    ux, uy, mx, my = flow[0, i], flow[1, i], out[0, i], out[1, i]
     lost = np.float32(4 * OWN_WEIGHT)
     factor, rounding = np.float32(gain * gain * OWN_WEIGHT), np.float32(_ROUNDING)
     for j in range(n):
-        dx, dy = mx[j + 1] - ux[j], my[j + 1] - uy[j]
+        dx, dy = mx[j] - ux[j], my[j] - uy[j]
         explained = (i22[j] * dx * dx - two * i12[j] * dx * dy + i11[j] * dy * dy) / (
             i11[j] * i22[j] - i12[j] * i12[j]
         )
@@ -329,66 +318,6 @@ def _judge(
         deviation[j] = np.sqrt(factor * noise * spread)
     least_contrast = np.float32(_MIN_CONTRAST)
     for j in range(n):
-        dx, dy = mx[j + 1] - ux[j], my[j + 1] - uy[j]
+        dx, dy = mx[j] - ux[j], my[j] - uy[j]
         contrast = max((power[j] - shared[j]) / power[j], least_contrast)
         ahead[j] = (dx * dx + dy * dy) / (contrast * contrast)
-
-
-@_compiled
-def _soften(v: Any, n: int, out: Any) -> None:
-    quarter, half = np.float32(0.25), np.float32(0.5)
-    for j in range(n):
-        out[j] = quarter * (v[j] + v[j + 2]) + half * v[j + 1]
-
-
-@_compiled
-def _blend(above: Any, middle: Any, below: Any, out: Any) -> None:
-    quarter, half = np.float32(0.25), np.float32(0.5)
-    for j in range(len(out)):
-        out[j] = quarter * (above[j] + below[j]) + half * middle[j]
-
-
-def stands(
-    flow: Array, correlation: Array, deviation: Array, textured: Array,
-    least: tuple[float, float, float, float], shape: tuple[int, int],
-) -> tuple[Array, Array]:  # fmt: skip
-    """Nodes whose own flow stands, and those of them that are fit to agree, both (hh, ww) bool.
-
-    flow (hh, ww, 2) px, correlation and deviation (hh, ww): of `Refined`. textured (hh, ww) bool.
-    least: the correlation and det F that are kept above, the deviation in px that agrees below, and
-    how far from the edge of the image, px. shape: of the image (h, w).
-    """
-    kept, agreeing = np.empty(textured.shape, bool), np.empty(textured.shape, bool)
-    limits = np.array(least, np.float32)
-    _stands(flow, correlation, deviation, textured, limits, *shape, kept, agreeing)
-    return kept, agreeing
-
-
-@_compiled
-def _stands(
-    flow: Any, correlation: Any, deviation: Any, textured: Any, least: Any, height: int,
-    width: int, kept: Any, agreeing: Any,
-) -> None:  # fmt: skip
-    rows, cols = correlation.shape
-    squeezed = np.zeros((5, cols + 2), np.float32)
-    ux, uy, det, x, y = squeezed[0], squeezed[1], squeezed[2], squeezed[3], squeezed[4]
-    quarter, one = np.float32(0.25), np.float32(1)
-    right, bottom, edge = np.float32(width - 1), np.float32(height - 1), least[3]
-    zero, middle = np.float32(0), np.float32(0.5)
-    for i in range(rows):
-        above, below, here = flow[max(i - 1, 0)], flow[min(i + 1, rows - 1)], flow[i]
-        for j in range(cols):
-            ux[j + 1], uy[j + 1] = here[j, 0], here[j, 1]
-        ux[0], uy[0], ux[cols + 1], uy[cols + 1] = ux[1], uy[1], ux[cols], uy[cols]
-        top = np.float32(2 * i) + middle
-        for j in range(cols):
-            xx, yx = quarter * (ux[j + 2] - ux[j]), quarter * (uy[j + 2] - uy[j])
-            xy, yy = quarter * (below[j, 0] - above[j, 0]), quarter * (below[j, 1] - above[j, 1])
-            det[j] = (one + xx) * (one + yy) - xy * yx
-            x[j] = np.float32(2 * j) + middle + ux[j + 1]
-            y[j] = top + uy[j + 1]
-        c, d, t, k, a = correlation[i], deviation[i], textured[i], kept[i], agreeing[i]
-        for j in range(cols):
-            near = min(min(x[j], right - x[j]), min(y[j], bottom - y[j]))
-            k[j] = (c[j] > least[0]) & (det[j] > least[1]) & (near >= zero)
-            a[j] = k[j] & t[j] & (d[j] < least[2]) & (near >= edge)

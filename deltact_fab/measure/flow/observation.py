@@ -9,32 +9,25 @@ from ...aliases import Array
 
 if TYPE_CHECKING:
     from .confidence import ConfidenceEstimator
-    from .fused import Plane, Refined
-    from .image import Sampled
+    from .fused import Plane, Refined, Sampled
 
 
 @dataclass(frozen=True)
 class FlowDiagnostics:
     """What is known of one frame's flow besides the flow.
 
-    frame: 0 for the first image. reference_frame: the frame it was matched against.
-    n_reference_switches: since the first image. n_flows: flows computed for this frame.
-    textured_share: share of the first image in which there is anything to see. bad_share: share of
-    what is textured and in view that is not confident. trusted: texture and confidence
-    suffice (`ConfidenceEstimator`). confident_share: share of the visible pixels that are
-    confident. rule: "colour" or "grey". cpu_ms: process time of the update, over all
-    threads; where its parts run side by side, that of the other parts is in it.
+    frame: 0 for the first image. n_reference_switches: since then. textured_share: share of the
+    first image in which there is anything to see. trusted: texture and confidence suffice
+    (`ConfidenceEstimator`). confident_share: share of the visible pixels that are confident.
+    cpu_ms: process time of the update, over all threads; where its parts run side by side, that of
+    the other parts is in it.
     """
 
     frame: int
-    reference_frame: int
     n_reference_switches: int
-    n_flows: int
     textured_share: float
-    bad_share: float
     trusted: bool
     confident_share: float
-    rule: str
     cpu_ms: float
 
 
@@ -42,15 +35,13 @@ class FlowDiagnostics:
 class FlowObservation:
     """Total flow of one frame; the arrays are read-only.
 
-    All have one size (h, w): that of the image, or half of it, rounded down, where the tracker was
-    asked for half (`full=False`); element (i, j) then stands for the middle of the four pixels
-    from (2 i, 2 j) on. Flows are in pixels of the image in either case.
+    All have one size (h, w): that of the image, or half of it where the tracker was asked for half
+    (`full=False`); element (i, j) then stands for the middle of the four pixels from (2 i, 2 j) on.
+    Flows are in pixels of the image in either case.
 
-    flow_px: (h, w, 2) float32, from the first image, at its pixels (Lagrangian).
-    visible: (h, w) bool, the flow ends inside this image; of a flow composed over several
-    references also that it did so in each of them.
-    confident: (h, w) bool, see `ConfidenceEstimator`.
-    state: (h, w) uint8 of `FlowState`.
+    flow_px: (h, w, 2) float32, from the first image, at its pixels (Lagrangian). visible: (h, w)
+    bool, the flow ends inside this image, and inside every reference that it was composed over.
+    confident: (h, w) bool, see `ConfidenceEstimator`. state: (h, w) uint8 of `FlowState`.
     """
 
     flow_px: Array
@@ -66,7 +57,7 @@ class TrackedFrame:
 
     flow_px, kept, agreeing: on the half grid, see `confidence`. full_px: (h, w, 2), where the way
     finds its flow at every pixel. stayed: (h, w) bool, the flow never left an image that it was
-    composed over; None: that is no question. The rest: as in FlowDiagnostics.
+    composed over; None: that is no question. match: what the fused steps found it by.
     """
 
     flow_px: Array
@@ -74,28 +65,20 @@ class TrackedFrame:
     agreeing: Array
     full_px: Array | None = None
     stayed: Array | None = None
-    reference_frame: int = 0
     n_reference_switches: int = 0
-    n_flows: int = 1
     match: Refined | None = None
 
 
 class SequenceTracker(Protocol):
-    """A way to follow a sequence from its first image on."""
+    """A way to follow a sequence from its first image on, and the judge of what it finds."""
+
+    judge: ConfidenceEstimator
 
     def ahead(self, plane: Plane) -> Array | None:
         """The flow in px from the image before to this one, by coarse node, where it is asked."""
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
         """Follow one more image."""
-
-
-class Sequence(NamedTuple):
-    """What the first image of a sequence makes: its judge, its way to follow, and its shape."""
-
-    judge: ConfidenceEstimator
-    way: SequenceTracker
-    shape: tuple[int, ...]
 
 
 class PreparedImage(NamedTuple):
@@ -106,7 +89,7 @@ class PreparedImage(NamedTuple):
     start_s: process time when it came.
     """
 
-    sequence: Sequence
+    way: SequenceTracker
     frame: int
     image: Array | Sampled
     plane: Plane

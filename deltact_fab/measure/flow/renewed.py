@@ -15,14 +15,14 @@ import numpy as np
 from ...aliases import Array
 from ..compose import compose, inside, landing_px, sample
 from .confidence import ConfidenceEstimator
-from .fused import Plane, RefinementReference, to_half
-from .image import Sampled, to_gray
-from .method import FlowMethod, PreparedReference
+from .fused import Plane, RefinementReference, Sampled, to_gray, to_half
+from .method import FlowMethod
 from .observation import PreparedImage, TrackedFrame
 
 Sum = Literal["composed", "summed", "static"]
-RENEW_SHARE = 0.5
-"""Of the pattern's own difference between unrelated views. The paper gives no threshold."""
+RENEW_SHARE = 0.25
+"""Of the pattern's own difference between unrelated views. The paper gives no threshold: at .25 its
+order of patterns and nearly its figures come out, at .5 not (docs/evidence/study-methods.md)."""
 LIGHT_PX, BLOB_PX, BLOB = 24.0, 3.0, 3.0
 SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
 """Many, for a pattern of two colours alternates: one shift may lay like on like."""
@@ -30,8 +30,7 @@ SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
 
 @dataclass(frozen=True)
 class _Keyframe:
-    frame: int
-    prepared: PreparedReference
+    gray: Array
     flow_px: Array
     stayed: Array
 
@@ -59,24 +58,23 @@ class RenewedTracker:
         share: float = RENEW_SHARE,
     ) -> None:
         self._method, self._total = method, total
-        self._first, self._judge = first, judge
+        self._first, self.judge = first, judge
         gray = to_gray(image)
         self.threshold = share * unrelated_difference(gray)
         zero = np.zeros((*gray.shape, 2), np.float32)
-        self._ref = _Keyframe(0, method.prepare(gray), zero, np.ones(gray.shape, bool))
+        self._ref = _Keyframe(gray, zero, np.ones(gray.shape, bool))
         self._relative: Array | None = None
-        self._frame = self._switches = 0
+        self._switches = 0
 
     def ahead(self, plane: Plane) -> None:
         """Nothing: each flow starts from the last one."""
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
         """Follow one more image."""
-        self._frame += 1
         assert not isinstance(ready.image, Sampled), "for the anchored reference only"
         gray, ref = to_gray(ready.image), self._ref
-        relative = self._relative = ref.prepared.to(gray, self._relative)
-        if ref.frame == 0:
+        relative = self._relative = self._method.between(ref.gray, gray, self._relative)
+        if not self._switches:
             flow = relative
         elif self._total == "summed":
             flow = ref.flow_px + relative
@@ -84,18 +82,15 @@ class RenewedTracker:
             flow = compose(ref.flow_px, relative)
         # What left the image before the reference was continued from the border, so it stays out.
         stayed = ref.stayed & inside(landing_px(flow), *flow.shape[:2])
-        if (
-            self._total != "static"
-            and photometric_error(ref.prepared.gray, gray, relative) > self.threshold
-        ):
-            self._ref = _Keyframe(self._frame, self._method.prepare(gray), flow, stayed)
+        if self._total != "static" and photometric_error(ref.gray, gray, relative) > self.threshold:
+            self._ref = _Keyframe(gray, flow, stayed)
             self._relative = None
             self._switches += 1
         nodes = to_half(flow)
-        kept, agreeing = self._judge.look(
+        kept, agreeing = self.judge.look(
             ready.secondary_match, self._first.evaluate(ready.plane, nodes)
         )
-        return TrackedFrame(nodes, kept, agreeing, flow, stayed, ref.frame, self._switches, 1)
+        return TrackedFrame(nodes, kept, agreeing, flow, stayed, self._switches)
 
 
 def photometric_error(reference: Array, current: Array, flow: Array) -> float:

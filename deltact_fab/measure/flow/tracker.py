@@ -11,17 +11,17 @@ import numpy as np
 from ...aliases import Array
 from ...errors import InputError, SensorError, did_you_mean
 from ..compose import landing_px, sample, shrunk
-from .confidence import (
-    TEXTURE_MIN,
-    TEXTURED_SHARE,
-    ConfidenceEstimator,
-    FrameConfidence,
-)
+from .confidence import TEXTURE_MIN, ConfidenceEstimator
 from .fill import denoised, filled
-from .fused import COARSE, Plane, RefinementReference, predict, to_full
-from .image import Sampled
-from .method import FLOW_METHODS, FUSED, FlowMethod
-from .observation import FlowDiagnostics, FlowObservation, PreparedImage, Sequence, TrackedFrame
+from .fused import COARSE, Plane, RefinementReference, Sampled, predict, to_full
+from .method import FUSED, PAPER, FlowMethod
+from .observation import (
+    FlowDiagnostics,
+    FlowObservation,
+    PreparedImage,
+    SequenceTracker,
+    TrackedFrame,
+)
 from .renewed import RENEW_SHARE, RenewedTracker
 
 DARK, BRIGHT = 25, 235  # grey levels: beyond them a pattern has no room
@@ -30,14 +30,11 @@ LOST_SHARE = 0.1
 
 
 class AnchoredTracker:
-    """Follows one sequence.
-
-    reference: of the first image. judge: of the same.
-    """
+    """Follows one sequence from its first image on, of which reference and judge are."""
 
     def __init__(self, reference: RefinementReference, judge: ConfidenceEstimator) -> None:
         self._reference = reference
-        self._judge = judge
+        self.judge = judge
         self._before = reference.plane
         self._flow: Array = np.zeros((*reference.plane.small.shape, 2), np.float32)
         self._lost = False
@@ -48,11 +45,8 @@ class AnchoredTracker:
         return shrunk(predict(before, plane), COARSE)
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
-        """Follow one more image.
-
-        One in which nothing agrees leaves no trace: what comes after it is looked for where the
-        face was last seen, and where it would be found from rest.
-        """
+        """Follow one more image. After one in which nothing agrees the next is looked for where
+        the face was last seen, and from rest."""
         assert ready.ahead_px is not None, "made by `ahead`"
         so_far = shrunk(self._flow, COARSE)
         if self._lost:
@@ -61,12 +55,12 @@ class AnchoredTracker:
             at = landing_px(so_far * np.float32(0.5 / COARSE))
             starts = [so_far + sample(ready.ahead_px, at)]
         matches = [self._reference.refine(ready.plane, start) for start in starts]
-        seen = [(*self._judge.look(ready.secondary_match, match), match) for match in matches]
+        seen = [(*self.judge.look(ready.secondary_match, match), match) for match in matches]
         kept, agreeing, match = max(seen, key=lambda one: int(np.count_nonzero(one[1])))
         # Neighbours are asked only where they agree: a match that is kept and wrong would draw
         # others after it.
         flow = denoised(filled(match.flow_px, agreeing, kept), match.deviation_px, kept)
-        textured = np.count_nonzero(self._judge.textured)
+        textured = np.count_nonzero(self.judge.textured)
         self._lost = bool(np.count_nonzero(agreeing) < LOST_SHARE * textured)
         if not self._lost:
             self._flow = flow
@@ -89,30 +83,30 @@ class FlowTracker:
     def __init__(
         self,
         method: FlowMethod | str = FUSED,
-        reference: Reference | None = None,
+        reference: str | None = None,
         *,
         full: bool = True,
         renew_share: float = RENEW_SHARE,
     ) -> None:
         self.method = FlowMethod(method) if isinstance(method, str) else method
         fused = self.method.name == FUSED
-        self.reference = reference or ("anchored" if fused else "composed")
-        if self.reference not in (known := get_args(Reference)):
+        known: list[Reference] = [k for k in get_args(Reference) if k != "anchored" or fused]
+        wanted = reference or known[0]
+        found = next((k for k in known if k == wanted), None)
+        if found is None:
             raise InputError(
-                f"flow reference {reference!r}: unknown; {did_you_mean(str(reference), known)}"
+                f"flow reference {wanted!r} of {self.method.name!r}: not available; "
+                f"{did_you_mean(wanted, known)}"
             )
-        if self.reference == "anchored" and not fused:
-            raise InputError(
-                f"flow reference 'anchored': only with the method {FUSED!r}, "
-                f"not {self.method.name!r}"
-            )
+        self.reference = found
         self.full, self.renew_share = full, renew_share
         self.reset()
 
     def reset(self) -> None:
         """Forget everything: the next image is the first."""
-        self._sequence: Sequence | None = None
-        self._frame = -1
+        self._way: SequenceTracker | None = None
+        self._shape: tuple[int, ...] = ()
+        self._frame = 0
 
     def update(self, image: Array) -> FlowObservation:
         """Follow one more image: (h, w, 3) BGR or (h, w) grey, uint8, like the first one.
@@ -133,44 +127,55 @@ class FlowTracker:
         """
         start_s = time.process_time()
         plane = Plane.of(image)
-        sequence = self._sequence
-        if sequence is None:
-            sequence = self._begin(image, plane)
-            self._sequence, self._frame = sequence, 0
-            return PreparedImage(sequence, 0, image, plane, [], None, start_s)
-        if image.shape != sequence.shape:
+        if self._way is None:
+            self._way, self._shape, self._frame = self._begin(image, plane), image.shape, 0
+            return PreparedImage(self._way, 0, image, plane, [], None, start_s)
+        if image.shape != self._shape:
             # Height and width say it, unless it is the channels that differ.
-            size = slice(0, 2 if image.ndim == len(sequence.shape) else 3)
+            size = slice(0, 2 if image.ndim == len(self._shape) else 3)
             raise InputError(
-                f"flow: the image is {image.shape[size]}, the first one was {sequence.shape[size]}"
+                f"flow: the image is {image.shape[size]}, the first one was {self._shape[size]}"
             )
         self._frame += 1
-        secondary_match, ahead = sequence.judge.secondary_match(image), sequence.way.ahead(plane)
-        return PreparedImage(sequence, self._frame, image, plane, secondary_match, ahead, start_s)
+        match, ahead = self._way.judge.secondary_match(image), self._way.ahead(plane)
+        return PreparedImage(self._way, self._frame, image, plane, match, ahead, start_s)
 
     def follow(self, ready: PreparedImage) -> TrackedFrame:
         """What only the flow of the image before allows."""
         if ready.frame:
-            return ready.sequence.way.step(ready)
-        textured = ready.sequence.judge.textured
+            return ready.way.step(ready)
+        textured = ready.way.judge.textured
         nothing = np.zeros((*textured.shape, 2), np.float32)
-        return TrackedFrame(nothing, np.ones(textured.shape, bool), textured, n_flows=0)
+        return TrackedFrame(nothing, np.ones(textured.shape, bool), textured)
 
     def judge(self, ready: PreparedImage, seen: TrackedFrame) -> FlowObservation:
         """What the next image does not wait for."""
-        judge = ready.sequence.judge
-        inside = _inside(seen.flow_px, ready.plane.shape)
+        judge, shape, flow = ready.way.judge, ready.plane.shape, seen.flow_px
+        inside = _inside(flow, shape)
+        confident, agreeing = judge.textured, seen.agreeing
         if ready.frame:
-            agreeing = seen.agreeing
             if seen.match is not None:
                 agreeing = agreeing & judge.settled(seen.match, seen.kept)
-            verdict = judge.verdict(inside, agreeing)
+            confident = judge.confident(agreeing)
+        trusted, state = judge.trusted(confident), judge.state(inside, seen.kept)
+        if self.full:
+            flow = to_full(flow, shape) if seen.full_px is None else seen.full_px
+            visible = _pixels(inside, shape) if seen.stayed is None else seen.stayed
+            state, confident = _pixels(state, shape), _pixels(confident, shape)
         else:
-            trusted = judge.textured_share >= TEXTURED_SHARE
-            verdict = FrameConfidence(judge.textured, 0.0, trusted)
-        return self._observation(ready, seen, inside, verdict)
+            visible = inside if seen.stayed is None else seen.stayed[::2, ::2]
+        n_visible = int(np.count_nonzero(visible))
+        share = int(np.count_nonzero(confident & visible)) / max(n_visible, 1)
+        for out in (flow, visible, confident, state):
+            out.setflags(write=False)  # some are kept for the frames to come
+        cpu_ms = (time.process_time() - ready.start_s) * 1e3
+        return FlowObservation(
+            flow, visible, confident, state,
+            FlowDiagnostics(ready.frame, seen.n_reference_switches, judge.textured_share, trusted,
+                            share, cpu_ms),
+        )  # fmt: skip
 
-    def _begin(self, image: Array | Sampled, plane: Plane) -> Sequence:
+    def _begin(self, image: Array | Sampled, plane: Plane) -> SequenceTracker:
         judge = ConfidenceEstimator(image, plane)
         if not judge.textured.any():
             raise SensorError(
@@ -179,55 +184,10 @@ class FlowTracker:
                 + _why_plain(plane.gray)
             )
         first = RefinementReference(plane)
-        way: AnchoredTracker | RenewedTracker
         if self.reference == "anchored":
-            way = AnchoredTracker(first, judge)
-        else:
-            assert not isinstance(image, Sampled), "for the anchored reference only"
-            way = RenewedTracker(self.method, self.reference, image, first, judge, self.renew_share)
-        return Sequence(judge, way, image.shape)
-
-    def _observation(
-        self, ready: PreparedImage, seen: TrackedFrame, inside: Array, verdict: FrameConfidence
-    ) -> FlowObservation:
-        judge, stayed, flow = ready.sequence.judge, seen.stayed, seen.full_px
-        state = judge.state(inside, seen.kept)
-        if self.full:
-            shape = ready.plane.shape
-            flow = to_full(seen.flow_px, shape) if flow is None else flow
-            visible = _pixels(inside, shape) if stayed is None else stayed
-            state = _pixels(state, shape)
-            confident = _pixels(verdict.confident, shape)
-        else:
-            flow = seen.flow_px
-            visible = inside if stayed is None else stayed[::2, ::2]
-            confident = verdict.confident
-        n_visible = int(np.count_nonzero(visible))
-        n_confident = int(np.count_nonzero(confident & visible))
-        for out in (flow, visible, confident, state):
-            out.setflags(write=False)  # some are kept for the frames to come
-        return FlowObservation(
-            flow,
-            visible,
-            confident,
-            state,
-            FlowDiagnostics(
-                frame=ready.frame,
-                reference_frame=seen.reference_frame,
-                n_reference_switches=seen.n_reference_switches,
-                n_flows=seen.n_flows,
-                textured_share=judge.textured_share,
-                bad_share=verdict.bad_share,
-                trusted=verdict.trusted,
-                confident_share=n_confident / n_visible if n_visible else 0.0,
-                rule=judge.name,
-                cpu_ms=(time.process_time() - ready.start_s) * 1e3,
-            ),
-        )
-
-
-PAPER = "paper"
-"""The paper's method, Farneback's; alone it is summed, as the paper's tracker."""
+            return AnchoredTracker(first, judge)
+        assert not isinstance(image, Sampled), "for the anchored reference only"
+        return RenewedTracker(self.method, self.reference, image, first, judge, self.renew_share)
 
 
 def named_tracker(
@@ -240,21 +200,11 @@ def named_tracker(
     no one's own. Raises InputError with the valid names.
     """
     method, _, kept = name.partition("/")
-    if method == PAPER:
-        method, kept = "farneback-paper", kept or "summed"
-    if method not in FLOW_METHODS:
-        methods = (PAPER, *FLOW_METHODS)
-        raise InputError(f"flow method {method!r}: unknown; {did_you_mean(method, methods)}")
-    known: list[Reference] = [k for k in get_args(Reference) if k != "anchored" or method == FUSED]
-    reference = next((k for k in known if k == kept), None)
-    if kept and reference is None:
-        raise InputError(
-            f"flow reference {kept!r} of {method!r}: not available; {did_you_mean(kept, known)}"
-        )
+    kept = kept or ("summed" if method == PAPER else "")
     own = FlowMethod(method)
-    return FlowTracker(
-        own if shared is None else shared.setdefault(method, own), reference, full=full
-    )
+    if shared is not None:
+        own = shared.setdefault(own.name, own)
+    return FlowTracker(own, kept or None, full=full)
 
 
 def _why_plain(gray: Array) -> str:

@@ -15,7 +15,7 @@ from .wrench import COMPONENTS, TractionField, Wrench
 
 # Module and class, imported only when asked for.
 FEATURES = {
-    "sums": ("sums", "Sums"),
+    "sums": ("paper", "Sums"),
     "paper": ("paper", "Paper"),
     "inverse-placed": ("inverse", "Inverse"),
 }

@@ -27,9 +27,8 @@ class Inverse(LocalFeatures):
 
     A force's second factor goes with the square of its distance from the centre: the centre gives
     some 3 % more than a place 8 mm off it. It is held at 0 as by a press of twenty states whose
-    factor is known to 2 %, so that it takes several places. Where the resting face is not where the
-    traction is, shear has an arm; so a torque about x takes the force along y too, and one about y
-    that along x.
+    factor is known to 2 %. The traction is not in the resting face, so shear has an arm: a torque
+    about x takes the force along y too, and one about y that along x.
     """
 
     name = "inverse-placed"

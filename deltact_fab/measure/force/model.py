@@ -28,9 +28,9 @@ class Features(ABC):
 
     name: as registered. every: pixels between the points of the FaceFlow that it wants. names: a
     label for each of the k numbers, unit included. explains: the labels that each of COMPONENTS is
-    fitted by: what a mirror allows, say. held: labels whose coefficients few presses could not
-    tell, and how firmly they are held at 0: this times the size of the component's first feature is
-    the prior of `least_squares`. rests_on_gel: whether more of the view than its camera matters.
+    fitted by. held: labels whose coefficients few presses could not tell: this times the size of
+    the component's first feature is the prior of `least_squares`. rests_on_gel: whether more of the
+    view than its camera matters.
     """
 
     name: str
@@ -81,8 +81,6 @@ class ForceModel:
         naming the component.
         """
         X, wrench = np.asarray(X, float), np.asarray(wrench, float)
-        if wrench.shape != (len(X), len(COMPONENTS)) or X.shape[1] != len(features.names):
-            raise ValueError(f"X (n, {len(features.names)}), y (n, 6): {X.shape}, {wrench.shape}")
         coefficients = np.zeros((len(COMPONENTS), X.shape[1]))
         most = max(map(len, features.explains.values()))
         reach = np.zeros((*coefficients.shape, most))

@@ -1,17 +1,15 @@
 """What presses on the face: traction by inverting the linear face operator of the free-sided block.
 
-A camera tells two numbers a point and traction has three, and a bonded gel that hardly changes its
-volume hides an even pressure: left alone, an inverse explains a press by shear and returns a part
-of its force. So it goes in two steps. The first looks for pressure over the whole view, shear held
-small, and is precomputed. The second keeps to the cells where that found some and to those around
-them, and asks for pressure, never pull, and for little shear where there is little pressure.
+A camera tells two numbers a point and traction has three, and a bonded gel hides an even pressure:
+left alone, an inverse explains a press by shear. So it goes in two steps. The first, precomputed,
+looks for pressure over the whole view, shear held small. The second keeps to the cells around what
+that found, and asks for pressure, never pull, and for little shear where there is little pressure.
 
 Tractions are for a Young's modulus of 1 MPa, so in effect strains; a calibration tells the modulus.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -20,10 +18,8 @@ from scipy import linalg, ndimage
 from ...aliases import Array
 from ...elasticity.cells import FaceCells
 from ...optics import CameraModel, axes_mm
-from ..face import FaceFlow
-from ..hole_filling import whole
+from ..face import FaceFlow, whole
 from ..view import SensorView
-from .bounded_least_squares import least_squares_signed
 from .wrench import TractionField
 
 STEP_MM = 1e-3
@@ -53,22 +49,20 @@ ROUGH = {"pressure": 3e-3, "shear": 1.5e-2}
 LITTLE = {"pressure": 3e-4, "shear": 7e-3}
 LEAST = 0.05  # of the first look's peak, for cells that it saw nothing in
 FOREIGN = 0.55  # of the shift's size, left over beside noise: that was no press
+MAX_STEPS, PATIENCE = 200, 3  # of the signed least squares
 FLOOR = 5.0  # a peak of the first look this many times what noise makes of it is a contact
 
 
 class FaceInverse:
     """The inverse for one sensor: seconds to make, then used for every frame; see `inverse_for`.
 
-    noise_mm: rms error of the flow over a cell of a millimetre. It sets the least press that is
-    told from none, and how smooth a traction is asked for: the weight of smoothness goes with the
-    square of (noise_mm^2 + (MODEL x largest shift)^2)^(1/2) over the largest shift, so it is that
-    of the model's error for all but light presses. Raises InputError for a skin or a Poisson's
-    ratio that the free sides cannot take.
+    The weight of smoothness goes with the square of (NOISE_MM^2 + (MODEL x largest shift)^2)^(1/2)
+    over the largest shift, so it is that of the model's error for all but light presses. Raises
+    InputError for a skin or a Poisson's ratio that the free sides cannot take.
     """
 
-    def __init__(self, view: SensorView, noise_mm: float = NOISE_MM) -> None:
+    def __init__(self, view: SensorView) -> None:
         cells = FaceCells.of(view.skin, view.poisson, CELL_MM)
-        self.noise_mm = noise_mm
         xs, ys = axes_mm(view.camera)
         half = view.camera.mm_per_px / 2
         seen = _window(cells, (ys[0] - half, ys[-1] + half), (xs[0] - half, xs[-1] + half))
@@ -88,9 +82,7 @@ class FaceInverse:
         found = cells.compliance(seen, (rows, columns))
         n = len(self.y_mm) * len(self.x_mm)
         # A row for each cell that may be loaded: those of a contact lie in one piece each.
-        self._moves = np.ascontiguousarray(
-            found.reshape(-1, 3, 3 * n).transpose(1, 2, 0), np.float32
-        )
+        self._sinks = np.ascontiguousarray(found.reshape(-1, 3, 3 * n)[:, 2].T, np.float32)
         see = sight(view.camera, self.seen_x_mm, self.seen_y_mm).reshape(-1, 2, 3)
         rows_of = np.matmul(see, found.reshape(len(see), 3, 3 * n)).reshape(-1, 3 * n)
         self._told = np.ascontiguousarray(rows_of.T, np.float32)
@@ -137,13 +129,12 @@ class FaceInverse:
         cover = float((whole_view * pressure).sum() / pressure.sum())
         return TractionField(traction, self.x_mm, self.y_mm, cover)
 
-    def displacement_mm(self, press: TractionField, parts: Sequence[int] = (0, 1, 2)) -> Array:
-        """How the view's cells moved, those components, (len(seen_y_mm), len(seen_x_mm), n)."""
+    def sunk_mm(self, press: TractionField) -> Array:
+        """How deep the view's cells sank, (len(seen_y_mm), len(seen_x_mm)) float32."""
         at = np.flatnonzero(press.traction_mpa.any(axis=-1))
         columns = (3 * at[:, None] + np.arange(3)).ravel()
         t = press.traction_mpa.reshape(-1)[columns].astype(np.float32)
-        moved = np.stack([t @ self._moves[part, columns] for part in parts], axis=-1)
-        return moved.reshape(len(self.seen_y_mm), len(self.seen_x_mm), len(parts))
+        return -(t @ self._sinks[columns]).reshape(len(self.seen_y_mm), len(self.seen_x_mm))
 
     def _restricted(self, shift: Array, known: Array, look: Array, at: Array) -> tuple[Array, bool]:
         """Traction (n, 3) of the cells at those places, and whether it leaves too much over."""
@@ -156,7 +147,7 @@ class FaceInverse:
             gram -= lost @ lost.T
         right = (told @ seen.astype(np.float32)).astype(float)
         largest = float(np.abs(shift).max())
-        weight = 1 + (self.noise_mm / (MODEL * largest)) ** 2
+        weight = 1 + (NOISE_MM / (MODEL * largest)) ** 2
         rough = _roughness(at, self.shape)
         share = np.maximum(look.ravel()[at], 0) / look.max() + LEAST
         for i, kind in enumerate(("shear", "shear", "pressure")):
@@ -164,7 +155,7 @@ class FaceInverse:
         signed = np.tile([False, False, True], len(at))
         t = least_squares_signed(gram, right, signed)
         rest = seen - np.where(np.repeat(known.ravel(), 2), t.astype(np.float32) @ told, 0)
-        noise2 = 2 * np.count_nonzero(known) * (2 * self.noise_mm) ** 2
+        noise2 = 2 * np.count_nonzero(known) * (2 * NOISE_MM) ** 2
         return t.reshape(-1, 3), bool(rest @ rest > noise2 + FOREIGN**2 * (seen @ seen))
 
     def _cells(self, flow: FaceFlow) -> tuple[Array, Array]:
@@ -196,7 +187,7 @@ class FaceInverse:
         variance = sum(
             np.einsum("cs,cs->c", first[:, i::2] @ alike, first[:, i::2]) for i in (0, 1)
         )
-        floor = FLOOR * self.noise_mm * np.sqrt(variance).reshape(self.shape)
+        floor = FLOOR * NOISE_MM * np.sqrt(variance).reshape(self.shape)
         return first.astype(np.float32), floor
 
 
@@ -248,3 +239,52 @@ def _roughness(at: Array, shape: tuple[int, int]) -> Array:
         here = np.flatnonzero(beside >= 0)
         found[here, beside[here]] -= 1
     return found
+
+
+def least_squares_signed(matrix: Array, right: Array, signed: Array) -> Array:
+    """The t (n,) that makes t' matrix t / 2 - right' t least, with t <= 0 where signed (n,) bool.
+
+    matrix (n, n): symmetric, positive definite. Raises ArithmeticError where rounding keeps it from
+    an end, which has not been seen.
+    """
+    # Those without a sign go first and once; the search is then among the others only.
+    a, b = np.flatnonzero(~signed), np.flatnonzero(signed)
+    lower = linalg.cholesky(matrix[np.ix_(a, a)], lower=True, overwrite_a=True, check_finite=False)
+    both = np.column_stack((matrix[np.ix_(a, b)], right[a]))
+    both = linalg.solve_triangular(lower, both, lower=True, overwrite_b=True, check_finite=False)
+    across, known = both[:, :-1], both[:, -1]
+    t = np.empty(len(right))
+    t[b] = _not_positive(matrix[np.ix_(b, b)] - across.T @ across, right[b] - across.T @ known)
+    t[a] = linalg.solve_triangular(
+        lower, known - across @ t[b], lower=True, trans="T", check_finite=False
+    )
+    return t
+
+
+def _not_positive(matrix: Array, right: Array) -> Array:
+    """The same for unknowns that all have the sign, by block principal pivoting.
+
+    All that break a condition change sides at once, and one alone where that does not help
+    (Portugal, Judice and Vicente 1994).
+    """
+    free = np.ones(len(right), bool)
+    least, patience = len(right) + 1, PATIENCE
+    slack = 1e-9 * float(np.abs(right).max(initial=0.0))
+    for _ in range(MAX_STEPS):
+        t = np.zeros(len(right))
+        at = np.flatnonzero(free)
+        t[at] = linalg.solve(
+            matrix[np.ix_(at, at)], right[at], assume_a="pos", overwrite_a=True, check_finite=False
+        )
+        pull = matrix @ t - right
+        wrong = np.flatnonzero((free & (t > 0)) | (~free & (pull > slack)))
+        if not wrong.size:
+            return t
+        if wrong.size < least:
+            least, patience = wrong.size, PATIENCE
+        elif patience:
+            patience -= 1
+        else:
+            wrong = wrong[-1:]
+        free[wrong] = ~free[wrong]
+    raise ArithmeticError(f"signed least squares: {wrong.size} of {len(right)} undecided")

@@ -16,25 +16,30 @@ from ...optics import Fisheye, FlatField, as_toml
 from ...shapes import SensorDimensions
 from ...shapes.bounded import ShapeError
 from . import trust
-from .board import Checkerboard
-from .corners import find, read_image
-from .problem import BoardView, LensProblem, LensSolution, Prior, solve
-from .start import nominal, pose, priors
+from .corners import Checkerboard, find, read_image
+from .problem import (
+    BoardView,
+    LensProblem,
+    LensSolution,
+    Prior,
+    nominal,
+    pose,
+    priors,
+    solve,
+)
 
 CLEAR_DEPTH_PX = 0.5
-PHOTOGRAPHS = "photographs.json"
-"""Beside simulated images: {"simulated": true, "seed": N}."""
+PHOTOGRAPHS = "photographs.json"  # beside simulated images: {"simulated": true, "seed": N}
 
 
 @dataclass(frozen=True)
 class Calibration:
     """A lens with its uncertainty.
 
-    sigma: of each fitted parameter, in its unit. share: of the prior's sigma, what is left.
-    covariance: of the parameters in the order of `priors`, in their units. face_px, depth_px: own
-    sigma of where a point of the view is seen, raw px, on the face and below it. cover: share of
-    the view that contact corners span. images: one entry an image. simulated: seeds of simulated
-    images, None where they are real.
+    sigma, covariance: of the fitted parameters, in the order and units of `priors`. share: what is
+    left of a prior's sigma. face_px, depth_px: own sigma of where a point of the view is seen, raw
+    px, on the face and below it. cover: share of the view that contact corners span. simulated:
+    seeds of simulated images, None where they are real.
     """
 
     lens: Fisheye
@@ -140,29 +145,25 @@ def calibrate(
         raise InputError("--air: a skin is not held in the air; name the board with --air-board")
     seen: list[BoardView] = []
     unread: list[str] = []
-    size: tuple[tuple[int, int], Path] | None = None
-    for path, which, touching in [
-        *((p, board, True) for p in contact),
-        *((p, air_board or board, False) for p in air),
-    ]:
-        image = read_image(path)
-        here = (image.shape[1], image.shape[0])
-        size = size or (here, path)
-        if here != size[0]:
+    height, width = read_image(contact[0]).shape[:2]
+    for path in (*contact, *air):
+        image, touching = read_image(path), path in contact
+        if image.shape[:2] != (height, width):
             raise InputError(
-                f"{path}: {here[0]} x {here[1]} px, and {size[1]} has {size[0][0]} x {size[0][1]}"
+                f"{path}: {image.shape[1]} x {image.shape[0]} px, and {contact[0]} has "
+                f"{width} x {height}"
             )
-        corners = find(image, which, str(path))
+        corners = find(image, board if touching else air_board or board, str(path))
         if corners is None:
             unread.append(str(path))
         else:
             seen.append(BoardView(corners, touching))
-    assert size is not None
     if not any(s.contact for s in seen):
         sides = "a skin" if board.skin else f"a board of {board}, seen whole,"
         names = ", ".join(map(str, contact[:3])) + (", ..." if len(contact) > 3 else "")
         raise InputError(f"{names}: {sides} was not found in any contact image")
-    return of_corners(seen, size[0], sensor or SensorDimensions(), unread, _seeds(contact, air))
+    sensor = sensor or SensorDimensions()
+    return of_corners(seen, (width, height), sensor, unread, _seeds((*contact, *air)))
 
 
 def flat_field(blank: Path, lens: Fisheye) -> FlatField:
@@ -191,7 +192,11 @@ def of_corners(
     known = priors(base, placed=touching[0].corners.board.skin)
     try:
         problem = LensProblem(base, known, touching)
-        fit = solve(problem, problem.start([pose(s, base) for s in touching]), scale_px=1.0)
+        fit = solve(
+            problem,
+            np.concatenate((np.zeros(len(known)), *(pose(s, base) for s in touching))),
+            scale_px=1.0,
+        )
         if held:
             lens = problem.lens(fit.x)
             more = [pose(s, lens) for s in held]
@@ -234,10 +239,10 @@ def _said(seen: BoardView, fit: LensSolution, rows: slice) -> dict[str, Any]:
     }
 
 
-def _seeds(*groups: Sequence[Path]) -> list[int] | None:
+def _seeds(images: Sequence[Path]) -> list[int] | None:
     """Seeds of the simulated images among these; None where all are real."""
     seeds = set()
-    for folder in {path.parent for group in groups for path in group}:
+    for folder in {path.parent for path in images}:
         try:
             said = reading.json_object(folder / PHOTOGRAPHS)
         except InputError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,20 +12,63 @@ from numpy.typing import NDArray
 
 from ...aliases import Array
 from ...errors import InputError
-from .board import Checkerboard
 
-FEWEST = 5
-"""Inner corners each way that are looked for on a skin; the finder then grows the grid."""
-WINDOW = 0.3
-"""Half side of the window that refines a corner, in distances to the nearest corner."""
+FORM = re.compile(r"(\d+)x(\d+)x(\d+(?:\.\d*)?|\.\d+)")
+MAX_SQUARES = 200
+
+
+@dataclass(frozen=True)
+class Checkerboard:
+    """nx x ny squares of `square_mm`; the first square, at (-x, -y), is dark.
+
+    `skin`: it is the sensor's own skin, which lies on the face with its middle at the sensor's
+    origin and its rows along x, and of which the camera may see only a part.
+    """
+
+    nx: int
+    ny: int
+    square_mm: float
+    skin: bool = False
+
+    @classmethod
+    def parse(cls, words: str, option: str = "--board") -> Checkerboard:
+        """Of NXxNYxMM, as in 9x7x3: squares along x and y and their side. Raises InputError."""
+        found = FORM.fullmatch(words.strip())
+        nx, ny, side = (int(found[1]), int(found[2]), float(found[3])) if found else (0, 0, 0.0)
+        if not (min(nx, ny) >= 4 and max(nx, ny) <= MAX_SQUARES and 0.05 <= side <= 100):
+            raise InputError(
+                f"{option}: {words!r}; as in 9x7x3: 4 to {MAX_SQUARES} squares along x and y and "
+                "their side, 0.05 to 100 mm"
+            )
+        return cls(nx, ny, side)
+
+    @property
+    def corners(self) -> tuple[int, int]:
+        """Inner corners along x and y; four squares meet in each."""
+        return self.nx - 1, self.ny - 1
+
+    def __str__(self) -> str:
+        """As the command line takes it."""
+        return f"{self.nx}x{self.ny}x{self.square_mm:g}"
+
+    def at_mm(self, index: NDArray[np.integer]) -> NDArray[np.float64]:
+        """Inner corners (..., 2), counted from 0 at (-x, -y), to the board's own plane, mm.
+
+        Its origin is the middle of the whole board.
+        """
+        half = np.array([self.nx, self.ny]) / 2
+        return np.asarray((index + 1 - half) * self.square_mm, np.float64)
+
+
+FEWEST = 5  # inner corners each way that are looked for on a skin; the finder then grows the grid
+WINDOW = 0.3  # half side of the window that refines a corner, in distances to the nearest corner
 WINDOWS_PX = (2, 7)
 BORDER_PX = 4
 SKIN_SHARES = (0.5, 0.7, 1.0)
 """Of the image's sides, around its middle, in which a skin is looked for."""
 ALTERNATING = 0.97
 """Share of the steps from square to square that must change from dark to light or back."""
-MIN_CONTRAST = 8.0
-"""Grey levels between the squares that meet in a corner of a skin."""
+MIN_CONTRAST = 8.0  # grey levels between the squares that meet in a corner of a skin
 _STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
 CLEARLY = 0.6
 """The skin's middle must lie so much nearer to its guess than the next square that might be it."""
@@ -35,8 +78,8 @@ CLEARLY = 0.6
 class Corners:
     """What one image shows of a board.
 
-    px: (n, 2) in the image. index: (n, 2) whole numbers, column and row of each among the board's
-    inner corners; of a board that is no skin up to half a turn, which its pose takes up.
+    px: (n, 2) in the image. index: (n, 2), column and row of each among the board's inner corners;
+    of a board that is no skin up to half a turn, which its pose takes up.
     """
 
     source: str
@@ -63,14 +106,11 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 def find(image: Array, board: Checkerboard, source: str) -> Corners | None:
     """The board's inner corners in an image (h, w, 3) BGR, None where no board is found.
 
-    Sector-based detection (Duda and Frese, 2018), each corner refined on its gradients in a window
-    that stays clear of its neighbours. A board must be seen whole. A skin is seen in part, and
-    followed from the image's middle outwards, so that uneven light does not matter: the camera is
-    taken to be turned by less than 45 degrees about its axis, and the skin's middle is the square
-    of the right colour nearest to the image's middle.
+    Sector-based detection (Duda and Frese, 2018). A board must be seen whole. A skin is seen in
+    part and followed outwards from the image's middle: the camera is taken to be turned by less
+    than 45 degrees, and the skin's middle is the square of the right colour nearest to the image's.
 
-    Raises InputError where more or other corners are found than the board has, or where the middle
-    of a skin cannot be told.
+    Raises InputError for corners of another board, and for a skin whose middle cannot be told.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     columns, rows = board.corners
@@ -80,14 +120,13 @@ def find(image: Array, board: Checkerboard, source: str) -> Corners | None:
     grid, inside = seed, _inside(grey, seed)
     if board.skin:
         grid, inside = _grown(grey, grid, inside, board)
-    if not board.skin and grid.shape[:2] == (columns, rows) != (rows, columns):
+    elif grid.shape[:2] == (columns, rows) != (rows, columns):
         # A board that lies across: count along its own sides.
         grid = np.ascontiguousarray(grid.transpose(1, 0, 2)[::-1])
         inside = np.ascontiguousarray(inside.T[::-1])
     found = grid.shape[1], grid.shape[0]
-    if (board.skin and (found[0] > columns or found[1] > rows)) or (
-        not board.skin and found != (columns, rows)
-    ):
+    more = found[0] > columns or found[1] > rows
+    if more or (not board.skin and found != (columns, rows)):
         raise InputError(
             f"{source}: {found[0]} x {found[1]} inner corners found, and a board of {board} has "
             f"{columns} x {rows}: another board?"
@@ -102,8 +141,7 @@ def find(image: Array, board: Checkerboard, source: str) -> Corners | None:
 def _seed(grey: Array, board: Checkerboard) -> Array | None:
     """A rectangle of corners (rows, columns, 2) px, upright; of a skin any, else the whole board.
 
-    A skin is looked for in the image's middle first: a finder that grows a grid over a whole view
-    of uneven light may leave corners out, and still give what looks like one.
+    A skin is looked for in the middle first: under uneven light a finder may leave corners out.
     """
     least = tuple(min(FEWEST, n) for n in board.corners) if board.skin else board.corners
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -121,9 +159,7 @@ def _seed(grey: Array, board: Checkerboard) -> Array | None:
 
 
 def _trimmed(grey: Array, grid: Array) -> Array:
-    """The rectangle without sides that run along the board's edge: a finder may take its corners
-    for inner ones.
-    """
+    """The rectangle without sides along the board's edge: a finder may take them for inner ones."""
     for side in range(4):
         turned = np.rot90(grid, side)
         if len(turned) > 2 and np.mean(_corners_near(grey, turned[-1], turned[-2])[1]) < 0.5:
@@ -132,9 +168,8 @@ def _trimmed(grey: Array, grid: Array) -> Array:
 
 
 def _squares(grey: Array, grid: Array, inside: Array) -> tuple[Array, Array, Array]:
-    """Of the squares between corners: grey level, whether all four are inside, whether the column
-    and row of the first add up to an even number. (rows - 1, columns - 1) each.
-    """
+    """Of the squares between corners, (rows - 1, columns - 1) each: grey level, whether all four
+    are inside, whether column and row add up to an even number."""
     whole = inside[1:, 1:] & inside[:-1, 1:] & inside[1:, :-1] & inside[:-1, :-1]
     middles = (grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]) / 4
     at = np.rint(np.where(whole[..., None], middles, 0)).astype(int)
@@ -155,10 +190,7 @@ def _alternates(grey: Array, grid: Array) -> bool:
 
 
 def _upright(grid: Array) -> Array:
-    """The rectangle (rows, columns, 2) px turned so that columns run to +x and rows to +y.
-
-    A finder may give it by columns, turned or mirrored; an image of a board is never a mirror's.
-    """
+    """The rectangle (rows, columns, 2) px turned so that columns run to +x and rows to +y."""
     along = np.diff(grid, axis=1).mean((0, 1))
     if abs(along[0]) < abs(along[1]):
         grid = grid.transpose(1, 0, 2)
@@ -180,8 +212,7 @@ def _grown(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """The rectangle with all that lies around it, and which of its corners are seen.
 
-    A finder may end anywhere, under uneven light most of all. Each side is continued by the
-    parabola of its last three corners, as long as there are corners where it says.
+    Each side is continued by the parabola of its last three corners, as long as there are some.
     """
     most = board.corners[::-1]
     sides = [0, 1, 2, 3]
@@ -234,19 +265,16 @@ def _refined(grey: Array, grid: Array, inside: Array) -> Array:
     nearest_px = np.full((rows, columns), np.inf)
     down = np.linalg.norm(np.diff(grid, axis=0), axis=-1)
     right = np.linalg.norm(np.diff(grid, axis=1), axis=-1)
-    for distance, here in (
-        (down, nearest_px[1:]),
-        (down, nearest_px[:-1]),
-        (right, nearest_px[:, 1:]),
-        (right, nearest_px[:, :-1]),
+    for distance, *sides in (
+        (down, nearest_px[1:], nearest_px[:-1]),
+        (right, nearest_px[:, 1:], nearest_px[:, :-1]),
     ):
-        np.minimum(here, distance, out=here)
+        for side in sides:
+            np.minimum(side, distance, out=side)
     half_px = np.clip(np.rint(WINDOW * nearest_px), *WINDOWS_PX).astype(int)
     refined = grid.copy()
-    for half in np.unique(half_px):
+    for half in np.unique(half_px[inside]):
         at = (half_px == half) & inside
-        if not at.any():
-            continue
         start = grid[at].astype(np.float32).reshape(-1, 1, 2)
         new = cv2.cornerSubPix(grey, start, (int(half), int(half)), (-1, -1), _STOP).reshape(-1, 2)
         # One that wanders off has met something else than its corner.
@@ -267,30 +295,20 @@ def _shift(
     px = np.column_stack((grid.reshape(-1, 2)[near] - middle_px, np.ones(len(near))))
     guess = np.linalg.lstsq(px, where[near], rcond=None)[0][2]
     # The square right of and below corner (i, j) of the skin is (i + 1, j + 1), dark where even.
-    dark_even = _dark_even(grey, grid, inside)
+    values, whole, even = _squares(grey, grid, inside)
+    dark_even = bool(values[whole & even].mean() < values[whole & ~even].mean())
     half = np.array([board.nx, board.ny]) / 2 - 1  # the origin, counted in the skin's corners
-    options: list[tuple[float, tuple[int, int]]] = []
-    for shift in itertools.product(
-        range(board.corners[0] - columns + 1), range(board.corners[1] - rows + 1)
-    ):
-        if (sum(shift) % 2 == 0) == dark_even:
-            off_mm = float(np.linalg.norm(guess + shift - half)) * board.square_mm
-            options.append((off_mm, shift))
-    if not options:
+    shifts = np.argwhere(np.ones((board.corners[0] - columns + 1, board.corners[1] - rows + 1)))
+    shifts = shifts[(shifts.sum(axis=1) % 2 == 0) == dark_even]
+    if not len(shifts):
         raise InputError(
             f"{source}: the squares have the colours of another board, or its negative"
         )
-    options.sort()
-    (off_mm, shift), others = options[0], options[1:]
-    if others and off_mm > CLEARLY * others[0][0]:
+    off_mm = np.linalg.norm(guess + shifts - half, axis=1) * board.square_mm
+    order = np.argsort(off_mm, kind="stable")
+    if len(order) > 1 and off_mm[order[0]] > CLEARLY * off_mm[order[1]]:
         raise InputError(
-            f"{source}: the skin's middle lies {off_mm:.2f} mm off the image's, so that it might "
-            "be one square or another: put skin and camera in the middle"
+            f"{source}: the skin's middle lies {off_mm[order[0]]:.2f} mm off the image's, so that "
+            "it might be one square or another: put skin and camera in the middle"
         )
-    return np.array(shift)
-
-
-def _dark_even(grey: Array, grid: Array, inside: Array) -> bool:
-    """Whether squares whose first corner has an even column + row are the dark ones."""
-    values, whole, even = _squares(grey, grid, inside)
-    return bool(values[whole & even].mean() < values[whole & ~even].mean())
+    return np.asarray(shifts[order[0]])

@@ -13,8 +13,7 @@ from ...errors import InputError
 from ...shapes import SensorDimensions
 from .problem import PRIOR_STEP, SYSTEMATIC_PX, LensProblem, LensSolution
 
-DEPTHS_MM = (3.0, 6.0)
-"""Below the face, at which the sigma is stated besides the face's own."""
+DEPTHS_MM = (3.0, 6.0)  # below the face, at which the sigma is stated besides the face's own
 MIN_COVER = 0.8
 MAX_FACE_SIGMA_PX = 0.15
 PRIOR_SHARE = 0.5
@@ -40,8 +39,7 @@ def sigma_px(
 ) -> float:
     """Sigma of where the lens sees a point, px in the raw image; 95th percentile over the view.
 
-    The points lie depth_mm below the face on the rays of the view's points, and a sigma is that of
-    the distance (both axes together), with the corners' systematic error in it.
+    Of points depth_mm below the face; both axes together, the corners' systematic error in it.
     """
     lens = problem.lens(fit.x)
     origin, slope = lens.ray(lens.rest_px(view_mm(sensor)), "gel")
@@ -58,19 +56,14 @@ def sigma_px(
 
 
 def cover(problem: LensProblem, fit: LensSolution, sensor: SensorDimensions) -> float:
-    """Share of the view inside the hulls of the contact images' corners, each half a square wider.
-
-    The fit rests on them there; elsewhere it extrapolates.
-    """
+    """Share of the view inside the hulls of the contact corners, each half a square wider."""
     half = np.array(sensor.optics.view_mm) / 2
     per_mm = 10.0
     mask = np.zeros(np.ceil(2 * half[::-1] * per_mm).astype(int), np.uint8)
     at = problem.points_mm(fit.x)[:, :2]
     for seen, rows in zip(problem.seen, problem.rows, strict=True):
-        if not seen.contact:
-            continue
         points = at[rows][fit.kept[rows]]
-        if len(points) < 3:
+        if not seen.contact or len(points) < 3:
             continue
         middle = points.mean(0)
         out = points - middle
@@ -140,7 +133,7 @@ def _refuse_misfit(problem: LensProblem, fit: LensSolution) -> None:
                 f"{seen.corners.source}: its board touches the face, and the image was given as "
                 "one in air: is it a contact image?"
             )
-        rms = _rms(off)
+        rms = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
         lost = 1 - kept.mean()
         smooth = smooth_px(seen.corners.px[kept], off[kept]) if kept.sum() > 3 else np.inf
         if lost > MAX_OUTLIERS or smooth > MAX_SMOOTH_PX or rms > 10 * MAX_NOISE_PX:
@@ -155,7 +148,3 @@ def _refuse_misfit(problem: LensProblem, fit: LensSolution) -> None:
             f"the corners miss the fit by {fit.noise_px:.2f} px rms; at most {MAX_NOISE_PX:g}: "
             "blurred images, or another board than was named"
         )
-
-
-def _rms(off: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(off**2, axis=1)))) if len(off) else 0.0

@@ -1,10 +1,8 @@
 """The measurement as a robot calls it: images in; flow, shape, force and contact out."""
 
-from .calibrated import Calibration
-from .markers import MarkerMeasurement
-from .measurement import Measurement, everything
+from .measurement import MarkerMeasurement, Measurement, everything
 from .pipeline import Pipeline
-from .plan import OUTPUTS
+from .plan import OUTPUTS, Calibration
 from .result import Result
 
 __all__ = [

@@ -22,8 +22,7 @@ from ..flow.fused import to_half
 from ..force import LocalFeatures, features_of
 from ..health import Health
 from ..view import SensorView
-from .calibrated import Calibrated, Calibration
-from .plan import Plan
+from .plan import Calibrated, Calibration, Plan
 from .result import Result
 
 
@@ -37,20 +36,14 @@ class Rectifier:
             self._maps = camera.maps()
             self._nodes_px = to_half(np.stack(self._maps, axis=-1))
 
-    @property
-    def raw(self) -> bool:
-        """Whether images can need it."""
-        return self._lens is not None
-
     def view(self, image: Array) -> Array:
         """The whole rectified image (h, w[, 3]). Raises InputError for a size that is neither."""
         return np.asarray(self._camera.rectify(image)) if self._is_raw(image) else image  # type: ignore[attr-defined]
 
     def sampled(self, image: Array) -> Array | Sampled:
-        """What the tracker reads: a raw colour image's luma, and all its channels at the nodes.
+        """What the tracker reads: a raw colour image's luma, and all channels at the nodes alone.
 
-        The colours, which only witness, are read once a node: half of the rectification is saved.
-        Raises as `view`.
+        It saves half of the rectification. Raises as `view`.
         """
         if not self._is_raw(image) or image.ndim != 3 or image.dtype != np.uint8:
             return self.view(image)
@@ -70,6 +63,8 @@ class Rectifier:
         )
 
 
+TRUSTED_SHARE = 0.5
+"""Of the first image's markers, that must be held: as many as `DotTracker` asks of its first."""
 Step = Callable[["ImageTask"], None]
 
 
@@ -130,7 +125,7 @@ class Measurement:
     @property
     def stages(self) -> tuple[str, ...]:
         """What is run for each image, in this order."""
-        first = ("rectify",) if self._rectify.raw else ()
+        first = ("rectify",) if isinstance(self.view.camera, Rectified) else ()
         return (*first, "prepare", "follow", "judge", *self._plan.stages)
 
     def rectified(self, image: Array) -> Array:
@@ -211,6 +206,43 @@ class Measurement:
         )
 
 
+class MarkerMeasurement(Measurement):
+    """As Measurement, of the markers that the first image after each `reset` shows.
+
+    camera: of the images. `update` raises as `DotTracker.found_in` does of a first image.
+    """
+
+    def __init__(self, camera: CameraModel) -> None:
+        super().__init__(camera, ())
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """As Measurement."""
+        return ("markers",)
+
+    def steps(self) -> tuple[Step, ...]:
+        """As Measurement; one part."""
+        return (self._measure,)
+
+    def _ready(self, since: Since, image: Array) -> Array:  # type: ignore[override]
+        seen = self.rectified(image)
+        if since.markers is None:
+            since.markers = DotTracker.found_in(seen)
+            since.markers.update(seen)  # now, for a reference is given once
+        return seen
+
+    def _measure(self, job: ImageTask) -> None:
+        (image,), since = job.made, job.since
+        ready = self._ready(since, image)
+        assert since.markers is not None, "made ready"
+        seen = since.markers.update(ready)
+        held = float(seen.found.mean())
+        job.made = ()
+        age_ms = (time.monotonic() - job.t_s) * 1e3
+        job.result = Result(since.count, job.t_s, age_ms, held, held >= TRUSTED_SHARE, markers=seen)
+        since.count += 1
+
+
 def everything(
     camera: CameraModel,
     skin: SkinDimensions | None = None,
@@ -220,9 +252,8 @@ def everything(
 ) -> Measurement:
     """Of the outputs named in `show`, else of all, and of what is tracked in any case.
 
-    A calibration of force brings its own view.
-
-    skin: of the sensor, where it is known. options: as of Measurement, which says what is raised.
+    skin: of the sensor, where it is known; a calibration of force brings its own view. options: as
+    of Measurement, which says what is raised.
     """
     known = Calibrated.of(camera, calibrations)
     view: SensorView | CameraModel = SensorView(camera, skin or SkinDimensions())

@@ -9,16 +9,14 @@ import numpy as np
 
 from ...aliases import Array
 from ...optics import CameraModel
-from ..face import FaceFlow
+from ..face import FaceFlow, whole
 from ..force import TractionField
-from ..hole_filling import whole
 from .depth import Depth
 
 RIM = 0.3
 """A contact ends where the depth falls below this share of its peak: of balls the rim is there."""
 MIN_MM = 0.05
-"""A contact's peak is at least this deep. Noise makes no depth at all of a face at rest: without a
-pressure whose peak is `press.FLOOR` times what the flow's noise gives, the inverse finds none."""
+"""A contact's peak is at least this deep; the inverse finds none in noise (`press.FLOOR`)."""
 DIP = 0.75
 """Two peaks are two contacts if the depth between them falls below this share of the lower one."""
 FINE_MM = 0.08  # of the map on which outlines are drawn

@@ -1,10 +1,9 @@
 """Gaussian density of the landed pattern (paper, Shape Reconstruction): 1 at rest, less where it
 spreads.
 
-The paper's words are a splat: every point lands and spreads a Gaussian of SIGMA_PX there. Points
-that carry equal areas of the resting face thin out by the determinant of the map, so the density
-is 1 / det(I + grad u) of the flow u smoothed by the same Gaussian. The two are one where the
-determinant is between 1/2 and 2; beyond, and where the flow is a guess, neither is to be relied on.
+The paper's words are a splat: every point lands and spreads a Gaussian of SIGMA_PX there. That is
+1 / det(I + grad u) of the flow u smoothed by the same Gaussian, where the determinant is between
+1/2 and 2; beyond, and where the flow is a guess, neither is to be relied on.
 """
 
 from __future__ import annotations
@@ -15,17 +14,12 @@ import cv2
 import numpy as np
 
 from ...aliases import Array
-from ..face import FaceFlow
-from ..hole_filling import whole
+from ..face import FaceFlow, whole
 
-SIGMA_PX = 3.0
-"""Of the full image, whatever the distance of the flow's points."""
-DOMAIN = (0.5, 2.0)
-"""Determinants between which splat and Jacobian agree."""
-RADIUS_MM = 0.6
-"""Of the guided filter."""
-EPS = 2.5e-4
-"""Variance of the density below which the filter smooths: of .016, thrice what flow noise makes."""
+SIGMA_PX = 3.0  # of the full image, whatever the distance of the flow's points
+DOMAIN = (0.5, 2.0)  # determinants between which splat and Jacobian agree
+RADIUS_MM = 0.6  # of the guided filter
+EPS = 2.5e-4  # variance below which the filter smooths: of .016, thrice what flow noise makes
 
 
 @dataclass(frozen=True)
@@ -57,14 +51,15 @@ def by_jacobian(flow: FaceFlow, mm_per_px: float) -> Density:
     """
     flow, sigma = whole(flow), _cells(flow, mm_per_px)
     det = _determinant(flow, sigma)
-    return Density(1 / np.maximum(det, DOMAIN[0] / 8), _reliable(flow, det, sigma))
+    sound = flow.known & (det >= DOMAIN[0]) & (det <= DOMAIN[1])
+    side = 2 * int(np.ceil(2 * sigma)) + 1
+    reliable = cv2.erode(sound.view(np.uint8), np.ones((side, side), np.uint8)) > 0
+    return Density(1 / np.maximum(det, DOMAIN[0] / 8), np.asarray(reliable))
 
 
 def _cells(flow: FaceFlow, mm_per_px: float) -> float:
-    """Sigma in cells that makes, with the mean over a cell that each point already is, SIGMA_PX.
-
-    At least a fifth of a cell, where neighbours are as good as all: cells may be larger than sigma.
-    """
+    """Sigma in cells that makes, with the mean over a cell that each point already is, SIGMA_PX;
+    a fifth of a cell at least."""
     every = flow.cell_mm / mm_per_px
     return float(np.sqrt(max(SIGMA_PX**2 - (every**2 - 1) / 12, (every / 5) ** 2))) / every
 
@@ -78,7 +73,9 @@ def _determinant(flow: FaceFlow, sigma: float) -> Array:
     # The derivative of the Gaussian itself, exact for what is linear: differences of neighbours
     # lose 9 % of features of three cells.
     slope = at * smooth / (at**2 @ smooth) / flow.cell_mm
-    shift = _continued(flow.shift_mm, radius)
+    # A margin in which the flow goes on as straight as it came.
+    widths = ((radius, radius), (radius, radius), (0, 0))
+    shift = np.pad(flow.shift_mm, widths, mode="reflect", reflect_type="odd")
     across, down = (
         cv2.sepFilter2D(shift, -1, kx, ky)[radius:-radius, radius:-radius]
         for kx, ky in ((slope, smooth), (smooth, slope))
@@ -87,24 +84,11 @@ def _determinant(flow: FaceFlow, sigma: float) -> Array:
     return det
 
 
-def _continued(shift: Array, margin: int) -> Array:
-    """The flow and a margin around it in which it goes on as straight as it came."""
-    widths = ((margin, margin), (margin, margin), (0, 0))
-    return np.pad(shift, widths, mode="reflect", reflect_type="odd")
-
-
-def _reliable(flow: FaceFlow, det: Array, sigma: float) -> Array:
-    sound = flow.known & (det >= DOMAIN[0]) & (det <= DOMAIN[1])
-    side = 2 * int(np.ceil(2 * sigma)) + 1
-    return np.asarray(cv2.erode(sound.view(np.uint8), np.ones((side, side), np.uint8)) > 0)
-
-
 def relative_depth(density: Density, flow: FaceFlow) -> Array:
     """The paper's: minus the density of a flow's points, from rest, (h, w) float32, without unit.
 
-    The guided filter (He and Sun 2015) with the density as its own guide keeps edges. Seen off the
-    axis a press moves the pattern outwards as a whole, which spreads it on the near side and
-    crowds it on the far one: there it is no map of the depth (`depth` is).
+    The guided filter (He and Sun 2015) with the density as its own guide keeps edges. Off the axis
+    a press moves the pattern outwards as a whole: there it is no map of the depth (`depth` is).
     """
     radius = max(1, round(RADIUS_MM / flow.cell_mm))
     own = np.ascontiguousarray(density.relative_depth, np.float32)

@@ -2,13 +2,13 @@
 
 Off the axis depth is seen as motion, on it hardly at all, so no local rule tells depth from flow.
 The inverse of the face's linear operator does (`force.press`): its traction moves the face in
-depth too, too little by 3 to 14 % on gels of another solver, the more the further Poisson's ratio
-and thickness are from those believed (docs/evidence/strangers.md); one factor makes it good.
+depth too, too little by 3 to 14 % (docs/evidence/strangers.md); one factor makes it good.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated
 
@@ -18,17 +18,14 @@ from annotated_types import Ge, Gt, Le, Lt
 from ... import catalog
 from ...aliases import Array
 from ...elasticity.block import interpolation
-from ..face import FaceFlow
+from ..face import FaceFlow, rigid, whole
 from ..force import TractionField
 from ..force.press import inverse_for
-from ..hole_filling import whole
-from ..rigid import rigid
 from ..sensor_id import Head, read_calibration
 from ..view import SensorView
 
 RIGID = 0.1
-BEYOND = 1.1
-"""Of the deepest press of the calibration: deeper ones are extrapolated."""
+BEYOND = 1.1  # of the deepest press of the calibration: deeper ones are extrapolated
 
 
 @dataclass(frozen=True)
@@ -90,7 +87,6 @@ class DepthFinder:
     def __init__(self, view: SensorView, model: DepthModel) -> None:
         self.view, self.model = model.view(view), model
         self.inverse = inverse_for(self.view)
-        self._onto: tuple[Array, Array, Array, Array] | None = None
 
     def of(self, flow: FaceFlow, press: TractionField | None = None) -> Depth:
         """press: what the inverse found of this flow, where it was asked already."""
@@ -104,25 +100,20 @@ class DepthFinder:
         """Depth (h, w) float32 that linear elasticity gives for a press, at the flow's points."""
         if not press.pressed or is_rigid(flow):
             return np.zeros(flow.known.shape, np.float32)
-        onto_y, onto_x = self._splines(flow)
-        cells = -self.inverse.displacement_mm(press, (2,))[..., 0]
-        return np.asarray(onto_y @ cells.astype(np.float32) @ onto_x.T)
-
-    def _splines(self, flow: FaceFlow) -> tuple[Array, Array]:
-        """Cubic splines from the inverse's cells to the flow's rows and columns."""
-        held = self._onto
-        same = held is not None and all(map(np.array_equal, held, (flow.x_mm, flow.y_mm)))
-        if held is None or not same:
-            knots_y, knots_x = self.inverse.seen_y_mm, self.inverse.seen_x_mm
-            self._onto = held = (
-                flow.x_mm, flow.y_mm, _spline(knots_y, flow.y_mm), _spline(knots_x, flow.x_mm)
-            )  # fmt: skip
-        return held[2], held[3]
+        onto_y, onto_x = (
+            _spline(tuple(knots.tolist()), tuple(points.tolist()))
+            for knots, points in (
+                (self.inverse.seen_y_mm, flow.y_mm), (self.inverse.seen_x_mm, flow.x_mm),
+            )
+        )  # fmt: skip
+        return np.asarray(onto_y @ self.inverse.sunk_mm(press) @ onto_x.T)
 
 
-def _spline(knots_mm: Array, points_mm: Array) -> Array:
+@lru_cache(maxsize=8)
+def _spline(knots_mm: tuple[float, ...], points_mm: tuple[float, ...]) -> Array:
     """Matrix (points, knots) of the cubic spline, level beyond the outer knots."""
-    return interpolation(knots_mm, np.clip(points_mm, knots_mm[0], knots_mm[-1])).astype(np.float32)
+    knots, points = np.array(knots_mm), np.clip(points_mm, knots_mm[0], knots_mm[-1])
+    return interpolation(knots, points).astype(np.float32)
 
 
 def is_rigid(flow: FaceFlow) -> bool:
@@ -141,8 +132,7 @@ def ball_mm(flow: FaceFlow, view: SensorView, tip_mm: Array, radius_mm: float) -
     """Depth (h, w) of the points of a face that a ball presses, 0 where they are not below it.
 
     tip_mm (3,): of the ball's lowest point, sensor frame. A point is seen along a ray that meets
-    the ball at its depth, so both are found together: the ray's way in plane at a depth of z is
-    z times its slope.
+    the ball at its depth, so both are found together.
     """
     camera = view.camera
     landed = np.stack(np.meshgrid(flow.x_mm, flow.y_mm), axis=-1) + flow.shift_mm
