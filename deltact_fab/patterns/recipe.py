@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from .. import catalog
+from ..aliases import Points
 from ..configuration import Table
 from ..errors import InputError
 from .laws import LAWS, check_key, check_law, octave
@@ -243,18 +244,23 @@ class PatternRecipe(Table, strict=True):
         picture = Image.fromarray(draw_patches(self)).resize((side_px,) * 2, Image.Resampling.BOX)
         if (grid := self.dots) is not None:
             pen, per_mm = ImageDraw.Draw(picture), side_px / self.printed_mm
-            corner_mm = [
-                o - h + self.printed_mm / 2
-                for o, h in zip(grid.offset_mm, grid.half_mm, strict=True)
-            ]
-            side = grid.diameter_mm * per_mm
-            for row, column in itertools.product(range(grid.rows), range(grid.columns)):
-                x = (corner_mm[0] + column * grid.pitch_x_mm) * per_mm
-                y = (corner_mm[1] + row * grid.pitch_y_mm) * per_mm
-                pen.ellipse((x, y, x + side, y + side), grid.colour)
+            radius = grid.diameter_mm / 2 * per_mm
+            for x, y in (centres_mm(grid) + self.printed_mm / 2) * per_mm:
+                pen.ellipse((x - radius, y - radius, x + radius, y + radius), grid.colour)
         data = io.BytesIO()
         picture.save(data, "PNG")
         return data.getvalue()
+
+
+def centres_mm(grid: DotGrid) -> Points:
+    """Dot centres in the sensor frame, (rows * columns, 2) mm, about the grid's offset.
+
+    Row by row: index = row * columns + column; row 0 at -y, column 0 at -x.
+    """
+    x_mm = (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.pitch_x_mm
+    y_mm = (np.arange(grid.rows) - (grid.rows - 1) / 2) * grid.pitch_y_mm
+    centred_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+    return centred_mm + np.array(grid.offset_mm)
 
 
 def draw_patches(recipe: PatternRecipe) -> NDArray[np.uint8]:

@@ -1,18 +1,17 @@
 """A print against its recipe: is it right, how large is it, what did the printer do to it.
 
-The sticker is found in a scan as a dark or textured square on the film, each of its eight ways
-round is correlated with the recipe, and the best one is refined tile by tile: where the tiles lie
-gives scale, shear and the place of each ink; their content gives contrast, order and gaps. Scale is
-measured by the flatbed's dpi; a photograph has none.
+The sticker is found in a scan as a dark or textured square on the film. Each of its eight
+orientations is correlated with the recipe, and the best is refined tile by tile: the positions of
+the tiles give scale, shear and the registration of the inks; their content gives contrast, order
+and gaps. Scale needs the dpi of a flatbed scan; a photograph has none.
 
-What the scan's pixels average is taken from the recipe too; a lens or a film out of focus counts as
-the printer's blur.
+The averaging by the scan's pixels is modelled. Blur by the lens or by a film out of focus is
+attributed to the printer.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -28,10 +27,11 @@ from ..errors import InputError
 from ..imaging import Printer
 from ..shapes.bounded import Bounded, number
 from ..units import MM_PER_INCH
-from .dots import centres_mm, to_px
+from .dots import to_px
+from .metadata import opened
 from .quality.measure import PRINTED_SHARE, kept
 from .raster import albedo
-from .recipe import PatternRecipe, draw_patches
+from .recipe import PatternRecipe, centres_mm, draw_patches
 
 Image = NDArray[np.float32]
 PX_A_PATCH = 4.0
@@ -51,7 +51,7 @@ HALVED = "this JPEG keeps half of the colours' resolution: scan it as PNG or TIF
 
 @dataclass(frozen=True)
 class JudgedRow:
-    """One thing that a print or a sensor must be: found, its limit, and what to do otherwise."""
+    """One requirement on a print or a sensor: what was found, its limit, and how to correct it."""
 
     check: str
     found: str
@@ -64,11 +64,11 @@ class JudgedRow:
 class PrintFound:
     """A sticker in a scan. scale: its sides in (x, y) over the recipe's, None in a photograph.
 
-    shear: tangent of how far its axes are off a right angle. turned_deg: counter-clockwise as it
-    lies in the scan. ink_um: of R, G, B from their mean, (3, 2). contrast: of R, G, B as a share of
-    the recipe's. gaps_mm: middles of tiles that lack ink. spread_um: of the printer model of
-    `pattern quality` that keeps as much contrast. halved: its file keeps colours at half of its
-    resolution, and says nothing of contrast and inks.
+    shear: tangent of the deviation of its axes from a right angle. turned_deg: counter-clockwise,
+    as it lies in the scan. ink_um: offsets of R, G, B from their mean, (3, 2). contrast: of R, G, B
+    as a share of the recipe's. gaps_mm: centres of tiles that lack ink. spread_um: ink spread at
+    which the printer model of `pattern quality` keeps as much contrast. halved: the file keeps
+    colours at half its resolution, so contrast and inks are not judged.
     """
 
     mirrored: bool
@@ -147,21 +147,12 @@ def load_scan(path: Path, dpi: float | None = None) -> tuple[NDArray[np.uint8], 
     low, high = DPI_RANGE
     if dpi is not None and not low <= dpi <= high:
         raise InputError(f"--dpi {dpi:g}: expected {low:g} to {high:g}")
-    from PIL import Image as Pil
-    from PIL import UnidentifiedImageError
     from PIL.JpegImagePlugin import get_sampling
 
-    try:
-        # A page of A4 at 1200 dpi is more than Pillow trusts a file to be.
-        with warnings.catch_warnings(), Pil.open(path) as opened:
-            warnings.simplefilter("ignore", Pil.DecompressionBombWarning)
-            told = opened.info.get("dpi")
-            halved = opened.format == "JPEG" and get_sampling(opened) not in (-1, 0)
-            rgb = np.asarray(opened.convert("RGB"))
-    except FileNotFoundError as why:
-        raise InputError(f"{path}: no such file") from why
-    except (UnidentifiedImageError, OSError, Pil.DecompressionBombError) as why:
-        raise InputError(f"{path}: no image that can be read: {why}") from why
+    with opened(path) as image:
+        told = image.info.get("dpi")
+        halved = image.format == "JPEG" and get_sampling(image) not in (-1, 0)
+        rgb = np.asarray(image.convert("RGB"))
     if dpi is None and told is not None and 100 <= float(told[0]) == float(told[1]):
         dpi = float(told[0])
     return rgb, dpi, halved

@@ -74,8 +74,8 @@ def test_distance_to_the_law_of_the_printed_algorithm() -> None:
     from deltact_fab.numerics.engines.pattern import distance_to_law
 
     found = patches.fill_by_rejection(np.random.default_rng(2), 25, 25, 0.1, 10**6)
-    assert distance_to_law(found.values, 0.1, None) < 1.95 / np.sqrt(3 * 25 * 25)
-    assert distance_to_law(found.values, 0.2, None) > 0.1
+    assert distance_to_law(found, 0.1, None) < 1.95 / np.sqrt(3 * 25 * 25)
+    assert distance_to_law(found, 0.2, None) > 0.1
 
 
 def test_another_modulus_scales_the_linear_forces_and_nothing_else() -> None:
