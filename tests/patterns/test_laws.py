@@ -153,7 +153,7 @@ def test_octaves_correlate_as_their_blocks_do():
 
 @settings(max_examples=20, deadline=None)
 @given(
-    weights=st.lists(st.integers(1, 10_000).map(lambda k: k / 100), min_size=1, max_size=6),
+    weights=st.lists(st.integers(1, 10_000).map(lambda k: k / 100), min_size=1, max_size=4),
     shares=st.lists(st.integers(0, 1000), min_size=1, max_size=5),
 )
 def test_sums_of_uniforms_against_exact_fractions(weights, shares):
