@@ -129,11 +129,13 @@ def rendered(pdf, dpi, sticker=None, pad=0, scale=(1.0, 1.0)):
     return image[..., ::-1]
 
 
-@pytest.mark.parametrize("transfer", ["face-down", "slide"])
-@pytest.mark.parametrize("dpi", [1200, 2400])
+@pytest.mark.parametrize(("dpi", "transfer"), [(1200, "slide"), (2400, "face-down")])
 def test_the_matrix_is_exact_to_a_micrometre(tmp_path, dpi, transfer):
     made = sheet.write([FINE, COARSE], tmp_path / "s.pdf", dpi=dpi, transfer=transfer, copies=2)
     data = made.out.read_bytes()
+    assert data.startswith(b"%PDF-1.7\n")
+    assert b"/PrintScaling /None" in objects(data)[1]
+    assert b"Date" not in b"".join(b for b in objects(data).values() if b"stream" not in b)
     high_mm = media_mm(data)[1]
     found = [i for i in placed_images(data) if "/DeviceRGB" in i[4]]
     assert len(found) == 4
@@ -155,8 +157,7 @@ def test_the_matrix_is_exact_to_a_micrometre(tmp_path, dpi, transfer):
         assert "/FlateDecode" in head
 
 
-@pytest.mark.parametrize("patch_mm", [0.13, 0.08])
-@pytest.mark.parametrize("scale", [(1.0, 1.0), (0.99, 0.99)])
+@pytest.mark.parametrize(("patch_mm", "scale"), [(0.13, (1.0, 1.0)), (0.08, (0.99, 0.99))])
 def test_the_edges_in_the_file_are_as_good_as_reported(tmp_path, patch_mm, scale):
     recipe = recipe_from_options(None, patch_mm, 0.6, size_mm=20.0)
     made = sheet.write([recipe], tmp_path / "s.pdf", scale=scale)
@@ -178,29 +179,14 @@ def test_the_page_is_whole_dots_and_within_half_a_dot_of_the_paper(tmp_path):
             assert abs(side_mm * 1200 / 25.4 - round(side_mm * 1200 / 25.4)) < 1e-3
 
 
-def test_what_a_print_shop_must_find(tmp_path):
-    made = sheet.write([COARSE], tmp_path / "s.pdf")
-    data = made.out.read_bytes()
-    every = objects(data)
-    assert data.startswith(b"%PDF-1.7\n")
-    assert b"/PrintScaling /None" in every[1]
-    assert b"Date" not in b"".join(b for b in every.values() if b"stream" not in b)
-    assert made.codes[0].encode() in data
-
-
 def test_copies_share_one_image(tmp_path):
     once = sheet.write([FINE], tmp_path / "a.pdf").bytes
-    many = sheet.write([FINE], tmp_path / "b.pdf", copies=40)
+    many = sheet.write([FINE], tmp_path / "b.pdf", copies=20)
     assert many.pages > 1
     assert many.bytes < once + 40_000
 
 
-CASES = [
-    (d, dpi, transfer)
-    for dpi in (1200, 2400)
-    for d in (0.05, 0.075, 0.1, 0.12, 0.15, 0.2)
-    for transfer in (("face-down", "slide") if d in (0.075, 0.2) else ("face-down",))
-]
+CASES = [(0.075, 1200, "slide"), (0.05, 2400, "face-down"), (0.12, 1200, "face-down")]
 
 
 @needs_poppler
@@ -243,15 +229,6 @@ def test_a_raster_is_not_resampled(tmp_path, scale):
     patch_px = np.array(scale) * 0.075 * 1200 / 25.4
     at_x, at_y = (np.floor((np.arange(FINE.n) + 0.5) * p).astype(int) for p in patch_px)
     assert np.array_equal(found[np.ix_(at_y, at_x)], draw_patches(FINE))
-
-
-@needs_poppler
-def test_markers_are_printed_as_designed(tmp_path):
-    recipe = load_recipe("dense-with-dots")
-    made = sheet.write([recipe], tmp_path / "s.pdf", dpi=600)
-    s = made.stickers[0]
-    h = round(s.side_mm * 600 / 25.4)
-    assert np.array_equal(rendered(made.out, 600, s)[:h, :h], raster(recipe, 600))
 
 
 @needs_poppler
@@ -323,9 +300,7 @@ def test_the_files_side_is_the_one_that_is_reported(tmp_path, scale):
     [
         (25.4 / 1200, 0.1, 10.0, 1200),  # a patch of one printer dot
         (35.0, 0.1, 35.0, 1200),
-        (1.0, 0.1, 35.0, 100),
-        (0.2, 0.1, 10.0, 9600),
-        (0.075, 0.9999, 10.0, 1200),
+        (0.2, 0.1, 4.0, 9600),
     ],
 )
 def test_the_pixels_in_the_file_are_the_recipes_at_its_ends(tmp_path, d_mm, r, size_mm, dpi):
