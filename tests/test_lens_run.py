@@ -204,14 +204,6 @@ def test_flow_between_two_rectified_images_is_the_truth(run: Path) -> None:
         (run / "kept.json").replace(run / "truth" / "lens.json")
 
 
-def test_the_summary_says_what_the_lens_costs_and_loses(run: Path) -> None:
-    summary = record.open(run).summary()
-    assert any("rectified when they are read" in note for note in summary["notes"])
-    assert any("mm in the middle" in note for note in summary["notes"])
-    assert not any("lens" in line for line in summary["left_out"])
-    assert summary["devices"]["camera"]["projection"] == "fisheye"
-
-
 class Stop(Exception):
     pass
 
@@ -277,16 +269,6 @@ def test_a_truth_without_its_lens_is_damaged(
     file.unlink() if lens is None else file.write_text(lens)
     with pytest.raises(RunFailed, match=says):
         record.open(tmp_path / "out").truth()
-
-
-def test_frames_of_another_size_than_the_lens_are_not_rectified(run: Path, tmp_path: Path) -> None:
-    shutil.copytree(run, tmp_path / "out")
-    meta = json.loads((run / "run.json").read_text())
-    meta["camera"]["lens"]["width_px"] = 422
-    (tmp_path / "out" / "run.json").write_text(json.dumps(meta))
-    opened = record.open(tmp_path / "out")
-    with pytest.raises(RunFailed, match=r"png: an image of 420 x 340 px; the lens makes 422 x 340"):
-        opened.image(opened.frames()["file"].iloc[0])
 
 
 @pytest.mark.slow

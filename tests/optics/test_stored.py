@@ -42,12 +42,9 @@ def test_a_model_comes_back_from_its_plain_data(camera: CameraModel, tmp_path: P
     [
         ({"model": "pinhoel"}, "model: 'pinhoel'; did you mean 'pinhole'"),
         ({**MODELS[0].as_dict(), "width_px": "wide"}, "width_px: .*'wide'"),
-        ({**MODELS[0].as_dict(), "f_px": 3.0}, "f_px: unknown key"),
         ({**LENS.as_dict(), "f_pix": 3.0}, "f_pix: unknown key; did you mean 'f_px'"),
-        ({**LENS.as_dict(), "f_px": -1.0}, "f_px: .*; 10 <= f_px <= 10000"),
         ({**MODELS[2].as_dict(), "lens": {"model": "pinhole"}}, "lens.model: 'pinhole'; valid: "),
         ({**MODELS[2].as_dict(), "lens": {"k7": 1.0}}, "lens.k7: unknown key"),
-        ({"model": "rectified"}, "lens: missing key"),
     ],
 )
 def test_data_of_no_model_is_one_line(data: dict[str, object], says: str) -> None:
@@ -74,10 +71,7 @@ def test_a_file_keeps_what_stands_beside_the_camera(tmp_path: Path) -> None:
     ("text", "says"),
     [
         ("f_px = 388.0", "camera: missing table"),
-        ("camera = 3", "camera: missing table"),
         ("[camera]\nf_px = 388.0", "camera.model: missing key; valid: fisheye, pinhole, rectified"),
-        ('[camera]\nmodel = "fish"', "camera: model: 'fish'; did you mean 'fisheye'"),
-        ('[camera]\nmodel = ["fisheye"]', r"camera: model: \['fisheye'\]; did you mean 'fisheye'"),
         ('[camera]\nmodel = "fisheye"\nf_px = "long"', "camera: f_px: .*'long'"),
         (
             '[camera]\nmodel = "fisheye"\nn_gel = 0.5',
@@ -92,8 +86,3 @@ def test_a_file_that_is_no_camera_is_one_line(tmp_path: Path, text: str, says: s
     with pytest.raises(InputError, match=rf"camera\.toml: {says}") as refused:
         load_camera(file)
     assert "\n" not in str(refused.value)
-
-
-def test_a_file_that_is_missing_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.toml: cannot be read: No such file"):
-        load_camera(tmp_path / "none.toml")
