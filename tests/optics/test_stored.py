@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from deltact_fab.errors import InputError
@@ -14,6 +15,7 @@ from deltact_fab.optics import (
     Pinhole,
     Rectified,
     as_toml,
+    axes_mm,
     camera_from_dict,
     load_camera,
 )
@@ -86,3 +88,19 @@ def test_a_file_that_is_no_camera_is_one_line(tmp_path: Path, text: str, says: s
     with pytest.raises(InputError, match=rf"camera\.toml: {says}") as refused:
         load_camera(file)
     assert "\n" not in str(refused.value)
+
+
+def test_a_model_of_0_1_has_no_name_and_is_a_pinhole() -> None:
+    data = {key: value for key, value in MODELS[0].as_dict().items() if key != "model"}
+    assert camera_from_dict(data) == MODELS[0]
+
+
+def test_axes_are_where_the_pixels_are_at_rest() -> None:
+    camera = MODELS[0]
+    xs_mm, ys_mm = axes_mm(camera, 2)
+    corners_px = np.array([[-2.0, -2.0], [camera.width_px + 1.0, camera.height_px + 1.0]])
+    ends_mm = np.array([[xs_mm[0], ys_mm[0], 0.0], [xs_mm[-1], ys_mm[-1], 0.0]])
+    np.testing.assert_allclose(camera.rest_mm(corners_px), ends_mm[:, :2], rtol=1e-14)
+    np.testing.assert_allclose(camera.project_px(ends_mm), corners_px, atol=1e-9)
+    with pytest.raises(ValueError, match="not one x"):
+        axes_mm(LENS)

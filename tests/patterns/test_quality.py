@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 import pytest
-from scipy import stats
 
 from deltact_fab.errors import InputError
 from deltact_fab.imaging import ImageSensor, Printer
@@ -147,39 +145,6 @@ def test_fine_patches_lose_their_contrast_on_the_way():
     gradients = [found.photographed.mean_gradient for found in by_d.values()]
     assert gradients == sorted(gradients)  # the rank that the camera gives the five
     assert fine.photographed.contrast[0] < 0.25 * fine.designed.contrast[0]
-
-
-@pytest.mark.slow
-def test_the_photographed_gradient_ranks_the_error_of_a_small_motion():
-    """Farneback's flow of a motion of half a printer dot: the steeper the picture, the better.
-
-    As designed the gradient does not rank them: printer and camera take from each its own share.
-    """
-    printer, sensor, mm_per_px, size_px = Printer(), ImageSensor(), 0.0378, (240, 240)
-    true_px = -printer.mm_per_dot / 2 / mm_per_px
-    errors, after, before = [], [], []
-    for d in (0.05, 0.075, 0.1, 0.2):
-        for r in (0.0, 0.6):
-            recipe = recipe_from_options(None, d, r, size_mm=11.0)
-            rng = np.random.default_rng(1)
-            image = sent(recipe, printer.dpi, (size_px[0] * mm_per_px,) * 2)
-            printed = printer.print_(image.astype(np.float32) / 255, rng)
-            # Without its first column the print's middle is half a dot further on
-            first, second = (
-                grey(photograph(part, printer.mm_per_dot, sensor, mm_per_px, size_px, rng))
-                for part in (printed, printed[:, 1:])
-            )
-            flow = cv2.calcOpticalFlowFarneback(
-                *(np.rint(v).astype(np.uint8) for v in (first, second)),
-                None, 0.5, 5, 13, 3, 5, 1.1, 0,
-            )[30:-30, 30:-30]  # fmt: skip
-            errors.append(np.hypot(flow[..., 0] - true_px, flow[..., 1]).mean())
-            found = measure(recipe, view_mm=(size_px[0] * mm_per_px,) * 2)
-            after.append(found.photographed.mean_gradient)
-            before.append(found.designed.mean_gradient)
-    assert max(errors) < 0.3  # px: the motion was found
-    assert stats.spearmanr(after, errors).statistic < -0.85
-    assert abs(stats.spearmanr(before, errors).statistic) < 0.6
 
 
 def test_the_photograph_shows_the_dots_where_they_are():

@@ -13,7 +13,6 @@ from PIL import Image
 
 from deltact_fab.cli.main import entry
 from deltact_fab.errors import InputError
-from deltact_fab.files import write_together
 from deltact_fab.patterns import (
     draw_patches,
     load_recipe,
@@ -138,20 +137,6 @@ def test_a_folder_in_the_tables_place_leaves_the_picture_alone(run, tmp_path):
     assert (tmp_path / "o.png").read_bytes() == b"old"
 
 
-@pytest.mark.parametrize("old", [None, b"an older picture"])
-def test_a_failed_rename_takes_back_the_first_file(tmp_path, old):
-    """The folder comes too late for the check: the first file is already in its place."""
-    first, second = tmp_path / "o.png", tmp_path / "o.csv"
-    second.mkdir()
-    if old is not None:
-        first.write_bytes(old)
-    before = sorted(p.name for p in tmp_path.iterdir())
-    with pytest.raises(InputError, match=re.escape("o.csv: cannot be written: ")):
-        write_together({first: b"new", second: b"list"})
-    assert sorted(p.name for p in tmp_path.iterdir()) == before
-    assert old is None or first.read_bytes() == old
-
-
 @pytest.mark.slow
 def test_a_table_too_long_for_readers_is_left_out(tmp_path):
     recipe = with_dots(columns=130, rows=130, pitch_x_mm=0.2, pitch_y_mm=0.16, diameter_mm=0.12)
@@ -200,8 +185,3 @@ def test_a_large_picture_without_a_recipe_is_one_line(run, tmp_path, monkeypatch
     one_line(run("show", "f.png"), "carries no recipe")
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 40)
     one_line(run("show", "f.png"), "not a readable image")
-
-
-def test_the_resolution_of_a_series_is_whole(run, tmp_path):
-    one_line(run("series", "--out", "s", "--dpi", "1200.4"), "not a valid integer")
-    assert list(tmp_path.iterdir()) == []

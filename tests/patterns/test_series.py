@@ -146,19 +146,3 @@ def test_what_cannot_be_printed_is_refused_before_the_long_part(entries, tmp_pat
     with pytest.raises(InputError, match=said):
         series.write(tmp_path / "s", entries=entries, **change)
     assert not (tmp_path / "s").exists()
-
-
-@pytest.mark.slow
-def test_the_whole_series_says_what_the_facts_say(tmp_path):
-    steps = []
-    report = series.write(tmp_path / "s", progress=lambda *step: steps.append(step))
-    rows = {(r["d_mm"], r["r"]): r["quality"] for r in report.figures["patterns"]}
-    assert len(rows) == 17
-    assert [s[0] for s in steps] == list(range(19))
-    assert steps[-1][:2] == (18, 18)
-    # The paper: at d = 0.05 the printer makes a grey area of it
-    assert not any(q["printable"] for (d, _), q in rows.items() if d == 0.05)
-    assert all(q["printable"] and q["seen"] for (d, _), q in rows.items() if d >= 0.1)
-    for r in (0.1, 0.3, 0.4, 0.5, 0.6):
-        left = [rows[key]["camera_contrast"] for key in sorted(rows) if key[1] == r]
-        assert left == sorted(left)

@@ -217,21 +217,6 @@ def test_every_patch_centre_is_exact(tmp_path, d, dpi, transfer):
 
 
 @needs_poppler
-@pytest.mark.parametrize("scale", [(1.0, 1.0), (1.013, 0.991)])
-def test_a_raster_is_not_resampled(tmp_path, scale):
-    made = sheet.write([FINE], tmp_path / "s.pdf", scale=scale, paper="A5")
-    s = made.stickers[0]
-    image = rendered(made.out, 1200, s, scale=scale)
-    h, w = (round(s.side_mm * k * 1200 / 25.4) for k in (scale[1], scale[0]))
-    found = image[:h, :w]
-    if scale == (1.0, 1.0):
-        assert np.array_equal(found, raster(FINE, 1200))
-    patch_px = np.array(scale) * 0.075 * 1200 / 25.4
-    at_x, at_y = (np.floor((np.arange(FINE.n) + 0.5) * p).astype(int) for p in patch_px)
-    assert np.array_equal(found[np.ix_(at_y, at_x)], draw_patches(FINE))
-
-
-@needs_poppler
 @pytest.mark.parametrize(("dpi", "transfer"), [(300, "face-down"), (600, "slide")])
 def test_the_codes_are_read_from_the_page(tmp_path, dpi, transfer):
     octave = recipe_from(

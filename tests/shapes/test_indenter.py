@@ -234,28 +234,6 @@ def test_the_drawn_profile_is_the_height_field(tip: TurnedTip) -> None:
     assert math.isinf(at[1]) == (tip.start_mm[0] > 0)
 
 
-@pytest.mark.parametrize("tip", TURNED, ids=lambda t: f"{t.rim_mm:.3g}-{t.radius_mm:.3g}")
-def test_the_turned_volume_is_the_integral_of_its_shells(tip: TurnedTip) -> None:
-    """By Gauss over each piece; v = sin takes the upright tangent out of the arcs."""
-    node, weight = np.polynomial.legendre.leggauss(60)
-    length_mm = 12.0
-    found, d0 = 0.0, tip.start_mm[0]
-    for piece in tip.pieces:
-        d1, z1 = piece.end_mm
-        if piece.centre_mm is None:
-            d, rate = (d0 + d1 + (d1 - d0) * node) / 2, np.full(node.shape, (d1 - d0) / 2)
-            z = tip.height_mm(tip.x_mm + d, np.full(d.shape, tip.y_mm))
-        else:
-            (m, n), r = piece.centre_mm, math.dist(piece.centre_mm, piece.end_mm)
-            low, high = (math.asin(min(max((v - m) / r, -1.0), 1.0)) for v in (d0, d1))
-            t = (low + high + (high - low) * node) / 2
-            d, rate = m + r * np.sin(t), r * np.cos(t) * (high - low) / 2
-            z = n + (1 if z1 > n else -1) * r * np.cos(t)
-        found += float(np.sum(weight * rate * 2 * np.pi * d * (length_mm - z)))
-        d0 = d1
-    assert tip_mm3(tip, length_mm) == pytest.approx(found, rel=1e-12)
-
-
 def test_the_hat_is_a_dome_a_flank_and_a_brim() -> None:
     hat, size_mm = parse("hat"), SIZE_MM
     d = np.linspace(0, size_mm / 2 - 1e-9, 20001)
