@@ -12,15 +12,12 @@ import numpy as np
 import pytest
 
 from deltact_fab import experiment, record
-from deltact_fab.cad.design import load_design
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.measure.flow import FlowMethod
 from deltact_fab.optics import Fisheye, FlatField, PointSampler, Rectified, as_toml
-from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config
 from deltact_fab.shapes import SensorDimensions
-from deltact_fab.study.stream import Look, PressStream
 from deltact_fab.virtual.lens import true_lens
 
 PROTOCOL = """
@@ -156,28 +153,6 @@ def test_the_true_flow_is_that_of_what_each_pixel_really_sees(run: Path) -> None
     np.testing.assert_allclose(truth.points_px(frame_id, at_mm), lands_px - px, atol=1e-9)
     in_plane = truth.flow_and_in_plane(frame_id)[1]
     np.testing.assert_allclose(in_plane[px[:, 1], px[:, 0]], u_mm[:, :2], atol=1e-12)
-
-
-def test_a_stream_of_the_same_press_has_the_bytes_and_the_truth_of_its_record(run: Path) -> None:
-    opened, folder = record.open(run), run.parent
-    rig, source = config.load(str(folder / "bench.toml"))
-    assert isinstance(rig, config.VirtualConfig)
-    protocol = plan.load(str(folder / "short.toml"))[0]
-    press = "sphere-6/p2"
-    stream = PressStream(protocol, press, load_design(str(folder / "design.toml")), rig, source)
-    with np.load(record.truth_file(run, press)) as held:
-        rows = zip(held["knots"].tolist(), held["fraction"].tolist(), strict=True)
-        looks = [Look("", a, b, fraction) for (a, b), fraction in rows]
-    recipe = PatternRecipe.model_validate(opened.pattern["recipe"])
-    picture, noise, truth = stream.picture(recipe, 3), stream.noise(3), opened.truth()
-    assert truth is not None
-    frames = opened.frames(press)
-    for frame, row in zip(stream.frames(looks), frames.itertuples(), strict=True):
-        seen = stream.tracked(picture.expose(frame.at_px, noise))
-        assert np.array_equal(seen, opened.image(str(row.file)))
-        if frame.displacement_mm is not None:
-            flow = stream.seen.flow_px(frame.displacement_mm)
-            assert np.array_equal(flow, truth.flow_px(str(row.frame_id)))
 
 
 def test_flow_between_two_rectified_images_is_the_truth(run: Path) -> None:

@@ -75,11 +75,3 @@ def test_bad_input_is_one_line_and_exit_2(run, tmp_path, line, said):
     assert err.startswith("deltact-fab: ")
     assert err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_bad_file_is_named_with_its_key(run, tmp_path):
-    (tmp_path / "mine.toml").write_text('law = "algorithm1"\nseed = 1\npatch_mm = 0.1\nr = 1.5\n')
-    code, _, err = run("make mine.toml -o p.png")
-    assert code == 2
-    assert "mine.toml: r: " in err
-    assert "got 1.5" in err

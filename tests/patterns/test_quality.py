@@ -14,11 +14,9 @@ from deltact_fab.patterns.dots import to_px
 from deltact_fab.patterns.quality.figures import (
     SUBSET_PX,
     agreement,
-    autocorrelation,
     figures,
     gradient,
     grey,
-    secondary_peak,
     sssig,
 )
 from deltact_fab.patterns.quality.measure import MAX_DOTS, MAX_PX, field_px, kept, measure
@@ -87,14 +85,6 @@ def test_the_poorest_subset_is_found():
     assert sssig(*gradient(shade))[0] == pytest.approx(0, abs=1e-6)
     shade[60:77, 100:116] = 0  # one pixel less: the differences reach in
     assert sssig(*gradient(shade))[0] > 1
-
-
-def test_the_secondary_peak_of_a_repeated_tile():
-    tile = noise(30, 40)
-    rho = autocorrelation(np.tile(tile, (10, 8)))
-    height, distance_px = secondary_peak(rho)
-    assert height == pytest.approx(1, abs=0.01)
-    assert distance_px == pytest.approx(30, abs=0.05)
 
 
 @pytest.mark.parametrize(("d", "r"), [(0.05, 0.6), (0.1, None)])

@@ -23,17 +23,6 @@ def test_shipped_recipes_load_and_one_is_the_papers():
 
 
 @pytest.mark.parametrize(
-    ("size_mm", "patch_mm", "n"),
-    [(35, 0.075, 466), (34.95, 0.075, 466), (35, 35, 1)],
-)
-def test_whole_patches(size_mm, patch_mm, n):
-    recipe = recipe_from(GOOD | {"size_mm": size_mm, "patch_mm": patch_mm}, "x")
-    assert recipe.n == n
-    assert recipe.printed_mm == pytest.approx(n * patch_mm, abs=1e-9)
-    assert recipe.printed_mm <= size_mm
-
-
-@pytest.mark.parametrize(
     ("change", "said"),
     [
         ({"r": 1.0}, "p.toml: r: Input should be less than 1 (got 1.0)"),
@@ -59,21 +48,6 @@ def test_a_bad_recipe_is_one_line_with_file_and_key(change, said):
     assert str(caught.value).startswith(said)
     assert "\n" not in str(caught.value)
     assert " | " not in str(caught.value)  # one fault is reported once
-
-
-@pytest.mark.parametrize(
-    ("data", "said"),
-    [
-        ({"law": "dot-matrix", "seed": 1}, "x: dots: law 'dot-matrix' needs"),
-        ({"law": "dot-matrix", "seed": 1, "dots": {}}, "x: dots: white dots cannot be seen"),
-        ({"law": "transparent"}, "x: seed: missing key"),
-        (GOOD | {"law": "transparent"}, "x: patch_mm: law 'transparent' has no patches: remove it"),
-    ],
-)
-def test_the_laws_without_patches(data, said):
-    with pytest.raises(InputError) as caught:
-        recipe_from(data, "x")
-    assert str(caught.value).startswith(said)
 
 
 def test_options_override_a_named_recipe():
