@@ -190,3 +190,9 @@ def test_albedo_beyond_the_sticker_is_the_base_and_the_base_colours_all():
     assert missing_mm2 == pytest.approx(169 * np.pi * 0.3**2, rel=1e-3)
     with pytest.raises(InputError, match="mm_per_px"):
         albedo(recipe, 0.0)
+
+
+def test_centres_are_row_by_row_about_the_offset():
+    found = centres_mm(DotGrid(columns=3, rows=2, offset_x_mm=0.5, offset_y_mm=-0.1))
+    rows = [[-1.7, y, 0.5, y, 2.7, y] for y in (-0.9, 0.7)]
+    assert found == pytest.approx(np.array(rows).reshape(6, 2))
