@@ -174,8 +174,7 @@ def verify(
     if recipe.patch_mm is None and recipe.dots is None:
         raise InputError(f"{recipe.law}: one uniform colour: there is nothing to compare")
     scan, dpi, halved = load_scan(path, dpi)
-    places = (_placed(scan, recipe, corners) for corners in _squares(scan, recipe, dpi))
-    best = _likest(places)
+    best = _best_of(_placed(scan, recipe, corners) for corners in _squares(scan, recipe, dpi))
     if best is None or best.agreement < FOUND:
         row = JudgedRow(
             "recipe", _read(scan), "this recipe's pattern, whole, with blank film around it", False,
@@ -196,7 +195,7 @@ class _Placed:
     agreement: float
 
 
-def _likest(places: Iterable[_Placed | None]) -> _Placed | None:
+def _best_of(places: Iterable[_Placed | None]) -> _Placed | None:
     """The one that agrees best, so that only one part of the scan is kept."""
     found = (place for place in places if place is not None)
     return max(found, key=lambda place: place.agreement, default=None)
@@ -279,7 +278,7 @@ def _placed(
             seen = _flat(scan, to_px, recipe, side)[middle, middle]
             tried.append((alike(seen, rough, plain, reach, pair_px)[0], mirrored, to_px))
     likely = sorted(tried, key=lambda one: -one[0])[:2]
-    return _likest(_refined(scan, recipe, to_px, mirrored) for _, mirrored, to_px in likely)
+    return _best_of(_refined(scan, recipe, to_px, mirrored) for _, mirrored, to_px in likely)
 
 
 @lru_cache(maxsize=2)

@@ -229,10 +229,7 @@ def _sticker(
         y_mm=round(picture.y_px * pitch_y_mm, 6),
         side_mm=side_mm,
         file_side_mm=file_side_mm,
-        side_error_mm=(
-            round(file_side_mm[0] - side_mm, 9),
-            round(file_side_mm[1] - side_mm, 9),
-        ),
+        side_error_mm=(round(file_side_mm[0] - side_mm, 9), round(file_side_mm[1] - side_mm, 9)),
         dots_per_patch=recipe.patch_mm and recipe.patch_mm / max(picture.pitch_mm),
         print_error_mm=picture.snap_error_mm + INSET_MM,
         patch_mm=recipe.patch_mm,
