@@ -115,7 +115,6 @@ class RidgeTip(LowestInTheMiddle):
 
     @property
     def corner_mm(self) -> float:
-        """Smallest convex radius of the outline: its round ends."""
         return self.half_width_mm
 
     def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
