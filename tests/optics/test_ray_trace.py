@@ -44,6 +44,7 @@ LENSES = {
     "moving pupil": replace(NOMINAL, pupil_shift_mm=0.4, k1=0.01),
     "as a real one": REAL,
     "far from any": replace(REAL, tilt_x_deg=8.0, tilt_y_deg=-6.0, pupil_shift_mm=-0.7),
+    "decentred elements": replace(REAL, k3=0.003, k4=-0.0008, p1=0.0012, p2=-0.0008, aspect=1.002),
 }
 DEPTHS = [*(("gel", z) for z in (0.8, 0.0, -3.0, -9.0)), *(("air", z) for z in (0.0, 5.0))]
 
@@ -89,8 +90,12 @@ def trace(lens: Fisheye, medium: str, z_mm: float, widest_deg: float = 66.0) -> 
     theta = np.radians(np.concatenate(([0.0], rng.uniform(0, widest_deg, 400))))
     turn = rng.uniform(0, 2 * np.pi, len(theta))
     aside = np.stack((np.cos(turn), np.sin(turn)), axis=-1)
-    radius = lens.f_px * (theta + lens.k1 * theta**3 + lens.k2 * theta**5)
-    px = np.array([lens.cx_px, lens.cy_px]) + aside * radius[:, None]
+    terms = (1.0, lens.k1, lens.k2, lens.k3, lens.k4)
+    u, v = aside.T * sum(k * theta ** (2 * i + 1) for i, k in enumerate(terms))
+    square = u**2 + v**2
+    across = u + 2 * lens.p1 * u * v + lens.p2 * (square + 2 * u**2)
+    down = v + lens.p1 * (square + 2 * v**2) + 2 * lens.p2 * u * v
+    px = np.column_stack((across, lens.aspect * down)) * lens.f_px + (lens.cx_px, lens.cy_px)
     way = np.column_stack((np.sin(theta)[:, None] * aside, np.cos(theta))) @ turned(lens).T
 
     foot = np.array([lens.x0_mm, lens.y0_mm, -lens.gel_mm - lens.acrylic_mm - lens.air_gap_mm])

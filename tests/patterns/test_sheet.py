@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from deltact_fab.patterns.cell_grid import CellGrid
 from deltact_fab.patterns.sheet import job as sheet
 from deltact_fab.patterns.sheet.layout import Sheet
 from deltact_fab.patterns.sheet.marks import FilledRectangle, TextLine, width_mm
+from deltact_fab.pdf import width_em
 
 PLAIN = recipe_from_options(None, 0.2, 0.3, size_mm=6.0)
 MARKED = recipe_from(
@@ -242,3 +244,11 @@ def test_a_large_sticker_is_never_held_whole(tmp_path):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 60e6  # the raster alone is 96 MB
+
+
+def test_widths_are_helveticas():
+    matplotlib = pytest.importorskip("matplotlib", reason="brings the font metrics compared with")
+    file = Path(matplotlib.get_data_path(), "fonts/pdfcorefonts/Helvetica.afm")
+    found = dict(re.findall(r"C (\d+) ; WX (\d+)", file.read_text(encoding="latin-1")))
+    for code in {*range(32, 127)} - {39, 96}:  # two signs that PostScript draws otherwise
+        assert width_em(chr(code)) * 1000 == pytest.approx(int(found[str(code)]), abs=1)
