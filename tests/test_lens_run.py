@@ -11,16 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltact_fab import catalog, experiment, record
-from deltact_fab.cad.design import load_design
+from deltact_fab import experiment, record
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.measure.flow import FlowMethod
 from deltact_fab.optics import Fisheye, FlatField, PointSampler, Rectified, as_toml
-from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config
 from deltact_fab.shapes import SensorDimensions
-from deltact_fab.study.stream import Look, PressStream
 from deltact_fab.virtual.lens import true_lens
 
 PROTOCOL = """
@@ -158,28 +155,6 @@ def test_the_true_flow_is_that_of_what_each_pixel_really_sees(run: Path) -> None
     np.testing.assert_allclose(in_plane[px[:, 1], px[:, 0]], u_mm[:, :2], atol=1e-12)
 
 
-def test_a_stream_of_the_same_press_has_the_bytes_and_the_truth_of_its_record(run: Path) -> None:
-    opened, folder = record.open(run), run.parent
-    rig, source = config.load(str(folder / "bench.toml"))
-    assert isinstance(rig, config.VirtualConfig)
-    protocol = plan.load(str(folder / "short.toml"))[0]
-    press = "sphere-6/p2"
-    stream = PressStream(protocol, press, load_design(str(folder / "design.toml")), rig, source)
-    with np.load(record.truth_file(run, press)) as held:
-        rows = zip(held["knots"].tolist(), held["fraction"].tolist(), strict=True)
-        looks = [Look("", a, b, fraction) for (a, b), fraction in rows]
-    recipe = PatternRecipe.model_validate(opened.pattern["recipe"])
-    picture, noise, truth = stream.picture(recipe, 3), stream.noise(3), opened.truth()
-    assert truth is not None
-    frames = opened.frames(press)
-    for frame, row in zip(stream.frames(looks), frames.itertuples(), strict=True):
-        seen = stream.tracked(picture.expose(frame.at_px, noise))
-        assert np.array_equal(seen, opened.image(str(row.file)))
-        if frame.displacement_mm is not None:
-            flow = stream.seen.flow_px(frame.displacement_mm)
-            assert np.array_equal(flow, truth.flow_px(str(row.frame_id)))
-
-
 def test_flow_between_two_rectified_images_is_the_truth(run: Path) -> None:
     """Drawing, rectification and truth agree: any of them alone moved would show."""
     opened = record.open(run)
@@ -202,14 +177,6 @@ def test_flow_between_two_rectified_images_is_the_truth(run: Path) -> None:
         assert off_px.mean() > 2 * error_px.mean()
     finally:
         (run / "kept.json").replace(run / "truth" / "lens.json")
-
-
-def test_the_summary_says_what_the_lens_costs_and_loses(run: Path) -> None:
-    summary = record.open(run).summary()
-    assert any("rectified when they are read" in note for note in summary["notes"])
-    assert any("mm in the middle" in note for note in summary["notes"])
-    assert not any("lens" in line for line in summary["left_out"])
-    assert summary["devices"]["camera"]["projection"] == "fisheye"
 
 
 class Stop(Exception):
@@ -265,8 +232,6 @@ def test_another_lens_goes_on_with_no_run(
     ("lens", "says"),
     [
         (None, r"lens\.json: cannot be read"),
-        ("{", r"lens\.json: not valid JSON"),
-        ('{"model": "pinhole"}', r"lens\.json: mm_per_px: missing key"),
     ],
 )
 def test_a_truth_without_its_lens_is_damaged(
@@ -277,16 +242,6 @@ def test_a_truth_without_its_lens_is_damaged(
     file.unlink() if lens is None else file.write_text(lens)
     with pytest.raises(RunFailed, match=says):
         record.open(tmp_path / "out").truth()
-
-
-def test_frames_of_another_size_than_the_lens_are_not_rectified(run: Path, tmp_path: Path) -> None:
-    shutil.copytree(run, tmp_path / "out")
-    meta = json.loads((run / "run.json").read_text())
-    meta["camera"]["lens"]["width_px"] = 422
-    (tmp_path / "out" / "run.json").write_text(json.dumps(meta))
-    opened = record.open(tmp_path / "out")
-    with pytest.raises(RunFailed, match=r"png: an image of 420 x 340 px; the lens makes 422 x 340"):
-        opened.image(opened.frames()["file"].iloc[0])
 
 
 @pytest.mark.slow
@@ -344,38 +299,3 @@ def test_the_shipped_fisheye_is_tracked_by_a_calibration_of_its_own() -> None:
             *np.moveaxis(true.project_px(points) - view.lens.project_px(points), -1, 0)
         )
         assert 0 < np.percentile(off_px, 95) < most_px
-
-
-def error_mm(folder: Path) -> tuple[float, int]:
-    """Mean error of the flow from the first image over moving pixels, and their number."""
-    run = record.open(folder)
-    truth, scale = run.truth(), run.camera.mm_per_px
-    assert truth is not None
-    method, errors = FlowMethod("dis-medium"), []
-    for _, press in run.frames().groupby("press", sort=False):
-        images = [run.image(str(file))[..., 1] for file in press["file"]]
-        for image, frame_id in zip(images[1:], press["frame_id"].iloc[1:], strict=True):
-            true = truth.flow_px(frame_id)
-            moving = np.hypot(*np.moveaxis(true, -1, 0)) * scale > 0.1
-            moving[:40], moving[-40:], moving[:, :40], moving[:, -40:] = False, False, False, False
-            off_px = (method.between(images[0], image) - true)[moving]
-            errors.append(np.hypot(*off_px.T) * scale)
-    return float(np.concatenate(errors).mean()), sum(map(len, errors))
-
-
-@pytest.mark.slow
-def test_tracking_through_the_fisheye_is_as_good_as_through_a_pinhole(
-    mini: tuple[Path, Path], tmp_path: Path
-) -> None:
-    found = {}
-    for name in ("virtual", "fisheye"):
-        rig = tmp_path / f"{name}.toml"
-        text = catalog.find("protocols/rigs", name).read_text()
-        cameras = catalog.find("protocols/rigs", "fisheye").resolve().parent / "cameras"
-        rig.write_text(text.replace('"cameras/', f'"{cameras}/').replace("= 0.25 ", "= 0.4 "))
-        experiment.run(experiment.RunRequest(str(mini[0]), str(rig), tmp_path / name, seed=3))
-        found[name] = error_mm(tmp_path / name)
-    (pinhole_mm, of), (fisheye_mm, as_many) = found.values()
-    assert min(of, as_many) > 500_000
-    assert fisheye_mm < 1.1 * pinhole_mm
-    assert pinhole_mm < 0.01

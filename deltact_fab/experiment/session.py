@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 from .. import catalog, record
 from ..aliases import Progress
 from ..errors import InputError
-from ..patterns.dots import centres_mm
-from ..patterns.recipe import PatternRecipe
+from ..patterns.recipe import PatternRecipe, centres_mm
 from ..protocols import plan
 from ..protocols.plan import Step
 from ..record import RunWriter

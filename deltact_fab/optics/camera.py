@@ -76,7 +76,10 @@ def axes_mm(camera: CameraModel, margin_px: int = 0) -> tuple[Array, Array]:
 
 
 class ScaledView:
-    """An image in which the resting face has mm_per_px everywhere; a column is one x."""
+    """An image in which the resting face has mm_per_px everywhere; a column is one x.
+
+    See `CameraModel` for what the methods of a model take and give.
+    """
 
     mm_per_px: float
     width_px: int
@@ -84,15 +87,12 @@ class ScaledView:
 
     @property
     def centre_px(self) -> tuple[float, float]:
-        """Where the sensor's axis meets the image."""
         return ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
 
     def rest_mm(self, px: Array) -> Array:
-        """Image points (..., 2) in px to the resting face (..., 2) in mm."""
         return (px - np.asarray(self.centre_px)) * self.mm_per_px
 
     def rest_px(self, xy_mm: Array) -> Array:
-        """Points of the resting face (..., 2) in mm to image points (..., 2) in px."""
         return xy_mm / self.mm_per_px + np.asarray(self.centre_px)
 
 
@@ -132,10 +132,6 @@ class Pinhole(ScaledView):
         return np.stack((xyz_mm[..., 0] * gain + cx, xyz_mm[..., 1] * gain + cy), axis=-1)
 
     def ray(self, px: Array, medium: Medium = "gel") -> tuple[Array, Array]:
-        """The rays of image points (..., 2): origins on the resting face and directions (..., 3).
-
-        origin + z direction is the ray's point at z, in the gel or in the air beyond the face.
-        """
         index = N_SILICONE if medium == "gel" else 1.0
         at = self.rest_mm(px)
         flat, one = np.zeros_like(at[..., :1]), np.ones_like(at[..., :1])
@@ -143,8 +139,7 @@ class Pinhole(ScaledView):
         return np.concatenate((at, flat), axis=-1), np.concatenate((slope, one), axis=-1)
 
     def maps(self) -> None:
-        """None: there is no other image."""
+        """None: the raw image is seen as it is."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for the record."""
         return {"model": "pinhole", **asdict(self)}

@@ -41,7 +41,7 @@ def reached_mm(half_angle_rad: float, air_gap_mm: float, acrylic_mm: float, gel_
 def half_angle_rad(radius_mm: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> float:
     """Half angle at the lens under which a point of the face is seen; inf when none reaches it.
 
-    Inverse of reached_mm by bisection, to 1e-12 rad; it grows with the angle. radius_mm >= 0.
+    Inverse of reached_mm, which grows with the angle, by bisection to 1e-12 rad. radius_mm >= 0.
     """
     low, high = 0.0, math.pi / 2 - 1e-9
     if reached_mm(high, air_gap_mm, acrylic_mm, gel_mm) < radius_mm:
@@ -190,20 +190,13 @@ class Fisheye(Bounded):
         return self._through(self._tangents(xyz_mm, medium), medium)
 
     def rest_px(self, xy_mm: Array) -> Array:
-        """Points of the resting face (..., 2) in mm to image points (..., 2) in px."""
         return self.project_px(on_face(xy_mm))
 
     def rest_mm(self, px: Array) -> Array:
-        """Image points (..., 2) in px to the resting face (..., 2) in mm; nan where none."""
         return self.ray(px)[0][..., :2]
 
     def ray(self, px: Array, medium: Medium = "gel") -> tuple[Array, Array]:
-        """The rays of image points (..., 2) in px: origins and directions (..., 3).
-
-        origin + z direction is the ray's point at z: an origin lies on the resting face, and a
-        direction has 1 as its z. In the gel that moved with the point, or in the air beyond the
-        resting face. nan for pixels outside the field, or whose ray does not go down to the face.
-        """
+        """As of any `CameraModel`: nan outside the field, or where the ray misses the face."""
         off = (np.asarray(px, float) - np.asarray(self.centre_px)) / self.f_px
         if self.aspect != 1:
             off = off / (1.0, self.aspect)
@@ -229,7 +222,6 @@ class Fisheye(Bounded):
         """None: the raw image is seen as it is."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for the record."""
         return {"model": "fisheye", **asdict(self)}
 
     @cached_property

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import dots
-from .recipe import DotGrid
+from .recipe import DotGrid, centres_mm
 
 BAND_ROWS = 128
 """Rows of an image that are in memory at a time."""
@@ -27,24 +27,23 @@ class CellGrid:
 
     key: str
     """Equal for equal pixels: a file holds them once."""
-    x_px: int
-    y_px: int
     cells: NDArray[np.uint8]
     size_mm: tuple[float, float]
     pitch_mm: tuple[float, float]
+    x_px: int = 0
+    y_px: int = 0
     mirrored: bool = False
     grid: DotGrid | None = None
-    columns_px: NDArray[np.int64] = field(init=False)
-    """The columns + 1 edges, from 0, before mirroring."""
-    rows_px: NDArray[np.int64] = field(init=False)
 
-    def __post_init__(self) -> None:
-        for name, count, axis in (
-            ("columns_px", self.cells.shape[1], 0),
-            ("rows_px", self.cells.shape[0], 1),
-        ):
-            edges_px = snapped(count, self.size_mm[axis], self.pitch_mm[axis])
-            object.__setattr__(self, name, edges_px)
+    @cached_property
+    def columns_px(self) -> NDArray[np.int64]:
+        """The columns + 1 edges, from 0, before mirroring."""
+        return snapped(self.cells.shape[1], self.size_mm[0], self.pitch_mm[0])
+
+    @cached_property
+    def rows_px(self) -> NDArray[np.int64]:
+        """The rows + 1 edges, from 0."""
+        return snapped(self.cells.shape[0], self.size_mm[1], self.pitch_mm[1])
 
     @property
     def width_px(self) -> int:
@@ -85,19 +84,13 @@ class CellGrid:
         assert self.grid is not None
         radius_mm = self.grid.diameter_mm / 2
         pitch_x_mm, pitch_y_mm = self.pitch_mm
-        centres_mm = dots.centres_mm(self.grid)
-        at_px = centres_mm / np.array(self.pitch_mm)
+        at_px = centres_mm(self.grid) / np.array(self.pitch_mm)
         at_px += (np.array([self.width_px, self.height_px]) - 1) / 2
-        reach_x_px, reach_y_px = radius_mm / pitch_x_mm + 1, radius_mm / pitch_y_mm + 1
-        near = (at_px[:, 1] > first - reach_y_px) & (at_px[:, 1] < stop + reach_y_px)
-        y_px = np.arange(first, stop)
-        for x, y in at_px[near]:
-            left = max(0, math.floor(x - reach_x_px))
-            right = max(left, min(self.width_px, math.ceil(x + reach_x_px) + 1))
-            dx_mm = (np.arange(left, right) - x) * pitch_x_mm
-            dy_mm = (y_px - y) * pitch_y_mm
+        for x, y in at_px:
+            rows, dy_mm = dots.reached(stop - first, y - first, radius_mm, pitch_y_mm)
+            columns, dx_mm = dots.reached(self.width_px, x, radius_mm, pitch_x_mm)
             inked = dx_mm[None, :] ** 2 + dy_mm[:, None] ** 2 <= radius_mm**2
-            band[:, left:right][inked] = self.grid.rgb
+            band[rows, columns][inked] = self.grid.rgb
 
 
 def snapped(count: int, size_mm: float, pitch_mm: float) -> NDArray[np.int64]:

@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..aliases import Points
 from ..errors import InputError
-from .recipe import DotGrid
+from .recipe import DotGrid, centres_mm
 
 # A view is given as pixels times mm per pixel: a disc that touches its edge exactly is inside
 SLACK_MM = 1e-9
 
 
-def centres_mm(grid: DotGrid) -> Points:
-    """Dot centres in the sensor frame, (rows * columns, 2) mm, about the grid's offset.
-
-    Row by row: index = row * columns + column; row 0 at -y, column 0 at -x.
-    """
-    x_mm = (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.pitch_x_mm
-    y_mm = (np.arange(grid.rows) - (grid.rows - 1) / 2) * grid.pitch_y_mm
-    centred_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
-    return centred_mm + np.array(grid.offset_mm)
-
-
-def to_px(xy_mm: Points, mm_per_px: float, size_px: tuple[int, int]) -> Points:
+def to_px(xy_mm: Points, mm_per_px: float, size_px: tuple[int, ...]) -> Points:
     """Places (..., 2) mm in a centred image of size_px (h, w): (x, y) px, 0 a pixel's centre."""
     height_px, width_px = size_px
     return xy_mm / mm_per_px + np.array([(width_px - 1) / 2, (height_px - 1) / 2])
@@ -32,25 +23,15 @@ def to_px(xy_mm: Points, mm_per_px: float, size_px: tuple[int, int]) -> Points:
 
 def check_inside(grid: DotGrid, view_mm: tuple[float, float]) -> None:
     """Raise InputError unless every disc lies wholly in a centred view (x, y) of that size."""
-    for axis, half_mm, offset_mm, side_mm, count in zip(
-        "xy", grid.half_mm, grid.offset_mm, view_mm, (grid.columns, grid.rows), strict=True
+    for axis, line, half_mm, offset_mm, side_mm in zip(
+        "xy", ("columns", "rows"), grid.half_mm, grid.offset_mm, view_mm, strict=True
     ):
-        if half_mm + abs(offset_mm) > side_mm / 2 + SLACK_MM:
-            free_mm = side_mm / 2 - half_mm
-            if free_mm >= 0:
-                raise InputError(
-                    f"dots: offset_{axis}_mm: {offset_mm:g} moves them out of the camera's "
-                    f"{side_mm:.2f} mm; at most {np.floor(free_mm * 100) / 100:g} either way"
-                )
-            room_mm = side_mm - grid.diameter_mm
-            largest = (
-                f"a pitch_{axis}_mm of at most {np.floor(room_mm / (count - 1) * 100) / 100:g}"
-                if count > 1 and room_mm > 0
-                else "fewer or smaller dots"
-            )
+        reach_mm = half_mm + abs(offset_mm)
+        if reach_mm > side_mm / 2 + SLACK_MM:
             raise InputError(
-                f"dots: {count} along {axis} span {2 * half_mm:g} mm and the camera sees "
-                f"{side_mm:.2f} mm; {largest} keeps them in view"
+                f"dots: along {axis} they reach {reach_mm:g} mm from the middle, the camera sees "
+                f"{np.floor(side_mm * 50) / 100:g} mm; reduce {line}, pitch_{axis}_mm, diameter_mm "
+                f"or offset_{axis}_mm"
             )
 
 
@@ -85,25 +66,22 @@ def blend(image: NDArray[np.float32], grid: DotGrid, mm_per_px: float, colour: P
     radius_mm = grid.diameter_mm / 2
     chords = (np.arange(16) + 0.5) / 16 - 0.5
     for centre in centres_mm(grid):
-        box, dx_mm, dy_mm = _box(image.shape, centre, radius_mm, mm_per_px)
+        at_px = to_px(centre, mm_per_px, image.shape[:2])
+        (columns, dx_mm), (rows, dy_mm) = (
+            reached(n, at, radius_mm, mm_per_px)
+            for n, at in zip(image.shape[1::-1], at_px, strict=True)
+        )
         rise_mm = dy_mm[:, None] + chords * mm_per_px
         half_mm = np.sqrt(np.maximum(radius_mm**2 - rise_mm**2, 0.0))[..., None]
         right_mm = np.minimum(dx_mm + mm_per_px / 2, half_mm)
         left_mm = np.maximum(dx_mm - mm_per_px / 2, -half_mm)
         covered = np.maximum(right_mm - left_mm, 0.0).mean(axis=1)[..., None] / mm_per_px
-        image[box] = image[box] * (1 - covered) + colour * covered
+        image[rows, columns] = image[rows, columns] * (1 - covered) + colour * covered
 
 
-def _box(
-    shape: tuple[int, ...], centre: Points, radius_mm: float, mm_per_px: float
-) -> tuple[tuple[slice, slice], Points, Points]:
-    """The part of a centred image around a disc, and its pixels' x and y from the disc's centre."""
-    slices, offsets = [], []
-    for length, at_mm in zip((shape[1], shape[0]), centre, strict=True):
-        at_px = at_mm / mm_per_px + (length - 1) / 2
-        reach_px = radius_mm / mm_per_px + 1
-        first = max(0, int(np.floor(at_px - reach_px)))
-        stop = max(first, min(length, int(np.ceil(at_px + reach_px)) + 1))
-        slices.append(slice(first, stop))
-        offsets.append((np.arange(first, stop) - at_px) * mm_per_px)
-    return (slices[1], slices[0]), offsets[0], offsets[1]
+def reached(length: int, at_px: float, radius_mm: float, pitch_mm: float) -> tuple[slice, Points]:
+    """The pixels along one axis that a disc at at_px may cover, and how far each is from there."""
+    reach_px = radius_mm / pitch_mm + 1
+    first = max(0, math.floor(at_px - reach_px))
+    stop = max(first, min(length, math.ceil(at_px + reach_px) + 1))
+    return slice(first, stop), (np.arange(first, stop, dtype=float) - at_px) * pitch_mm

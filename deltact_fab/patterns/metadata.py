@@ -7,7 +7,11 @@ from __future__ import annotations
 
 import hashlib
 import io
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +21,9 @@ from ..errors import InputError
 from ..units import MM_PER_INCH
 from ..version import VERSION
 from .recipe import PatternRecipe, recipe_from
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 ZLIB_LEVEL = 6
 MAX_TABLE_BYTES = 1_000_000
@@ -63,24 +70,29 @@ def png(
     return file.getvalue()
 
 
-def read_recipe(path: Path) -> PatternRecipe:
-    """The recipe that a PNG of `make` carries. Raises InputError when there is none."""
-    import warnings
-
+@contextmanager
+def opened(path: Path) -> Iterator[Image.Image]:
+    """An image file of any kind and size. Raises InputError for one that Pillow cannot read."""
     from PIL import Image, UnidentifiedImageError
 
     try:
         with warnings.catch_warnings():
-            # Large rasters are ours; what is beyond their size raises the error below
+            # A page of A4 at 1200 dpi has more pixels than Pillow trusts a file to have
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            with Image.open(path, formats=["PNG"]) as image:
-                text = dict(getattr(image, "text", {}))
-    except Image.DecompressionBombError as why:
-        raise InputError(f"{path}: has more pixels than any file of 'pattern'") from why
+            with Image.open(path) as image:
+                yield image
     except FileNotFoundError as why:
         raise InputError(f"{path}: no such file") from why
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as why:
-        raise InputError(f"{path}: not a readable PNG") from why
+    except (
+        UnidentifiedImageError, OSError, SyntaxError, ValueError, Image.DecompressionBombError
+    ) as why:  # fmt: skip
+        raise InputError(f"{path}: not a readable image: {why}") from why
+
+
+def read_recipe(path: Path) -> PatternRecipe:
+    """The recipe that a PNG of `make` carries. Raises InputError when there is none."""
+    with opened(path) as image:
+        text = dict(getattr(image, "text", {}))
     if "recipe" not in text:
         raise InputError(f"{path}: carries no recipe; only files of 'pattern make' do")
     source = f"{path}: recipe"
@@ -92,7 +104,6 @@ def _text(
 ) -> dict[str, str]:
     """For a person, and for `read_recipe`."""
     values = {
-        "Software": f"deltact-fab {VERSION}",
         "law": recipe.law,
         "d_mm": recipe.patch_mm,
         "r": recipe.r,
@@ -105,11 +116,8 @@ def _text(
         "recipe": recipe.model_dump_json(exclude_none=True),
         "dpi": dpi,
     }
-    text = {
-        key: value if isinstance(value, str) else repr(value)
-        for key, value in values.items()
-        if value is not None
-    }
+    text = {"Software": f"deltact-fab {VERSION}"}
+    text |= {key: str(value) for key, value in values.items() if value is not None}
     if recipe.dots is not None:
         grid = recipe.dots
         text["dots"] = f"{grid.columns} x {grid.rows}, {grid.diameter_mm:g} mm, {grid.colour}"

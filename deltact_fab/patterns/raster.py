@@ -121,7 +121,7 @@ def raster_window(recipe: PatternRecipe, dpi: float, side_px: int) -> NDArray[np
     """
     mm_per_px = checked_mm_per_px(recipe, dpi, whole=False)
     side_mm, pitch_mm = (recipe.printed_mm,) * 2, (mm_per_px,) * 2
-    whole = CellGrid("", 0, 0, draw_patches(recipe), side_mm, pitch_mm, grid=recipe.dots)
+    whole = CellGrid("", draw_patches(recipe), side_mm, pitch_mm, grid=recipe.dots)
     low_px = max(0, (whole.height_px - side_px) // 2)
     high_px = whole.height_px - low_px
     return whole.rows(low_px, high_px)[:, low_px:high_px]
@@ -251,10 +251,7 @@ def checked_mm_per_px(recipe: PatternRecipe, dpi: float, whole: bool = True) -> 
     least, largest = _dpi_range(recipe)
     right = f"use {least} to {largest}" if whole else f"use {least} or more"
     if whole and least > largest:
-        right = (
-            f"no resolution can: {least} dpi would show it, and {largest} dpi is the most at which "
-            f"{recipe.printed_mm:g} mm is {MAX_SIDE_PX} pixels a side"
-        )
+        right = f"no resolution shows it within {MAX_SIDE_PX} pixels: make the sticker smaller"
     for limit_mm, name in finest_mm(recipe):
         if MM_PER_INCH / dpi > limit_mm * (1 + 1e-9):
             raise InputError(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from .. import catalog
+from ..aliases import Points
 from ..configuration import Table
 from ..errors import InputError
 from .laws import LAWS, check_key, check_law, octave
@@ -217,6 +218,17 @@ class PatternRecipe(Table, strict=True):
     def printed_mm(self) -> float:
         """The side of the printed square, n d: 466 x 0.075 = 34.95 of 35 mm."""
         return _printed_mm(self.size_mm, self.patch_mm)
+
+
+def centres_mm(grid: DotGrid) -> Points:
+    """Dot centres in the sensor frame, (rows * columns, 2) mm, about the grid's offset.
+
+    Row by row: index = row * columns + column; row 0 at -y, column 0 at -x.
+    """
+    x_mm = (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.pitch_x_mm
+    y_mm = (np.arange(grid.rows) - (grid.rows - 1) / 2) * grid.pitch_y_mm
+    centred_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+    return centred_mm + np.array(grid.offset_mm)
 
 
 def draw_patches(recipe: PatternRecipe) -> NDArray[np.uint8]:

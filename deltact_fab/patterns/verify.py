@@ -1,19 +1,18 @@
 """A print against its recipe: is it right, how large is it, what did the printer do to it.
 
-The sticker is found in a scan as a dark or textured square on the film, each of its eight ways
-round is correlated with the recipe, and the best one is refined tile by tile: where the tiles lie
-gives scale, shear and the place of each ink; their content gives contrast, order and gaps. Scale is
-measured by the flatbed's dpi; a photograph has none.
+The sticker is found in a scan as a dark or textured square on the film. Each of its eight
+orientations is correlated with the recipe, and the best is refined tile by tile: the positions of
+the tiles give scale, shear and the registration of the inks; their content gives contrast, order
+and gaps. Scale needs the dpi of a flatbed scan; a photograph has none.
 
-What the scan's pixels average is taken from the recipe too; a lens or a film out of focus counts as
-the printer's blur.
+The averaging by the scan's pixels is modelled. Blur by the lens or by a film out of focus is
+attributed to the printer.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -28,10 +27,11 @@ from ..errors import InputError
 from ..imaging import Printer
 from ..shapes.bounded import Bounded, number
 from ..units import MM_PER_INCH
-from .dots import centres_mm, to_px
+from .dots import to_px
+from .metadata import opened
 from .quality.measure import PRINTED_SHARE, kept
 from .raster import albedo
-from .recipe import PatternRecipe, draw_patches
+from .recipe import PatternRecipe, centres_mm, draw_patches
 
 Image = NDArray[np.float32]
 PX_A_PATCH = 4.0
@@ -51,7 +51,7 @@ HALVED = "this JPEG keeps half of the colours' resolution: scan it as PNG or TIF
 
 @dataclass(frozen=True)
 class JudgedRow:
-    """One thing that a print or a sensor must be: found, its limit, and what to do otherwise."""
+    """One requirement on a print or a sensor: what was found, its limit, and how to correct it."""
 
     check: str
     found: str
@@ -64,11 +64,11 @@ class JudgedRow:
 class PrintFound:
     """A sticker in a scan. scale: its sides in (x, y) over the recipe's, None in a photograph.
 
-    shear: tangent of how far its axes are off a right angle. turned_deg: counter-clockwise as it
-    lies in the scan. ink_um: of R, G, B from their mean, (3, 2). contrast: of R, G, B as a share of
-    the recipe's. gaps_mm: middles of tiles that lack ink. spread_um: of the printer model of
-    `pattern quality` that keeps as much contrast. halved: its file keeps colours at half of its
-    resolution, and says nothing of contrast and inks.
+    shear: tangent of the deviation of its axes from a right angle. turned_deg: counter-clockwise,
+    as it lies in the scan. ink_um: offsets of R, G, B from their mean, (3, 2). contrast: of R, G, B
+    as a share of the recipe's. gaps_mm: centres of tiles that lack ink. spread_um: ink spread at
+    which the printer model of `pattern quality` keeps as much contrast. halved: the file keeps
+    colours at half its resolution, so contrast and inks are not judged.
     """
 
     mirrored: bool
@@ -147,21 +147,12 @@ def load_scan(path: Path, dpi: float | None = None) -> tuple[NDArray[np.uint8], 
     low, high = DPI_RANGE
     if dpi is not None and not low <= dpi <= high:
         raise InputError(f"--dpi {dpi:g}: expected {low:g} to {high:g}")
-    from PIL import Image as Pil
-    from PIL import UnidentifiedImageError
     from PIL.JpegImagePlugin import get_sampling
 
-    try:
-        # A page of A4 at 1200 dpi is more than Pillow trusts a file to be.
-        with warnings.catch_warnings(), Pil.open(path) as opened:
-            warnings.simplefilter("ignore", Pil.DecompressionBombWarning)
-            told = opened.info.get("dpi")
-            halved = opened.format == "JPEG" and get_sampling(opened) not in (-1, 0)
-            rgb = np.asarray(opened.convert("RGB"))
-    except FileNotFoundError as why:
-        raise InputError(f"{path}: no such file") from why
-    except (UnidentifiedImageError, OSError, Pil.DecompressionBombError) as why:
-        raise InputError(f"{path}: no image that can be read: {why}") from why
+    with opened(path) as image:
+        told = image.info.get("dpi")
+        halved = image.format == "JPEG" and get_sampling(image) not in (-1, 0)
+        rgb = np.asarray(image.convert("RGB"))
     if dpi is None and told is not None and 100 <= float(told[0]) == float(told[1]):
         dpi = float(told[0])
     return rgb, dpi, halved
@@ -183,33 +174,31 @@ def verify(
     if recipe.patch_mm is None and recipe.dots is None:
         raise InputError(f"{recipe.law}: one uniform colour: there is nothing to compare")
     scan, dpi, halved = load_scan(path, dpi)
-    best: _Placed | None = None
-    part = np.zeros((1, 1, 3), np.float32)
-    for corners in _squares(scan, recipe, dpi):
-        room = 0.1 * np.ptp(corners, axis=0)
-        low = np.maximum(corners.min(axis=0) - room, 0).astype(int)
-        high = (corners.max(axis=0) + room + 1).astype(int)
-        held = scan[low[1] : high[1], low[0] : high[0]].astype(np.float32) / np.float32(255)
-        placed = _placed(held, recipe, corners - low)
-        if placed is not None and (best is None or placed.agreement > best.agreement):
-            best, part = placed, held
+    best = _best_of(_placed(scan, recipe, corners) for corners in _squares(scan, recipe, dpi))
     if best is None or best.agreement < FOUND:
         row = JudgedRow(
             "recipe", _read(scan), "this recipe's pattern, whole, with blank film around it", False,
             "scan the whole sticker at 600 dpi or more; is it this recipe?",
         )  # fmt: skip
         return Verified(str(path), (row,), None)
-    found = _found(part, recipe, best, dpi, halved)
+    found = _found(recipe, best, dpi, halved)
     return Verified(str(path), tuple(_rows(found, recipe, best, mirrored, scaled)), found, scaled)
 
 
 @dataclass(frozen=True)
 class _Placed:
-    """From the recipe's mm (x, y from its middle) to the scan's px, (3, 3), and how it agrees."""
+    """Part of a scan, from the recipe's mm (x, y from its middle) to its px, and how it agrees."""
 
+    scan: Image
     to_px: NDArray[np.float64]
     mirrored: bool
     agreement: float
+
+
+def _best_of(places: Iterable[_Placed | None]) -> _Placed | None:
+    """The one that agrees best, so that only one part of the scan is kept."""
+    found = (place for place in places if place is not None)
+    return max(found, key=lambda place: place.agreement, default=None)
 
 
 def _read(scan: NDArray[np.uint8]) -> str:
@@ -258,8 +247,17 @@ def _inked(small: Image) -> Iterator[NDArray[np.uint8]]:
     yield mask.astype(np.uint8)
 
 
-def _placed(scan: Image, recipe: PatternRecipe, corners: NDArray[np.float64]) -> _Placed | None:
-    """The way round in which a square is most like the recipe, refined."""
+def _placed(
+    whole: NDArray[np.uint8], recipe: PatternRecipe, corners: NDArray[np.float64]
+) -> _Placed | None:
+    """The way round in which a square of a scan is most like the recipe, refined."""
+    room = 0.1 * np.ptp(corners, axis=0)
+    low = np.maximum(corners.min(axis=0) - room, 0).astype(int)
+    high = (corners.max(axis=0) + room + 1).astype(int)
+    scan = whole[low[1] : high[1], low[0] : high[0]].astype(np.float32) / np.float32(255)
+    corners = corners - low
+    if cv2.contourArea(corners.astype(np.float32), oriented=True) < 0:
+        corners = corners[::-1]
     half = recipe.printed_mm / 2
     square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
     # In the middle, where corners that are a little off only shift it.
@@ -273,20 +271,14 @@ def _placed(scan: Image, recipe: PatternRecipe, corners: NDArray[np.float64]) ->
     pair_px = 2 * (recipe.patch_mm or 0) / step
     tried = []
     for mirrored in (False, True):
-        order = corners if _turns_right(corners) else corners[::-1]
-        if mirrored:
-            order = order[::-1]
+        order = corners[::-1] if mirrored else corners
         for k in range(4):
             fitted, _ = cv2.findHomography(square, np.roll(order, k, axis=0))
             to_px = np.asarray(fitted, np.float64)
             seen = _flat(scan, to_px, recipe, side)[middle, middle]
             tried.append((alike(seen, rough, plain, reach, pair_px)[0], mirrored, to_px))
-    best: _Placed | None = None
-    for _, mirrored, to_px in sorted(tried, key=lambda one: -one[0])[:2]:
-        refined = _refined(scan, recipe, to_px)
-        if refined is not None and (best is None or refined[1] > best.agreement):
-            best = _Placed(refined[0], mirrored, refined[1])
-    return best
+    likely = sorted(tried, key=lambda one: -one[0])[:2]
+    return _best_of(_refined(scan, recipe, to_px, mirrored) for _, mirrored, to_px in likely)
 
 
 @lru_cache(maxsize=2)
@@ -304,12 +296,6 @@ def _plain(recipe: PatternRecipe, side: int) -> Image:
     marked = np.abs(_drawn(recipe, side) - bare).max(axis=2) > 0.05
     wide = cv2.dilate(marked.astype(np.uint8), np.ones((7, 7), np.uint8))
     return (1 - wide[..., None]).astype(np.float32)
-
-
-def _turns_right(corners: NDArray[np.float64]) -> bool:
-    """Whether corners go round as (x, y down) do from x to y."""
-    a, b = corners[1] - corners[0], corners[2] - corners[1]
-    return bool(a[0] * b[1] - a[1] * b[0] > 0)
 
 
 def _flat(scan: Image, to_px: NDArray[np.float64], recipe: PatternRecipe, side: int) -> Image:
@@ -358,8 +344,8 @@ def _side_px(recipe: PatternRecipe) -> int:
 
 
 def _refined(
-    scan: Image, recipe: PatternRecipe, to_px: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float] | None:
+    scan: Image, recipe: PatternRecipe, to_px: NDArray[np.float64], mirrored: bool
+) -> _Placed | None:
     """The map with every tile where it lies, and how the whole agrees then."""
     for side in (_side_px(recipe) // 2, _side_px(recipe), _side_px(recipe), _side_px(recipe)):
         drawn = _drawn(recipe, side)
@@ -377,7 +363,7 @@ def _refined(
         to_px = np.asarray(fitted, np.float64)
     pair_px = 2 * (recipe.patch_mm or 0) * side / recipe.printed_mm
     seen, plain = _flat(scan, to_px, recipe, side), _plain(recipe, side)
-    return to_px, alike(seen, drawn, plain, 2, pair_px)[0]
+    return _Placed(scan, to_px, mirrored, alike(seen, drawn, plain, 2, pair_px)[0])
 
 
 def tiles(
@@ -414,13 +400,10 @@ def moves(
     return np.array(middles), np.array(off), np.array(told)
 
 
-def _found(
-    scan: Image, recipe: PatternRecipe, placed: _Placed, dpi: float | None,
-    halved: bool,
-) -> PrintFound:  # fmt: skip
+def _found(recipe: PatternRecipe, placed: _Placed, dpi: float | None, halved: bool) -> PrintFound:
     side = _side_px(recipe)
     drawn = _drawn(recipe, side)
-    seen = _flat(scan, placed.to_px, recipe, side)
+    seen = _flat(placed.scan, placed.to_px, recipe, side)
     # A scan's pixel, and the line between two of them: a box and a triangle.
     long_px = math.sqrt(abs(np.linalg.det(placed.to_px[:2, :2]))) * recipe.printed_mm
     drawn = np.asarray(cv2.GaussianBlur(drawn, (0, 0), max(0.5 * side / long_px, 1e-3)), np.float32)
@@ -529,12 +512,13 @@ def _spread_um(recipe: PatternRecipe, share: float) -> float:
         return 0.0
     fine = recipe.patch_mm / 8
     px = min(512, round(recipe.printed_mm / fine))
-    drawn = albedo(recipe, fine, (px, px)) * 255
+    drawn = albedo(recipe, fine, (px, px))
+    inked = [c for c in range(3) if drawn[..., c].std() > 0]
     spreads = np.linspace(0.0, 1.5 * recipe.patch_mm, 16)
-    shares = [
-        kept(cv2.GaussianBlur(drawn, (0, 0), max(s / 2 / fine, 1e-3)), drawn, drawn) or 0.0
-        for s in spreads
-    ]
+    shares = []
+    for spread in spreads:
+        blurred = cv2.GaussianBlur(drawn, (0, 0), max(spread / 2 / fine, 1e-3))
+        shares.append(float(np.mean([_gain(blurred[..., c], drawn[..., c]) for c in inked])))
     return float(1000 * np.interp(-share, -np.array(shares), spreads))
 
 

@@ -87,7 +87,6 @@ class PosedTip:
 
     @property
     def lowest_mm(self) -> Point2:
-        """(x, y) of the lowest point."""
         return self.x_mm + self._lowest[0], self.y_mm + self._lowest[1]
 
     @cached_property
@@ -116,7 +115,6 @@ class PosedTip:
 
     @property
     def radius_mm(self) -> float:
-        """A ball that fits inside and touches the lowest point."""
         least = edge_radius_mm(self.tip) if self.tilted else self.tip.radius_mm
         return min(self.tip.radius_mm, least)
 

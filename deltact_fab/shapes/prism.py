@@ -86,12 +86,10 @@ class PrismTip(LowestInTheMiddle):
 
     @property
     def equator_mm(self) -> float:
-        """Height at which the sides turn vertical: the radius of the face's edge."""
         return self.edge_mm
 
     @property
     def half_mm(self) -> Point2:
-        """Half sides (x, y) of the box around the tip."""
         core = self.outer_mm - self.corner_mm
         angles = [2 * math.pi * k / self.points for k in range(self.points)]
         return (
@@ -120,7 +118,6 @@ class PrismTip(LowestInTheMiddle):
         return np.where(notched, notch - self.notch_mm, inset)
 
     def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
-        """Underside above the lowest point, inf beside the tip; indenter frame, one shape."""
         inset, rho = self.inset_mm(x_mm, y_mm), self.edge_mm
         short = np.clip(rho - inset, 0.0, rho)
         return np.where(inset >= 0, rho - np.sqrt(rho**2 - short**2), np.inf)

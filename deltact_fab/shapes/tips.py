@@ -33,7 +33,6 @@ class LowestInTheMiddle:
 
     @property
     def lowest_mm(self) -> Point2:
-        """(x, y) of the lowest point."""
         return self.x_mm, self.y_mm
 
 
@@ -47,21 +46,17 @@ class SphereTip(LowestInTheMiddle):
 
     @property
     def equator_mm(self) -> float:
-        """Height at which the sides turn vertical: the radius."""
         return self.radius_mm
 
     @property
     def half_mm(self) -> Point2:
-        """Half sides (x, y) of the box around the tip."""
         return self.radius_mm, self.radius_mm
 
     @property
     def corner_mm(self) -> float:
-        """Smallest convex radius of the outline."""
         return self.radius_mm
 
     def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
-        """Underside above the lowest point, inf beside the tip; indenter frame, one shape."""
         r2 = (x_mm - self.x_mm) ** 2 + (y_mm - self.y_mm) ** 2
         inside = r2 <= self.radius_mm**2
         cap = self.radius_mm - np.sqrt(np.where(inside, self.radius_mm**2 - r2, 0.0))
@@ -112,21 +107,17 @@ class RidgeTip(LowestInTheMiddle):
 
     @property
     def equator_mm(self) -> float:
-        """Height at which the sides turn vertical."""
         return self.nose_height_mm + (self.half_width_mm - self.nose_half_mm) * self.slope
 
     @property
     def half_mm(self) -> Point2:
-        """Half sides (x, y) of the box around the tip."""
         return self.half_width_mm, self.length_mm / 2 + self.half_width_mm
 
     @property
     def corner_mm(self) -> float:
-        """Smallest convex radius of the outline: its round ends."""
         return self.half_width_mm
 
     def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
-        """Underside above the lowest point, inf beside the tip; indenter frame, one shape."""
         beyond = np.maximum(np.abs(y_mm - self.y_mm) - self.length_mm / 2, 0.0)
         d = np.hypot(x_mm - self.x_mm, beyond)
         nose = np.minimum(d, self.nose_half_mm)
@@ -154,17 +145,14 @@ class EllipsoidTip(LowestInTheMiddle):
 
     @property
     def radius_mm(self) -> float:
-        """A ball that fits inside and touches the lowest point."""
         return min(self.b_mm, self.a_mm**2 / self.b_mm)
 
     @property
     def equator_mm(self) -> float:
-        """Height at which the sides turn vertical."""
         return self.b_mm
 
     @property
     def half_mm(self) -> Point2:
-        """Half sides (x, y) of the box around the tip."""
         return self.a_mm, self.b_mm
 
     @property
@@ -174,7 +162,6 @@ class EllipsoidTip(LowestInTheMiddle):
         return low**2 / high
 
     def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
-        """Underside above the lowest point, inf beside the tip; indenter frame, one shape."""
         s2 = ((x_mm - self.x_mm) / self.a_mm) ** 2 + ((y_mm - self.y_mm) / self.b_mm) ** 2
         inside = s2 <= 1.0
         cap = self.b_mm * (1 - np.sqrt(np.where(inside, 1 - s2, 0.0)))

@@ -9,7 +9,7 @@ import pytest
 
 from deltact_fab import catalog
 from deltact_fab.errors import InputError
-from deltact_fab.optics import Fisheye, axes_mm
+from deltact_fab.optics import Fisheye
 from deltact_fab.shapes import SensorDimensions
 
 LENS = Fisheye.of(SensorDimensions())
@@ -92,8 +92,3 @@ def test_a_radius_that_stops_growing_ends_the_field():
 def test_values_that_no_lens_has_are_refused(change, says):
     with pytest.raises(ValueError, match=says):
         dataclasses.replace(LENS, **change)
-
-
-def test_a_raw_image_has_no_axes():
-    with pytest.raises(ValueError, match="not one x"):
-        axes_mm(LENS)

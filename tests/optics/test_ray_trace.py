@@ -44,10 +44,9 @@ LENSES = {
     "moving pupil": replace(NOMINAL, pupil_shift_mm=0.4, k1=0.01),
     "as a real one": REAL,
     "far from any": replace(REAL, tilt_x_deg=8.0, tilt_y_deg=-6.0, pupil_shift_mm=-0.7),
+    "decentred elements": replace(REAL, k3=0.003, k4=-0.0008, p1=0.0012, p2=-0.0008, aspect=1.002),
 }
-DEPTHS = [("gel", z) for z in (0.8, 0.0, -1.0, -3.0, -6.0, -9.0)] + [
-    ("air", z) for z in (0.0, 1.0, 5.0, 20.0)
-]
+DEPTHS = [*(("gel", z) for z in (0.8, 0.0, -3.0, -9.0)), *(("air", z) for z in (0.0, 5.0))]
 
 
 @dataclass
@@ -91,8 +90,12 @@ def trace(lens: Fisheye, medium: str, z_mm: float, widest_deg: float = 66.0) -> 
     theta = np.radians(np.concatenate(([0.0], rng.uniform(0, widest_deg, 400))))
     turn = rng.uniform(0, 2 * np.pi, len(theta))
     aside = np.stack((np.cos(turn), np.sin(turn)), axis=-1)
-    radius = lens.f_px * (theta + lens.k1 * theta**3 + lens.k2 * theta**5)
-    px = np.array([lens.cx_px, lens.cy_px]) + aside * radius[:, None]
+    terms = (1.0, lens.k1, lens.k2, lens.k3, lens.k4)
+    u, v = aside.T * sum(k * theta ** (2 * i + 1) for i, k in enumerate(terms))
+    square = u**2 + v**2
+    across = u + 2 * lens.p1 * u * v + lens.p2 * (square + 2 * u**2)
+    down = v + lens.p1 * (square + 2 * v**2) + 2 * lens.p2 * u * v
+    px = np.column_stack((across, lens.aspect * down)) * lens.f_px + (lens.cx_px, lens.cy_px)
     way = np.column_stack((np.sin(theta)[:, None] * aside, np.cos(theta))) @ turned(lens).T
 
     foot = np.array([lens.x0_mm, lens.y0_mm, -lens.gel_mm - lens.acrylic_mm - lens.air_gap_mm])
@@ -122,7 +125,7 @@ def test_a_fisheye_is_the_rays_that_were_traced(lens, medium, z_mm):
         np.testing.assert_allclose(origin + z_mm * way, traced.points_mm, atol=1e-11)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_any_lens_is_the_rays_that_were_traced(seed):
     rng = np.random.default_rng(seed)
     gap_mm = rng.uniform(0.3, 8)
@@ -155,11 +158,7 @@ def test_a_rectified_view_has_a_point_where_its_ray_crosses_the_face(lens, mediu
     view = Rectified.of(SENSOR, lens)
     traced = trace(lens, medium, z_mm)
     px = traced.rest_mm / view.mm_per_px + (np.array([view.width_px, view.height_px]) - 1) / 2
-    # The table's share is largest with a tilt of 10 degrees and a pupil that moves by a millimetre.
-    limit_px = 5e-3 if lens is LENSES["far from any"] else 2e-4
-    if medium == "air" or z_mm == 0.0:
-        limit_px = 1e-9
-    np.testing.assert_allclose(view.project_px(traced.points_mm, medium), px, atol=limit_px)
+    np.testing.assert_allclose(view.project_px(traced.points_mm, medium), px, atol=1e-9)
     np.testing.assert_allclose(view.rest_mm(px), traced.rest_mm, atol=1e-12)
     origin, way = view.ray(px, medium)
     np.testing.assert_allclose(origin + z_mm * way, traced.points_mm, atol=1e-10)
@@ -182,32 +181,6 @@ def test_a_pinhole_is_the_lens_near_the_axis(medium, z_mm):
         assert in_mm[0] / in_mm[1] == pytest.approx(8, rel=0.1)
 
 
-@pytest.mark.parametrize(("z_mm", "edge_px", "corner_px"), [(-1.0, 2.8, 5.8), (-3.0, 13.6, 26.2)])
-def test_a_pinhole_sees_too_much_parallax_off_the_axis(z_mm, edge_px, corner_px):
-    """It claims the axis only: the true chief rays are flatter, so its parallax is too large."""
-    points = np.array([[15.08, 0.0, z_mm], [15.08, 11.08, z_mm]])
-    apart = Pinhole.of(SENSOR).project_px(points) - Rectified.of(SENSOR).project_px(points)
-    np.testing.assert_allclose(np.hypot(*apart.T), [edge_px, corner_px], rtol=0.02)
-
-
-def test_the_parallax_of_the_sensor_s_lens():
-    """How far the gel's points move aside as they sink, over the view: no map at rest removes it.
-
-    A ray's own run aside in the gel, and what the view shows: more, by the perspective.
-    """
-    view = Rectified.of(SENSOR)
-    px = np.stack(np.meshgrid(np.arange(3, 798, 8.0), np.arange(3, 586, 8.0)), axis=-1)
-    origin, way = view.ray(px)
-    seen = []
-    for z_mm, middle_px, largest_px in [(-1, 14, 22), (-3, 43, 67), (-6, 87, 135), (-9, 130, 202)]:
-        aside = np.linalg.norm(way[..., :2], axis=-1) * -z_mm / view.mm_per_px
-        assert np.median(aside) == pytest.approx(middle_px, abs=0.7)
-        assert np.max(aside) == pytest.approx(largest_px, abs=1.5)
-        moved = view.project_px(origin + [0, 0, z_mm]) - px
-        seen.append(float(np.median(np.hypot(moved[..., 0], moved[..., 1]))))
-    np.testing.assert_allclose(seen, [15.1, 50.1, 116.4, 198.0], atol=0.6)
-
-
 @pytest.mark.parametrize("degrees", [1.0, 30.0, 57.6, 80.0])
 def test_the_reach_of_a_half_angle_is_the_traced_one(degrees):
     """What the design's checks of the view go by."""
@@ -217,23 +190,3 @@ def test_the_reach_of_a_half_angle_is_the_traced_one(degrees):
     angle = np.hypot(*(traced.px[widest] - NOMINAL.centre_px)) / NOMINAL.f_px
     assert reached_mm(angle, 3.0, 2.0, 12.0) == pytest.approx(radius_mm, rel=1e-12)
     assert half_angle_rad(radius_mm, 3.0, 2.0, 12.0) == pytest.approx(angle, abs=1e-11)
-
-
-def test_the_angles_under_which_the_view_is_seen():
-    view = Rectified.of(SENSOR)
-    ends_mm = np.array([[15.08, 0.0, 0.0], [0.0, 11.08, 0.0], [15.08, 11.08, 0.0]])
-    px = view.rest_px(ends_mm[:, :2])
-    for medium, degrees in (("air", [57.6, 45.2, 66.5]), ("gel", [36.8, 30.2, 40.6])):
-        way = view.ray(px, medium)[1]
-        found = np.degrees(np.arctan(np.hypot(way[:, 0], way[:, 1])))
-        np.testing.assert_allclose(found, degrees, atol=0.06)
-
-
-def test_no_single_pupil_serves_all_depths():
-    """Rays of one image do not meet in a point, so a central camera cannot be this lens."""
-    radii_mm = np.array([1.0, 8.0, 15.0])
-    face = np.column_stack((radii_mm, np.zeros(3), np.zeros(3)))
-    origin, way = NOMINAL.ray_to(face)
-    meets_mm = -origin[:, 0] / way[:, 0]  # where the ray in the gel, run back, meets the axis
-    assert meets_mm[0] == pytest.approx(-1.41 * SENSOR.eye_distance_mm, rel=0.01)
-    assert np.all(np.diff(meets_mm) < [-0.4, -1.5])

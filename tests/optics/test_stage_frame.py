@@ -31,19 +31,6 @@ def test_it_is_a_rotation_and_a_shift(frame: StageFrame) -> None:
     assert np.linalg.det(axes) == pytest.approx(1.0)
 
 
-@given(FRAME, PLACE, PLACE, st.floats(0, 1))
-def test_a_straight_line_remains_one(
-    frame: StageFrame,
-    a: tuple[float, float, float],
-    b: tuple[float, float, float],
-    share: float,
-) -> None:
-    between = np.array(a) + share * (np.array(b) - a)
-    start, end = (np.array(frame.to_machine_mm(p)) for p in (a, b))
-    on_line = start + share * (end - start)
-    np.testing.assert_allclose(frame.to_machine_mm(tuple(between)), on_line, atol=1e-9)
-
-
 @given(PLACE, st.floats(-360, 360), PLACE)
 def test_no_tilt_changes_no_bit(
     origin: tuple[float, float, float], angle: float, p: tuple[float, float, float]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from deltact_fab import catalog
 from deltact_fab.errors import InputError
 from deltact_fab.patterns import draw_patches, load_recipe, recipe_from, recipe_from_options
-from deltact_fab.patterns.code import decode, encode, patches_hash
+from deltact_fab.patterns.code import decode, encode
 
 SMALL = recipe_from_options(None, 0.5, 0.1, size_mm=5.0)
 CODE = encode(SMALL)
@@ -36,7 +36,7 @@ def test_every_shipped_recipe_comes_back(name):
     assert len(text) <= 221  # version 8, level M
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     patch_mm=st.floats(0.3, 5.0),
     r=st.floats(0, 1, exclude_max=True),
@@ -75,17 +75,7 @@ def test_a_code_printed_earlier_is_still_read():
         "1EF08C35F591-24EABE"
     )
     assert decode(text) == load_recipe("dense")
-
-
-def test_case_and_spaces_do_not_matter():
-    broken = "\n ".join(CODE.lower().split("/")).replace("\n ", "/\n ")
-    assert decode(broken) == SMALL
-
-
-def test_the_hash_is_of_the_patches():
-    whole = hashlib.sha256(draw_patches(SMALL).tobytes()).hexdigest()
-    assert whole.startswith(patches_hash(SMALL))
-    assert f"/{whole[:12].upper()}-" in CODE
+    assert decode(text.lower().replace("/", "/\n ")) == load_recipe("dense")
 
 
 def test_every_single_damage_is_found():
@@ -111,24 +101,15 @@ BODY, DRAWN = CODE.rsplit("/", 1)[0], CODE.rsplit("/", 1)[1].split("-")[0]
     ("text", "says"),
     [
         ("", "begins with DELTACT1/"),
-        ("https://example.org/", "begins with DELTACT1/"),
         ("DELTACT1/", "cut short"),
-        ("DELTACT1/" + "A" * 5000, "a code has a few hundred"),
         (CODE.replace("R:0.1", "R:0.2"), "damaged or mistyped"),
         (signed(BODY.replace("R:0.1", "R:0.2"), DRAWN), "another version"),
         (signed(BODY.replace("R:0.1", "R:1E999"), DRAWN), "r"),
         (signed(BODY.replace("R:0.1", "R"), DRAWN), "KEY:VALUE"),
         (signed(BODY.replace("/R:0.1", "/R:0.1/R:0.1"), DRAWN), "twice"),
-        (signed(BODY.replace("R:0.1", "Q:0.1"), DRAWN), "q"),
-        (signed(BODY.replace("R:0.1", "R:0.1.1"), DRAWN), "r"),
     ],
 )
 def test_a_wrong_text_is_one_line(text, says):
     with pytest.raises(InputError, match=re.escape(says)) as why:
         decode(text)
     assert "\n" not in str(why.value)
-
-
-def test_what_the_text_cannot_hold_is_refused():
-    with pytest.raises(InputError, match="cannot be written as a code"):
-        encode(SMALL.model_copy(update={"law": "a/b"}))

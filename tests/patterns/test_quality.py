@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
-from dataclasses import asdict
 
-import cv2
 import numpy as np
 import pytest
-from scipy import stats
 
 from deltact_fab.errors import InputError
 from deltact_fab.imaging import ImageSensor, Printer
@@ -18,12 +14,9 @@ from deltact_fab.patterns.dots import to_px
 from deltact_fab.patterns.quality.figures import (
     SUBSET_PX,
     agreement,
-    autocorrelation,
-    contrast,
     figures,
     gradient,
     grey,
-    secondary_peak,
     sssig,
 )
 from deltact_fab.patterns.quality.measure import MAX_DOTS, MAX_PX, field_px, kept, measure
@@ -45,8 +38,7 @@ def dense(d, r):
     return recipe_from_options(None, d, r)
 
 
-@pytest.mark.parametrize("period_px", [8, 15, 20])
-@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("period_px", "axis"), [(8, 0), (15, 1)])
 def test_a_sine_grating(period_px, axis):
     """Central differences are A sin(2 pi / P) cos: mean |cos| of the P phases, mean square 1/2."""
     amplitude = 60.0
@@ -69,9 +61,9 @@ def test_a_sine_grating(period_px, axis):
 
 
 def test_white_noise():
-    found = figures(coloured(noise(512, 640)), 0.05)
+    found = figures(coloured(noise(256, 320)), 0.05)
     for level, contrast_ in enumerate(found.contrast):
-        pixels = 512 * 640 / 4**level
+        pixels = 256 * 320 / 4**level
         assert contrast_ == pytest.approx(20 / 2**level, rel=4 / math.sqrt(2 * pixels))
     # Central differences of unit noise: each component has variance 1/2; Rayleigh's mean
     assert found.mean_gradient == pytest.approx(20 * math.sqrt(math.pi) / 2, rel=0.01)
@@ -95,16 +87,7 @@ def test_the_poorest_subset_is_found():
     assert sssig(*gradient(shade))[0] > 1
 
 
-def test_the_secondary_peak_of_a_repeated_tile():
-    tile = noise(30, 40)
-    rho = autocorrelation(np.tile(tile, (10, 8)))
-    height, distance_px = secondary_peak(rho)
-    assert height == pytest.approx(1, abs=0.01)
-    assert distance_px == pytest.approx(30, abs=0.05)
-
-
-@pytest.mark.parametrize("d", [0.05, 0.075, 0.1])
-@pytest.mark.parametrize("r", [None, 0.6])
+@pytest.mark.parametrize(("d", "r"), [(0.05, 0.6), (0.1, None)])
 def test_the_nearest_copy_of_a_fine_pattern_is_one_diagonal_away(d, r):
     """1.3 to 2.6 camera pixels a patch: its nearest copy, at (d, d), is between two pixels."""
     board = {"law": "chessboard", "seed": 0, "patch_mm": d}
@@ -112,19 +95,6 @@ def test_the_nearest_copy_of_a_fine_pattern_is_one_diagonal_away(d, r):
     found = measure(recipe, mm_per_px=0.0378, view_mm=VIEW_MM)
     assert found.designed.peak_mm == pytest.approx(d * math.sqrt(2), rel=0.03)
     assert found.designed.peak > 0.84
-
-
-def test_the_autocorrelation_of_a_sine_is_a_cosine():
-    shade = np.tile(np.sin(2 * np.pi * np.arange(203) / 20.3), (180, 1))
-    lags_px = np.arange(-45, 46)
-    assert autocorrelation(shade)[45] == pytest.approx(np.cos(2 * np.pi * lags_px / 20.3), abs=0.03)
-
-
-def test_pyramid_of_odd_sides_drops_the_odd_row():
-    shade = noise(65, 67)
-    assert contrast(shade)[1] == pytest.approx(
-        shade[:64, :66].reshape(32, 2, 33, 2).mean(axis=(1, 3)).std()
-    )
 
 
 def test_agreement_survives_a_part_of_a_pixel_and_no_more():
@@ -150,17 +120,10 @@ def test_contrast_that_is_kept_is_the_patterns_own():
     assert kept(original, original, np.ones((5, 5, 3))) is None
 
 
-def test_a_chessboard_repeats_a_diagonal_on():
-    board = recipe_from({"law": "chessboard", "seed": 0, "patch_mm": 0.3, "size_mm": 12.0}, "x")
-    found = measure(board, view_mm=VIEW_MM)
-    assert found.designed.peak == pytest.approx(1, abs=0.03)
-    assert found.designed.peak_mm == pytest.approx(0.3 * math.sqrt(2), rel=0.02)
-
-
 @pytest.mark.slow
 def test_fine_patches_lose_their_contrast_on_the_way():
     """d = .05 at 1200 dpi is 2.4 printer dots and 1.3 camera pixels a patch."""
-    by_d = {d: measure(dense(d, 0.3), view_mm=VIEW_MM) for d in (0.05, 0.075, 0.1, 0.15, 0.2)}
+    by_d = {d: measure(dense(d, 0.3), view_mm=VIEW_MM) for d in (0.05, 0.1, 0.15)}
     fine, coarse = by_d[0.05], by_d[0.15]
     assert fine.dots_a_patch == pytest.approx(0.05 / 25.4 * 1200)
     assert fine.px_a_patch == pytest.approx(0.05 / 0.0378)
@@ -172,59 +135,6 @@ def test_fine_patches_lose_their_contrast_on_the_way():
     gradients = [found.photographed.mean_gradient for found in by_d.values()]
     assert gradients == sorted(gradients)  # the rank that the camera gives the five
     assert fine.photographed.contrast[0] < 0.25 * fine.designed.contrast[0]
-
-
-@pytest.mark.slow
-def test_the_photographed_gradient_ranks_the_error_of_a_small_motion():
-    """Farneback's flow of a motion of half a printer dot: the steeper the picture, the better.
-
-    As designed the gradient does not rank them: printer and camera take from each its own share.
-    """
-    printer, sensor, mm_per_px, size_px = Printer(), ImageSensor(), 0.0378, (240, 240)
-    true_px = -printer.mm_per_dot / 2 / mm_per_px
-    errors, after, before = [], [], []
-    for d in (0.05, 0.075, 0.1, 0.2):
-        for r in (0.0, 0.3, 0.6):
-            recipe = recipe_from_options(None, d, r, size_mm=11.0)
-            rng = np.random.default_rng(1)
-            image = sent(recipe, printer.dpi, (size_px[0] * mm_per_px,) * 2)
-            printed = printer.print_(image.astype(np.float32) / 255, rng)
-            # Without its first column the print's middle is half a dot further on
-            first, second = (
-                grey(photograph(part, printer.mm_per_dot, sensor, mm_per_px, size_px, rng))
-                for part in (printed, printed[:, 1:])
-            )
-            flow = cv2.calcOpticalFlowFarneback(
-                *(np.rint(v).astype(np.uint8) for v in (first, second)),
-                None, 0.5, 5, 13, 3, 5, 1.1, 0,
-            )[30:-30, 30:-30]  # fmt: skip
-            errors.append(np.hypot(flow[..., 0] - true_px, flow[..., 1]).mean())
-            found = measure(recipe, view_mm=(size_px[0] * mm_per_px,) * 2)
-            after.append(found.photographed.mean_gradient)
-            before.append(found.designed.mean_gradient)
-    assert max(errors) < 0.3  # px: the motion was found
-    assert stats.spearmanr(after, errors).statistic < -0.85
-    assert abs(stats.spearmanr(before, errors).statistic) < 0.6
-
-
-@pytest.mark.slow
-def test_octaves_keep_contrast_on_coarse_levels():
-    octave, checker = (measure(r) for r in (load_recipe("octave"), dense(0.1, 0.6)))
-    for level in (3, 4, 5):
-        assert octave.photographed.contrast[level] > 5 * checker.photographed.contrast[level]
-    assert octave.photographed.peak < 0.1 < checker.photographed.peak
-
-
-@pytest.mark.slow
-def test_equal_arguments_give_equal_numbers_and_plain_data():
-    marked = load_recipe("dense-with-dots")
-    one, two, other = (measure(marked, view_mm=VIEW_MM, seed=s) for s in (1, 1, 2))
-    assert one == two
-    assert one.photographed != other.photographed
-    assert one.designed == other.designed
-    data = json.loads(json.dumps(asdict(one)))
-    assert data["field_px"] == [320, 320]
-    assert len(data["photographed"]["contrast"]) == 6
 
 
 def test_the_photograph_shows_the_dots_where_they_are():
@@ -256,14 +166,11 @@ def test_extremes_are_measured_and_not_refused():
     assert (film.print_contrast, film.camera_contrast, film.dots_a_patch) == (None, None, None)
     assert (film.printable, film.seen) == (True, False)
     assert film.photographed.contrast[0] < 2
-    small = recipe_from_options(None, 0.15, 0.1, size_mm=3.0)
-    assert measure(small).field_mm == pytest.approx((3.0, 3.0), abs=0.0378)
 
 
 def test_the_field_is_the_view_as_far_as_memory_goes():
     recipe = dense(0.1, 0.1)
     assert field_px(recipe, 25.4 / 1200, 0.0378, None) == (586, 798)
-    assert field_px(recipe, 25.4 / 2400, 0.0378, None) == (586, 798)
     rows, columns = field_px(recipe, 25.4 / 9600, 0.0378, None)
     dots = rows * columns * (0.0378 * 9600 / 25.4) ** 2
     assert 0.9 * MAX_DOTS < dots <= MAX_DOTS
@@ -276,23 +183,13 @@ def test_the_field_is_the_view_as_far_as_memory_goes():
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ({"mm_per_px": 0.0}, "mm_per_px: 0 must be above 0"),
-        ({"mm_per_px": math.nan}, "mm_per_px: nan must be above 0"),
-        ({"printer": Printer(dpi=0)}, "dpi: 0 must be above 0"),
-        ({"seed": -1}, "seed: -1 must be 0 or above"),
-        ({"mm_per_px": 0.5}, "field is 60 x 44 px of 0.5 mm; at least 64 px a side"),
+        ({"mm_per_px": math.nan}, "mm_per_px nan and dpi 1200 must be above 0"),
+        ({"printer": Printer(dpi=0)}, "dpi 0 must be above 0"),
+        ({"seed": -1}, "seed -1 0 or above"),
+        ({"mm_per_px": 0.5}, "field is 60 x 44 px of 0.5 mm, .*; at least 64 px a side"),
+        ({"printer": Printer(dpi=10**8)}, "field is 0 x 0 px .* dots of 100000000 dpi"),
     ],
 )
 def test_bad_scales_are_one_line(more, said):
     with pytest.raises(InputError, match=said):
         measure(dense(0.15, 0.1), **more)
-
-
-def test_a_resolution_that_leaves_no_field_is_at_fault_itself():
-    recipe = dense(0.15, 0.1)
-    with pytest.raises(InputError, match="dpi: 100000000 leaves a field of 0 x 0 px") as caught:
-        measure(recipe, Printer(dpi=100_000_000))
-    most = int(str(caught.value).rsplit(" ", 1)[1])
-    assert min(field_px(recipe, 25.4 / most, 0.0378, None)) == 64
-    with pytest.raises(InputError, match=f"use at most {most}"):
-        measure(recipe, Printer(dpi=most + 1))

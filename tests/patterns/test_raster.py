@@ -14,7 +14,6 @@ from deltact_fab.errors import InputError
 from deltact_fab.patterns import (
     DotGrid,
     albedo,
-    centres_csv,
     centres_mm,
     check_inside,
     draw_patches,
@@ -28,7 +27,9 @@ from deltact_fab.patterns import (
 from deltact_fab.shapes import SensorDimensions
 
 PLAIN = recipe_from_options(None, 0.15, 0.1, size_mm=9.0)
-MARKED = load_recipe("dense-with-dots")
+MARKED = recipe_from(
+    PLAIN.model_dump(exclude_none=True) | {"dots": {"columns": 3, "rows": 2}}, "marked"
+)
 
 
 def physical_mm(path):
@@ -40,7 +41,7 @@ def physical_mm(path):
     return int.from_bytes(data[16:20], "big") / across * 1000
 
 
-@pytest.mark.parametrize("dpi", [None, 600, 1200, 2400])
+@pytest.mark.parametrize("dpi", [None, 1200])
 def test_physical_size(tmp_path, dpi):
     made = make(PLAIN, tmp_path / "p.png", dpi)
     half_dot_mm = 0 if dpi is None else made.mm_per_px / 2
@@ -72,12 +73,6 @@ def test_no_edge_drifts(patch_mm, dpi):
     assert np.abs(found_mm - true_mm).max() <= mm_per_px / 2 + 1e-9
 
 
-def test_raster_holds_the_patches_in_their_places():
-    image, small = raster(PLAIN, 1200), draw_patches(PLAIN)
-    centre_px = ((np.arange(PLAIN.n) + 0.5) * 0.15 / (25.4 / 1200)).astype(int)
-    assert np.array_equal(image[np.ix_(centre_px, centre_px)], small)
-
-
 def test_row_0_column_0_is_the_corner_at_minus_x_minus_y():
     seen = albedo(PLAIN, 0.15)
     assert seen.shape == (60, 60, 3)
@@ -93,47 +88,21 @@ def test_row_0_column_0_is_the_corner_at_minus_x_minus_y():
     assert np.abs(y_mm).max() <= 0.3
 
 
-@pytest.mark.slow
-def test_dots_are_where_the_table_says(tmp_path):
-    made = make(load_recipe("dots"), tmp_path / "q.png")
-    assert made.dots_csv == tmp_path / "q.dots.csv"
-    rows = list(csv.DictReader(io.StringIO(made.dots_csv.read_text())))
-    assert len(rows) == 169
-    with Image.open(made.image) as image:
-        dark = np.asarray(image)[..., 0] == 0
-    side = dark.shape[0]
-    row_px, column_px = np.nonzero(dark)
-    at_mm = (np.stack((column_px, row_px), -1) - (side - 1) / 2) * made.mm_per_px
-    listed_mm = np.array([(float(r["x_mm"]), float(r["y_mm"])) for r in rows])
-    nearest = np.argmin(((at_mm[:, None] - listed_mm) ** 2).sum(-1), axis=1)
-    for index, centre_mm in enumerate(listed_mm):
-        own = at_mm[nearest == index]
-        assert np.abs(own.mean(0) - centre_mm).max() < 0.003
-        area_mm2 = len(own) * made.mm_per_px**2
-        assert area_mm2 == pytest.approx(np.pi * 0.3**2, rel=0.02)
-    view_mm = np.array(SensorDimensions().optics.view_mm)
-    assert (np.abs(at_mm) < view_mm / 2).all()
-    assert [int(r["index"]) for r in rows] == list(range(169))
-    assert (rows[14]["row"], rows[14]["col"], rows[14]["x_mm"]) == ("1", "1", "-11.000000")
-
-
 def test_dots_that_leave_the_view_are_refused(tmp_path):
     view_mm = SensorDimensions().optics.view_mm
-    check_inside(DotGrid(), view_mm)
-    for grid, said in (
-        (DotGrid(pitch_x_mm=2.5), "pitch_x_mm of at most 2.46"),
-        (DotGrid(pitch_y_mm=2.2), "pitch_y_mm of at most 1.79"),
-        (DotGrid(columns=1, rows=1, diameter_mm=25.0), "fewer or smaller dots"),
+    for inside in ({}, {"pitch_x_mm": 2.46}, {"pitch_y_mm": 1.79}, {"offset_x_mm": 1.58}):
+        check_inside(DotGrid(**inside), view_mm)
+    for outside, said in (
+        ({"pitch_x_mm": 2.5}, "x they reach 15.3 mm .* sees 15.08 mm; reduce columns, pitch_x_mm"),
+        ({"pitch_y_mm": 1.8}, "y they reach 11.1 mm .* 11.07 mm; reduce rows, pitch_y_mm"),
+        ({"columns": 1, "rows": 1, "diameter_mm": 25.0}, "y they reach 12.5 mm"),
+        ({"offset_x_mm": -1.59}, "x they reach 15.09 mm .* offset_x_mm"),
     ):
         with pytest.raises(InputError, match=said):
-            check_inside(grid, view_mm)
-    check_inside(DotGrid(pitch_x_mm=2.46), view_mm)
-    check_inside(DotGrid(pitch_y_mm=1.79), view_mm)
-    wide = recipe_from(
-        {"law": "dot-matrix", "seed": 0, "dots": {"pitch_x_mm": 2.6, "colour": "#000000"}}, "x"
-    )
-    with pytest.raises(InputError, match="keeps them in view"):
-        make(wide, tmp_path / "w.png")
+            check_inside(DotGrid(**outside), view_mm)
+    wide = {"law": "dot-matrix", "seed": 0, "dots": {"pitch_x_mm": 2.6, "colour": "#000000"}}
+    with pytest.raises(InputError, match="reduce columns"):
+        make(recipe_from(wide, "x"), tmp_path / "w.png")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -149,7 +118,7 @@ SET_OFF = {
 }
 
 
-@pytest.mark.parametrize("dpi", [600, 1200, 1437.7])
+@pytest.mark.parametrize("dpi", [600, 1437.7])
 def test_the_table_in_the_image_says_where_every_dot_is(tmp_path, dpi):
     """Centres in px and mm, against the centroids of its black pixels and the table beside it."""
     plain = {"law": "dot-matrix", "seed": 0, "size_mm": 12.0, "dots": SET_OFF}
@@ -172,24 +141,6 @@ def test_the_table_in_the_image_says_where_every_dot_is(tmp_path, dpi):
         assert len(own) == pytest.approx(np.pi * (0.25 / mm_per_px) ** 2, rel=0.04)
 
 
-def test_a_set_off_grid_stays_in_view_and_on_the_sticker():
-    view_mm = SensorDimensions().optics.view_mm
-    check_inside(DotGrid(offset_x_mm=1.58), view_mm)
-    with pytest.raises(InputError, match=r"offset_x_mm: 1.59 moves them out .* at most 1.58 "):
-        check_inside(DotGrid(offset_x_mm=1.59), view_mm)
-    with pytest.raises(InputError, match=r"offset_y_mm: -2 moves them out"):
-        check_inside(DotGrid(offset_y_mm=-2.0), view_mm)
-
-
-def test_centres_are_centred_and_row_major():
-    xy_mm = centres_mm(DotGrid(columns=3, rows=2))
-    assert xy_mm.shape == (6, 2)
-    assert np.allclose(xy_mm.mean(0), 0)
-    assert np.allclose(xy_mm[1] - xy_mm[0], (2.2, 0))
-    assert np.allclose(xy_mm[3] - xy_mm[0], (0, 1.6))
-    assert b"-0.000000" not in centres_csv(DotGrid())
-
-
 def test_equal_recipe_gives_equal_bytes_and_the_recipe_comes_back(tmp_path):
     one, two = (make(MARKED, tmp_path / f"{name}.png") for name in "ab")
     assert one.image.read_bytes() == two.image.read_bytes()
@@ -199,18 +150,9 @@ def test_equal_recipe_gives_equal_bytes_and_the_recipe_comes_back(tmp_path):
     assert read_recipe(one.image) == MARKED
     again = make(read_recipe(one.image), tmp_path / "c.png")
     assert again.image_sha256 == one.image_sha256
-    other = make(MARKED.model_copy(update={"seed": 8}), tmp_path / "d.png")
-    assert other.image_sha256 != one.image_sha256
     with Image.open(one.image) as image:
         assert image.text["dots_sha256"] == one.dots_sha256
         assert float(image.text["mm_per_px"]) == 25.4 / 1200
-    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".csv"] * 4 + [".png"] * 4
-
-
-def test_the_drawn_numbers_are_those_of_version_0_1():
-    """A seed names a sticker that was printed: another draw needs another law's name."""
-    drawn = draw_patches(recipe_from_options(None, 0.075, 0.6, seed=7))
-    assert hashlib.sha256(drawn.tobytes()).hexdigest().startswith("1ef08c35f591f120")
 
 
 def test_files_without_a_recipe_are_refused(tmp_path):
@@ -219,30 +161,10 @@ def test_files_without_a_recipe_are_refused(tmp_path):
     with pytest.raises(InputError, match="carries no recipe"):
         read_recipe(foreign)
     foreign.write_bytes(b"not an image")
-    with pytest.raises(InputError, match="not a readable PNG"):
+    with pytest.raises(InputError, match="not a readable image"):
         read_recipe(foreign)
     with pytest.raises(InputError, match="no such file"):
         read_recipe(tmp_path / "none.png")
-
-
-@pytest.mark.parametrize(
-    ("dpi", "said"),
-    [
-        (0, "must be above 0"),
-        (float("nan"), "must be above 0"),
-        (100, "larger than a patch"),
-        (1e7, "at most 11000"),
-    ],
-)
-def test_absurd_resolutions(dpi, said):
-    with pytest.raises(InputError, match=said):
-        raster(PLAIN, dpi)
-
-
-def test_the_limits_that_an_error_names_are_usable():
-    assert raster(PLAIN, 170).shape[0] == 60  # 25.4 / 0.15 = 169.3 dpi: one dot a patch
-    with pytest.raises(InputError, match="use 170 to"):
-        raster(PLAIN, 169)
 
 
 def test_albedo_is_exact_by_area():
@@ -254,19 +176,6 @@ def test_albedo_is_exact_by_area():
     assert np.abs(coarse - means).max() < 1e-5
     assert coarse.min() >= 0
     assert coarse.max() <= 1
-
-
-@pytest.mark.slow
-def test_albedo_agrees_with_the_raster_where_no_edge_is():
-    """The picture as designed and the printer's raster differ on edges alone."""
-    printed = raster(MARKED, 1200) / 255.0
-    designed = albedo(MARKED, 25.4 / 1200, printed.shape[:2])
-    flat = np.ones(printed.shape[:2], bool)
-    for shift in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1)):
-        flat &= (np.roll(printed, shift, (0, 1)) == printed).all(-1)
-    flat[[0, -1]] = flat[:, [0, -1]] = False
-    assert flat.mean() > 0.5
-    assert np.abs(designed - printed)[flat].max() < 1e-5
 
 
 def test_albedo_beyond_the_sticker_is_the_base_and_the_base_colours_all():
@@ -281,3 +190,9 @@ def test_albedo_beyond_the_sticker_is_the_base_and_the_base_colours_all():
     assert missing_mm2 == pytest.approx(169 * np.pi * 0.3**2, rel=1e-3)
     with pytest.raises(InputError, match="mm_per_px"):
         albedo(recipe, 0.0)
+
+
+def test_centres_are_row_by_row_about_the_offset():
+    found = centres_mm(DotGrid(columns=3, rows=2, offset_x_mm=0.5, offset_y_mm=-0.1))
+    rows = [[-1.7, y, 0.5, y, 2.7, y] for y in (-0.9, 0.7)]
+    assert found == pytest.approx(np.array(rows).reshape(6, 2))

@@ -5,24 +5,19 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
-import tomllib
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from deltact_fab import catalog
-from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
 from deltact_fab.imaging import Printer
-from deltact_fab.patterns import load_recipe, read_recipe, recipe_from
+from deltact_fab.patterns import load_recipe, recipe_from
 from deltact_fab.patterns.code import decode
 from deltact_fab.patterns.quality.measure import measure
 from deltact_fab.patterns.series import job as series
 
-SIDE_MM = 9.0
+SIDE_MM = 5.0
 
 
 def small(*keys: tuple[float, float]) -> list[series.SeriesEntry]:
@@ -65,28 +60,9 @@ def test_the_papers_17_patterns():
         assert entry.recipe.dots is not None
         assert entry.recipe.dots.columns * entry.recipe.dots.rows == 169
     assert found[0.075, 0.6].name == "d0p075-r0p6"
-    assert all(e.recipe.dots is None for e in series.recipes(with_dots=False))
-
-
-def test_the_papers_errors_stand_where_the_paper_gives_them():
-    said = {e.name: (e.paper_error_mm, e.paper_about) for e in series.recipes() if e.paper_says}
-    assert said == {
-        "d0p1-r0p5": (0.11, False),
-        "d0p075-r0p6": (0.08, False),
-        "d0p05-r0p4": (0.5, True),
-        "d0p05-r0p5": (0.5, True),
-        "d0p05-r0p6": (0.5, True),
-    }
-
-
-@pytest.mark.parametrize("name", catalog.names("patterns"))
-def test_a_recipe_comes_back_from_its_toml(name):
-    recipe = load_recipe(name)
-    data = recipe.model_dump(mode="json", exclude_none=True)
-    text = catalog.as_toml(data, ["two lines", "of comment"])
-    assert recipe_from(tomllib.loads(text), name) == recipe
-    assert text.startswith("# two lines\n# of comment\n")
-    assert recipe_from(tomllib.loads(text), name).model_dump(mode="json", exclude_none=True) == data
+    said = {e.name: e.paper_says for e in series.recipes(with_dots=False) if e.paper_says}
+    about = dict.fromkeys(("d0p05-r0p4", "d0p05-r0p5", "d0p05-r0p6"), "about 0.5 mm")
+    assert said == {"d0p1-r0p5": "0.11 mm", "d0p075-r0p6": "0.08 mm"} | about
 
 
 def test_what_is_in_the_folder(written, entries):
@@ -104,6 +80,12 @@ def test_what_is_in_the_folder(written, entries):
     assert [p.name for p in written.out.parent.iterdir()] == ["small"]  # nothing is left beside it
     assert (written.out / "series.pdf").read_bytes().startswith(b"%PDF")
     json.dumps(written.as_dict(), allow_nan=False)
+    table = list(csv.DictReader(io.StringIO((written.out / "quality.csv").read_text())))
+    for line, row in zip(table, written.figures["patterns"], strict=True):
+        assert line["name"] == row["name"]
+        assert float(line["designed.sssig"]) == row["quality"]["designed"]["sssig"]
+        contrast = row["quality"]["photographed"]["contrast"]
+        assert float(line["photographed.contrast.5"]) == contrast[5]
     assert written.lines()[0] == f"{written.out}: 2 patterns, 1 page to print"
     for entry, row in zip(entries, written.figures["patterns"], strict=True):
         assert decode(row["code"]) == entry.recipe
@@ -119,34 +101,12 @@ def test_the_figures_are_the_patterns_own_without_dots(written, entries):
         for side in ("designed", "photographed"):
             for key, value in asdict(getattr(expected, side)).items():
                 assert row["quality"][side][key] == pytest.approx(value, rel=1e-8), key
-        with_dots = measure(entry.recipe, Printer(dpi=1200), seed=3).designed.contrast
-        assert row["quality"]["designed"]["contrast"] != pytest.approx(with_dots, rel=1e-2)
 
 
-def test_the_table_holds_every_figure_of_the_json(written):
-    table = list(csv.DictReader(io.StringIO((written.out / "quality.csv").read_text())))
-    for line, row in zip(table, written.figures["patterns"], strict=True):
-        assert line["name"] == row["name"]
-        assert line["rounds"] == " ".join(str(k) for k in row["rounds"])
-        for side in ("designed", "photographed"):
-            for key, value in row["quality"][side].items():
-                if isinstance(value, list):
-                    read = [float(line[f"{side}.{key}.{k}"]) for k in range(len(value))]
-                    assert read == value
-                else:
-                    assert float(line[f"{side}.{key}"]) == value
-                    assert math.isfinite(value)
-        assert None not in line.values()
-
-
-def test_every_command_takes_its_recipes(written, entries, tmp_path):
+def test_every_command_takes_its_recipes(written, entries):
     for entry in entries:
         file = written.out / "recipes" / f"{entry.name}.toml"
         assert load_recipe(str(file)) == entry.recipe
-        out = tmp_path / f"{entry.name}.png"
-        done = CliRunner().invoke(main, ["pattern", "make", str(file), "-o", str(out)])
-        assert done.exit_code == 0, done.output
-        assert read_recipe(out) == entry.recipe
     text = (written.out / "recipes" / "d0p1-r0p5.toml").read_text()
     assert "rounds 1 and 2" in text
     assert "0.11 mm" in text
@@ -160,22 +120,12 @@ def test_the_same_again_in_the_same_bytes_and_never_over_another(written, entrie
         series.write(again.out, seed=3, entries=entries)
 
 
-def test_another_seed_is_another_series(written, entries, tmp_path):
-    other = series.write(tmp_path / "o", seed=4, entries=entries)
-    ours = written.figures["patterns"][0]["quality"]
-    theirs = other.figures["patterns"][0]["quality"]
-    assert ours["designed"] == theirs["designed"]  # the recipes keep their seed
-    assert ours["photographed"] != theirs["photographed"]
-
-
-@pytest.mark.parametrize("error", [InputError("no page"), KeyboardInterrupt("no page")])
-def test_a_page_that_fails_leaves_nothing(entries, tmp_path, error):
+def test_a_page_that_fails_leaves_nothing(entries, tmp_path):
     def broken(folder: Path) -> None:
         assert (folder / "quality.json").is_file()
-        (folder / "patterns.html").write_text("half")
-        raise error
+        raise KeyboardInterrupt("no page")
 
-    with pytest.raises(type(error), match="no page"):
+    with pytest.raises(KeyboardInterrupt, match="no page"):
         series.write(tmp_path / "new", seed=3, entries=entries[:1], page=broken)
     assert list(tmp_path.iterdir()) == []
 
@@ -196,19 +146,3 @@ def test_what_cannot_be_printed_is_refused_before_the_long_part(entries, tmp_pat
     with pytest.raises(InputError, match=said):
         series.write(tmp_path / "s", entries=entries, **change)
     assert not (tmp_path / "s").exists()
-
-
-@pytest.mark.slow
-def test_the_whole_series_says_what_the_facts_say(tmp_path):
-    steps = []
-    report = series.write(tmp_path / "s", progress=lambda *step: steps.append(step))
-    rows = {(r["d_mm"], r["r"]): r["quality"] for r in report.figures["patterns"]}
-    assert len(rows) == 17
-    assert [s[0] for s in steps] == list(range(19))
-    assert steps[-1][:2] == (18, 18)
-    # The paper: at d = 0.05 the printer makes a grey area of it
-    assert not any(q["printable"] for (d, _), q in rows.items() if d == 0.05)
-    assert all(q["printable"] and q["seen"] for (d, _), q in rows.items() if d >= 0.1)
-    for r in (0.1, 0.3, 0.4, 0.5, 0.6):
-        left = [rows[key]["camera_contrast"] for key in sorted(rows) if key[1] == r]
-        assert left == sorted(left)

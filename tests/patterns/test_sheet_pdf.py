@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import zlib
-from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -28,18 +27,13 @@ COARSE = recipe_from_options(None, 0.2, 0.3, size_mm=12.0)
 def objects(data):
     """Body of every object, by number, found through the cross-reference table."""
     start = int(re.search(rb"startxref\n(\d+)\n%%EOF\n$", data)[1])
-    assert data[start : start + 5] == b"xref\n"
-    count = int(re.match(rb"xref\n0 (\d+)\n", data[start:])[1])
-    entries = re.findall(rb"(\d{10}) (\d{5}) ([nf]) \n", data[start:])
-    assert len(entries) == count
-    offsets = [int(e[0]) for e in entries[1:]] + [start]
+    entries = re.findall(rb"(\d{10}) \d{5} n \n", data[start:])
+    offsets = [int(e) for e in entries] + [start]
     found = {}
     for number, (at, end) in enumerate(itertools.pairwise(offsets), 1):
-        body = data[at:end]
         head = b"%d 0 obj\n" % number
-        assert body.startswith(head)
-        assert body.endswith(b"\nendobj\n")
-        found[number] = body[len(head) : -len(b"\nendobj\n")]
+        assert data[at:end].startswith(head)
+        found[number] = data[at + len(head) : end].removesuffix(b"\nendobj\n")
     return found
 
 
@@ -67,26 +61,16 @@ def placed_images(data):
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class PlacedPicture:
-    """Size (x, y) in mm by the page's matrix, and the pixels (h, w, 3)."""
-
-    size_mm: tuple[float, float]
-    pixels: np.ndarray
-
-
 def read_back(path):
-    """The first colour picture of a PDF; nothing of the writer's own report is used."""
-    every = objects(path.read_bytes())
-    pictures = [stream(b) for b in every.values() if b"/DeviceRGB" in b]
-    head, raw = pictures[0]
-    matrix = next(i[1] for i in placed_images(path.read_bytes()) if "/DeviceRGB" in i[4])
-    width = int(re.search(r"/Width (\d+)", head)[1])
+    """Size (x, y) in mm and pixels (h, w, 3) of the first colour picture, of the file alone."""
+    data = path.read_bytes()
+    _, raw = next(stream(b) for b in objects(data).values() if b"/DeviceRGB" in b)
+    _, matrix, width, *_ = next(i for i in placed_images(data) if "/DeviceRGB" in i[4])
     pixels = np.frombuffer(raw, np.uint8).reshape(-1, width, 3)
-    return PlacedPicture((matrix[0] * 25.4 / 72, matrix[3] * 25.4 / 72), pixels)
+    return (matrix[0] * 25.4 / 72, matrix[3] * 25.4 / 72), pixels
 
 
-def edge_error_mm(recipe, found):
+def edge_error_mm(recipe, size_mm, pixels):
     """Worst patch edge of a file against k d about the picture's centre; inf when one is missing.
 
     Needs a pattern whose every row and column differs somewhere from the one before.
@@ -95,11 +79,11 @@ def edge_error_mm(recipe, found):
     true_mm = (np.arange(1, recipe.n) - recipe.n / 2) * (recipe.printed_mm / recipe.n)
     for axis in (0, 1):
         other = tuple(k for k in range(3) if k != axis)
-        steps = np.diff(found.pixels.astype(np.int16), axis=axis).any(axis=other)
+        steps = np.diff(pixels.astype(np.int16), axis=axis).any(axis=other)
         changes = np.flatnonzero(steps)
         if len(changes) != recipe.n - 1:
             return np.inf
-        edges_mm = ((changes + 1) / found.pixels.shape[axis] - 0.5) * found.size_mm[1 - axis]
+        edges_mm = ((changes + 1) / pixels.shape[axis] - 0.5) * size_mm[1 - axis]
         worst_mm = max(worst_mm, float(np.abs(edges_mm - true_mm).max(initial=0.0)))
     return worst_mm
 
@@ -129,11 +113,13 @@ def rendered(pdf, dpi, sticker=None, pad=0, scale=(1.0, 1.0)):
     return image[..., ::-1]
 
 
-@pytest.mark.parametrize("transfer", ["face-down", "slide"])
-@pytest.mark.parametrize("dpi", [1200, 2400])
+@pytest.mark.parametrize(("dpi", "transfer"), [(1200, "slide"), (2400, "face-down")])
 def test_the_matrix_is_exact_to_a_micrometre(tmp_path, dpi, transfer):
     made = sheet.write([FINE, COARSE], tmp_path / "s.pdf", dpi=dpi, transfer=transfer, copies=2)
     data = made.out.read_bytes()
+    assert data.startswith(b"%PDF-1.7\n")
+    assert b"/PrintScaling /None" in objects(data)[1]
+    assert b"Date" not in b"".join(b for b in objects(data).values() if b"stream" not in b)
     high_mm = media_mm(data)[1]
     found = [i for i in placed_images(data) if "/DeviceRGB" in i[4]]
     assert len(found) == 4
@@ -155,19 +141,18 @@ def test_the_matrix_is_exact_to_a_micrometre(tmp_path, dpi, transfer):
         assert "/FlateDecode" in head
 
 
-@pytest.mark.parametrize("patch_mm", [0.13, 0.08])
-@pytest.mark.parametrize("scale", [(1.0, 1.0), (0.99, 0.99)])
+@pytest.mark.parametrize(("patch_mm", "scale"), [(0.13, (1.0, 1.0)), (0.08, (0.99, 0.99))])
 def test_the_edges_in_the_file_are_as_good_as_reported(tmp_path, patch_mm, scale):
     recipe = recipe_from_options(None, patch_mm, 0.6, size_mm=20.0)
     made = sheet.write([recipe], tmp_path / "s.pdf", scale=scale)
-    found = read_back(made.out)
-    size_mm = tuple(v / k for v, k in zip(found.size_mm, scale, strict=True))
-    measured_mm = edge_error_mm(recipe, replace(found, size_mm=size_mm))
+    size_mm, pixels = read_back(made.out)
+    size_mm = tuple(v / k for v, k in zip(size_mm, scale, strict=True))
+    measured_mm = edge_error_mm(recipe, size_mm, pixels)
     assert made.print_error_mm / 2 < measured_mm <= made.print_error_mm + 1e-6
-    # The measure itself: a file of another pattern, and one of another size
-    assert edge_error_mm(recipe_from_options(None, 0.26, 0.6, size_mm=20.0), found) == np.inf
-    larger = replace(found, size_mm=tuple(v + 0.1 for v in size_mm))
-    assert edge_error_mm(recipe, larger) == pytest.approx(0.05, abs=0.012)
+    # The measure itself: a file of another pattern
+    assert (
+        edge_error_mm(recipe_from_options(None, 0.26, 0.6, size_mm=20.0), size_mm, pixels) == np.inf
+    )
 
 
 def test_the_page_is_whole_dots_and_within_half_a_dot_of_the_paper(tmp_path):
@@ -178,29 +163,14 @@ def test_the_page_is_whole_dots_and_within_half_a_dot_of_the_paper(tmp_path):
             assert abs(side_mm * 1200 / 25.4 - round(side_mm * 1200 / 25.4)) < 1e-3
 
 
-def test_what_a_print_shop_must_find(tmp_path):
-    made = sheet.write([COARSE], tmp_path / "s.pdf")
-    data = made.out.read_bytes()
-    every = objects(data)
-    assert data.startswith(b"%PDF-1.7\n")
-    assert b"/PrintScaling /None" in every[1]
-    assert b"Date" not in b"".join(b for b in every.values() if b"stream" not in b)
-    assert made.codes[0].encode() in data
-
-
 def test_copies_share_one_image(tmp_path):
     once = sheet.write([FINE], tmp_path / "a.pdf").bytes
-    many = sheet.write([FINE], tmp_path / "b.pdf", copies=40)
+    many = sheet.write([FINE], tmp_path / "b.pdf", copies=20)
     assert many.pages > 1
     assert many.bytes < once + 40_000
 
 
-CASES = [
-    (d, dpi, transfer)
-    for dpi in (1200, 2400)
-    for d in (0.05, 0.075, 0.1, 0.12, 0.15, 0.2)
-    for transfer in (("face-down", "slide") if d in (0.075, 0.2) else ("face-down",))
-]
+CASES = [(0.075, 1200, "slide"), (0.05, 2400, "face-down"), (0.12, 1200, "face-down")]
 
 
 @needs_poppler
@@ -228,30 +198,6 @@ def test_every_patch_centre_is_exact(tmp_path, d, dpi, transfer):
     # A raster is right about its centre: its corner is off by half of what its side is
     shift_mm = abs(round(side_dots) - side_dots) / 2 * 25.4 / dpi
     assert np.abs(edges_mm - true_mm).max() <= s.print_error_mm + shift_mm + 1e-9
-
-
-@needs_poppler
-@pytest.mark.parametrize("scale", [(1.0, 1.0), (1.013, 0.991)])
-def test_a_raster_is_not_resampled(tmp_path, scale):
-    made = sheet.write([FINE], tmp_path / "s.pdf", scale=scale, paper="A5")
-    s = made.stickers[0]
-    image = rendered(made.out, 1200, s, scale=scale)
-    h, w = (round(s.side_mm * k * 1200 / 25.4) for k in (scale[1], scale[0]))
-    found = image[:h, :w]
-    if scale == (1.0, 1.0):
-        assert np.array_equal(found, raster(FINE, 1200))
-    patch_px = np.array(scale) * 0.075 * 1200 / 25.4
-    at_x, at_y = (np.floor((np.arange(FINE.n) + 0.5) * p).astype(int) for p in patch_px)
-    assert np.array_equal(found[np.ix_(at_y, at_x)], draw_patches(FINE))
-
-
-@needs_poppler
-def test_markers_are_printed_as_designed(tmp_path):
-    recipe = load_recipe("dense-with-dots")
-    made = sheet.write([recipe], tmp_path / "s.pdf", dpi=600)
-    s = made.stickers[0]
-    h = round(s.side_mm * 600 / 25.4)
-    assert np.array_equal(rendered(made.out, 600, s)[:h, :h], raster(recipe, 600))
 
 
 @needs_poppler
@@ -323,12 +269,10 @@ def test_the_files_side_is_the_one_that_is_reported(tmp_path, scale):
     [
         (25.4 / 1200, 0.1, 10.0, 1200),  # a patch of one printer dot
         (35.0, 0.1, 35.0, 1200),
-        (1.0, 0.1, 35.0, 100),
-        (0.2, 0.1, 10.0, 9600),
-        (0.075, 0.9999, 10.0, 1200),
+        (0.2, 0.1, 4.0, 9600),
     ],
 )
 def test_the_pixels_in_the_file_are_the_recipes_at_its_ends(tmp_path, d_mm, r, size_mm, dpi):
     recipe = recipe_from_options(None, d_mm, r, size_mm=size_mm)
     made = sheet.write([recipe], tmp_path / "s.pdf", dpi=dpi)
-    assert np.array_equal(read_back(made.out).pixels, raster(recipe, dpi))
+    assert np.array_equal(read_back(made.out)[1], raster(recipe, dpi))

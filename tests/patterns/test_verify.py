@@ -21,7 +21,7 @@ from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.patterns.verify import load_printer, verify
 
 DPI = 600.0
-RECIPE = PatternRecipe(law="algorithm1", seed=3, size_mm=20.0, patch_mm=0.2, r=0.3)
+RECIPE = PatternRecipe(law="algorithm1", seed=3, size_mm=12.0, patch_mm=0.2, r=0.3)
 
 
 def sheet_of(recipe: PatternRecipe, blank: int = 120) -> np.ndarray:
@@ -32,17 +32,25 @@ def sheet_of(recipe: PatternRecipe, blank: int = 120) -> np.ndarray:
 SHEET = sheet_of(RECIPE)
 FAULTS: dict[str, tuple[dict, set[str]]] = {
     "sound": ({}, set()),
-    "sound, another scanner": ({"noise": 5.0, "blur_px": 0.8, "seed": 4}, set()),
+    "sound, upside down, another scanner": (
+        {"turn_deg": 180.6, "noise": 5.0, "blur_px": 0.8, "seed": 4},
+        set(),
+    ),
     "turned by 91 degrees": ({"turn_deg": 91.0}, set()),
-    "turned upside down": ({"turn_deg": 180.6}, set()),
-    "scale": ({"scale": (1.0031, 0.9972)}, {"scale, x", "scale, y"}),
-    "scale in y": ({"scale": (1.0004, 1.006), "turn_deg": -2.0}, {"scale, y"}),
+    "scale": ({"scale": (1.0031, 0.994), "turn_deg": -2.0}, {"scale, x", "scale, y"}),
     "shear": ({"shear": 0.004, "turn_deg": 1.3}, {"shear"}),
     "mirrored": ({"mirrored": True}, {"mirror"}),
     "inks apart": ({"inks_px": ((4.0, 0.0), (0.0, -3.0), (0.0, 0.0))}, {"misregistration of inks"}),
     "magenta nearly empty": ({"fade": (1.0, 0.3, 1.0)}, {"inks"}),
-    "clogged": ({"streaks": (slice(330, 352),)}, {"gaps"}),
+    "clogged": ({"streaks": (slice(230, 252),)}, {"gaps"}),
 }
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    """A sound scan, as PNG and as the JPEG of halved colours that Pillow writes."""
+    folder, scan = tmp_path_factory.mktemp("scan"), spoiled.print_of(SHEET)
+    return [spoiled.save(scan, folder / f"scan.{kind}", DPI) for kind in ("png", "jpg")]
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -59,11 +67,11 @@ def test_a_fault_fails_its_own_row_and_no_other(tmp_path, fault):
 
 
 def test_where_ink_lacks_and_how_far_inks_are_apart_is_told(tmp_path):
-    image = spoiled.print_of(SHEET, streaks=(slice(330, 352),))
+    image = spoiled.print_of(SHEET, streaks=(slice(230, 252),))
     done = verify(spoiled.save(image, tmp_path / "a.png", DPI), RECIPE)
-    there_mm = (341 - 120) * 25.4 / DPI - 10.0
+    there_mm = (241 - 120) * 25.4 / DPI - 6.0
     assert {round(y - there_mm) for _, y in done.found.gaps_mm} <= {-1, 0, 1}
-    assert len({x for x, _ in done.found.gaps_mm}) > 8
+    assert len({x for x, _ in done.found.gaps_mm}) > 5
     image = spoiled.print_of(SHEET, inks_px=((3.0, 0.0), (0.0, -3.0), (0.0, 0.0)))
     done = verify(spoiled.save(image, tmp_path / "b.png", DPI), RECIPE)
     pitch_um = 25400 / DPI
@@ -73,7 +81,7 @@ def test_where_ink_lacks_and_how_far_inks_are_apart_is_told(tmp_path):
 
 def test_a_hand_held_photograph_is_judged_but_for_its_scale(tmp_path):
     scan = spoiled.print_of(SHEET)
-    photo = spoiled.photograph_of(scan, ((60, 40), (900, 110), (860, 880), (20, 800)))
+    photo = spoiled.photograph_of(scan, ((60, 40), (620, 90), (590, 600), (20, 550)))
     done = verify(spoiled.save(photo, tmp_path / "photo.jpg"), RECIPE)
     assert done.passed
     assert done.found.scale is None
@@ -81,34 +89,28 @@ def test_a_hand_held_photograph_is_judged_but_for_its_scale(tmp_path):
         done.printer()
 
 
-def test_a_jpeg_of_halved_colours_says_what_it_cannot_tell(tmp_path):
-    done = verify(spoiled.save(spoiled.print_of(SHEET), tmp_path / "scan.jpg", DPI), RECIPE)
+def test_a_jpeg_of_halved_colours_says_what_it_cannot_tell(sound):
+    done = verify(sound[1], RECIPE)
     assert done.passed
     assert "contrast and inks" in [row.check for row in done.rows]
     with pytest.raises(InputError, match="scan it as PNG or TIFF"):
         done.printer()
 
 
-def test_a_sheet_that_was_stretched_already_keeps_its_stretch(tmp_path):
-    scan = spoiled.save(spoiled.print_of(SHEET), tmp_path / "scan.png", DPI)
-    done = verify(scan, RECIPE, scaled=(1.004, 0.998))
-    assert done.passed
-    known = done.printer()
+def test_a_sheet_that_was_stretched_already_keeps_its_stretch(sound):
+    known = verify(sound[0], RECIPE, scaled=(1.004, 0.998)).printer()
     assert (known.scale_x, known.scale_y) == pytest.approx((1.004, 0.998), abs=1e-3)
 
 
-@pytest.mark.parametrize("seed", [4, 5])
-def test_another_recipe_is_told(tmp_path, seed):
-    other = RECIPE.model_copy(update={"seed": seed})
-    scan = spoiled.save(spoiled.print_of(sheet_of(other)), tmp_path / "scan.jpg", DPI)
-    (row,) = verify(scan, RECIPE).rows
+def test_another_recipe_is_told(sound):
+    (row,) = verify(sound[1], RECIPE.model_copy(update={"seed": 4})).rows
     assert not row.passed
     assert row.found == "not this recipe's pattern"
 
 
 def test_what_is_no_scan_is_one_line(tmp_path):
     (tmp_path / "a.png").write_text("no image")
-    with pytest.raises(InputError, match=r"a\.png: no image that can be read"):
+    with pytest.raises(InputError, match=r"a\.png: not a readable image"):
         verify(tmp_path / "a.png", RECIPE)
     with pytest.raises(InputError, match=r"b\.png: no such file"):
         verify(tmp_path / "b.png", RECIPE)
@@ -123,9 +125,10 @@ def test_what_is_no_scan_is_one_line(tmp_path):
 
 def test_the_next_sheet_and_the_quality_are_this_printer_s(tmp_path):
     """On the command line: a print that is too large gives a sheet that is smaller."""
-    image = spoiled.print_of(SHEET, scale=(1.003, 1.001), blur_px=0.8)
+    recipe = RECIPE.model_copy(update={"size_mm": 20.0})
+    image = spoiled.print_of(sheet_of(recipe), scale=(1.003, 1.001), blur_px=0.8)
     spoiled.save(image, tmp_path / "scan.png", DPI)
-    words = ["pattern", "verify", "scan.png", encode(RECIPE), "-o", "printer.toml"]
+    words = ["pattern", "verify", "scan.png", encode(recipe), "-o", "printer.toml"]
     done = called(*words, cwd=tmp_path)
     assert done.returncode == 1
     assert done.stdout.startswith("scan.png: fails: scale, x\n")
@@ -147,7 +150,6 @@ def test_the_next_sheet_and_the_quality_are_this_printer_s(tmp_path):
     [
         ("spread_um = -5", "p.toml: spread_um: .* 0 <= spread_um <= 2000"),
         ("scale_z = 1", "p.toml: scale_z: unknown key; did you mean 'scale_y'?"),
-        ("scale_x = 5", "p.toml: scale_x: .* 0.5 <= scale_x <= 2"),
     ],
 )
 def test_a_printer_that_is_none_is_one_line(tmp_path, text, says):
@@ -156,15 +158,9 @@ def test_a_printer_that_is_none_is_one_line(tmp_path, text, says):
         load_printer(tmp_path / "p.toml")
 
 
-def test_a_scale_of_nothing_is_refused(tmp_path):
-    done = called("pattern", "sheet", "dense", "--scale-x", "0", "-o", "s.pdf", cwd=tmp_path)
-    assert done.returncode == 2
-    assert "scale x: 0 must be 0.9 to 1.1" in done.stderr
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm is not installed")
-@pytest.mark.parametrize("name", ["dense", "dense-with-dots", "octave"])
+@pytest.mark.parametrize("name", ["dense-with-dots", "octave"])
 def test_a_whole_sheet_as_another_program_draws_it(tmp_path, name):
     called("pattern", "sheet", name, "-o", "sheet.pdf", cwd=tmp_path)
     part = ["-x", "700", "-y", "2000", "-W", "2800", "-H", "2800"]

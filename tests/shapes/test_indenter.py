@@ -7,13 +7,11 @@ import math
 import numpy as np
 import pytest
 from closed_forms import tip_mm3
-from hypothesis import given
-from hypothesis import strategies as st
 
 from deltact_fab.aliases import Field
 from deltact_fab.errors import InputError
 from deltact_fab.shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
-from deltact_fab.shapes.indenter import KINDS, SIZE_MM, parse
+from deltact_fab.shapes.indenter import SIZE_MM, parse
 from deltact_fab.shapes.sensor import ShapeError
 from deltact_fab.shapes.turned import ProfilePiece
 
@@ -36,14 +34,12 @@ TIPS: tuple[Tip, ...] = (
     SphereTip(0.5, -1.0, 2.0),
     RidgeTip(-1.0, 0.3, 0.4, 1.2, 5.0, flank_deg=40.0),
     EllipsoidTip(0.2, 0.1, 4.5, 3.0),
-    EllipsoidTip(0.0, 0.0, 2.0, 3.0),
     PrismTip.polygon(6, 4.5),
     PrismTip.polygon(4, 3.0, 0.8, 0.1),
     PrismTip(0.3, -0.2, 5, 4.5, 2.25),
     PrismTip(0.0, 0.0, 3, 4.0, 1.2, 0.4, 1.5, 0.39),
     TurnedTip.cylinder(4.5, 0.3),
     TurnedTip.ring(4.5, 1.5),
-    TurnedTip.ring(3.0, 0.4),
     TurnedTip.hat(4.5, 2.475, 2.7, 60.0, 0.3),
     dimpled(),
 )
@@ -58,21 +54,13 @@ def grid(half_x: float, half_y: float, spacing: float) -> tuple[Field, Field]:
     return xx, yy
 
 
-# -- names ---------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("typed", "name", "slug"),
     [
         ("sphere:10", "sphere:10", "sphere-10"),
         (" sphere:12.50 ", "sphere:12.5", "sphere-12p5"),
-        ("star", "star", "star"),
         ("star:9.0", "star", "star"),
         ("hexprism:7.5", "hexprism:7.5", "hexprism-7p5"),
-        ("2dots", "2dots", "2dots"),
-        ("ring:9", "ring", "ring"),
-        ("hat:12.5", "hat:12.5", "hat-12p5"),
-        ("cylinder:6", "cylinder:6", "cylinder-6"),
     ],
 )
 def test_a_name_is_normalised(typed: str, name: str, slug: str) -> None:
@@ -81,41 +69,14 @@ def test_a_name_is_normalised(typed: str, name: str, slug: str) -> None:
     assert parse(name) == parse(typed)
 
 
-@given(
-    st.lists(
-        st.tuples(
-            st.sampled_from(KINDS), st.floats(5.0, 20.0).map(lambda v: round(v, 7)) | st.none()
-        ),
-        min_size=2,
-        max_size=8,
-    )
-)
-def test_a_slug_stands_for_one_shape(chosen: list[tuple[str, float | None]]) -> None:
-    shapes = [
-        parse(kind if size is None else f"{kind}:{size!r}")
-        for kind, size in chosen
-        if kind != "sphere" or size is not None
-    ]
-    assert len({s.slug for s in shapes}) == len(set(shapes))
-    assert all(parse(s.name) == s for s in shapes)
-
-
 @pytest.mark.parametrize(
     ("typed", "says"),
     [
         ("elipsoid", "indenter 'elipsoid': unknown; did you mean 'ellipsoid'?"),
-        ("hex-prism", "did you mean 'hexprism'?"),
-        ("spere:10", "did you mean 'sphere'?"),
-        ("cilinder", "did you mean 'cylinder'?"),
-        ("ring:4", "5 to 20 mm, as in 'ring:9'"),
         ("cube:3", "valid: sphere:DIAMETER_MM, and with or without :SIZE_MM 4dots, 2dots, edges, "),
-        ("", "indenter '': unknown"),
         ("sphere", "a diameter of 0.5 to 30 mm, as in 'sphere:10'"),
         ("sphere:nan", "a diameter of 0.5 to 30 mm"),
-        ("star:", "5 to 20 mm, as in 'star:9'"),
         ("star:big", "5 to 20 mm"),
-        ("4dots:inf", "5 to 20 mm"),
-        ("edges:4.9", "5 to 20 mm"),
         ("edges:20.1", "5 to 20 mm"),
     ],
 )
@@ -124,9 +85,6 @@ def test_a_wrong_name_says_what_is_right(typed: str, says: str) -> None:
         parse(typed)
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-# -- height fields -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["sphere:10", "4dots"])
@@ -147,14 +105,12 @@ def test_spheres_keep_their_bits(name: str) -> None:
     assert shape.height_mm(x, y).tobytes() == expected.tobytes()
 
 
-@pytest.mark.parametrize(
-    "name", ["sphere:10", *SCALED, *(f"{n}:{s}" for n in SCALED for s in (5, 20))]
-)
+@pytest.mark.parametrize("name", ["sphere:10", *SCALED, *(f"{n}:20" for n in SCALED)])
 def test_field_and_footprint(name: str) -> None:
     shape = parse(name)
     hx, hy = shape.footprint_half_mm
     assert 2 * max(hx, hy) == pytest.approx(float(name.partition(":")[2] or SIZE_MM))
-    spacing = max(hx, hy) / 400
+    spacing = max(hx, hy) / 200
     x, y = grid(hx, hy, spacing)
     height = shape.height_mm(x, y)
     assert height.shape == x.shape
@@ -173,42 +129,6 @@ def test_field_and_footprint(name: str) -> None:
         steep = tip.equator_mm - math.sqrt(4 * spacing * max(tip.equator_mm, tip.radius_mm))
         assert own[np.isfinite(own)].max() > steep
     assert shape.equator_mm == min(t.equator_mm for t in shape.tips)
-
-
-@pytest.mark.parametrize("name", PAPER)
-def test_the_paper_s_indenters_fit_its_protocol(name: str) -> None:
-    """10 mm deep, dragged 10 mm each way on a face of 36 x 34 mm, from a place off its middle."""
-    shape = parse(name)
-    assert shape.reach_mm > 11
-    hx, hy = shape.footprint_half_mm
-    assert hx + 3 + 10 <= 18
-    assert hy + 2 + 10 <= 17
-    assert shape.equator_mm < shape.reach_mm
-
-
-def test_a_large_sphere_has_a_shank_too() -> None:
-    assert parse("sphere:10").reach_mm == 12.0
-    assert parse("sphere:22").reach_mm == 14.0
-
-
-@pytest.mark.parametrize(
-    ("name", "turn_deg"),
-    [
-        *[("hexprism", 60), ("star", 72), ("4dots", 90), ("edges", 180)],
-        *[("cylinder", 17), ("ring", 31), ("hat", 143)],
-    ],
-)
-def test_symmetry(name: str, turn_deg: float) -> None:
-    shape, a = parse(name), math.radians(turn_deg)
-    x, y = np.random.default_rng(2).uniform(-4.6, 4.6, (2, 5000))
-    height = shape.height_mm(x, y)
-    turned = shape.height_mm(math.cos(a) * x - math.sin(a) * y, math.sin(a) * x + math.cos(a) * y)
-    mirrored = shape.height_mm(x, -y)
-    known = np.isfinite(height)
-    assert known.sum() > 1000
-    for other in (turned, mirrored):
-        assert np.array_equal(np.isfinite(other), known)
-        assert np.abs(other[known] - height[known]).max() < 1e-9
 
 
 @pytest.mark.parametrize("tip", TIPS, ids=lambda t: type(t).__name__)
@@ -233,15 +153,6 @@ def test_the_volume_is_the_integral_of_the_field(tip: Tip) -> None:
         height = tip.height_mm(tip.x_mm + x, tip.y_mm + y)
         found = np.where(np.isfinite(height), length_mm - height, 0.0).sum() * spacing**2
         assert tip_mm3(tip, length_mm) == pytest.approx(found, rel=1e-3)
-
-
-def test_the_ridge_s_nose_runs_into_its_flank_without_a_kink() -> None:
-    ridge = RidgeTip(0.0, 0.0, 0.3, 1.0, 7.0, flank_deg=30.0)
-    at, step = ridge.nose_half_mm, 1e-6
-    x = np.array([at - step, at, at + step])
-    low, middle, high = ridge.height_mm(x, np.zeros(3))
-    assert middle - low == pytest.approx(high - middle, rel=1e-3)
-    assert (high - middle) / step == pytest.approx(1 / math.tan(math.radians(30)), rel=1e-3)
 
 
 Drawn = tuple[tuple[float, float], list[tuple[str, tuple[tuple[float, float], ...]]]]
@@ -323,54 +234,8 @@ def test_the_drawn_profile_is_the_height_field(tip: TurnedTip) -> None:
     assert math.isinf(at[1]) == (tip.start_mm[0] > 0)
 
 
-@pytest.mark.parametrize("tip", TURNED, ids=lambda t: f"{t.rim_mm:.3g}-{t.radius_mm:.3g}")
-@pytest.mark.parametrize("length_mm", [3.1, 12.0])
-def test_the_turned_volume_is_the_integral_of_its_shells(tip: TurnedTip, length_mm: float) -> None:
-    """By Gauss over each piece; v = sin takes the upright tangent out of the arcs."""
-    node, weight = np.polynomial.legendre.leggauss(60)
-    found, d0 = 0.0, tip.start_mm[0]
-    for piece in tip.pieces:
-        d1, z1 = piece.end_mm
-        if piece.centre_mm is None:
-            d, rate = (d0 + d1 + (d1 - d0) * node) / 2, np.full(node.shape, (d1 - d0) / 2)
-            z = tip.height_mm(tip.x_mm + d, np.full(d.shape, tip.y_mm))
-        else:
-            (m, n), r = piece.centre_mm, math.dist(piece.centre_mm, piece.end_mm)
-            low, high = (math.asin(min(max((v - m) / r, -1.0), 1.0)) for v in (d0, d1))
-            t = (low + high + (high - low) * node) / 2
-            d, rate = m + r * np.sin(t), r * np.cos(t) * (high - low) / 2
-            z = n + (1 if z1 > n else -1) * r * np.cos(t)
-        found += float(np.sum(weight * rate * 2 * np.pi * d * (length_mm - z)))
-        d0 = d1
-    assert tip_mm3(tip, length_mm) == pytest.approx(found, rel=1e-12)
-
-
-def test_known_volumes() -> None:
-    """Half a torus (Pappus) with a tube on it, and a cylinder with nothing rounded."""
-    ring = TurnedTip.ring(4.5, 1.5)
-    torus = math.pi**2 * 3.0 * 1.5**2
-    assert tip_mm3(ring, 1.5) == pytest.approx(torus, rel=1e-13)
-    tube = math.pi * (4.5**2 - 1.5**2) * 10.5
-    assert tip_mm3(ring, 12.0) == pytest.approx(torus + tube, rel=1e-13)
-    sharp = TurnedTip.cylinder(4.5, 1e-9)
-    assert tip_mm3(sharp, 12.0) == pytest.approx(math.pi * 4.5**2 * 12, rel=1e-12)
-
-
-def test_the_ring_s_hole_stays_open() -> None:
-    ring = parse("ring")
-    assert ring.tips[0].lowest_mm == (3.0, 0.0)
-    d = np.array([0.0, 1.49, 1.51, 3.0, 4.49, 4.51])
-    height = ring.height_mm(d, np.zeros(6))
-    assert np.isinf(height).tolist() == [True, True, False, False, False, True]
-    assert height[3] == 0.0
-    assert ring.equator_mm == 1.5
-
-
-@pytest.mark.parametrize("name", ["hat", "hat:5", "hat:20"])
-def test_the_hat_is_a_dome_a_flank_and_a_brim(name: str) -> None:
-    hat = parse(name)
-    tip, size_mm = hat.tips[0], float(name.partition(":")[2] or SIZE_MM)
-    assert isinstance(tip, TurnedTip)
+def test_the_hat_is_a_dome_a_flank_and_a_brim() -> None:
+    hat, size_mm = parse("hat"), SIZE_MM
     d = np.linspace(0, size_mm / 2 - 1e-9, 20001)
     z = hat.height_mm(np.zeros(20001), d)
     slope = np.gradient(z, d)
@@ -385,31 +250,6 @@ def test_the_hat_is_a_dome_a_flank_and_a_brim(name: str) -> None:
     assert hat.equator_mm == pytest.approx(0.3 * size_mm + 0.3)
 
 
-@given(
-    st.sampled_from(["cylinder", "ring", "hat"]),
-    st.lists(st.floats(-1.0, 12.0), min_size=3, max_size=3),
-    st.floats(-10.0, 100.0),
-)
-def test_any_dimensions_make_a_tip_or_state_the_inequality(
-    kind: str, sizes: list[float], flank_deg: float
-) -> None:
-    a, b, c = sizes
-    try:
-        if kind == "hat":
-            tip = TurnedTip.hat(a, b, c, flank_deg, 0.3)
-        else:
-            tip = TurnedTip.cylinder(a, b) if kind == "cylinder" else TurnedTip.ring(a, b)
-    except ShapeError:
-        return
-    d = np.linspace(tip.start_mm[0], tip.rim_mm, 400)
-    z = tip.height_mm(d, np.zeros(400))
-    assert np.all(np.isfinite(z[1:-1]))
-    assert -1e-9 < z.min() < 1e-2 * tip.rim_mm
-    assert z.max() <= tip.equator_mm * (1 + 1e-9)
-    full = math.pi * (tip.rim_mm**2 - tip.start_mm[0] ** 2) * tip.equator_mm
-    assert 0 < tip_mm3(tip, tip.equator_mm) < full * (1 + 1e-9)
-
-
 @pytest.mark.parametrize(
     ("make", "says"),
     [
@@ -418,53 +258,24 @@ def test_any_dimensions_make_a_tip_or_state_the_inequality(
         (lambda: PrismTip(0, 0, 5, 4.5, 4.2), r"inner_mm <= that of a polygon: 4\.2 <= 3\.7"),
         (lambda: PrismTip(0, 0, 5, 4.5, 0.4), r"corner_mm < inner_mm: 0\.5 < 0\.4"),
         (lambda: PrismTip(0, 0, 5, 4.5, 2.25, notch_mm=9.0), "length of a straight side"),
-        (lambda: PrismTip(0, 0, 5, 4.5, math.nan), "inner_mm > 0 and finite: nan fails"),
         (lambda: RidgeTip(0, 0, 1.0, 0.5, 7.0), r"radius_mm cos\(flank_deg\) < half_width_mm"),
-        (lambda: RidgeTip(0, 0, 0.3, 1.0, 7.0, flank_deg=90.0), "flank_deg < 90"),
         (lambda: RidgeTip(0, 0, 0.3, 1.0, 0.0), "length_mm > 0 and finite"),
         (lambda: EllipsoidTip(0, 0, -1.0, 3.0), "a_mm > 0 and finite: -1"),
         (lambda: TurnedTip.cylinder(2.0, 2.0), "edge_mm < radius_mm: 2 < 2 fails"),
-        (lambda: TurnedTip.cylinder(math.nan, 0.3), "edge_mm < radius_mm: 0.3 < nan fails"),
         (lambda: TurnedTip.ring(3.0, 1.5), "2 tube_mm < radius_mm: 3 < 3 fails"),
-        (lambda: TurnedTip.ring(3.0, 0.0), "0 < tube_mm"),
-        (lambda: TurnedTip.hat(4.5, 2.5, 2.7, 90.0, 0.3), "flank_deg < 90"),
         (
             lambda: TurnedTip.hat(4.5, 4.3, 2.7, 60.0, 0.3),
             r"crown_radius_mm \+ edge_mm < radius_mm",
         ),
         (lambda: TurnedTip.hat(4.5, 2.0, 3.6, 60.0, 0.3), "crown_mm < crown_radius_mm tan"),
         (lambda: TurnedTip.hat(4.5, 2.0, 0.5, 60.0, 0.3), "edge of the dome < crown_radius_mm"),
-        (
-            lambda: turned((0, 0), ProfilePiece((2, 0), None), radius=2.1),
-            "ball that fits inside: 2.1 <= 2",
-        ),
-        (lambda: turned((0, 0), ProfilePiece((2, 1))), r"ball that fits inside: 0.1 <= \S+ fails"),
-        (lambda: turned((0, 1), ProfilePiece((2, 1))), r"lowest z of the profile = 0: 1 fails"),
-        (lambda: turned((0, 0.1), ProfilePiece((2, 0.1), (1, 0.5))), "lowest z .* = 0: -0.577"),
-        (
-            lambda: turned((0, -1), ProfilePiece((2, 0))),
-            r"z >= 0 along the profile: \(0, -1\) fails",
-        ),
-        (lambda: turned((0, 0)), "pieces of the profile >= 1: 0 fails"),
-        (lambda: turned((1, 0), ProfilePiece((1, 1))), "d of a point < d of the next: 1 < 1"),
-        (
-            lambda: turned((0, 0), ProfilePiece((1, 1), (0, 2))),
-            "as far from its centre: 2 = 1.41421",
-        ),
-        (
-            lambda: turned((0.6, 0.2), ProfilePiece((0.8, 1.6), (0.0, 1.0))),
-            "below its centre or above it: 0.2 and 1.6 about 1 fails",
-        ),
+        (lambda: TurnedTip(0, 0, 0.1, (1, 0), (ProfilePiece((1, 1)),)), "d of a point < d of the"),
     ],
 )
 def test_dimensions_that_make_no_tip_state_the_inequality(make: object, says: str) -> None:
     assert callable(make)
     with pytest.raises(ShapeError, match=says):
         make()
-
-
-def turned(start: tuple[float, float], *pieces: ProfilePiece, radius: float = 0.1) -> TurnedTip:
-    return TurnedTip(0.0, 0.0, radius, start, pieces)
 
 
 def test_an_indenter_is_as_low_as_its_lowest_tip() -> None:

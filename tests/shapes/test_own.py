@@ -13,7 +13,6 @@ from deltact_fab.cad.registry import find
 from deltact_fab.errors import InputError
 from deltact_fab.gel.footprint import is_mirrored
 from deltact_fab.shapes import EllipsoidTip, PosedTip, RidgeTip, SphereTip, indenter
-from deltact_fab.shapes.bounded import ShapeError
 from deltact_fab.shapes.own import OwnShape, OwnTip
 
 OWN = ("cross", "tilted-edge", "two-axis")
@@ -77,12 +76,9 @@ def test_mirrors_are_those_of_the_shape():
     [
         ('tips = [{kind = "ridge", radius_mm = 1.0}]', "a ridge takes radius_mm, half_width_mm"),
         ('tips = [{kind = "ball", radius_mm = 1.0, a_mm = 2.0}]', "a ball takes radius_mm: a_mm"),
-        ('tips = [{kind = "ball", radius_mm = -2.0}]', "radius_mm > 0 and finite: -2.0 fails"),
-        ('tips = [{kind = "ball", radius_mm = 2.0, x_mm = 500}]', "|x_mm|, |y_mm| <= 30: 500, 0"),
         ('tips = [{kind = "ball", radius_mm = 2.0, tilt_x_deg = 50}]', "|tilt_x_deg| <= 45: 50"),
         ('tips = [{kind = "ball", radius_mm = 2.0}]\nreach_mm = 4', "equator + 3 <= reach_mm"),
         ('tips = [{kind = "cube"}]', "shape.mine.tips"),
-        ("tips = []", "tips >= 1: 0 fails"),
     ],
 )
 def test_a_shape_that_is_none_is_one_line(tmp_path, monkeypatch, text, says):
@@ -98,11 +94,6 @@ def test_a_name_that_a_file_or_a_built_in_shape_cannot_have_is_refused(name):
     shape = OwnShape((OwnTip("ball", radius_mm=2.0),))
     with pytest.raises(InputError, match="no built-in one"):
         shape.indenter(name)
-
-
-def test_a_tip_beyond_its_tilt_is_refused():
-    with pytest.raises(ShapeError, match=r"\|tilt_y_deg\| <= 45: -60 fails"):
-        PosedTip(SphereTip(0.0, 0.0, 4.0), 0.0, 0.0, tilt_y_deg=-60.0)
 
 
 def test_a_run_keeps_the_shape_whatever_the_file_says_later(tmp_path, monkeypatch):

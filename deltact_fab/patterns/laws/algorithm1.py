@@ -2,25 +2,22 @@
 
 The printed algorithm redraws a patch until each channel differs from the left and upper neighbours
 by at least s = sqrt(r). It never ends when a channel of the first patch lies in (1 - s, s), where
-no second value is far enough: for r > 0.25 with probability 1 - (2 (1 - s))^3. Here the first
-patch is drawn from [0, 1 - s] u [s, 1]. After that nothing can stick: the diagonal neighbour's
-value is s away from both the left and the upper one, so it is always allowed.
+no neighbour can differ enough: for r > 0.25 with probability 1 - (2 (1 - s))^3. Here the first
+patch is drawn from [0, 1 - s] u [s, 1]. Every later patch then has at least one allowed value, that
+of its diagonal neighbour, which differs by s from both the left and the upper one.
 
-Because the condition is per channel, the redrawing can be skipped: a channel's allowed values are
-the range less the open intervals (v - s, v + s) around its neighbours, and one uniform picks among
-them. That is the same law at a fixed cost.
+Because the condition holds per channel, no redrawing is needed: the allowed values are the range
+without the open intervals (v - s, v + s) around the neighbours, and one uniform draw picks among
+them. This is the same distribution at a fixed cost.
 
-Values are drawn from the levels that the file can hold, so the law holds in the file exactly and
-not up to its rounding: two neighbours differ by at least K levels, K the smallest integer with
-(K / (levels - 1))^2 >= r. All arithmetic after the uniforms is on integers, so the order of
-evaluation cannot change a bit; and as the diagonal's level is among the allowed ones, the allowed
-set is never empty, where intervals of floats could shrink to nothing.
+Values are drawn from the levels that the file can hold, so the condition holds exactly in the file:
+two neighbours differ by at least K levels, K the smallest integer with (K / (levels - 1))^2 >= r.
+After the uniform draws all arithmetic is on integers, so the result is the same on every machine.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -48,7 +45,7 @@ def fill(uniforms: Uniforms, r: float, levels: int = FILE_LEVELS) -> Levels:
     """Algorithm 1, by anti-diagonals.
 
     uniforms: (rows, columns, channels) in [0, 1), one draw a patch and channel.
-    Returns levels 0..levels-1 of the same shape as int32, bit-identical to `fill_row_major`.
+    Returns levels 0..levels-1 of the same shape as int32.
 
     Patches of one anti-diagonal depend on the previous one alone, so each is one array operation.
     """
@@ -80,81 +77,32 @@ def fill(uniforms: Uniforms, r: float, levels: int = FILE_LEVELS) -> Levels:
     return out.reshape(rows, columns, channels)
 
 
-def fill_row_major(uniforms: Uniforms, r: float, levels: int = FILE_LEVELS) -> Levels:
-    """Algorithm 1 in the order of the paper, patch by patch: slow, the reference of `fill`.
-
-    Shapes as in `fill`. Lists the allowed levels instead of computing with intervals.
-    """
-    rows, columns, channels = uniforms.shape
-    step = step_levels(r, levels)
-    out = np.zeros((rows, columns, channels), np.int32)
-    every = np.arange(levels)
-    for i in range(rows):
-        for j in range(columns):
-            for c in range(channels):
-                allowed = np.ones(levels, bool)
-                if i == 0 and j == 0:
-                    allowed = (every + step < levels) | (every - step >= 0)
-                if i > 0:
-                    allowed &= np.abs(every - out[i - 1, j, c]) >= step
-                if j > 0:
-                    allowed &= np.abs(every - out[i, j - 1, c]) >= step
-                values = every[allowed]
-                out[i, j, c] = values[int(uniforms[i, j, c] * len(values))]
-    return out
-
-
-@dataclass(frozen=True)
-class Rejection:
-    """What the printed algorithm did: values (rows, columns, 3), tries and where it stopped."""
-
-    values: NDArray[np.float64]
-    tries: NDArray[np.int64]
-    hung_at: tuple[int, int] | None
-
-    @property
-    def hung(self) -> bool:
-        """Whether a patch used up its tries."""
-        return self.hung_at is not None
-
-
 def fill_by_rejection(
     rng: np.random.Generator, rows: int, columns: int, r: float, max_tries: int
-) -> Rejection:
+) -> NDArray[np.float64]:
     """Algorithm 1 as printed (lines 5-8), with a bound on the tries of a patch: a reference.
 
-    Stops at the first patch without a colour after max_tries; values from there on are NaN.
+    Values (rows, columns, 3); nan from the first patch on that has no colour after max_tries.
     """
     values = np.full((rows, columns, 3), np.nan)
-    tries = np.zeros((rows, columns), np.int64)
     for i in range(rows):
         for j in range(columns):
             neighbours = [values[i - 1, j]] * (i > 0) + [values[i, j - 1]] * (j > 0)
-            while tries[i, j] < max_tries:
-                # Tries in blocks; the first good one counts
-                block = rng.random((min(64, max_tries - int(tries[i, j])), 3))
+            for tried in range(0, max_tries, 64):  # in blocks; the first good one counts
+                block = rng.random((min(64, max_tries - tried), 3))
                 far = np.ones(len(block), bool)
                 for neighbour in neighbours:
                     far &= ~(((block - neighbour) ** 2).min(axis=1) < r)
                 if far.any():
-                    tries[i, j] += int(far.argmax()) + 1
                     values[i, j] = block[far.argmax()]
                     break
-                tries[i, j] += len(block)
             else:
-                return Rejection(values, tries, (i, j))
-    return Rejection(values, tries, None)
-
-
-def least_difference(patches: Levels) -> int:
-    """Smallest difference of any two edge neighbours in any channel; (rows, columns, channels)."""
-    signed = patches.astype(np.int64)
-    across = [np.abs(np.diff(signed, axis=axis)) for axis in (0, 1)]
-    return int(min((d.min() for d in across if d.size), default=np.iinfo(np.int64).max))
+                return values
+    return values
 
 
 def _pick_first(uniforms: Uniforms, step: int, levels: int) -> Levels:
-    """The first patch: one forbidden run in the middle, levels that no neighbour could answer."""
+    """The first patch: levels in the middle are forbidden, as no neighbour could differ enough."""
     start, stop = levels - step, max(step, levels - step)
     picked = (uniforms * (levels - (stop - start))).astype(np.int32)
     return picked + (picked >= start) * np.int32(stop - start)

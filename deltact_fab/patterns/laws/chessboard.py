@@ -1,9 +1,8 @@
-"""A chessboard to calibrate the camera: which of its inner corners are seen, and where."""
+"""A chessboard to calibrate the camera, and how many of its inner corners are seen."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from .law import Law, Patches, PatchRecipe
@@ -11,28 +10,19 @@ from .law import Law, Patches, PatchRecipe
 SLACK_MM = 1e-9
 
 
-def corners_mm(recipe: PatchRecipe, view_mm: tuple[float, float]) -> NDArray[np.float64]:
-    """Inner corners in a centred view (x, y), (rows, columns, 2) mm in the sensor frame.
-
-    A corner is where four squares meet. Row 0 is at -y, column 0 at -x.
-    """
+def inner_corners(recipe: PatchRecipe, view_mm: tuple[float, float]) -> tuple[int, int]:
+    """How many corners of four squares a centred view (x, y) holds, along x and along y."""
     assert recipe.patch_mm is not None  # the law's own check
     inner_mm = (np.arange(1, recipe.n) - recipe.n / 2) * recipe.patch_mm
-    x_mm, y_mm = (inner_mm[np.abs(inner_mm) < side / 2 - SLACK_MM] for side in view_mm)
-    return np.stack(np.meshgrid(x_mm, y_mm), axis=-1)
-
-
-def inner_corners(recipe: PatchRecipe, view_mm: tuple[float, float]) -> tuple[int, int]:
-    """How many inner corners a centred view holds, along x and along y."""
-    rows, columns = corners_mm(recipe, view_mm).shape[:2]
+    columns, rows = (int((np.abs(inner_mm) < side / 2 - SLACK_MM).sum()) for side in view_mm)
     return columns, rows
 
 
 def check_covers(recipe: PatchRecipe, view_mm: tuple[float, float]) -> None:
     """Raise InputError unless the board fills the view and shows three corners each way.
 
-    A lens is worst at the edge of its view: corners must reach there. Three is what OpenCV's
-    finder asks for.
+    A lens distorts most at the edge of its view, so corners must reach it. OpenCV's corner finder
+    needs three each way.
     """
     if recipe.printed_mm < max(view_mm) - SLACK_MM:
         raise InputError(

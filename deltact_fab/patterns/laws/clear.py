@@ -1,4 +1,4 @@
-"""Clear film, with dots or without: one white patch, which is no ink."""
+"""Clear film, with or without dots: a single white patch, that is, no ink."""
 
 from __future__ import annotations
 

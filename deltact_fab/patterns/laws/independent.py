@@ -1,4 +1,4 @@
-"""Independent patches: of every level, or each channel all or nothing."""
+"""Independent patches: uniform over all levels, or each channel 0 or 255."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a law of patches says of itself; a file of this folder makes one."""
+"""What defines a law of patches; each file of this folder defines one or more."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KEYS = ("patch_mm", "r", "channels", "scales_mm", "weights", "dots")
 
 
 class PatchRecipe(Protocol):
-    """What a law reads of a `PatternRecipe`, which says what each is."""
+    """The fields of `PatternRecipe` that laws read."""
 
     @property
     def seed(self) -> int: ...

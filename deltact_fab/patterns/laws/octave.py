@@ -1,13 +1,13 @@
-"""Octave noise: independent uniform blocks of several sizes added, and their contrast restored.
+"""Octave noise: independent uniform blocks of several sizes, added, with their contrast restored.
 
-A sum of uniforms crowds around its mean, so a plain sum would print grey. Each value is therefore
-replaced by the share of sums below it, which is uniform on 0..1 whatever the weights: every level
-is equally frequent again, as in the iid law, and the order of the values stays.
+A sum of uniform values is concentrated around its mean, so it would print as grey. Each value is
+therefore replaced by its cumulative probability, which is uniform on 0..1 for any weights: every
+level is equally frequent again, and the order of the values is kept.
 
-The share is the exact distribution of w1 U1 + ... + wk Uk. It is a piecewise polynomial of degree
+The distribution of w1 U1 + ... + wk Uk is computed exactly. It is a piecewise polynomial of degree
 k with a knot at the sum of every subset of the weights (inclusion and exclusion of the half spaces
-U < 1; the density is a box spline). Expanding the alternating sum as it stands loses all digits to
-cancellation for unequal weights, so each piece is expanded about its own knot in fractions, once.
+U < 1; the density is a box spline). Evaluating the alternating sum directly loses all digits to
+cancellation when weights are unequal, so each piece is expanded about its own knot in fractions.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .algorithm1 import FILE_LEVELS
 from .law import Law, Patches, PatchRecipe
 
 MAX_SCALES = 6
-"""2^k pieces at most, each from 2^k terms in fractions: 64 take some hundredths of a second."""
+"""At most 2^k pieces of 2^k fractions each: for k = 6 they take some hundredths of a second."""
 WEIGHTS = (0.01, 100.0)
 STRIP_ROWS = 128
 
@@ -67,7 +67,7 @@ class SumOfUniforms:
     """
 
     def __init__(self, weights: tuple[float, ...]) -> None:
-        # The decimals as they are written: 0.1 + 0.2 and 0.3 are then one knot, as they should
+        # Decimals as written, so that 0.1 + 0.2 and 0.3 are the same knot
         exact = [Fraction(repr(float(w))) for w in weights]
         degree = len(exact)
         terms: dict[Fraction, int] = {}
@@ -91,16 +91,16 @@ class SumOfUniforms:
     @staticmethod
     @cache
     def of(weights: tuple[float, ...]) -> SumOfUniforms:
-        """The same, kept: the fractions cost more than a small draw."""
+        """The same, cached: the fractions cost more than drawing a small pattern."""
         return SumOfUniforms(weights)
 
     def __call__(self, x: Field) -> Field:
-        """Share of the sums below x, 0..1, any shape."""
+        """Probability that a sum is below x, 0..1, any shape."""
         piece = np.clip(np.searchsorted(self.knots, x, "right") - 1, 0, len(self.knots) - 2)
         t = np.clip(x, self.knots[0], self.knots[-1]) - self.knots[piece]
         value = np.zeros_like(t)
         for power in reversed(range(self.coefficients.shape[1])):
-            # Products and sums apart: no fused multiply-add, the same bits everywhere
+            # Multiplied and added separately: a fused operation would change the last bit
             value *= t
             value += self.coefficients[:, power][piece]
         return np.clip(value, 0.0, 1.0)

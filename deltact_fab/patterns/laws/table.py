@@ -10,7 +10,7 @@
     dot-matrix   dots                                clear film under dots
     transparent  -                                   clear film
 
-A seed names a sticker that was printed: another draw needs another law's name.
+A seed identifies a printed sticker: a law that draws differently needs a new name.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Figures of one image of a pattern: how much there is to track, and what could be mistaken.
+"""Figures of one image of a pattern: how much there is to track, and what could be mismatched.
 
-Of grey (ITU-R BT.601 luma), as the paper's tracker sees it; the default tracker follows green, the
-larger part of it.
-Mean intensity gradient: Pan, Lu, Xie, Opt. Lasers Eng. 48 (2010) 469. SSSIG: Pan, Xie, Wang, Qian,
-Asundi, Opt. Express 16 (2008) 7037. Both predict how noise of the image becomes noise of a small
-motion; contrast on coarse levels of the pyramid tells whether a large motion is found at all.
+They are taken from the grey image (ITU-R BT.601 luma), as the paper's tracker sees it; the default
+tracker follows green, the largest part of it. Mean intensity gradient: Pan, Lu, Xie, Opt. Lasers
+Eng. 48 (2010) 469. SSSIG: Pan, Xie, Wang, Qian, Asundi, Opt. Express 16 (2008) 7037. Both predict
+how image noise propagates into the error of a small displacement. Contrast at the coarse levels of
+the pyramid tells whether a large displacement is found at all.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from ...aliases import Array, Field
 
 LUMA = (0.299, 0.587, 0.114)
 SUBSET_PX = 15
-"""Side of a subset: radius 7, as of the DIC methods that this toolchain is compared with."""
+"""Side of a subset: radius 7, as in the DIC methods that this toolchain is compared with."""
 LEVELS = 6
 STEPS = 4
-"""Lags a camera pixel: between whole pixels the top of a fine pattern's nearest copy is lost."""
+"""Lags per camera pixel; whole pixels would miss the peak at a fine pattern's nearest copy."""
 LOBE = 0.1
-"""Autocorrelation that ends the main lobe. A lower peak is none: noise of single pixels, which the
-spline makes ring, has one of .07."""
+"""Autocorrelation at which the main lobe ends. Lower peaks do not count: single-pixel noise, around
+which the spline rings, has peaks of 0.07."""
 PEAK_SHARE = 0.8
-"""A regular pattern has a lattice of like peaks: the nearest is the one that is mistaken first.
-Patches of 2.6 camera pixels have one of .88 there: pixels that cut them otherwise differ."""
+"""A regular pattern has a lattice of similar peaks, of which the nearest is the likeliest false
+match. With patches of 2.6 camera pixels it has 0.88 of the highest."""
 PEAK_WITHIN = 0.25
-"""Lags up to this share of the shorter side: longer ones have little overlap and much noise."""
+"""Largest lag, as a share of the shorter side: beyond, the overlap is small and noise dominates."""
 SHIFT_PX = 2.0
-"""Misplaced ink moves a colour by less."""
+"""Misregistration of the inks moves a colour by less."""
 
 
 @dataclass(frozen=True)
@@ -41,16 +41,16 @@ class Figures:
     mean_gradient: float
     """Mean intensity gradient, grey levels a pixel."""
     sssig: float
-    """Sum of squares of the gradient in a subset of 15 x 15 px, mean of x and y and of subsets."""
+    """Sum of squared gradients in a subset of 15 x 15 px, mean of x and y and of subsets."""
     sssig_least: float
-    """The same of the poorest subset: 0 where there is nothing to track."""
+    """The same for the weakest subset: 0 where there is nothing to track."""
     contrast: tuple[float, ...]
-    """Standard deviation at pyramid levels 0..5, each half the one before (2 x 2 means)."""
+    """Standard deviation at pyramid levels 0..5, each half as large as the last (2 x 2 means)."""
     peak: float
-    """Secondary peak of the autocorrelation, the nearest of four fifths of the highest: 1 is an
-    exact copy; 0: there is none."""
+    """Secondary peak of the autocorrelation: the nearest with 0.8 of the highest one. 1 is an exact
+    copy, 0 means that there is none."""
     peak_mm: float | None
-    """How far away: a motion near it can be mistaken for none. None: there is no peak."""
+    """Its distance: a displacement near it can be misidentified as none. None: there is no peak."""
 
 
 def figures(image: Array, mm_per_px: float) -> Figures:
@@ -106,7 +106,7 @@ def contrast(shade: Field) -> tuple[float, ...]:
 def autocorrelation(shade: Field) -> Field:
     """Normalised autocorrelation, (2k + 1, 2k + 1), lags -k..k, k a quarter of the shorter side.
 
-    Each lag is divided by its own overlap. All zero for an image of one value but at lag 0, 1.
+    Each lag is divided by its overlap. A constant image has 1 at lag 0 and 0 elsewhere.
     """
     from scipy import fft
 
@@ -126,8 +126,8 @@ def secondary_peak(rho: Field) -> tuple[float, float | None]:
     """Height and distance (px) of the secondary peak of an `autocorrelation`.
 
     The nearest local maximum outside the main lobe that has PEAK_SHARE of the highest one; (0,
-    None) when there is none. The main lobe is what hangs together with lag 0 above LOBE. Between
-    whole lags rho is a spline of fifth order; the place is refined by a parabola.
+    None) when there is none. The main lobe is the region above LOBE that is connected to lag 0.
+    Between whole lags rho is a spline of fifth order; a parabola refines the position.
     """
     from scipy import ndimage
 
@@ -151,17 +151,17 @@ def secondary_peak(rho: Field) -> tuple[float, float | None]:
 
 
 def _vertex(three: Field) -> float:
-    """Place of the top of a parabola through three values at -1, 0, 1; 0 for a plateau."""
+    """Vertex of the parabola through three values at -1, 0, 1; 0 for a plateau."""
     left, middle, right = (float(v) for v in three)
     bend = left - 2 * middle + right
     return 0.0 if abs(bend) < 1e-9 else max(-0.5, min(0.5, (left - right) / (2 * bend)))
 
 
 def agreement(image: Array, template: Array) -> float:
-    """Correlation of two images (h, w) at the shift of at most SHIFT_PX with the largest one.
+    """Correlation coefficient of two images (h, w) at the best shift of at most SHIFT_PX.
 
-    Signed; 0 when either has one value. The shifts are 1/8 px apart, by Fourier interpolation: a
-    misplaced colour is no less contrast.
+    The best has the largest magnitude; its sign is kept. 0 when either image is constant. Shifts
+    are 1/8 px apart, by Fourier interpolation: a displaced colour has not lost contrast.
     """
     from scipy import fft
 

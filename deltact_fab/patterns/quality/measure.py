@@ -1,9 +1,9 @@
-"""How good a pattern is to track, before and after it is printed and photographed.
+"""How well a pattern can be tracked, before and after it is printed and photographed.
 
-Before: the colours as designed, meaned over camera pixels. After: sent to the printer's dots,
-printed, meaned over camera pixels and exposed, by the model of `imaging` (its values are assumed).
-Both over the middle of the sticker: the camera's view, or what the sticker or the printer's dots
-allow of it (`field_mm` says how much).
+Before: the colours as designed, averaged over camera pixels. After: rasterised, printed, averaged
+over camera pixels and exposed by the model of `imaging`, whose values are assumed. Both cover the
+middle of the sticker: the camera's view, or as much of it as the sticker or the number of printer
+dots allows (`field_mm`).
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ MM_PER_PX = SensorDimensions().optics.mm_per_px
 MIN_SIDE_PX = 64
 """Shorter side of the smallest field: level 5 of its pyramid has 2 pixels."""
 PRINTED_SHARE = 0.5
-"""Contrast of a print that counts as sharp: the MTF50 of camera tests (ISO 12233)."""
+"""Contrast that a sharp print keeps at least: the MTF50 of camera tests (ISO 12233)."""
 SEEN_SHARE = 0.1
-"""Contrast at which detail counts as resolved: the MTF10 of the same. Below, what is left to track
-is the coarse remainder of the pattern and no longer its patches."""
+"""Contrast at which detail counts as resolved: the MTF10 of the same. Below it, only the coarse
+remainder of the pattern can be tracked, not its patches."""
 MAX_PX = 1_000_000
 MAX_DOTS = 6_000_000
 """The whole view at 2400 dpi; about 0.5 GB of memory while it is printed."""
@@ -42,7 +42,7 @@ MAX_DOTS = 6_000_000
 
 @dataclass(frozen=True)
 class Quality:
-    """A pattern's figures as designed and as photographed, and what became of its contrast."""
+    """A pattern's figures as designed and as photographed, and how much contrast it keeps."""
 
     field_mm: tuple[float, float]
     """Field of view that was measured (x, y)."""
@@ -50,15 +50,15 @@ class Quality:
     dpi: float
     mm_per_px: float
     seed: int
-    """Of halftone, misregistration and noise."""
+    """Seed of halftone, misregistration and noise."""
     dots_a_patch: float | None
     """Printer dots along a patch; along a marker where there are no patches; None on clear film."""
     px_a_patch: float | None
     """Camera pixels along the same."""
     print_contrast: float | None
-    """Share of the designed contrast that is on the print; None: it has none."""
+    """Share of the designed contrast on the print; None where the design has no contrast."""
     camera_contrast: float | None
-    """Share of the designed contrast that is in the camera's image; None: as above."""
+    """The same in the camera's image."""
     printable: bool
     """The print keeps half of the contrast, and `raster` takes patches and markers of this size."""
     seen: bool
@@ -84,11 +84,11 @@ def measure(
     from ... import imaging
 
     printer, sensor = printer or imaging.Printer(), sensor or imaging.ImageSensor()
-    for name, value in (("mm_per_px", mm_per_px), ("dpi", printer.dpi)):
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(f"{name}: {value:g} must be above 0")
-    if seed < 0:
-        raise InputError(f"seed: {seed} must be 0 or above")
+    if not (0 < mm_per_px < math.inf and 0 < printer.dpi < math.inf and seed >= 0):
+        raise InputError(
+            f"quality: mm_per_px {mm_per_px:g} and dpi {printer.dpi:g} must be above 0, "
+            f"seed {seed} 0 or above"
+        )
     size_px = field_px(recipe, printer.mm_per_dot, mm_per_px, view_mm)
     field_mm = (size_px[1] * mm_per_px, size_px[0] * mm_per_px)
     designed = albedo(recipe, mm_per_px, size_px) * np.float32(255)
@@ -97,7 +97,7 @@ def measure(
     printed = printer.print_(image.astype(np.float32) / np.float32(255), rng)
     photo = photograph(printed, printer.mm_per_dot, sensor, mm_per_px, size_px, rng)
     rastered = has_raster(recipe, printer.dpi)
-    # Where dots have averaged patches the sent values are already poorer than the pattern
+    # Where a printer dot covers several patches, the values sent have already lost contrast
     patches = None if rastered else draw_patches(recipe)
     coded = np.power(printed, np.float32(1 / imaging.GAMMA)) * np.float32(255)
     at, coded = _middle(image), _middle(coded)
@@ -142,31 +142,26 @@ def field_px(
         math.floor(side_mm / too_fine / mm_per_px + 1e-9) for side_mm in (width_mm, height_mm)
     )
     if min(width_px, height_px) < MIN_SIDE_PX:
-        least_mm, side_mm = MIN_SIDE_PX * mm_per_px, min(width_mm, height_mm)
-        if side_mm >= least_mm and across_mm / mm_per_dot / math.sqrt(MAX_DOTS) == too_fine:
-            most = math.floor(MM_PER_INCH * math.sqrt(MAX_DOTS) / across_mm * side_mm / least_mm)
-            raise InputError(
-                f"dpi: {MM_PER_INCH / mm_per_dot:.0f} leaves a field of {width_px} x {height_px} "
-                f"px in the {MAX_DOTS} printer dots that are simulated; use at most {most}"
-            )
         raise InputError(
-            f"quality: the field is {width_px} x {height_px} px of {mm_per_px:g} mm; at least "
-            f"{MIN_SIDE_PX} px a side, so a sticker of {least_mm:.3g} mm"
+            f"quality: the field is {width_px} x {height_px} px of {mm_per_px:g} mm, as far as "
+            f"{MAX_DOTS // 10**6} million dots of {MM_PER_INCH / mm_per_dot:.0f} dpi go; at least "
+            f"{MIN_SIDE_PX} px a side: a larger sticker or a lower dpi"
         )
     return height_px, width_px
 
 
 def _middle(image: Array) -> Array:
-    """At most 512 x 512 of it: the print's share of contrast needs no more."""
+    """At most 512 x 512 px of the middle, enough for the contrast of the print."""
     top, left = (max(0, (length - 512) // 2) for length in image.shape[:2])
     return image[top : top + 512, left : left + 512]
 
 
 def kept(image: Array, original: Array, whole: Array) -> float | None:
-    """Contrast in an image that is the pattern's own, as a share of the pattern's; mean of R, G, B.
+    """Share of a pattern's contrast that an image still has, mean of R, G and B.
 
-    image, original: (h, w, 3) alike; whole: any image of the undiminished file values. Halftone and
-    noise have contrast too, but none in common with the original. None where there is none to keep.
+    image, original: (h, w, 3) of one shape; whole: an image with the pattern's full contrast.
+    Halftone and noise do not count: they are uncorrelated with the original. None where the
+    pattern has no contrast.
     """
     shares = []
     for c in range(3):

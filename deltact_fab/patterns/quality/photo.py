@@ -1,7 +1,7 @@
 """A sticker photographed at rest: raster, print, camera pixels, exposure, modelled by `imaging`.
 
-No lens distortion and no falloff of light towards the corners: both belong to the camera and not
-to the pattern. The mean falloff stays, as it sets the noise.
+Lens distortion and vignetting are left out, because they belong to the camera and not to the
+pattern. The mean falloff of light is kept, because it sets the noise.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
 from ...units import MM_PER_INCH
-from ..raster import albedo, cell_means, checked_mm_per_px, raster_window
+from ..raster import albedo, cell_means, finest_mm, raster_window
 from ..recipe import PatternRecipe
 
 if TYPE_CHECKING:
@@ -21,17 +20,17 @@ if TYPE_CHECKING:
     from ...imaging import ImageSensor
 
 MARGIN_MM = 0.3
-"""Printed around the field: misplaced ink (15 um) and its spread (20 um) come from there too."""
+"""Printed around the field, from where misregistered (15 um) and spreading (20 um) ink comes."""
 MARGIN_PX = 4
-"""Camera pixels around the field, for the lens' blur and the mosaic; even, to keep its phase."""
+"""Camera pixels around the field, for blur and demosaicing; even, to keep the mosaic's phase."""
 STRIP = 256
 
 
 def sent(recipe: PatternRecipe, dpi: float, field_mm: tuple[float, float]) -> NDArray[np.uint8]:
     """The middle of a sticker in printer dots, (h, w, 3) file values: field_mm (x, y) and a margin.
 
-    A patch or marker below a printer dot has no raster: then a dot gets the mean of what it
-    covers, as from a driver that scales down. The outside of a sticker is not in it.
+    Where a patch or marker is smaller than a printer dot, each dot gets the mean of what it covers,
+    as from a driver that scales down. Nothing outside the sticker is included.
     """
     mm_per_dot = MM_PER_INCH / dpi
     whole_px = round(recipe.printed_mm / mm_per_dot)
@@ -48,11 +47,7 @@ def sent(recipe: PatternRecipe, dpi: float, field_mm: tuple[float, float]) -> ND
 
 def has_raster(recipe: PatternRecipe, dpi: float) -> bool:
     """Whether patches and markers are as large as `raster` asks for."""
-    try:
-        checked_mm_per_px(recipe, dpi, whole=False)
-    except InputError:
-        return False
-    return True
+    return all(MM_PER_INCH / dpi <= limit_mm * (1 + 1e-9) for limit_mm, _ in finest_mm(recipe))
 
 
 def photograph(
@@ -78,14 +73,14 @@ def photograph(
     ).swapaxes(0, 1)
     edges_mm, ends_mm = _edges(printed.shape[1], mm_per_dot), _edges(width_px, mm_per_px)
     radiance = cell_means(band, edges_mm, ends_mm).swapaxes(0, 1).astype(np.float32)
-    # Everywhere in the mean light of the view.
+    # Every pixel gets the mean light of the view
     off = np.sqrt(np.mean(view_grid(*size_px) ** 2, axis=(0, 1)))
     bgr = Exposure(sensor, np.broadcast_to(off, (height_px, width_px, 2))).expose(radiance, rng)
     return np.ascontiguousarray(bgr[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX, ::-1])
 
 
 def _centred(wanted_px: int, whole_px: int) -> int:
-    """A length near the wanted one that leaves as much on both sides of the whole."""
+    """A length near the wanted one that leaves equal margins on both sides of the whole."""
     return whole_px if wanted_px >= whole_px else wanted_px + (whole_px - wanted_px) % 2
 
 

@@ -14,6 +14,7 @@ import io
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -109,13 +110,9 @@ def recipes(seed: int = DEFAULT_SEED, with_dots: bool = True) -> list[SeriesEntr
 
     with_dots: 13 x 13 white dots on top, as the paper's. Raises InputError for an unusable seed.
     """
-    places: dict[tuple[float, float], list[int]] = {}
-    for number, (sizes_mm, factors) in enumerate(GRIDS, 1):
-        for d_mm in sizes_mm:
-            for r in factors:
-                places.setdefault((d_mm, r), []).append(number)
     entries = []
-    for (d_mm, r), numbers in sorted(places.items()):
+    for d_mm, r in sorted({pair for grid in GRIDS for pair in product(*grid)}):
+        numbers = (k for k, grid in enumerate(GRIDS, 1) if (d_mm, r) in product(*grid))
         data: dict[str, Any] = {"law": "algorithm1", "seed": seed, "patch_mm": d_mm, "r": r}
         if with_dots:
             data["dots"] = {}

@@ -1,23 +1,21 @@
-"""A print job: many stickers on pages of exact millimetres, and what tells them apart.
+"""A print job: many stickers on pages of exact millimetres, with marks that identify them.
 
-Which way round a sticker is printed follows from where the ink comes to lie (paper, Fabrication
-Process; frames as in `optics`). The camera is inside, looks out along +z, and sees a recipe as
-designed, row 0, column 0 at (-x, -y), when it looks at it from the side from which the array reads
-right.
+Whether a sticker is printed mirrored depends on which side of the film the ink is on (paper,
+Fabrication Process; frames as in `optics`). The camera is inside, looks out along +z, and must see
+the recipe as designed, with row 0, column 0 at (-x, -y).
 
-- `face-down`: the printed side is laid on the gel. The ink touches the gel, and the camera looks
-  at the ink's printed side: the side that a person sees on the sheet. So the sheet shows the array
-  as it is.
+- `face-down`: the printed side is laid on the gel. The camera sees the printed side of the ink, as
+  a person who looks at the sheet does. The sheet shows the array as it is.
 - `slide`: the film slides off its backing onto the gel, film first. The camera looks through gel
-  and film at the ink's back: it sees what the sheet shows, left and right exchanged. So the sheet
-  shows the array with its columns reversed.
+  and film at the back of the ink, where left and right are exchanged. The sheet shows the array
+  with its columns reversed.
 
-In both cases an F stands beside the pattern at the corner (-x, -y), mirrored with the sticker.
-It reads right when it is looked at from the side that lies on the gel, which is where the camera
-is; if it does not, the film is the wrong way round. Labels and QR codes are never mirrored.
+In both cases an F stands beside the pattern at the corner (-x, -y), mirrored with the sticker. It
+reads correctly from the side that lies on the gel, where the camera is; if it does not, the film is
+the wrong way round. Labels and QR codes are never mirrored.
 
 A scale correction stretches everything, the rulers too: a corrected sheet is right when its own
-rulers measure 100 mm, and what they lack multiplies the correction.
+rulers measure 100 mm. If they do not, multiply the correction by 100 / what they measure.
 """
 
 from __future__ import annotations
@@ -140,7 +138,7 @@ def write(
     check_place(out, "name a file in it, as in sheet.pdf")
     if out.suffix.lower() != ".pdf":
         raise InputError(f"{out}: a sheet is a PDF: end the name in .pdf")
-    paper = _paper(paper)
+    paper = next((name for name in layout.PAPERS if name.lower() == paper.lower()), paper)
     sheet = _checked_sheet(paper, dpi, transfer, scale)
     if not recipes:
         raise InputError("a sheet needs at least one recipe")
@@ -167,7 +165,7 @@ def write(
     tell(len(recipes), total, "file")
     order = [recipe for recipe in recipes for _ in range(copies)]
     names = [stickers.name(recipe) for recipe in order]
-    head, top_mm = page_marks.header(sheet, page_marks.instructions(sheet, paper, transfer))
+    head, top_mm = page_marks.header(sheet, paper, transfer)
     places = layout.placed(sheet, [cells[recipe] for recipe in order], names, top_mm)
     pages = places[-1].page + 1
     pdf = Pdf(sheet.page_px, dpi)
@@ -179,7 +177,7 @@ def write(
             on_page, picture = stickers.put(sheet, cells[recipe], place.x_mm, place.y_mm)
             marks += on_page
             found.append(_sticker(page, picture, scale, recipe))
-        pdf.page([*marks, *page_marks.footer(sheet, page_marks.signature(page, pages))])
+        pdf.page([*marks, *page_marks.footer(sheet, page, pages)])
     codes = tuple(cell.sticker.key for cell in cells.values())
     content = pdf.finish("Pattern stickers", f"deltact-fab {VERSION}", codes)
     write_together({out: content})
@@ -199,17 +197,10 @@ def write(
     )
 
 
-def _paper(name: str) -> str:
-    """The paper as the table writes it; upper and lower case are the same."""
-    for paper in layout.PAPERS:
-        if paper.lower() == name.lower():
-            return paper
-    raise InputError(f"paper: {name!r}; {did_you_mean(name, layout.PAPERS)}")
-
-
 def _checked_sheet(paper: str, dpi: float, transfer: str, scale: tuple[float, float]) -> Sheet:
-    if transfer not in TRANSFERS:
-        raise InputError(f"transfer: {transfer!r}; {did_you_mean(transfer, TRANSFERS)}")
+    for key, name, known in (("paper", paper, layout.PAPERS), ("transfer", transfer, TRANSFERS)):
+        if name not in known:
+            raise InputError(f"{key}: {name!r}; {did_you_mean(name, known)}")
     low, high = DPI_RANGE
     if not low <= dpi <= high:  # NaN fails too
         raise InputError(f"dpi: {dpi:g}; a printer has {low:g} to {high:g}, as in 1200")
@@ -228,19 +219,17 @@ def _sticker(
 ) -> Sticker:
     pitch_x_mm, pitch_y_mm = picture.pitch_mm
     side_mm = recipe.printed_mm
-    across_mm, down_mm = (
-        side_px * pitch_mm - 2 * INSET_MM / stretch
-        for side_px, pitch_mm, stretch in zip(
-            (picture.width_px, picture.height_px), picture.pitch_mm, scale, strict=True
-        )
+    file_side_mm = (
+        round(picture.width_px * pitch_x_mm - 2 * INSET_MM / scale[0], 9),
+        round(picture.height_px * pitch_y_mm - 2 * INSET_MM / scale[1], 9),
     )
     return Sticker(
         page=page + 1,
         x_mm=round(picture.x_px * pitch_x_mm, 6),
         y_mm=round(picture.y_px * pitch_y_mm, 6),
         side_mm=side_mm,
-        file_side_mm=(round(across_mm, 9), round(down_mm, 9)),
-        side_error_mm=(round(across_mm - side_mm, 9), round(down_mm - side_mm, 9)),
+        file_side_mm=file_side_mm,
+        side_error_mm=(round(file_side_mm[0] - side_mm, 9), round(file_side_mm[1] - side_mm, 9)),
         dots_per_patch=recipe.patch_mm and recipe.patch_mm / max(picture.pitch_mm),
         print_error_mm=picture.snap_error_mm + INSET_MM,
         patch_mm=recipe.patch_mm,

@@ -1,4 +1,4 @@
-"""Where things stand on a page, in millimetres of the real print.
+"""Where things are placed on a page, in millimetres on the real print.
 
 A page, as it is read:
 
@@ -13,8 +13,8 @@ A page, as it is read:
      _    [QR] law, d, r ...                   never mirrored
          footer
 
-Everything is placed at whole printer dots. With a scale correction the lengths here are those that
-the paper will have; the file's are longer by the scale.
+Everything is placed at whole printer dots. With a scale correction, lengths here are those on the
+paper; those in the file are longer by the scale.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ LABEL_MM = 28.5
 
 @dataclass(frozen=True)
 class Sheet:
-    """The paper, the printer's dots and the correction: turns millimetres into dots.
+    """The paper, the printer's resolution and the scale correction: converts millimetres to dots.
 
     paper_mm: (width, height); scale: (x, y) by which the file is stretched.
     """
@@ -75,8 +75,8 @@ class Sheet:
 
     @property
     def page_px(self) -> tuple[int, int]:
-        """The page in whole dots: both its corners lie on the grid, whichever a printer counts
-        from; less than half a dot from the paper's size."""
+        """The page in whole dots, within half a dot of the paper's size, so that every corner lies
+        on the grid of dots, whichever one a printer counts from."""
         width_mm, height_mm = self.paper_mm
         return (round(width_mm * self.dpi / MM_PER_INCH), round(height_mm * self.dpi / MM_PER_INCH))
 
@@ -113,18 +113,21 @@ class Sheet:
 
 @dataclass(frozen=True, eq=False)
 class StickerCell:
-    """A sticker with all that belongs to it, before it has a place.
+    """A sticker with its label and code, not yet placed on a page.
 
-    side_mm: of the printed square. film_mm: sides of the piece of film that the sensor takes.
-    sticker, code: at the page's corner. label: lines of text.
+    film_mm: sides of the piece of film that the sensor takes. sticker, code: at the page's corner.
+    label: lines of text.
     """
 
-    side_mm: float
     film_mm: tuple[float, float]
     sticker: CellGrid
     code: CellGrid
     label: tuple[str, ...]
-    mirrored: bool
+
+    @property
+    def side_mm(self) -> float:
+        """Side of the printed square."""
+        return self.sticker.size_mm[0]
 
     @property
     def cut_mm(self) -> tuple[float, float]:

@@ -1,7 +1,7 @@
-"""What stands on a sheet, in printer dots: boxes, words, and pictures of cells.
+"""The elements of a sheet, in printer dots: rectangles, lines of text, and pictures of cells.
 
 Page coordinates are whole printer dots, x to the right and y down from the page's top left corner,
-so that every edge is sharp on the printer and no rounding adds up.
+so that every edge is sharp on the printer and rounding errors do not accumulate.
 """
 
 from __future__ import annotations

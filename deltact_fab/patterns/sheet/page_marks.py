@@ -1,14 +1,15 @@
-"""What every page has besides stickers: how to print it, and what tells whether it was.
+"""What every page has besides stickers: how to print it, and marks to check the print with.
 
-Rulers, colour patches, the film's corners, and a sticker's ticks and corner.
+Rulers, colour patches, the film's corners, and a sticker's ticks and corner mark.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
 
 from ...version import VERSION
-from .layout import HEAD_PT, LEFT_BAND_MM, MARGIN_MM, Sheet, line_mm
+from .layout import HEAD_PT, LEFT_BAND_MM, MARGIN_MM, TEXT_PT, Sheet, line_mm
 from .marks import FilledRectangle, Mark, width_mm, wrapped
 
 RULER_MM = 100.0
@@ -16,10 +17,9 @@ LINE_MM = 0.1
 TICK_MM = 3.0
 TICK_GAP_MM = 1.0
 FILM_CORNER_MM = 4.0
-SMALL_PT = 6.0
 
 
-def instructions(sheet: Sheet, paper: str, transfer: str) -> list[str]:
+def _instructions(sheet: Sheet, paper: str, transfer: str) -> list[str]:
     """The header's lines."""
     how = {
         "face-down": "Transfer face-down: ink towards the gel. Printed as the camera sees it, not "
@@ -46,36 +46,32 @@ def instructions(sheet: Sheet, paper: str, transfer: str) -> list[str]:
     ]
 
 
-def signature(page: int, pages: int) -> str:
-    """The footer."""
-    return (
-        f"deltact-fab {VERSION}, page {page + 1} of {pages}. The text of a QR code regenerates "
-        "its pattern: deltact-fab pattern make CODE -o FILE"
-    )
-
-
-def header(sheet: Sheet, lines: Sequence[str]) -> tuple[list[Mark], float]:
+def header(sheet: Sheet, paper: str, transfer: str) -> tuple[list[Mark], float]:
     """Header, rulers, colour patches; and where the stickers begin (y, mm)."""
     left = MARGIN_MM + LEFT_BAND_MM
     room_mm = sheet.size_mm[0] - MARGIN_MM - left
     marks: list[Mark] = []
     y_mm = MARGIN_MM
-    for line in lines:
+    for line in _instructions(sheet, paper, transfer):
         for part in wrapped(line.split(" "), room_mm, HEAD_PT, " "):
             y_mm += line_mm(HEAD_PT)
             marks.append(sheet.words(left, y_mm, part, HEAD_PT))
     y_mm += 3.0
-    marks += _ruler_x(sheet, left, y_mm)
+    marks += _ruler(sheet, left, y_mm, 0)
     y_mm += 8.5
     marks += _colours(sheet, left, y_mm)
     y_mm += 9.0
-    marks += _ruler_y(sheet, MARGIN_MM, y_mm + 2.0)
+    marks += _ruler(sheet, MARGIN_MM, y_mm + 2.0, 1)
     return marks, y_mm
 
 
-def footer(sheet: Sheet, text: str) -> list[Mark]:
+def footer(sheet: Sheet, page: int, pages: int) -> list[Mark]:
     """A line along the lower margin."""
     y_mm = sheet.size_mm[1] - MARGIN_MM - 1.0
+    text = (
+        f"deltact-fab {VERSION}, page {page + 1} of {pages}. The text of a QR code regenerates "
+        "its pattern: deltact-fab pattern make CODE -o FILE"
+    )
     return [sheet.words(MARGIN_MM + LEFT_BAND_MM, y_mm, text)]
 
 
@@ -102,17 +98,13 @@ def film_corners(
 ) -> list[Mark]:
     """An angle in each corner of the film, inside it: the film is cut along their outer edges."""
     out: list[Mark] = []
-    far_x_mm, far_y_mm = x_mm + film_mm[0], y_mm + film_mm[1]
-    for left_mm, column_mm in (
-        (x_mm, x_mm),
-        (far_x_mm - FILM_CORNER_MM, far_x_mm - LINE_MM),
-    ):
-        for top_mm, row_mm in (
-            (y_mm, y_mm),
-            (far_y_mm - FILM_CORNER_MM, far_y_mm - LINE_MM),
-        ):
-            out.append(sheet.box(left_mm, row_mm, FILM_CORNER_MM, LINE_MM))
-            out.append(sheet.box(column_mm, top_mm, LINE_MM, FILM_CORNER_MM))
+    far_mm = FILM_CORNER_MM - LINE_MM  # from where an angle begins to its upright on the far side
+    right_mm, low_mm = x_mm + film_mm[0] - FILM_CORNER_MM, y_mm + film_mm[1] - FILM_CORNER_MM
+    for left_mm, top_mm in product((x_mm, right_mm), (y_mm, low_mm)):
+        row_mm = top_mm + (far_mm if top_mm == low_mm else 0)
+        column_mm = left_mm + (far_mm if left_mm == right_mm else 0)
+        out.append(sheet.box(left_mm, row_mm, FILM_CORNER_MM, LINE_MM))
+        out.append(sheet.box(column_mm, top_mm, LINE_MM, FILM_CORNER_MM))
     return out
 
 
@@ -123,41 +115,36 @@ def edge_ticks(sheet: Sheet, x_px: int, y_px: int, width_px: int, height_px: int
     long_x, long_y = round(TICK_MM / pitch_x_mm), round(TICK_MM / pitch_y_mm)
     thick_x = max(1, round(LINE_MM / pitch_x_mm))
     thick_y = max(1, round(LINE_MM / pitch_y_mm))
-    out: list[Mark] = []
-    for x in (x_px, x_px + width_px):
-        for y in (y_px - gap_y - long_y, y_px + height_px + gap_y):
-            out.append(FilledRectangle(x - thick_x // 2, y, thick_x, long_y))
-    for y in (y_px, y_px + height_px):
-        for x in (x_px - gap_x - long_x, x_px + width_px + gap_x):
-            out.append(FilledRectangle(x, y - thick_y // 2, long_x, thick_y))
-    return out
+    ends_x = (x_px - gap_x - long_x, x_px + width_px + gap_x)
+    ends_y = (y_px - gap_y - long_y, y_px + height_px + gap_y)
+    return [
+        *(
+            FilledRectangle(x - thick_x // 2, y, thick_x, long_y)
+            for x, y in product((x_px, x_px + width_px), ends_y)
+        ),
+        *(
+            FilledRectangle(x, y - thick_y // 2, long_x, thick_y)
+            for y, x in product((y_px, y_px + height_px), ends_x)
+        ),
+    ]
 
 
-def _ruler_x(sheet: Sheet, x_mm: float, y_mm: float) -> list[Mark]:
-    """100 mm from the left edge of the first line to the left edge of the last."""
-    thick = max(1, sheet.x_px(LINE_MM))
-    marks: list[Mark] = [sheet.box(x_mm, y_mm, RULER_MM, LINE_MM)]
+def _ruler(sheet: Sheet, x_mm: float, y_mm: float, axis: int) -> list[Mark]:
+    """100 mm along x (0) or y (1), from the left or upper edge of the first tick to the last's."""
+    along = ((RULER_MM, LINE_MM), (LINE_MM, RULER_MM))[axis]
+    marks: list[Mark] = [sheet.box(x_mm, y_mm, *along)]
+    thick = max(1, (sheet.x_px, sheet.y_px)[axis](LINE_MM))
     for k in range(101):
         long_mm = 4.0 if k % 10 == 0 else 2.8 if k % 5 == 0 else 1.8
-        tick = sheet.box(x_mm + k, y_mm, LINE_MM, long_mm)
-        marks.append(FilledRectangle(tick.x_px, tick.y_px, thick, tick.height_px))
-        if k % 10 == 0:
-            text = f"{k}" if k < 100 else "100 mm x"
-            marks.append(sheet.words(x_mm + k + 0.4, y_mm + 5.2, text, SMALL_PT))
-    return marks
-
-
-def _ruler_y(sheet: Sheet, x_mm: float, y_mm: float) -> list[Mark]:
-    """100 mm from the upper edge of the first line to the upper edge of the last."""
-    thick = max(1, sheet.y_px(LINE_MM))
-    marks: list[Mark] = [sheet.box(x_mm, y_mm, LINE_MM, RULER_MM)]
-    for k in range(101):
-        long_mm = 4.0 if k % 10 == 0 else 2.8 if k % 5 == 0 else 1.8
-        tick = sheet.box(x_mm, y_mm + k, long_mm, LINE_MM)
-        marks.append(FilledRectangle(tick.x_px, tick.y_px, tick.width_px, thick))
-        if k % 10 == 0:
-            marks.append(sheet.words(x_mm + 2.4, y_mm + k + 2.3, f"{k}", SMALL_PT))
-    marks.append(sheet.words(x_mm + 2.4, y_mm + RULER_MM + 4.6, "mm y", SMALL_PT))
+        if axis == 0:
+            tick = replace(sheet.box(x_mm + k, y_mm, LINE_MM, long_mm), width_px=thick)
+            number = sheet.words(x_mm + k + 0.4, y_mm + 5.2, f"{k}" if k < 100 else "100 mm x")
+        else:
+            tick = replace(sheet.box(x_mm, y_mm + k, long_mm, LINE_MM), height_px=thick)
+            number = sheet.words(x_mm + 2.4, y_mm + k + 2.3, f"{k}")
+        marks += [tick, number] if k % 10 == 0 else [tick]
+    if axis == 1:
+        marks.append(sheet.words(x_mm + 2.4, y_mm + RULER_MM + 4.6, "mm y"))
     return marks
 
 
@@ -179,6 +166,6 @@ def _colours(sheet: Sheet, x_mm: float, y_mm: float) -> list[Mark]:
     marks: list[Mark] = []
     for k, (name, ink) in enumerate(COLOURS):
         marks.append(sheet.box(x_mm + 6 * k, y_mm, 5.0, 4.0, ink))
-        middle_mm = (5.0 - width_mm(name, SMALL_PT)) / 2
-        marks.append(sheet.words(x_mm + 6 * k + middle_mm, y_mm + 6.4, name, SMALL_PT))
+        middle_mm = (5.0 - width_mm(name, TEXT_PT)) / 2
+        marks.append(sheet.words(x_mm + 6 * k + middle_mm, y_mm + 6.4, name))
     return marks

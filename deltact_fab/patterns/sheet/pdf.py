@@ -1,7 +1,7 @@
-"""Marks as the pages of a PDF: boxes, words and pictures at exact printer dots, lossless.
+"""Marks as pages of a PDF: rectangles, text and pictures at exact printer dots, lossless.
 
-A picture has one pixel a printer dot: its edges are on the printer's grid already, and at the
-sheet's resolution nothing is left to resample.
+A picture has one pixel per printer dot, so a printer at the sheet's resolution does not resample
+it.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from .marks import FilledRectangle, Mark, TextLine
 INSET_MM = 1e-4
 """By which a picture's box is smaller on each side than its place.
 
-Renderers take every dot that a picture's box touches, and a box that ends exactly on a dot's edge
-touches the next one by rounding: the picture would grow by a dot and be resampled.
+Renderers fill every dot that a picture's box touches. A box that ends exactly at a dot's edge
+touches the next dot through rounding, and the picture would grow by one dot and be resampled.
 """
 
 

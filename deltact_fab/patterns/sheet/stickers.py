@@ -39,8 +39,6 @@ def cell(
     side_mm = recipe.printed_mm
     sticker = CellGrid(
         key=code,
-        x_px=0,
-        y_px=0,
         cells=draw_patches(recipe),
         size_mm=(side_mm, side_mm),
         pitch_mm=sheet.pitch_mm,
@@ -56,7 +54,7 @@ def cell(
             f"at most {most} dpi"
         )
     label = wrapped(_facts(recipe, code), layout.LABEL_MM, layout.TEXT_PT)
-    return StickerCell(side_mm, film_mm, sticker, _qr(code, sheet), tuple(label), mirrored)
+    return StickerCell(film_mm, sticker, _qr(code, sheet), tuple(label))
 
 
 def _facts(recipe: PatternRecipe, code: str) -> list[str]:
@@ -88,8 +86,6 @@ def _qr(code: str, sheet: Sheet) -> CellGrid:
     )
     return CellGrid(
         key=f"qr {code}",
-        x_px=0,
-        y_px=0,
         cells=np.where(dark, 0, 255).astype(np.uint8),
         size_mm=(size_mm[0], size_mm[1]),
         pitch_mm=sheet.pitch_mm,
@@ -105,11 +101,11 @@ def put(sheet: Sheet, cell: StickerCell, x_mm: float, y_mm: float) -> tuple[list
         y_px=sheet.y_px(y_mm + (cut_y_mm - cell.side_mm) / 2),
     )
     width_px, height_px = sticker.width_px, sticker.height_px
-    corner_px = sticker.x_px + (width_px if cell.mirrored else 0)
+    corner_px = sticker.x_px + (width_px if sticker.mirrored else 0)
     marks: list[Mark] = [sticker]
     marks += page_marks.edge_ticks(sheet, sticker.x_px, sticker.y_px, width_px, height_px)
     marks += page_marks.film_corners(sheet, x_mm, y_mm, cell.cut_mm)
-    marks += page_marks.corner_mark(sheet, corner_px, sticker.y_px, cell.mirrored)
+    marks += page_marks.corner_mark(sheet, corner_px, sticker.y_px, sticker.mirrored)
     label_y_mm = y_mm + cut_y_mm + layout.LABEL_GAP_MM
     code_x_mm = x_mm + layout.QUIET_MM
     marks.append(replace(cell.code, x_px=sheet.x_px(code_x_mm), y_px=sheet.y_px(label_y_mm)))
