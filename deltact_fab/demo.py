@@ -67,7 +67,7 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     seconds = time.monotonic() - started
     (out / MARKER).write_text(json.dumps({"seed": seed, "finished": True}) + "\n")
     say(f"report: {page} ({seconds:.0f} s in all)")
-    say(f"simulated, seed {seed}; calibrated on sphere:15, measured on other indenters:")
+    say(f"simulated, seed {seed}; calibrated on sphere:25, measured on other indenters:")
     say(f"tracking error: {tracking.verdict.line}")
     for line in _results(shape, found):
         say(line)
@@ -121,7 +121,7 @@ def _do(stage: _DemoStage) -> Any:
 
 
 def _calibrate(stage: _DemoStage) -> tuple[str, str]:
-    """Press a ball at two places, and fit force and depth to it. What was found, in two lines."""
+    """Press a ball in the middle, and fit force and depth to it. What was found, in two lines."""
     from .analysis.force import calibrate, write_calibration
     from .analysis.shape import calibrate_depth
     from .files import write_whole
@@ -136,8 +136,8 @@ def _calibrate(stage: _DemoStage) -> tuple[str, str]:
     depth = calibrate_depth(folder, force_file)
     write_whole(depth_file, depth.toml().encode())
     return (
-        f"force by {force.best.name!r} from {len(force.data)} settled points of sphere:15 at two "
-        f"places, too few to be judged by: {force_file}",
+        f"force by {force.best.name!r} from {len(force.data)} settled points of sphere:25 in "
+        f"the middle, too few to be judged by: {force_file}",
         f"depth from the same, gain {depth.model.gain:.3f}: {depth_file}",
     )
 

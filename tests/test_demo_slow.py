@@ -59,7 +59,7 @@ def test_the_demo_measures_what_it_claims(demo: Path) -> None:
     assert methods["fused"]["mean_confident_mm"] <= 0.003
     assert tracking["dots"]["mean_vs_truth_mm"] <= 0.01
     rows = [row for row in tracking["by_indenter"] if row["name"] == "fused"]
-    assert {row["indenter"] for row in rows} == {"sphere:10", "sphere:20"}
+    assert {row["indenter"] for row in rows} == {"sphere:20", "sphere:22"}
     for row in rows:  # something moved far enough for an error to mean anything
         assert row["peak_true_mm"] >= 0.5, row["indenter"]
 
@@ -68,12 +68,12 @@ def test_the_demo_ends_with_shape_contact_and_force_beside_the_tracking_error(de
     """Judged on indenters and a noise that the calibration never saw."""
     shape = json.loads((demo / "run" / "analysis" / "shape.json").read_text())
     assert shape["contact_by"] == "traction"
-    assert set(shape["by_indenter"]) == {"sphere:10", "sphere:20"}
+    assert set(shape["by_indenter"]) == {"sphere:20", "sphere:22"}
     for name, means in shape["by_indenter"].items():
         assert means["frames"] == 10, name
         assert means["depth_error_contact_mm"] <= 0.25 * means["zero_error_contact_mm"], name
         assert means["centroid_error_mm"] <= 0.3, name
-    assert shape["by_indenter"]["sphere:10"]["contact_iou"] >= 0.45
+        assert means["contact_iou"] >= 0.7, name
     runs = [json.loads((demo / run / "run.json").read_text()) for run in ("run", "calibration")]
     assert runs[0]["seed"] != runs[1]["seed"]
     assert not set(runs[0]["protocol"]["indenters"]) & set(runs[1]["protocol"]["indenters"])
@@ -83,8 +83,9 @@ def test_the_demo_ends_with_shape_contact_and_force_beside_the_tracking_error(de
         r"([.\d]+) and ([.\d]+) N in shear", page
     )  # fmt: skip
     assert int(off[0]) >= 30
-    assert float(off[1]) <= 0.4  # of 9 N
-    assert max(float(off[2]), float(off[3])) <= 0.06  # of 1.6 N
+    assert float(off[1]) <= 0.12  # of 6 N
+    assert max(float(off[2]), float(off[3])) <= 0.04  # of 1.9 N
+    assert '<div class="verdict good">' in page  # nothing in its own scene deserves a warning
     for words in ("Shape and contact at the deepest press", "Shape and contact: Mean error of 20"):
         assert words in page
 

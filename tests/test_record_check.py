@@ -239,10 +239,10 @@ def test_notes_are_kept_while_a_run_goes_on_and_after_it(copy: Path) -> None:
 
 
 def test_show_tells_what_a_run_is(mini_run: Path) -> None:
-    text = command("show", mini_run).output
-    assert "mini on " in text
-    assert "simulated, seed 3), finished" in text
-    assert "event complete: 2" in text
+    lines = [line.split(maxsplit=1) for line in command("show", mini_run).output.splitlines()]
+    told = {line[0]: line[1] for line in lines if len(line) == 2}
+    keys = ("protocol", "simulated", "seed", "state", "events.complete")
+    assert [told[key] for key in keys] == ["mini", "yes", "3", "finished", "2"]
     found = json.loads(command("show", mini_run, "--json").output)
     assert found["presses"] == 2
     assert found["sessions"] == 1

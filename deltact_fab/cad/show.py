@@ -172,7 +172,7 @@ def _of_indenter(dims: IndenterDimensions) -> tuple[list[Dimension], list[Derive
             given.append(Dimension(f"{label}.{f.name}", value, told + _TOLD[f.name]))
         for key, text in properties(type(tip)):
             if key not in {f.name for f in fields(tip)} and not is_dataclass(getattr(tip, key)):
-                derived.append(Derived(f"{label}.{key}", getattr(tip, key), text))
+                derived.append(Derived(f"{label}.{key}", getattr(tip, key), text or _OF_ALL[key]))
     for key, text in properties(type(shape)):
         if key != "slug":
             derived.append(Derived(key, getattr(shape, key), text))
@@ -189,7 +189,14 @@ def _flat(value: Any) -> Any:
     return value
 
 
-# What each field of a tip is.
+# What every tip states, and what the fields of each are.
+_OF_ALL = {
+    "lowest_mm": "(x, y) of a lowest point",
+    "radius_mm": "Radius of a ball that fits inside and touches a lowest point",
+    "equator_mm": "Height at which its sides turn vertical",
+    "half_mm": "Half sides (x, y) of the box around it",
+    "corner_mm": "Smallest convex radius of its outline",
+}
 _TOLD = {
     "x_mm": "where it stands in the indenter's frame",
     "y_mm": "where it stands in the indenter's frame",
