@@ -124,28 +124,16 @@ def test_a_job_that_kills_its_workers_fails_alone_in_one_line(cluster: Cluster) 
     assert str(ended[0].error).startswith("every worker that tried it died")
 
 
-def test_a_cluster_that_is_gone_is_said(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.import_module("deltact_fab.jobs.cluster"), "GONE_S", 3.0)
-    cluster.add(1)
-    with (
-        pytest.raises(jobs.CannotGoOn, match="is gone"),
-        jobs.executor(cluster.on) as there,
-    ):
-        jobs.run(
-            time.sleep, [0.1, 60], lambda e: os.killpg(cluster.scheduler.pid, signal.SIGKILL), there
-        )
-
-
-def test_workers_that_all_died_are_waited_for_and_not_for_ever(
-    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("gone", ["scheduler", "workers"])
+def test_a_cluster_that_is_gone_is_said(
+    cluster: Cluster, monkeypatch: pytest.MonkeyPatch, gone: str
 ) -> None:
     monkeypatch.setattr(importlib.import_module("deltact_fab.jobs.cluster"), "GONE_S", 3.0)
     cluster.add(1)
-    with (
-        pytest.raises(jobs.CannotGoOn, match="the Dask cluster is gone: no worker for 3 s"),
-        jobs.executor(cluster.on) as there,
-    ):
-        jobs.run(eval, ["__import__('os')._exit(3)"], print, there)
+    kill = f"__import__('os').killpg({cluster.scheduler.pid}, 9) or __import__('time').sleep(60)"
+    task = {"scheduler": kill, "workers": "__import__('os')._exit(3)"}[gone]
+    with pytest.raises(jobs.CannotGoOn, match="is gone"), jobs.executor(cluster.on) as there:
+        jobs.run(eval, [task], print, there)
 
 
 @pytest.mark.parametrize("way", ["nobody", "no workers"])

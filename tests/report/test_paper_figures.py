@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from made_up_study import bars, picture, study
+from made_up_study import bars
 from matplotlib.text import Text
 
 from deltact_fab.report import figures
@@ -18,20 +17,6 @@ def width_pt(svg: bytes) -> float:
     found = re.search(rb'<svg [^>]*?width="([\d.]+)pt"', svg, re.DOTALL)
     assert found is not None
     return float(found.group(1))
-
-
-@pytest.mark.slow
-def test_every_figure_is_written_twice_and_the_same_again(tmp_path: Path) -> None:
-    two = replace(study(), figures=study().figures[:2])
-    files = figures.save(two, tmp_path / "a")
-    assert [path.name for path in files] == [
-        "bars.svg",
-        "bars.pdf",
-        "picture.svg",
-        "picture.pdf",
-    ]
-    again = figures.save(two, tmp_path / "b")
-    assert [p.read_bytes() for p in files] == [p.read_bytes() for p in again]
 
 
 @pytest.mark.slow
@@ -57,22 +42,6 @@ def test_a_title_wider_than_its_axes_is_broken_and_no_word_is_lost() -> None:
     title = figure.axes[0].get_title(loc="left")
     assert "\n" in title
     assert title.replace("\n", " ") == bars().axes[0].get_title(loc="left")
-
-
-def test_what_runs_over_makes_the_figure_larger() -> None:
-    def over():  # type: ignore[no-untyped-def]
-        figure, (axis,) = figures.blank(3, 2)
-        figure.set_layout_engine("none")
-        axis.set_ylabel("a label that nothing makes room for\n" * 8)
-        return figure
-
-    figure = figures.draw(ReportFigure("over", "", over, True))
-    assert width_pt(figures.as_bytes(figure, "svg")) > 72 * 3.5 + 5
-
-
-def test_a_picture_is_a_raster_in_the_vector() -> None:
-    figure = figures.draw(ReportFigure("picture", "", picture, True))
-    assert b"<image" in figures.as_bytes(figure, "svg")
 
 
 def test_the_page_is_drawn_at_its_own_size_afterwards() -> None:

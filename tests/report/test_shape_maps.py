@@ -10,7 +10,6 @@ import pytest
 from matplotlib.collections import QuadMesh
 from matplotlib.quiver import Quiver
 
-from deltact_fab import cache
 from deltact_fab.analysis.shape import ShapeMaps
 from deltact_fab.report import maps, shape_figures
 from deltact_fab.report.figures import to_svg
@@ -62,13 +61,6 @@ def meshes(axis: Any) -> list[QuadMesh]:
 
 
 @pytest.mark.slow
-def test_the_gallery_has_a_column_a_press_and_no_more_than_fit() -> None:
-    drawn = to_svg(shape_figures.gallery([picture()] * 10, "simulated"))
-    assert "4 of 10 presses" in drawn
-    assert drawn.count("sphere:10, 1.00 mm") == 4
-
-
-@pytest.mark.slow
 def test_the_density_drawn_is_the_density_that_was_found() -> None:
     figure = shape_figures.gallery([picture(), picture(**WITH_TRUTH)], "")
     drawn = [mesh for axis in figure.axes for mesh in meshes(axis)]
@@ -116,13 +108,3 @@ def test_arrows_are_sparse_and_leave_out_what_is_not_known() -> None:
     shown = np.isfinite(np.ma.filled(arrows.U, np.nan))
     assert shown.any()
     assert not shown[arrows.X**2 + arrows.Y**2 > 155].any()
-
-
-def test_a_picture_comes_back_from_what_is_kept_of_it() -> None:
-    one = with_field(**WITH_TRUTH, outlines_mm=[SQUARE, SQUARE + 5])
-    again = ShapeMaps(**cache.unpacked(*cache.packed(vars(one))))
-    assert again.frame_id == one.frame_id
-    assert [words for words, *_ in again.tractions] == ["found"]
-    assert picture().tractions == []
-    np.testing.assert_array_equal(again.traction_mpa, one.traction_mpa)
-    np.testing.assert_array_equal(again.outlines_mm[1], SQUARE + 5)

@@ -8,13 +8,13 @@ import re
 import resource
 import signal
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from made_up_study import study
+from seen_page import offline
 
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.report import study_page, templating
@@ -37,27 +37,6 @@ def page(folder: Path) -> str:
 def plain() -> StudyResult:
     """Without figures: they take the time."""
     return replace(study(), figures=())
-
-
-class Seen(HTMLParser):
-    """Ids, links, and words in the order in which a reader meets them."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.ids: list[str] = []
-        self.links: list[str] = []
-        self.words: list[str] = []
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        for name, value in attrs:
-            if name == "id" and value:
-                self.ids.append(value)
-            if name in ("src", "href", "xlink:href", "srcset") and value:
-                self.links.append(value)
-
-    def handle_data(self, data: str) -> None:
-        self.words += data.split()
 
 
 def section(page: str, title: str) -> str:
@@ -85,11 +64,9 @@ def test_the_verdict_stands_first_and_what_it_is_made_with_last(page: str) -> No
 
 
 def test_it_fetches_nothing_and_links_to_what_lies_beside_it(page: str, folder: Path) -> None:
-    seen = Seen(page)
-    beside = [link for link in seen.links if not link.startswith(("data:", "#"))]
-    assert set(beside) == {"headlines.csv", "wide.csv", "points.csv", "part.csv", "recipe.toml"}
+    seen, beside = offline(page)
+    assert beside == {"headlines.csv", "wide.csv", "points.csv", "part.csv", "recipe.toml"}
     assert all((folder / link).is_file() for link in beside)
-    assert not re.search(r"@import|url\((?!#)", page)
     assert len(seen.ids) > 20
 
 
@@ -104,14 +81,6 @@ def test_headlines_tell_value_interval_paper_and_goal(page: str) -> None:
     assert rows[2][1:] == ["0.991", "one fit", "0.99", "at least 0.98: undecided", ""]
 
 
-def test_a_goal_that_is_missed_for_no_reason_says_that_too(tmp_path: Path) -> None:
-    short = Headline("error", 2.0, "mm", 1.5, 2.5, "5 seeds", goal=1.0)
-    out = study_page.write(replace(plain(), headlines=(short,)), tmp_path / "s").read_text()
-    (row,) = table_of(section(out, "Key figures"))[1:]
-    assert row[-1] == "the study gives no reason"
-    assert 'class="verdict bad"' in out
-
-
 def test_goals_and_missing_jobs_put_the_verdict_in_doubt_and_nothing_else(tmp_path: Path) -> None:
     good = replace(plain(), headlines=plain().headlines[:1])
     page = study_page.write(good, tmp_path / "good").read_text()
@@ -122,44 +91,22 @@ def test_goals_and_missing_jobs_put_the_verdict_in_doubt_and_nothing_else(tmp_pa
     assert "1 job is missing" in bad
 
 
-def test_missing_jobs_are_named_up_to_a_point(page: str) -> None:
-    part = section(page, "25 jobs are missing")
-    assert part.count("d0.1-r") == study_page.MAX_MISSING
-    assert "and 5 more" in part
-
-
-def test_columns_without_a_value_are_left_out_and_rows_of_long_tables(page: str) -> None:
+def test_what_is_too_long_for_a_page_is_told_and_left_to_its_file(
+    page: str, tmp_path: Path
+) -> None:
+    missing = section(page, "25 jobs are missing")
+    assert missing.count("d0.1-r") == study_page.MAX_MISSING
+    assert "and 5 more" in missing
+    many = ReportTable("many", "Many", pd.DataFrame({f"c{i}_mm": [i + 0.5] for i in range(22)}))
+    wide = study_page.write(replace(plain(), tables=(many,)), tmp_path / "s").read_text()
+    (head, row), part = table_of(section(wide, "Many")), section(wide, "Many")
+    assert (head[-1], row[-1]) == ("c13, mm", "13.5")
+    assert "further columns in it: c14, mm; " in part
+    assert pd.read_csv(tmp_path / "s" / "many.csv").shape == (1, 22)
     head, *rows = table_of(section(page, "Every point"))
     assert head == ["point", "normal, N"]
     assert len(rows) == study_page.FIRST_ROWS
     assert "the first 20 of 2070 rows are shown" in page
-
-
-def test_columns_beyond_those_of_a_sheet_are_named_and_left_to_the_file(tmp_path: Path) -> None:
-    many = ReportTable("many", "Many", pd.DataFrame({f"c{i}_mm": [i + 0.5] for i in range(22)}))
-    page = study_page.write(replace(plain(), tables=(many,)), tmp_path / "s").read_text()
-    part = section(page, "Many")
-    head, row = table_of(part)
-    assert (head[-1], row[-1]) == ("c13, mm", "13.5")
-    assert "further columns in it: c14, mm; " in part
-    assert "c21, mm." in part
-    assert pd.read_csv(tmp_path / "s" / "many.csv").shape == (1, 22)
-
-
-def test_a_shown_column_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    wrong = ReportTable("t", "T", pd.DataFrame({"a": [1]}), ("b",))
-    with pytest.raises(KeyError, match="'b'"):
-        study_page.write(replace(plain(), tables=(wrong,)), tmp_path / "s")
-    assert list((tmp_path / "s").iterdir()) == []
-
-
-def test_what_was_left_out_stands_with_its_reason(tmp_path: Path) -> None:
-    page = study_page.write(plain(), tmp_path / "s").read_text()
-    head, *rows = table_of(section(page, "What this scene left out"))
-    assert head == ["without", "why"]
-    assert rows[0] == ["viscosity", "the specimen has no Prony series"]
-    none = study_page.write(replace(plain(), left_out=()), tmp_path / "s").read_text()
-    assert "What this scene left out" not in none
 
 
 def test_what_was_written_is_read_again(folder: Path) -> None:
@@ -203,14 +150,6 @@ def test_a_result_that_is_none_names_file_and_key(
     with pytest.raises(InputError, match=re.escape(words)) as caught:
         read_result(tmp_path)
     assert str(tmp_path / "result.json") in str(caught.value)
-
-
-def test_a_folder_without_a_study_and_half_a_file_are_told_apart(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"result\.json is missing"):
-        read_result(tmp_path)
-    (tmp_path / "result.json").write_text('{"format"')
-    with pytest.raises(InputError, match="not valid JSON"):
-        read_result(tmp_path)
 
 
 def state(folder: Path) -> dict[str, bytes]:
@@ -270,14 +209,6 @@ def test_no_other_folder_is_written_into(tmp_path: Path, held: str) -> None:
     with pytest.raises(InputError, match="name another folder"):
         study_page.write(plain(), tmp_path)
     assert state(tmp_path) == before
-
-
-def test_ready_finds_a_folder_that_cannot_be(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be made"):
-        study_page.ready("made-up", tmp_path / "file" / "out")
-    with pytest.raises(InputError, match="cannot be made"):
-        study_page.ready("made-up", tmp_path / "out", tmp_path / "file")
 
 
 @pytest.mark.parametrize(

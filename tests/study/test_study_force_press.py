@@ -7,10 +7,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from deltact_fab import cache, experiment, record
+from deltact_fab import experiment, record
 from deltact_fab.cad.design import load_design
 from deltact_fab.experiment import kind_of
 from deltact_fab.experiment.session import run_presses
@@ -19,7 +18,6 @@ from deltact_fab.protocols import plan
 from deltact_fab.rig import config
 from deltact_fab.rig.job import RigSetup
 from deltact_fab.study.force_calibration import run
-from deltact_fab.study.grid import KIND
 from deltact_fab.study.request import StudyRequest
 
 PROTOCOL = """
@@ -102,15 +100,3 @@ def test_a_recorded_run_of_the_protocol_says_the_same(
     recorded = run(StudyRequest(runs=(folder,), seed=5)).data
     assert recorded["tables"] == simulated["tables"]
     assert recorded["runs"] == ["recorded"]
-
-
-@pytest.mark.slow
-def test_what_a_stopped_study_has_kept_is_taken_up_to_the_same_tables(
-    asked: StudyRequest, simulated: dict[str, Any]
-) -> None:
-    kept = sorted((cache.user_folder() / KIND).glob("*.bin"))
-    assert len(kept) >= 2
-    kept[0].unlink()  # a job that had not ended
-    again = json.loads(json.dumps(run(asked).data, allow_nan=False))
-    assert again == simulated
-    assert np.isfinite(again["headlines"][-1]["value"])

@@ -69,16 +69,6 @@ def test_places_are_kept_far_apart_and_mirror_images_last() -> None:
     assert sorted(order) == sorted(whole().positions_mm)
 
 
-def test_what_cannot_be_thinned_stays() -> None:
-    small = plan.load("force-calibration-small")[0]
-    for scale in (0.001, 0.3):
-        thin = scaled(small, scale)
-        assert len(thin.positions_mm) >= 2
-        assert thin.depths_mm == small.depths_mm
-    press = small.model_copy(update={"shear": None, "positions_mm": ((0.0, 0.0),)})
-    assert len(scaled(press, 0.01).positions_mm) == 1
-
-
 @pytest.mark.parametrize("scale", [0.0, -0.1, 1.01, float("nan")])
 def test_another_scale_is_refused(scale: float) -> None:
     with pytest.raises(InputError, match="at most 1"):

@@ -84,12 +84,6 @@ def test_a_goal_is_missed_or_undecided_where_places_are_few() -> None:
     assert few.state == "undecided"
 
 
-def test_the_tables_hold_every_figure_once() -> None:
-    tables = {table.name: table.frame for table in found(made()).tables}
-    printed = tables["force-models"].set_index(["model", "component"]).loc["as printed"]
-    assert list(printed["rmse_left_out_point"]) == [0.3, 0.14, 0.17]
-
-
 def test_by_place_the_papers_model_is_read_in_four_ways() -> None:
     """Of normal force that is linear in the signed sums, with another factor at each place."""
     result = made()
@@ -110,13 +104,6 @@ def test_by_place_the_papers_model_is_read_in_four_ways() -> None:
     clipped = whole.tables[1].frame.query("model == 'paper, clipped' and constant == 'without'")
     pooled = (clipped["at_random_n"] ** 2).mean() ** 0.5
     assert pooled == pytest.approx(whole.headlines[3].value), "the paper's own reading"
-
-
-def test_figures_are_drawn_with_where_they_are_from() -> None:
-    figures = {one.name: one.draw() for one in found(made()).figures}
-    assert set(figures) == {"force-predicted"}
-    for figure in figures.values():
-        assert any("simulated, seed 0" in text.get_text() for text in figure.texts)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import pytest
 import tiny_study
 
 from deltact_fab import cache
-from deltact_fab.errors import InputError, RunFailed, SolverError
+from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.study import grid as engine
 from deltact_fab.study.grid import Grid, GridJob, JobPace
 from deltact_fab.study.request import StudyRequest
@@ -87,19 +87,6 @@ def test_another_code_is_another_job(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert found == [["0", "1"], ["1", "1"], ["0", "2"]]
 
 
-def test_two_jobs_of_one_name_are_refused() -> None:
-    job = tiny_study.jobs_of(1, 1)[0]
-    with pytest.raises(ValueError, match="jobs of one name: job-0"):
-        solve([job, job])
-
-
-def test_one_of_two_names_for_the_same_is_done(done: Path) -> None:
-    job = tiny_study.jobs_of(1, 1)[0]
-    grid = solve([job, replace(job, name="also")])
-    assert len(list(done.iterdir())) == 1
-    assert grid["also"]["mean"] == grid["job-0"]["mean"]
-
-
 def test_given_that_is_no_plain_data_is_refused_before_anything_is_done() -> None:
     job = tiny_study.jobs_of(1, 1)[0]
     with pytest.raises(TypeError, match="job-0"):
@@ -142,30 +129,9 @@ def test_a_failure_ends_one_job_and_the_grid_says_so_whatever_is_asked_of_it(don
     assert [solve(failing).missing for _ in range(2)] == [{"job-2": "it did not converge"}] * 2
 
 
-def test_when_all_fail_the_reason_is_the_error() -> None:
-    job = tiny_study.jobs_of(7, 1, fails="job-0")
-    with pytest.raises(SolverError, match="converge"):
-        solve(job)
-
-
-@pytest.mark.slow
-def test_a_process_that_dies_each_time_costs_its_job_only() -> None:
-    grid = engine.solve([*tiny_study.jobs_of(7, 3), GridJob("dies", tiny_study.die)])
-    assert list(grid.missing) == ["dies"]
-    assert grid.missing["dies"].startswith("its process died twice")
-    assert len(grid.found) == 3
-
-
 def test_a_mistake_in_the_code_is_raised_with_the_job_that_it_was_in() -> None:
     with pytest.raises(KeyError) as why:
         solve([GridJob("wrong", tiny_study.draw, {}), *tiny_study.jobs_of(7, 1)])
-    assert why.value.__notes__ == ["in the job wrong"]
-
-
-@pytest.mark.parametrize("thing", ["numpy number", "objects"])
-def test_a_value_that_cannot_be_kept_is_a_mistake_and_not_a_failure(thing: str) -> None:
-    with pytest.raises(TypeError) as why:
-        solve([GridJob("wrong", tiny_study.strange, {"thing": thing}), *tiny_study.jobs_of(7, 1)])
     assert why.value.__notes__ == ["in the job wrong"]
 
 
@@ -241,15 +207,3 @@ def test_remaining_time_by_what_the_jobs_cost() -> None:
     for index in (0, 2, 3):
         pace.share(index, 1.0)
     assert pace.left_s(began + 30) == pytest.approx(0)
-
-
-def test_jobs_count_alike_where_not_all_costs_are_known() -> None:
-    pace = JobPace([30.0, 0.0], 2)
-    pace.share(1, 1.0)
-    assert pace.left_s(pace._began + 5) == pytest.approx(5)
-
-
-def test_time_is_told_beforehand() -> None:
-    assert JobPace([60.0] * 20, 2).beforehand() == "about 10 min 00 s"
-    assert JobPace([0.0] * 20, 2).beforehand() == ""
-    assert JobPace([60.0, 600.0], 2).beforehand() == "about 10 min 00 s"  # the longest

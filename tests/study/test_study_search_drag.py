@@ -12,7 +12,7 @@ from deltact_fab.protocols import plan
 from deltact_fab.study import press_jobs
 from deltact_fab.study.pattern_errors import OURS, PatternErrors, PressErrors
 from deltact_fab.study.search.candidates import PAPER
-from deltact_fab.study.search.drag import OUTWARD, bridged, dragged, probe, strides, view_of
+from deltact_fab.study.search.drag import OUTWARD, bridged, dragged, probe, view_of
 from deltact_fab.study.search.imager import bench_of
 from deltact_fab.study.search.result import chosen_by_others, headlines
 
@@ -60,10 +60,6 @@ def test_a_blank_sticker_is_refused_with_the_reason() -> None:
     found = probed({}, law="transparent")
     assert "texture" in found["refused"]
     assert "error_mm" not in found
-
-
-def test_strides_all_end_at_the_last_frame() -> None:
-    assert strides(12) == [1, 2, 3, 4, 6, 12]
 
 
 def test_a_step_is_bridged_until_the_error_doubles() -> None:

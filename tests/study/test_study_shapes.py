@@ -7,9 +7,7 @@ from typing import Any
 import pytest
 
 from deltact_fab.analysis.shape import PressShape
-from deltact_fab.errors import InputError
 from deltact_fab.report.result import StudyResult
-from deltact_fab.study import shapes
 from deltact_fab.study.request import StudyRequest
 from deltact_fab.study.shape import summary
 from deltact_fab.study.shape.simulated import FORCE, OBJECTS, TWIST, presses_of, scene
@@ -97,16 +95,3 @@ def test_the_scale_thins_places_and_no_object() -> None:
     # No object is the ball that depth and force are calibrated on.
     assert set(whole.protocols[FORCE].indenters) == set(whole.protocols["ball-press"].indenters)
     assert "sphere-10" not in kinds
-
-
-@pytest.mark.parametrize(
-    ("asked", "says"),
-    [
-        (StudyRequest(scale=2.0), "--scale: 2"),
-        (StudyRequest(rig="grbl-bench"), "'virtual' rig"),
-    ],
-)
-def test_what_does_not_go_together_is_refused_in_one_line(asked: StudyRequest, says: str) -> None:
-    with pytest.raises(InputError, match=says) as refused:
-        shapes.run(asked)
-    assert "\n" not in str(refused.value)
