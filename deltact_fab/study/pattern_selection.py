@@ -8,7 +8,7 @@ base, as in the paper, and its error is taken at the dots.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 from ..measure.flow import RENEW_SHARE
 from ..report.result import LeftOut, StudyResult
@@ -30,7 +30,7 @@ TRACKERS = (
 )
 NOTES = (
     "The paper stacks its indenters' errors and calls the result the average error: read as a sum "
-    "of five, its values would be means of a fifth (column `sum`).",
+    "of five, its values would be means of a fifth.",
     "Intervals are over indenters (jackknife, 95 %): not over prints of a pattern, seeds or gels.",
     "A claim is made where flows summed and composed agree and both intervals exclude it; more "
     "positions (--scale) and prints of a pattern (--seed) would decide others.",
@@ -68,7 +68,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     return replace(
         found,
         scale=asked.scale,
-        more={"part": asdict(part)},
+        more={"part": part._asdict()},
         settings={
             "path": part.words,
             "step between frames": f"{part.longest_step_mm:.3f} mm at most",

@@ -194,16 +194,16 @@ def test_seeds_depend_on_the_study_and_the_name_and_nothing_else() -> None:
     assert seed_of(3, "sphere:10/p1") == 249821586942346
 
 
-def test_remaining_time_by_what_the_jobs_cost() -> None:
-    pace = JobPace([30.0, 10.0, 10.0, 10.0], 2)  # 30 s expected, which count as a tenth
-    began = pace._began
-    assert pace.left_s(began + 5) is None
-    assert pace.left() == ""
+def test_remaining_time_is_told_by_what_the_jobs_cost(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr(engine.time, "monotonic", lambda: now[0])
+    pace = JobPace([30.0, 10.0, 10.0, 10.0], 2)
+    assert (pace.beforehand, pace.left()) == ("about 30 s", "")
+    now[0] += 8
     pace.share(1, 1.0)
-    assert pace.left_s(began + 8) == pytest.approx(50 / 60 * (8 + 3) / (10 / 60 + 0.1))
+    assert pace.left() == "about 40 s left"
     pace.share(0, 0.5)
     pace.share(0, 0.2)  # never back
-    assert pace.left_s(began + 10) == pytest.approx(35 / 60 * (10 + 3) / (25 / 60 + 0.1))
-    for index in (0, 2, 3):
-        pace.share(index, 1.0)
-    assert pace.left_s(began + 30) == pytest.approx(0)
+    assert pace.left() == "about 11 s left"
+    assert JobPace([0.0] * 20, 2).beforehand == ""
+    assert JobPace([60.0, 600.0], 2).beforehand == "about 10 min 00 s"  # the longest

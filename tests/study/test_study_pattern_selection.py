@@ -53,17 +53,14 @@ def test_a_small_one_has_errors_cover_and_the_papers_values(small: StudyResult) 
             assert 0 < row[f"{name}_mm"] < most_mm
             assert 0 < row[f"{name}_off_mm"] < most_mm
             assert row[f"{name}_moving_mm"] >= row[f"{name}_mm"]
-            assert row[f"{name}_sum_mm"] == pytest.approx(row[f"{name}_mm"])  # of one indenter
             assert 0 <= row[f"{name}_lost_frames"] <= 1
             assert 0 <= row[f"{name}_lost_pixels"] < 0.5
             assert 0.5 < row[f"{name}_coverage"] <= 1
     json.dumps(small.data, allow_nan=False)
-    patterns, indenters, path = small.tables
+    patterns, indenters = small.tables
     assert patterns.shown is not None
     assert set(patterns.shown) <= set(patterns.frame)
     assert len(indenters.frame) == 6
-    assert set(path.frame["depth_mm"]) == {1.0}
-    assert path.frame["drag_to_mm"].min() == 0  # the bottom of the press
     for figure in small.figures:
         assert "1 of 1 positions" in figure.caption
         assert len(figure.draw().axes) == 2
@@ -134,7 +131,7 @@ def made_up(
     for p in printed:
         mean = errors_mm.get((p.d_mm, p.r), 0.3)
         for indenter, times in zip(INDENTERS, 1 + spread * rng.uniform(-1, 1, 5), strict=True):
-            tallies, rows = {}, {}
+            tallies = {}
             for method, share in ((SUMMED, 1.0), (COMPOSED, composed)):
                 value = mean * times * (share if (p.d_mm, p.r) in errors_mm else 1.0)
                 tally = tallies[method] = ErrorTally()
@@ -143,11 +140,7 @@ def made_up(
                 tally.at_dots.take(np.full(4, value))
                 tally.at_moving_dots.take(np.full(4, value))
                 tally.take_moving(np.full(4, value), np.ones(4, bool))
-                rows[method] = np.full((4, 3), value)
-            path = np.column_stack((np.full(4, 5.0), [0.0, 0.5, 0.9, 1.5]))
-            cells.append(
-                PressErrors(p.name, f"{indenter}/p1", indenter, tallies, rows, path, None, ())
-            )
+            cells.append(PressErrors(p.name, f"{indenter}/p1", indenter, tallies, None, ()))
     return PatternErrors(printed, cells)
 
 
@@ -190,11 +183,3 @@ def test_a_pattern_without_an_error_under_one_indenter_has_no_mean() -> None:
     del errors._joined["d0p1-r0p5", "i1", SUMMED]
     assert errors.mean("d0p1-r0p5", SUMMED, "at_dots") is None
     assert errors.best(SUMMED, "at_dots", errors.printed) != best
-
-
-def test_frames_along_the_path_are_those_at_a_depth_by_their_drag() -> None:
-    errors = made_up(THEIRS)
-    rows = errors.along("d0p1-r0p5", SUMMED)
-    assert [(row["depth_mm"], row["drag_to_mm"], row["frames"]) for row in rows] == [
-        (5.0, 0.0, 5), (5.0, 1.0, 10), (5.0, 2.0, 5)
-    ]  # fmt: skip

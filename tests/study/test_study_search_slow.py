@@ -28,8 +28,7 @@ def test_a_small_search_finds_a_better_pattern_than_the_papers() -> None:
     assert recipe.model_dump(mode="json", exclude_none=True) == data["best"]["recipe"]
     rows = data["tables"]["confirmed"]
     assert {row["pattern"] for row in rows} >= {"algorithm1 d 0.075 r 0.6"}
-    assert all(0 < row["mean_error_mm"] < 0.05 for row in rows if row["tracker"] == "fused")
-    assert sum(row["tracker"] == "paper" for row in rows) == 2
+    assert all(0 < row["mean_error_mm"] < 0.05 for row in rows)
     for drawn in found.figures:
         figure = drawn.draw()
         figure.draw_without_rendering()
