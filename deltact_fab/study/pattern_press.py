@@ -25,8 +25,8 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     """Every frame of a press, its geometry and truth once, tracked under every pattern.
 
     given: as `press_jobs.given`, with press, patterns (recipes by name), methods and seed. Returns
-    what `packed` does, `frames`, and `gel` (flags and interpolation). Raises SolverError where the
-    gel cannot be solved or drawn.
+    what `packed` does, `frames`, and `gel` (its flags). Raises SolverError where the gel cannot be
+    solved or drawn.
     """
     import cv2
 
@@ -55,7 +55,6 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
             except SensorError as why:  # a print that the camera cannot tell from grey
                 lost[name] = [str(why)]
         tell((frame.number + 1) / count)
-    solver = stream.solver
     found = {
         name: (
             one.tallies, one.dots.tally.figures() if one.dots else None,
@@ -65,11 +64,7 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
     return {
         "frames": count,
-        "gel": {
-            "flags": solver.flags,
-            "between_mm": solver.between.displacement_mm,
-            "knots": len(solver.knots),
-        },
+        "gel": {"flags": stream.solver.flags},
         **packed(found),
     }
 

@@ -85,8 +85,8 @@ def run(asked: StudyRequest) -> StudyResult:
     best = finalists(frame, max(2, round(4 * scale)))
     chosen = list(dict.fromkeys([*best, PAPER, *(name for name in (shipped,) if name in among)]))
     gel = Presses(protocol, sensor.skin, config.virtual.gel)
-    if gels := press_jobs.gel_jobs(gel, lambda press: told(0, press=press), KNOT_S):
-        asked.solve(gels)
+    gels = press_jobs.gel_jobs(gel, lambda press: told(0, press=press), KNOT_S)
+    press_jobs.solve_gels(asked, gels)
     seeds = [seed_of(asked.seed, f"held-out seed {k}") for k in range(max(2, round(5 * scale)))]
     jobs = [
         [GridJob(

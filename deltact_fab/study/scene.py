@@ -80,9 +80,7 @@ class PressScene:
             told = partial(press_jobs.given, protocol, self.sensor, self.rig, self.source)
             own = press_jobs.gel_jobs(self.gel(name), told, KNOT_S)
             jobs += [replace(job, name=f"{job.name} of {name}") for job in own]
-        if jobs:
-            asked.say(f"the gel of {len(jobs)} presses is solved first, and kept")
-            asked.solve(jobs)
+        press_jobs.solve_gels(asked, jobs)
 
     def job(
         self,

@@ -82,21 +82,15 @@ def test_one_frame_recounted_by_hand(mini_run: Path, result: te.TrackingResult) 
     assert reported["mean_confident_mm"].iloc[0] == pytest.approx(error_mm[sure].mean(), rel=0.03)
 
 
-class Shelf(record.RunTruth):
+def shelf(seen: NDArray[np.bool_]) -> TrueFrame:
     """A face whose columns up to 19 have moved 8 px to the right, over the next ones."""
-
-    def __init__(self) -> None:
-        pass
-
-    def flow_and_in_plane(self, frame_id: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        flow = np.zeros((10, 60, 2))
-        flow[:, :20, 0] = 8.0
-        return flow, 0.04 * flow
+    flow = np.zeros((10, 60, 2))
+    flow[:, :20, 0] = 8.0
+    return TrueFrame.of(flow, 0.04 * flow, np.ones((10, 60), bool), seen, 0.04)
 
 
 def test_what_the_face_hides_of_itself_is_not_counted() -> None:
-    everywhere = np.ones((10, 60), bool)
-    frame = TrueFrame.read(Shelf(), "f", everywhere, everywhere, 0.04)
+    frame = shelf(np.ones((10, 60), bool))
     # Columns 12 to 19 lie over 20 to 27 now: which of the two is seen, the flow does not tell.
     assert (np.flatnonzero(frame.moving[5]) == np.arange(12)).all()
 
@@ -104,7 +98,7 @@ def test_what_the_face_hides_of_itself_is_not_counted() -> None:
 def test_what_the_camera_does_not_see_is_not_counted_before_or_after() -> None:
     seen = np.ones((10, 60), bool)
     seen[:, :3] = seen[:, 15:17] = seen[:, 50:] = False
-    frame = TrueFrame.read(Shelf(), "f", np.ones((10, 60), bool), seen, 0.04)
+    frame = shelf(seen)
     # Columns 7 and 8 land on 15 and 16.
     assert (np.flatnonzero(frame.moving[5]) == [3, 4, 5, 6, 9, 10, 11]).all()
 
