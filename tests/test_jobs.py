@@ -186,8 +186,8 @@ def test_a_job_is_heard_while_it_runs_and_in_the_callers_thread(workers: int) ->
     ("on", "workers", "says"),
     [
         ("cloud", None, "--on 'cloud': expected 'local' or 'dask:tcp://HOST:PORT'"),
-        ("dask:tcp://127.0.0.1", None, "expected dask:tcp://HOST:PORT"),
-        ("dask:127.0.0.1:8786", None, "expected dask:tcp://HOST:PORT"),
+        ("dask:tcp://127.0.0.1", None, "expected 'local' or 'dask:tcp://HOST:PORT'"),
+        ("dask:127.0.0.1:8786", None, "expected 'local' or 'dask:tcp://HOST:PORT'"),
         ("dask:tcp://127.0.0.1:8786", 3, "--jobs 3: with --on"),
     ],
 )
