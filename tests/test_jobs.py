@@ -229,19 +229,6 @@ def test_a_script_without_a_guard_runs_once(tmp_path: Path, way: str) -> None:
     assert sorted(done.stdout.split()) == ["2.0", "3.0", "here"]
 
 
-def test_a_function_of_the_callers_script_is_refused_by_name(tmp_path: Path) -> None:
-    script = (
-        "from deltact_fab import jobs\ndef mine(n):\n    return n\n"
-        "try:\n    jobs.each(mine, [1, 2], 'ab', workers=2)\n"
-        "except AttributeError as why:\n    print(why)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
-    )
-    assert "Can't get attribute 'mine'" in done.stdout
-    assert done.stderr == ""
-
-
 @LISTED
 @pytest.mark.parametrize("way", ["killed", "Ctrl-C"])
 def test_workers_end_with_their_parent_and_with_ctrl_c(way: str) -> None:

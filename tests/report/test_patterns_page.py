@@ -11,7 +11,7 @@ from seen_page import SeenPage, offline
 
 from deltact_fab.errors import InputError
 from deltact_fab.patterns.series import job as series
-from deltact_fab.report import figures, patterns_page
+from deltact_fab.report import patterns_page
 
 
 @pytest.fixture(scope="module")
@@ -73,19 +73,6 @@ def test_the_views_are_in_it_unchanged(report: series.SeriesReport, seen: SeenPa
     held = {base64.b64decode(picture.partition(",")[2]) for picture in shown}
     assert held == {file.read_bytes() for file in (report.out / "views").iterdir()}
     assert len(shown) == len(report.figures["patterns"])
-
-
-def test_the_charts_draw_the_figures(report: series.SeriesReport) -> None:
-    rows = report.figures["patterns"]
-    chart = patterns_page.draw(rows)
-    for axis, level in zip(chart.axes[1:], (3, 4), strict=True):
-        drawn = {line.get_label(): line.get_xydata().tolist() for line in axis.get_lines()}
-        expected: dict[str, list[list[float]]] = {}
-        for row in rows:
-            point = [row["d_mm"], row["quality"]["photographed"]["contrast"][level]]
-            expected.setdefault(f"r = {row['r']:g}", []).append(point)
-        assert drawn == expected
-    assert "<dc:date>" not in figures.to_svg(chart)
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
-from matplotlib.quiver import Quiver
 
 from deltact_fab.analysis.shape import ShapeMaps
-from deltact_fab.report import maps, shape_figures
+from deltact_fab.report import shape_figures
 from deltact_fab.report.figures import to_svg
 
 X, Y = np.linspace(-10, 10, 81), np.linspace(-8, 8, 65)
@@ -97,14 +96,3 @@ def test_found_and_true_forces_have_one_scale_and_the_contact_in_white() -> None
     radius = np.hypot(*line.vertices.T)
     assert np.sqrt(-8 * np.log(0.4)) == pytest.approx(radius.mean(), abs=X[1] - X[0])
     assert "force sensor: normal 5.00 N, shear (1.00, 0.00) N" in to_svg(figure)
-
-
-def test_arrows_are_sparse_and_leave_out_what_is_not_known() -> None:
-    figure = shape_figures.distribution(with_field(), "")
-    flow = next(axis for axis in figure.axes if axis.get_title().startswith("flow"))
-    (arrows,) = (part for part in flow.collections if isinstance(part, Quiver))
-    steps = np.diff(np.unique(arrows.X))
-    np.testing.assert_allclose(steps, maps.ARROW_MM)
-    shown = np.isfinite(np.ma.filled(arrows.U, np.nan))
-    assert shown.any()
-    assert not shown[arrows.X**2 + arrows.Y**2 > 155].any()

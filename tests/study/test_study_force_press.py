@@ -9,14 +9,7 @@ from typing import Any
 
 import pytest
 
-from deltact_fab import experiment, record
-from deltact_fab.cad.design import load_design
-from deltact_fab.experiment import kind_of
-from deltact_fab.experiment.session import run_presses
-from deltact_fab.patterns.recipe import load_recipe
-from deltact_fab.protocols import plan
-from deltact_fab.rig import config
-from deltact_fab.rig.job import RigSetup
+from deltact_fab import experiment
 from deltact_fab.study.force_calibration import run
 from deltact_fab.study.request import StudyRequest
 
@@ -35,25 +28,6 @@ settle_s = 0.2
 [specimen]
 gel_model = "hyperelastic"
 """
-
-
-@pytest.mark.slow
-def test_a_press_alone_is_the_whole_runs(
-    mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
-) -> None:
-    protocol, _ = plan.load(str(mini[0]))
-    rig, source = config.load(str(mini[1]))
-    assert isinstance(rig, config.VirtualConfig)
-    sensor, recipe = load_design(protocol.specimen.design), load_recipe(protocol.specimen.pattern)
-    press = "4dots/p1"  # the second one
-    view = kind_of(rig, source).camera(protocol, sensor)
-    job = RigSetup(protocol, sensor, recipe, view, 3, tmp_path / "alone")
-    run_presses(job, rig, source, [press])
-    whole, alone = record.open(mini_run), record.open(tmp_path / "alone")
-    columns = ["frame_id", "sha256", "fx_n", "fy_n", "fz_n", "tx_nmm", "settled"]
-    expected = whole.frames(press)[columns].reset_index(drop=True)
-    assert alone.frames()[columns].reset_index(drop=True).equals(expected)
-    assert len(expected) > 2
 
 
 @pytest.fixture(scope="module")

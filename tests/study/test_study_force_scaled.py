@@ -8,11 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltact_fab.cad.design import load_design
 from deltact_fab.errors import InputError
-from deltact_fab.protocols import limits, plan
+from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol
-from deltact_fab.rig import config
 from deltact_fab.study.force.simulated import points_of, scaled, spread
 
 FEWEST_POINTS = 190
@@ -45,16 +43,6 @@ def test_any_scale_keeps_the_indenters_the_range_and_places_to_leave_out(scale: 
     assert points_of(thin) >= FEWEST_POINTS
     if wanted > FEWEST_POINTS:
         assert 1 / ABOVE <= points_of(thin) / wanted <= ABOVE
-
-
-@pytest.mark.slow
-@settings(max_examples=15, deadline=None)
-@given(st.floats(1e-3, 1.0))
-def test_any_scale_is_a_protocol_that_the_checks_pass(scale: float) -> None:
-    thin = scaled(whole(), scale)
-    rig, _ = config.load("virtual")
-    rows = limits.check(thin, load_design(thin.specimen.design), rig.stage.box)
-    assert [row.line for row in rows if not row.ok or row.warns] == []
 
 
 def test_the_whole_is_the_papers() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -68,23 +67,6 @@ def test_another_seed_or_another_given_is_another_job(done: Path) -> None:
     solve(tiny_study.jobs_of(7, 2))
     assert solve(tiny_study.jobs_of(8, 2)).kept == 0
     assert solve(tiny_study.jobs_of(7, 3)).kept == 2
-
-
-def test_another_code_is_another_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    script = tmp_path / "own.py"
-    ask = [
-        sys.executable, "-c",
-        "import own; from deltact_fab.study.grid import GridJob, solve\n"
-        "grid = solve([GridJob('a', own.work)]); print(grid.kept, grid['a']['n'])",
-    ]  # fmt: skip
-    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{':'.join(sys.path)}"}
-    found = []
-    for n, remark in ((1, ""), (1, "  # a remark"), (2, "")):
-        script.write_text(f"def work(given):\n    return {{'n': {n}}}{remark}\n")
-        found.append(subprocess.run(
-            ask, env=environment, capture_output=True, text=True, check=True, timeout=60,
-        ).stdout.split())  # fmt: skip
-    assert found == [["0", "1"], ["1", "1"], ["0", "2"]]
 
 
 def test_given_that_is_no_plain_data_is_refused_before_anything_is_done() -> None:

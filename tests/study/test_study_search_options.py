@@ -19,7 +19,6 @@ from deltact_fab.study.search.candidates import (
     shortened,
     thinned,
 )
-from deltact_fab.study.search.drag import FIELD_PX, view_of
 from deltact_fab.study.search.imager import bench_of
 
 
@@ -38,11 +37,6 @@ def test_nonsense_is_refused_by_name(more: dict[str, Any]) -> None:
     assert "\n" not in str(why.value)
 
 
-def test_a_real_rig_has_no_printer() -> None:
-    with pytest.raises(InputError, match="name a virtual rig"):
-        bench_of("grbl-bench")
-
-
 @pytest.mark.parametrize(
     ("dpi", "mm_per_px"), [(1200, 0.0378), (600, 0.0378), (2400, 0.02), (300, 0.08)]
 )
@@ -58,16 +52,6 @@ def test_candidates_can_be_printed_and_seen(dpi: int, mm_per_px: float) -> None:
             )
             checked_mm_per_px(recipe, dpi, whole=False)
         assert recipe.dots is None
-
-
-def test_the_view_is_the_sensors_whatever_the_scale() -> None:
-    for mm_per_px in (0.0378, 0.02, 0.061):
-        _, sensor = bench_of("virtual", None, mm_per_px)
-        part, whole = view_of(sensor), sensor.optics
-        assert whole.mm_per_px == part.mm_per_px == mm_per_px
-        assert whole.view_mm[0] == pytest.approx(30.16, abs=2 * mm_per_px)
-        assert part.width_px * part.height_px <= FIELD_PX
-        assert part.width_px % 2 == part.height_px % 2 == whole.image_width_px % 2 == 0
 
 
 def test_fewer_candidates_still_hold_the_papers_and_the_recommended() -> None:

@@ -47,15 +47,6 @@ def test_a_study_of_nothing_names_the_protocol_to_record() -> None:
         registry.run("settling", StudyRequest())
 
 
-def test_the_protocol_rests_long_and_has_the_feeds_of_the_calibration() -> None:
-    own, of = plan.load("settling")[0], plan.load("force-calibration")[0]
-    assert own.capture.settle_s >= 60
-    assert "image" not in own.channels
-    assert own.motion.press_feed_mm_min == of.motion.press_feed_mm_min
-    assert own.motion.shear_feed_mm_min == of.motion.shear_feed_mm_min
-    assert max(own.depths_mm) == max(of.depths_mm)
-
-
 @pytest.mark.slow
 def test_a_recorded_run_gives_back_the_gel_that_it_was_recorded_on(tmp_path: Path) -> None:
     series = ((0.1, 0.5), (0.08, 4.0))

@@ -48,19 +48,6 @@ def recorded(run: record.Run) -> list[Look]:
         return [Look("", a, b, fraction) for (a, b), fraction in rows]
 
 
-@pytest.mark.slow
-def test_its_images_are_the_bytes_that_the_rig_records(
-    stream: PressStream, run: record.Run, recipe: PatternRecipe, recorded: list[Look]
-) -> None:
-    seed = int(run.meta["seed"])
-    picture, noise = stream.picture(recipe, seed), stream.noise(seed)
-    files = run.frames(PRESS)["file"]
-    assert len(files) == len(recorded) > 5
-    for frame, file in zip(stream.frames(recorded), files, strict=True):
-        drawn = picture.expose(frame.at_px, noise)
-        assert np.array_equal(drawn, run.raw(str(file))), frame.look
-
-
 def test_the_plan_has_the_rigs_frames_but_for_the_ramps_of_its_motors(
     stream: PressStream, recorded: list[Look]
 ) -> None:
