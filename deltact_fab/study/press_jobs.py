@@ -154,13 +154,11 @@ def flagged(gel: Sequence[Mapping[str, Any]], of: str) -> dict[str, str]:
 def gel_of(bench: VirtualRig) -> dict[str, Any]:
     """What the gel reports of presses, plain data.
 
-    cells_mm: of each mesh. coarse: cells over those that the tolerance requires, the
-    worst. flags: by kind, the first in full. between_mm, between_n: the largest error of
-    interpolation between its knots, where it was tried. left_out: by the rig.
+    cells_mm: of each mesh. coarse: cells over those that the tolerance requires, the worst. flags:
+    by kind, the first in full. left_out: by the rig.
     """
     presses = bench.presses
     opened = [press for press in presses.opened if press.name]
-    between = presses.between
     flags: dict[str, str] = {}
     for press in opened:
         for flag in (flag for knot in press.solver.knots for flag in knot.flags):
@@ -171,8 +169,5 @@ def gel_of(bench: VirtualRig) -> dict[str, Any]:
         "cells_mm": sorted({choice.spacing_mm for choice in choices}),
         "coarse": max((c.spacing_mm / c.asked_mm for c in choices if c.asked_mm), default=1.0),
         "flags": flags,
-        "between_samples": between.samples,
-        "between_mm": between.displacement_mm,
-        "between_n": presses.modulus_mpa * between.force_n,
         "left_out": bench.left_out(),
     }

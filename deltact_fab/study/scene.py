@@ -142,15 +142,7 @@ class PressScene:
             f"mesh may be {times:.2g} times that of the tolerance, "
             f"{times * (1 - SHARE) * hyperelastic.tolerance:.1%} of the force",
         }
-        found |= press_jobs.flagged(gel, "jobs")
-        tried = [one for one in gel if one["between_samples"]]
-        if tried:
-            found["gel's interpolation"] = (
-                f"between solved poses off by at most {max(g['between_n'] for g in tried):.2g} N "
-                f"and {max(g['between_mm'] for g in tried):.2g} mm in plane; settled frames are "
-                "at solved poses"
-            )
-        return found
+        return found | press_jobs.flagged(gel, "jobs")
 
 
 def left_out(gel: Sequence[Mapping[str, Any]]) -> tuple[LeftOut, ...]:

@@ -105,10 +105,6 @@ def test_what_is_too_long_for_a_page_is_told_and_left_to_its_file(
     assert (head[-1], row[-1]) == ("c13, mm", "13.5")
     assert "further columns in it: c14, mm; " in part
     assert pd.read_csv(tmp_path / "s" / "many.csv").shape == (1, 22)
-    head, *rows = table_of(section(page, "Every point"))
-    assert head == ["point", "normal, N"]
-    assert len(rows) == study_page.FIRST_ROWS
-    assert "the first 20 of 2070 rows are shown" in page
 
 
 def test_what_was_written_is_read_again(folder: Path) -> None:
