@@ -39,6 +39,7 @@ LEFT_OUT = (
     LeftOut("images and records", "drawn, tracked and let go: a stream"),
     LeftOut("forces", "no channel asks for them"),
 )
+NO_LENS = LeftOut("the lens", "the rig draws through a pinhole")
 
 
 def run(asked: StudyRequest) -> StudyResult:
@@ -88,7 +89,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
             _bench(scene),
             gel_remarks.remark(NAME, specimen.modulus_mpa),
         ),
-        left_out=LEFT_OUT,
+        left_out=LEFT_OUT if scene.config.virtual.lens else (*LEFT_OUT, NO_LENS),
     )
 
 
