@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -124,20 +123,6 @@ def test_a_store_that_refuses_is_said_once_and_the_values_are_there(tmp_path: Pa
     assert len(solve(tiny_study.jobs_of(7, 3), say=said.append).found) == 3
     assert [line for line in said if "nothing can be kept" in line] == said[1:]
     assert len(said) == 2
-
-
-def test_the_stores_limit_takes_what_is_unused_and_nothing_of_this_grid(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    solve(tiny_study.jobs_of(1, 2))
-    old = entries()
-    for path in old:
-        os.utime(path, (1e9, 1e9))
-    monkeypatch.setattr(engine, "KEPT_BYTES", 1)
-    grid = solve(tiny_study.jobs_of(2, 3))
-    assert not set(old) & set(entries())
-    assert len(entries()) == 3
-    assert solve(tiny_study.jobs_of(2, 3)).kept == len(grid.found) == 3
 
 
 def test_what_a_study_forgets_is_in_its_result(monkeypatch: pytest.MonkeyPatch) -> None:

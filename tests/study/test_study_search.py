@@ -1,20 +1,86 @@
-"""The drag of a pattern search, and choices that are judged where they were not made."""
+"""A pattern search: what may be asked, the drag that ranks candidates, and the whole of it."""
 
 from __future__ import annotations
 
+import json
+import tomllib
 from typing import Any
 
 import numpy as np
 import pytest
 
 from deltact_fab.analysis.tracking_error.tally import ErrorTally
+from deltact_fab.errors import InputError
+from deltact_fab.patterns.raster import checked_mm_per_px
+from deltact_fab.patterns.recipe import RECOMMENDED, load_recipe, recipe_from
 from deltact_fab.protocols import plan
 from deltact_fab.study import press_jobs
 from deltact_fab.study.pattern_errors import OURS, PatternErrors, PressErrors
-from deltact_fab.study.search.candidates import PAPER
+from deltact_fab.study.registry import run
+from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.search.candidates import (
+    MAX_PX,
+    MIN_DOTS,
+    PAPER,
+    candidates,
+    name_of,
+    shortened,
+    thinned,
+)
 from deltact_fab.study.search.drag import OUTWARD, bridged, dragged, probe, view_of
 from deltact_fab.study.search.imager import bench_of
 from deltact_fab.study.search.result import chosen_by_others, headlines
+
+
+def test_the_rig_file_is_the_default_and_options_win() -> None:
+    (rig, sensor), (other, seen) = bench_of("virtual"), bench_of("virtual", 600, 0.05)
+    assert (rig.virtual.printer.dpi, sensor.optics.mm_per_px) == (1200, 0.0378)
+    assert (other.virtual.printer.dpi, seen.optics.mm_per_px) == (600, 0.05)
+    assert other.virtual.printer.levels == rig.virtual.printer.levels
+    assert (rig.virtual.lens, rig.camera) == (None, None)
+
+
+@pytest.mark.parametrize("more", [{"dpi": 10}, {"mm_per_px": 1.0}, {"mm_per_px": float("nan")}])
+def test_nonsense_is_refused_by_name(more: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=next(iter(more))) as why:
+        bench_of("virtual", **more)
+    assert "\n" not in str(why.value)
+
+
+@pytest.mark.parametrize(
+    ("dpi", "mm_per_px"), [(1200, 0.0378), (600, 0.0378), (2400, 0.02), (300, 0.08)]
+)
+def test_candidates_can_be_printed_and_seen(dpi: int, mm_per_px: float) -> None:
+    mm_per_dot = 25.4 / dpi
+    found = candidates(mm_per_dot, mm_per_px)
+    assert name_of(found[PAPER]) == PAPER
+    for name, recipe in found.items():
+        if name != PAPER:
+            assert recipe.patch_mm is not None
+            assert (
+                MIN_DOTS * mm_per_dot <= recipe.patch_mm * (1 + 1e-9) <= 1.01 * MAX_PX * mm_per_px
+            )
+            checked_mm_per_px(recipe, dpi, whole=False)
+        assert recipe.dots is None
+
+
+def test_fewer_candidates_still_hold_the_papers_and_the_recommended() -> None:
+    whole = candidates(25.4 / 1200, 0.0378)
+    kept = (PAPER, name_of(load_recipe(RECOMMENDED)))
+    for count in (10, 20, len(whole)):
+        among = thinned(whole, count, kept)
+        assert len(among) == count
+        assert set(kept) <= set(among)
+        assert {one.law for one in among.values()} == {one.law for one in whole.values()}
+
+
+def test_a_shorter_drag_keeps_the_step_between_frames() -> None:
+    whole = plan.load("pattern-search")[0]
+    short = shortened(whole, 0.02)
+    assert short.shear is not None
+    assert short.shear.amplitude_mm == pytest.approx(0.2)
+    assert shortened(whole, 1.0) == whole
+
 
 QUIET = {"full_well_electrons": 1e6, "read_noise_electrons": 0.0}
 
@@ -91,3 +157,24 @@ def test_the_gain_is_over_the_papers_pattern_seed_by_seed() -> None:
     assert share.state == "met"
     alone = headlines(PatternErrors((), cells[:4]), ["x"], "x")
     assert len(alone) == 1  # the paper's was never tracked
+
+
+@pytest.mark.slow
+def test_a_small_search_finds_a_better_pattern_than_the_papers() -> None:
+    found = run("pattern-search", StudyRequest(scale=0.02, rig="virtual-coarse", seed=1))
+    data = json.loads(json.dumps(found.data, allow_nan=False))
+    error, share, *_ = found.headlines
+    assert 0 < error.value < 50  # um
+    assert share.value < 1 / 3
+    assert share.state == "undecided"  # two seeds show nothing
+    assert len(" ".join(found.verdict).split()) <= 80
+    assert found.verdict[0].startswith(f"Print {data['best']['pattern']}")
+    recipe = recipe_from(tomllib.loads(found.files["best-pattern.toml"]), "best")
+    assert recipe.model_dump(mode="json", exclude_none=True) == data["best"]["recipe"]
+    rows = data["tables"]["confirmed"]
+    assert {row["pattern"] for row in rows} >= {"algorithm1 d 0.075 r 0.6"}
+    assert all(0 < row["mean_error_mm"] < 0.05 for row in rows)
+    for drawn in found.figures:
+        figure = drawn.draw()
+        figure.draw_without_rendering()
+        assert np.all(figure.get_size_inches() > 1)
