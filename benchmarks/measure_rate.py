@@ -169,7 +169,8 @@ def _judged(run: Run, images: list[Array]) -> dict[str, float]:
         if k == 0 or k % JUDGED:
             continue
         everywhere = np.ones_like(in_view)  # there are no dots
-        true = TrueFrame.read(truth, ids[k], everywhere, in_view, run.camera.mm_per_px)
+        motion = truth.flow_and_in_plane(ids[k])
+        true = TrueFrame.of(*motion, everywhere, in_view, run.camera.mm_per_px)
         h, w = true.moving.shape
         off_px = np.linalg.norm(to_full(seen.flow_px, (h, w)) - true.flow_px, axis=-1)
         known, confident = (

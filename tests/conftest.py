@@ -10,9 +10,13 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from rig_text import VIRTUAL_STAGE
+
+if TYPE_CHECKING:
+    from deltact_fab.analysis.tracking_error import TrackingResult
 
 # Small arrays: threads of the linear algebra cost more than they give, and results must repeat.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -109,6 +113,17 @@ def mini_run(mini: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) 
         "run",
         lambda out: experiment.run(experiment.RunRequest(protocol, rig, out, seed=3)),
     )
+
+
+@pytest.fixture(scope="session")
+def tracked(mini_run: Path) -> TrackingResult:
+    """The tracking error of the short run by two quick methods."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    from deltact_fab.analysis.tracking_error import analyse
+
+    with ThreadPoolExecutor(1) as executor:
+        return analyse(mini_run, ["dis-fast", "dis-fast/static"], executor)
 
 
 @pytest.fixture(scope="session")

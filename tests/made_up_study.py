@@ -75,9 +75,8 @@ def study(missing: int = 0) -> StudyResult:
         ),
         figures=(
             ReportFigure("bars", "Bars of three tools.", bars),
-            ReportFigure("picture", "A field.", picture, column=True),
-            *(ReportFigure(f"again-{i}", "The same once more.", bars, column=True)
-              for i in range(4)),
+            ReportFigure("picture", "A field.", picture),
+            ReportFigure("again", "The same once more.", bars),
         ),
         settings={"friction": "1.0", "noise": "2 grey values"},
         notes=("The modulus is uncertain by a factor of 2.",),

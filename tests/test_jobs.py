@@ -144,80 +144,50 @@ def threads_of(_: int) -> tuple[list[str | None], int, int]:
 
 
 @pytest.mark.slow
-def test_workers_share_the_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("asked", [None, "5"])
+def test_workers_share_the_processors_unless_a_number_is_set(
+    monkeypatch: pytest.MonkeyPatch, asked: str | None
+) -> None:
     for name in jobs.THREAD_VARIABLES:
         monkeypatch.delenv(name, raising=False)
+    if asked is not None:
+        monkeypatch.setenv("OMP_NUM_THREADS", asked)
     monkeypatch.setattr(jobs.local, "processors", lambda: 6)
     for found, of_cv2, inside in jobs.each(threads_of, [0, 1], ["a", "b"], workers=2):
-        assert found == ["3"] * len(jobs.THREAD_VARIABLES)
-        assert (of_cv2, inside) == (3, 3)
-
-
-@pytest.mark.slow
-def test_who_sets_a_number_of_threads_means_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMP_NUM_THREADS", "5")
-    found = jobs.each(threads_of, [0, 1], ["a", "b"], workers=2)
-    assert [names[0] for names, *_ in found] == ["5", "5"]
+        assert found[0] == asked or found == ["3"] * len(jobs.THREAD_VARIABLES)
+        assert asked or (of_cv2, inside) == (3, 3)
 
 
 def counted(upto: int) -> int:
-    for n in range(upto):
-        jobs.tell(n)
-    return upto
-
-
-@pytest.mark.parametrize("executor", ["here", "processes", "threads"])
-def test_a_job_is_heard_while_it_runs(executor: str) -> None:
-    heard: list[tuple[int, int]] = []
-    ended: list[int] = []
-    with contextlib.ExitStack() as stack:
-        own = None
-        if executor == "threads":
-            own = stack.enter_context(ThreadPoolExecutor(2))
-        jobs.run(
-            counted, [3, 0, 2], lambda e: ended.append(e.index), own,
-            told=lambda index, word: heard.append((index, word)),
-            workers=1 if executor == "here" else 2,
-        )  # fmt: skip
-    assert sorted(ended) == [0, 1, 2]
-    if executor != "processes":
-        assert sorted(heard) == [(0, 0), (0, 1), (0, 2), (2, 0), (2, 1)]
-    # From a process the last words may come after the end, and nobody waits for them.
-    assert set(heard) <= {(0, 0), (0, 1), (0, 2), (2, 0), (2, 1)}
-
-
-def slow_count(upto: int) -> int:
     for n in range(upto):
         jobs.tell(n)
         time.sleep(0.2)
     return upto
 
 
-@pytest.mark.slow
-def test_words_from_processes_come_while_the_job_runs_and_in_the_callers_thread() -> None:
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_job_is_heard_while_it_runs_and_in_the_callers_thread(workers: int) -> None:
     order: list[str] = []
 
     def told(index: int, word: int) -> None:
         assert threading.current_thread() is threading.main_thread()
         order.append(f"{index} at {word}")
 
-    jobs.run(slow_count, [3, 3], lambda e: order.append(f"{e.index} ended"), told=told, workers=2)
-    for index in (0, 1):
-        mine = [what for what in order if what.startswith(str(index))]
-        assert mine[:2] == [f"{index} at {n}" for n in range(2)]
-    assert jobs.each(slow_count, [1, 1], ["a", "b"], workers=2) == [1, 1]  # and no one has to hear
-
-
-def test_a_word_outside_of_a_job_is_nothing() -> None:
-    jobs.tell("anything")
+    jobs.run(
+        counted, [3, 0], lambda e: order.append(f"{e.index} ended"), told=told, workers=workers
+    )
+    # From a process the last words may come after the end, and nobody waits for them.
+    of_the_first = [what for what in order if what[0] == "0"]
+    assert of_the_first[:2] == ["0 at 0", "0 at 1"]
+    assert "1 ended" in order
 
 
 @pytest.mark.parametrize(
     ("on", "workers", "says"),
     [
         ("cloud", None, "--on 'cloud': expected 'local' or 'dask:tcp://HOST:PORT'"),
-        ("dask:tcp://127.0.0.1", None, "expected dask:tcp://HOST:PORT"),
-        ("dask:127.0.0.1:8786", None, "expected dask:tcp://HOST:PORT"),
+        ("dask:tcp://127.0.0.1", None, "expected 'local' or 'dask:tcp://HOST:PORT'"),
+        ("dask:127.0.0.1:8786", None, "expected 'local' or 'dask:tcp://HOST:PORT'"),
         ("dask:tcp://127.0.0.1:8786", 3, "--jobs 3: with --on"),
     ],
 )
@@ -259,34 +229,9 @@ def test_a_script_without_a_guard_runs_once(tmp_path: Path, way: str) -> None:
     assert sorted(done.stdout.split()) == ["2.0", "3.0", "here"]
 
 
-def test_a_function_of_the_callers_script_is_refused_by_name(tmp_path: Path) -> None:
-    script = (
-        "from deltact_fab import jobs\ndef mine(n):\n    return n\n"
-        "try:\n    jobs.each(mine, [1, 2], 'ab', workers=2)\n"
-        "except AttributeError as why:\n    print(why)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
-    )
-    assert "Can't get attribute 'mine'" in done.stdout
-    assert done.stderr == ""
-
-
 @LISTED
-def test_workers_die_with_their_parent() -> None:
-    script = (
-        "import time\nfrom deltact_fab import jobs\n"
-        "jobs.each(time.sleep, [60, 60, 60], 'abc', workers=2)\n"
-    )
-    with group(script) as process:
-        wait(lambda: len(members(process.pid)) >= 3)
-        process.kill()
-        process.wait()
-        wait(lambda: not members(process.pid))
-
-
-@LISTED
-def test_ctrl_c_ends_the_workers_and_keeps_the_exception() -> None:
+@pytest.mark.parametrize("way", ["killed", "Ctrl-C"])
+def test_workers_end_with_their_parent_and_with_ctrl_c(way: str) -> None:
     script = (
         "import time\n"
         "from deltact_fab import jobs\n"
@@ -295,10 +240,13 @@ def test_ctrl_c_ends_the_workers_and_keeps_the_exception() -> None:
     )
     with group(script) as process:
         wait(lambda: len(members(process.pid)) >= 3)
-        # As a terminal does it: to every process of the group.
-        os.killpg(process.pid, signal.SIGINT)
-        out, errors = process.communicate(timeout=20)
-        assert (out, errors, process.returncode) == ("stopped\n", "", 0)
+        if way == "killed":
+            process.kill()
+            process.wait()
+        else:  # as a terminal does it: to every process of the group
+            os.killpg(process.pid, signal.SIGINT)
+            out, errors = process.communicate(timeout=20)
+            assert (out, errors, process.returncode) == ("stopped\n", "", 0)
         wait(lambda: not members(process.pid))
 
 

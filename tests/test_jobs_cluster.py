@@ -7,7 +7,6 @@ import importlib
 import json
 import math
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -124,28 +123,16 @@ def test_a_job_that_kills_its_workers_fails_alone_in_one_line(cluster: Cluster) 
     assert str(ended[0].error).startswith("every worker that tried it died")
 
 
-def test_a_cluster_that_is_gone_is_said(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.import_module("deltact_fab.jobs.cluster"), "GONE_S", 3.0)
-    cluster.add(1)
-    with (
-        pytest.raises(jobs.CannotGoOn, match="is gone"),
-        jobs.executor(cluster.on) as there,
-    ):
-        jobs.run(
-            time.sleep, [0.1, 60], lambda e: os.killpg(cluster.scheduler.pid, signal.SIGKILL), there
-        )
-
-
-def test_workers_that_all_died_are_waited_for_and_not_for_ever(
-    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("gone", ["scheduler", "workers"])
+def test_a_cluster_that_is_gone_is_said(
+    cluster: Cluster, monkeypatch: pytest.MonkeyPatch, gone: str
 ) -> None:
     monkeypatch.setattr(importlib.import_module("deltact_fab.jobs.cluster"), "GONE_S", 3.0)
     cluster.add(1)
-    with (
-        pytest.raises(jobs.CannotGoOn, match="the Dask cluster is gone: no worker for 3 s"),
-        jobs.executor(cluster.on) as there,
-    ):
-        jobs.run(eval, ["__import__('os')._exit(3)"], print, there)
+    kill = f"__import__('os').killpg({cluster.scheduler.pid}, 9) or __import__('time').sleep(60)"
+    task = {"scheduler": kill, "workers": "__import__('os')._exit(3)"}[gone]
+    with pytest.raises(jobs.CannotGoOn, match="is gone"), jobs.executor(cluster.on) as there:
+        jobs.run(eval, [task], print, there)
 
 
 @pytest.mark.parametrize("way", ["nobody", "no workers"])
@@ -220,35 +207,3 @@ def test_files_of_the_store_go_with_jobs_and_come_back(
     again = solve([GridJob("makes", work, {"file": file}, makes=(file,))])
     assert again.kept == 0
     assert (tmp_path / "here" / file).exists()
-
-
-def test_a_worker_killed_in_mid_study_loses_nothing(cluster: Cluster, tmp_path: Path) -> None:
-    """SIGKILL while both work: the study ends by itself, and is what one on this machine is."""
-    cluster.add(2)
-    asked = [sys.executable, str(TINY), "study", "run", "tiny", "--count", "16", "--seconds", "0.4"]
-    stores = {where: tmp_path / f"store-{where}" for where in ("there", "here")}
-
-    def begin(where: str, *words: str) -> subprocess.Popen[str]:
-        return subprocess.Popen(
-            [*asked, "--out", where, *words], text=True, cwd=tmp_path,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            env={**os.environ, "DELTACT_FAB_CACHE": str(stores[where])},
-        )  # fmt: skip
-
-    with begin("there", "--on", cluster.on) as study:
-        wait(lambda: len(list(stores["there"].glob("study/*.bin"))) >= 4 or study.poll(), 120)
-        assert study.poll() is None
-        os.killpg(cluster.workers[0].pid, signal.SIGKILL)
-        out, said = study.communicate(timeout=240)
-    assert study.returncode == 0, said
-    assert out == "16 means.\n"
-    assert [line for line in said.splitlines() if not re.search("left|tiny: ", line)] == [
-        "0 of 16 jobs are kept, 16 to do, about 3 s",
-        "report: there/report.html",
-    ]
-    assert len(list(stores["there"].glob("study/*.bin"))) == 16  # kept by who asked
-    with begin("here", "--jobs", "2") as study:
-        assert study.communicate(timeout=240)[0] == "16 means.\n"
-    one, other = ((tmp_path / where / "means.csv").read_bytes() for where in ("there", "here"))
-    assert one == other
-    assert one.count(b"\n") == 17

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Executor, Future
@@ -55,8 +54,6 @@ def each(
 
     names: of the jobs, for progress, which hears of each when it is done.
     """
-    if len(names) != len(jobs):
-        raise ValueError(f"{len(names)} names for {len(jobs)} jobs")
     results: dict[int, R] = {}
 
     def arrived(index: int, result: R) -> None:
@@ -147,13 +144,14 @@ def _run_on(
     told: Told | None,
     until_failure: bool,
 ) -> None:
-    # One queue for all that happens, so that it is heard in its order and in this thread.
+    # All that happens goes through one queue: it is heard in its order and in this thread.
     news: queue.SimpleQueue[Future[R] | tuple[int, Any]] = queue.SimpleQueue()
     futures: dict[Future[R], int] = {}
     # Dask blames a worker's death on every job that waited there: each is tried once more alone.
     blamed: list[int] = []
     tried_alone: set[int] = set()
     first_failed = len(jobs)
+    check: Callable[[], None] = getattr(executor, "check", lambda: None)
     with messages.listening(None if told is None else lambda *said: news.put(said)) as name:
 
         def submit(index: int) -> Future[R]:
@@ -170,7 +168,11 @@ def _run_on(
                     if alone < first_failed:
                         submit(alone).add_done_callback(news.put)
                     continue
-                item = _next(news, executor)
+                check()
+                try:
+                    item = news.get(timeout=_POLL_S)
+                except queue.Empty:
+                    continue
                 if not isinstance(item, Future):
                     assert told is not None
                     told(*item)
@@ -193,14 +195,6 @@ def _run_on(
         finally:
             for future in futures:
                 future.cancel()
-
-
-def _next(news: queue.SimpleQueue[Any], executor: Executor) -> Any:
-    check: Callable[[], None] = getattr(executor, "check", lambda: None)
-    while True:
-        check()
-        with contextlib.suppress(queue.Empty):
-            return news.get(timeout=_POLL_S)
 
 
 def _was_killed(future: Future[R]) -> bool:

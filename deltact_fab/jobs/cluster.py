@@ -6,6 +6,7 @@ import contextlib
 import functools
 import hashlib
 import logging
+import re
 import sys
 import time
 from collections import deque
@@ -24,7 +25,7 @@ from .local import Local, processors, take_share
 R = TypeVar("R")
 
 LOCAL = "local"
-DASK = "dask:"
+DASK = re.compile(r"dask:((?:tcp|tls)://.+:\d+)")
 CONNECT_S = 10.0
 WORKERS_S = 10.0
 GONE_S = 60.0  # a worker that died is often started again
@@ -40,18 +41,17 @@ def executor(on: str = LOCAL, workers: int | None = None) -> Iterator[Local | Cl
 
     on: "local", or "dask:tcp://HOST:PORT" of an existing scheduler. workers: local processes, by
     default one for each processor that this process may use. Raises InputError for another `on`,
-    and workers with a cluster; MissingLibrary without the extra `cluster`; RunFailed where no
-    scheduler answers, or it has no worker with the code of this process.
+    and workers with a cluster; else as `cluster`.
     """
     if on == LOCAL:
         with Local(workers or processors()) as here:
             yield here
         return
-    if not on.startswith(DASK):
+    if not (known := DASK.fullmatch(on)):
         raise InputError(f"--on {on!r}: expected 'local' or 'dask:tcp://HOST:PORT'")
     if workers is not None:
         raise InputError(f"--jobs {workers}: with --on {on} the cluster says how many at a time")
-    with cluster(on.removeprefix(DASK)) as there:
+    with cluster(known[1]) as there:
         yield there
 
 
@@ -69,12 +69,9 @@ def cluster(address: str) -> Iterator[Cluster]:
     """The workers of the scheduler at tcp://HOST:PORT, until the end of the block.
 
     A worker with other code gets no job, whenever it comes; a line on stderr names it. Raises
-    InputError for another form of address, MissingLibrary without the extra `cluster`, RunFailed
-    when no scheduler answers, or no worker with this code is there.
+    MissingLibrary without the extra `cluster`, RunFailed when no scheduler answers, or no worker
+    with this code is there.
     """
-    place = address.partition("://")
-    if place[0] not in ("tcp", "tls") or not place[2].rpartition(":")[2].isdecimal():
-        raise InputError(f"--on 'dask:{address}': expected dask:tcp://HOST:PORT")
     require("cluster", f"--on dask:{address}", "distributed")
     from distributed import Client
     from distributed.utils import silence_logging_cmgr

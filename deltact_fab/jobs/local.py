@@ -35,8 +35,6 @@ THREAD_VARIABLES = (
 )
 TRIES = 2
 """A job is begun at most so often, when its process dies under it."""
-
-
 _share: int | None = None
 
 

@@ -19,15 +19,11 @@ from ..errors import DeltactFabError, RunFailed, Stopped
 from ..jobs import CannotGoOn, JobOutcome, at_a_time, run
 from ..units import duration
 
-TRUST = 0.1
-
 
 class JobPace:
     """How long jobs still take; costs: seconds of each, all known or they count alike.
 
-    width: how many run at a time. At the pace so far, which the first moments tell badly, for jobs
-    begin with what is done once: so what the costs say counts as if TRUST of all had been done at
-    its pace.
+    width: how many run at a time.
     """
 
     def __init__(self, costs: Sequence[float], width: int) -> None:
@@ -36,10 +32,11 @@ class JobPace:
         self._whole, self._done = sum(self._costs), 0.0
         self._shares = [0.0] * len(costs)
         self._began = time.monotonic()
-        self._expected_s: float | None = None
+        self.beforehand = ""
+        """What to expect, in words; empty where nothing is known."""
         if known:
             width = max(1, min(width, len(costs)))  # several share the jobs, and no job is shared
-            self._expected_s = max(self._whole / width, *self._costs)
+            self.beforehand = f"about {duration(max(self._whole / width, *self._costs))}"
 
     def share(self, index: int, share: float) -> None:
         """That much of a job is done, 0 to 1."""
@@ -48,23 +45,12 @@ class JobPace:
             self._shares[index] += more
             self._done += more * self._costs[index]
 
-    def beforehand(self) -> str:
-        """What to expect, in words; empty where nothing is known."""
-        return "" if self._expected_s is None else f"about {duration(self._expected_s)}"
-
-    def left_s(self, now_s: float | None = None) -> float | None:
-        """Seconds to go; None before anything is done."""
-        if not self._done:
-            return None
-        spent_s = (time.monotonic() if now_s is None else now_s) - self._began
-        trust = 0.0 if self._expected_s is None else TRUST
-        done = self._done / self._whole
-        return max(0.0, 1 - done) * (spent_s + trust * (self._expected_s or 0.0)) / (done + trust)
-
     def left(self) -> str:
-        """Time to go, in words; empty where nothing is known."""
-        seconds = self.left_s()
-        return "" if seconds is None else f"about {duration(seconds)} left"
+        """Time to go at the pace so far, in words; empty before anything is done."""
+        if not self._done:
+            return ""
+        spent_s = time.monotonic() - self._began
+        return f"about {duration(spent_s * max(0.0, self._whole / self._done - 1))} left"
 
 
 KIND = "study"
@@ -180,20 +166,15 @@ class _Books:
         }
         self.found: dict[str, Value] = {k: v for k, v in held.items() if v is not None}
         self._kept = len(self.found)
-        # Jobs of other names that are the same are done once, and the longest are begun first, so
-        # that none is left alone at the end.
-        same: dict[str, list[str]] = {}
-        for job in jobs:
-            if job.name not in self.found:
-                same.setdefault(json.dumps(keys[job.name]), []).append(job.name)
-        self._names = {alike[0]: alike for alike in same.values()}
-        self.todo = sorted((job for job in jobs if job.name in self._names), key=lambda j: -j.cost)
+        # The longest are begun first, so that none is left alone at the end.
+        todo = [job for job in jobs if job.name not in self.found]
+        self.todo = sorted(todo, key=lambda job: -job.cost)
         self._pace = JobPace([job.cost for job in self.todo], at_a_time(executor))
         self._missing: dict[str, str] = {}
         self._errors: list[Exception] = []
         self._refused = False
         if self.todo:
-            about = self._pace.beforehand()
+            about = self._pace.beforehand
             say(
                 f"{self._kept} of {len(jobs)} jobs are kept, "
                 f"{len(jobs) - self._kept} to do{about and f', {about}'}"
@@ -221,7 +202,7 @@ class _Books:
         elif isinstance(ended.error, _FAILURES):
             self._errors.append(ended.error)
             why = " ".join(str(ended.error).split()) or type(ended.error).__name__
-            self._missing.update(dict.fromkeys(self._names[name], why))
+            self._missing[name] = why
             self._say(f"failed: {name}: {why}")
         elif ended.error is not None:
             ended.error.add_note(f"in the job {name}")
@@ -229,7 +210,7 @@ class _Books:
         self.tick(name)
 
     def _keep(self, name: str, value: Value) -> None:
-        self.found.update(dict.fromkeys(self._names[name], value))
+        self.found[name] = value
         if not cache.put(KIND, self._keys[name], value) and not self._refused:
             self._refused = True
             self._say(f"{cache.user_folder()}: nothing can be kept there; do not interrupt this")

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..cad.design import load_design
 from ..errors import InputError, did_you_mean
@@ -33,34 +33,17 @@ from .pattern_press import KNOT_S, cost_s, follow
 from .request import StudyRequest, virtual_rig
 
 
-@dataclass(frozen=True)
-class PathPart:
+class PathPart(NamedTuple):
     """Which part of a whole protocol's path another one covers, and how densely it is filmed.
 
-    shear_mm: its amplitude; longest_step_mm: of the tip between two frames of a line.
+    words: one line. longest_step_mm: of the tip between two frames of a line.
     """
 
+    words: str
     positions: int
-    of_positions: int
-    depths_mm: tuple[float, ...]
-    axes: tuple[str, ...]
-    shear_mm: float
-    of_shear_mm: float
     frames_an_indenter: int
-    of_frames_an_indenter: int
     frames_share: float
     longest_step_mm: float
-
-    @property
-    def words(self) -> str:
-        """One line for the head of a table's column."""
-        depths = " and ".join(f"{d:g}" for d in self.depths_mm)
-        return (
-            f"{self.positions} of {self.of_positions} positions, {depths} mm deep, shear +-"
-            f"{self.shear_mm:g} of {self.of_shear_mm:g} mm in {' and '.join(self.axes)}, "
-            f"{self.frames_an_indenter} of {self.of_frames_an_indenter} frames "
-            f"({self.frames_share:.1%})"
-        )
 
 
 def thinned(whole: Protocol, scale: float) -> Protocol:
@@ -100,15 +83,19 @@ def frames_an_indenter(protocol: Protocol) -> int:
 
 def part_of(whole: Protocol, protocol: Protocol) -> PathPart:
     """The part of the whole protocol's path that a thinned one covers."""
-    shear_mm, of_shear_mm = (
-        (one.shear.amplitude_mm or 0.0) if one.shear else 0.0 for one in (protocol, whole)
-    )
     frames, of_frames = frames_an_indenter(protocol), frames_an_indenter(whole)
-    return PathPart(
-        len(protocol.positions_mm), len(whole.positions_mm), protocol.depths_mm,
-        protocol.shear.axes if protocol.shear else (), shear_mm, of_shear_mm, frames, of_frames,
-        frames / of_frames, longest_step_mm(protocol),
-    )  # fmt: skip
+    positions, share = len(protocol.positions_mm), frames / of_frames
+    words = (
+        f"{positions} of {len(whole.positions_mm)} positions, "
+        f"{' and '.join(f'{d:g}' for d in protocol.depths_mm)} mm deep, "
+    )
+    if protocol.shear and whole.shear:
+        words += (
+            f"shear +-{protocol.shear.amplitude_mm or 0:g} of {whole.shear.amplitude_mm or 0:g} mm "
+            f"in {' and '.join(protocol.shear.axes)}, "
+        )
+    words += f"{frames} of {of_frames} frames ({share:.1%})"
+    return PathPart(words, positions, frames, share, longest_step_mm(protocol))
 
 
 def longest_step_mm(protocol: Protocol) -> float:

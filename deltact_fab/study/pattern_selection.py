@@ -8,7 +8,7 @@ base, as in the paper, and its error is taken at the dots.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 from ..measure.flow import RENEW_SHARE
 from ..report.result import LeftOut, StudyResult
@@ -19,7 +19,7 @@ from .grid import Grid, GridJob
 from .pattern_errors import METHODS, PatternErrors, PressErrors, PrintedPattern, cells_of
 from .pattern_scene import Selection
 from .pattern_tables import charts, claims, headlines, tables
-from .press_jobs import flagged
+from .press_jobs import flagged, solve_gels
 from .request import StudyRequest
 
 NAME, TITLE = "pattern-selection", "Which pattern is tracked best"
@@ -30,11 +30,16 @@ TRACKERS = (
 )
 NOTES = (
     "The paper stacks its indenters' errors and calls the result the average error: read as a sum "
-    "of five, its values would be means of a fifth (column `sum`).",
+    "of five, its values would be means of a fifth.",
     "Intervals are over indenters (jackknife, 95 %): not over prints of a pattern, seeds or gels.",
     "A claim is made where flows summed and composed agree and both intervals exclude it; more "
     "positions (--scale) and prints of a pattern (--seed) would decide others.",
 )
+LEFT_OUT = (
+    LeftOut("images and records", "drawn, tracked and let go: a stream"),
+    LeftOut("forces", "no channel asks for them"),
+)
+NO_LENS = LeftOut("the lens", "the rig draws through a pinhole")
 
 
 def run(asked: StudyRequest) -> StudyResult:
@@ -52,9 +57,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
         f"{len(scene.entries)} patterns x {len(protocol.indenters)} indenters: {part.words}; "
         f"{part.longest_step_mm:.3f} mm between frames at most"
     )
-    if gel_jobs := scene.gel_jobs():
-        asked.say(f"the gel of {len(gel_jobs)} presses is solved first, and kept")
-        asked.solve(gel_jobs)
+    solve_gels(asked, scene.gel_jobs())
     indenters = {parse(name).slug: name for name in protocol.indenters}
     jobs = [(indenters[job.given["press"].split("/")[0]], job) for job in scene.jobs(asked.workers)]
     grid = asked.solve([job for _, job in jobs])
@@ -63,12 +66,13 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     specimen, printer = protocol.specimen, scene.config.virtual.printer
     found = _result(asked, errors, grid, part.words, True)
     # The jobs of one press have one gel.
-    gels = {job.given["press"]: grid.found[job.name]["gel"] for _, job in jobs
-            if job.name in grid.found}  # fmt: skip
+    gels = {
+        job.given["press"]: grid.found[job.name]["gel"] for _, job in jobs if job.name in grid.found
+    }
     return replace(
         found,
         scale=asked.scale,
-        more={"part": asdict(part)},
+        more={"part": part._asdict()},
         settings={
             "path": part.words,
             "step between frames": f"{part.longest_step_mm:.3f} mm at most",
@@ -84,13 +88,8 @@ def _simulated(asked: StudyRequest) -> StudyResult:
             *found.notes,
             _bench(scene),
             gel_remarks.remark(NAME, specimen.modulus_mpa),
-            *(
-                f"gel of {press}: {gel['knots']} knots, linear between them, in image and truth "
-                "alike"
-                for press, gel in gels.items()
-            ),
         ),
-        left_out=_left_out(scene),
+        left_out=LEFT_OUT if scene.config.virtual.lens else (*LEFT_OUT, NO_LENS),
     )
 
 
@@ -157,19 +156,3 @@ def _bench(scene: Selection) -> str:
         "not print its gel, its indenters' sizes, its positions, nor the threshold at which its "
         "reference is renewed."
     )
-
-
-def _left_out(scene: Selection) -> tuple[LeftOut, ...]:
-    part = scene.part
-    found = [LeftOut("images and records", "drawn, tracked and let go: a stream")]
-    if part.frames_share < 1:
-        found.append(
-            LeftOut(
-                f"{1 - part.frames_share:.0%} of the paper's path",
-                "scale: fewer positions and shorter drags, never a longer step; --scale 1 has all",
-            )
-        )
-    if scene.config.virtual.lens is None:
-        found.append(LeftOut("the lens", "the rig draws through a pinhole"))
-    found.append(LeftOut("forces", "no channel asks for them"))
-    return tuple(found)

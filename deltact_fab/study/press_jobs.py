@@ -31,6 +31,7 @@ from .grid import GridJob
 if TYPE_CHECKING:
     from ..record import Run
     from ..virtual.rig import VirtualRig
+    from .request import StudyRequest
 
 
 def given(
@@ -94,6 +95,13 @@ def gel_jobs(presses: Presses, told: Callable[..., dict[str, Any]], knot_s: floa
     return list(jobs.values())
 
 
+def solve_gels(asked: StudyRequest, jobs: Sequence[GridJob]) -> None:
+    """Jobs of `gel_jobs`, before those of the presses."""
+    if jobs:
+        asked.say(f"the gel of {len(jobs)} presses is solved first, and kept")
+        asked.solve(jobs)
+
+
 def gel_files(presses: Presses, names: Sequence[str]) -> tuple[str, ...]:
     """Files of the store that have the gels of presses: the `needs` of a job of theirs."""
     found: list[str] = []
@@ -147,8 +155,8 @@ def flagged(gel: Sequence[Mapping[str, Any]], of: str) -> dict[str, str]:
 def gel_of(bench: VirtualRig) -> dict[str, Any]:
     """What the gel reports of presses, plain data.
 
-    why: a line a mesh. cells_mm: of each. coarse: cells over those that the tolerance requires, the
-    worst. flags: by kind, the first in full. left_out: by the rig.
+    cells_mm: of each mesh. coarse: cells over those that the tolerance requires, the worst. flags:
+    by kind, the first in full. left_out: by the rig.
     """
     presses = bench.presses
     opened = [press for press in presses.opened if press.name]
@@ -159,7 +167,6 @@ def gel_of(bench: VirtualRig) -> dict[str, Any]:
     by_name = {path.press: path for path in presses.paths}
     choices = [presses.choice(by_name[press.name]) for press in opened]
     return {
-        "why": sorted({choice.why for choice in choices}),
         "cells_mm": sorted({choice.spacing_mm for choice in choices}),
         "coarse": max((c.spacing_mm / c.asked_mm for c in choices if c.asked_mm), default=1.0),
         "flags": flags,

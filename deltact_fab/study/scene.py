@@ -80,9 +80,7 @@ class PressScene:
             told = partial(press_jobs.given, protocol, self.sensor, self.rig, self.source)
             own = press_jobs.gel_jobs(self.gel(name), told, KNOT_S)
             jobs += [replace(job, name=f"{job.name} of {name}") for job in own]
-        if jobs:
-            asked.say(f"the gel of {len(jobs)} presses is solved first, and kept")
-            asked.solve(jobs)
+        press_jobs.solve_gels(asked, jobs)
 
     def job(
         self,
@@ -144,8 +142,7 @@ class PressScene:
             f"mesh may be {times:.2g} times that of the tolerance, "
             f"{times * (1 - SHARE) * hyperelastic.tolerance:.1%} of the force",
         }
-        found |= press_jobs.flagged(gel, "jobs")
-        return found
+        return found | press_jobs.flagged(gel, "jobs")
 
 
 def left_out(gel: Sequence[Mapping[str, Any]]) -> tuple[LeftOut, ...]:

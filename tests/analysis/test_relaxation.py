@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from deltact_fab.analysis.relaxation import RelaxationFit, Rest, Series, fit, rests, time_to
+from deltact_fab.analysis.relaxation import Rest, Series, fit, time_to
 from deltact_fab.analysis.relaxation.rests import BIN_S, ForceHistory
-from deltact_fab.errors import InputError
-from deltact_fab.record import Run
 
 GEL = Series((0.08, 0.05), (0.4, 6.0))
 
@@ -43,13 +39,6 @@ def test_a_ramp_and_a_hold_are_the_closed_form():
     for k, at in enumerate(t):
         told = boltzmann(GEL, at, lambda s: 7.0 / ramp_s, ramp_s)
         assert excess[k] == pytest.approx(told, rel=1e-7, abs=1e-12)
-
-
-def test_a_rest_is_left_what_its_way_leaves():
-    rest = stops(GEL, noise_n=0.0, rest_s=30.0)[1]
-    fitted = RelaxationFit(GEL, 0.0, np.zeros((0, 3)), (), 0.0)
-    over = rest.force_n - np.array([2.4, 0, -7.6])
-    assert fitted.excess(rest, rest.wait_s) == pytest.approx(over, abs=0.003)
 
 
 def test_the_time_to_a_bound_is_that_of_the_exponential():
@@ -103,8 +92,3 @@ def test_a_gel_of_one_time_takes_no_second_branch():
     assert len(fitted.series.shares) == 1
     assert fitted.series.times_s[0] == pytest.approx(2.0, rel=0.03)
     assert fitted.series.shares[0] == pytest.approx(0.1, rel=0.03)
-
-
-def test_a_run_whose_stops_do_not_rest_is_refused(mini_run: Path):
-    with pytest.raises(InputError, match="settle_s"):
-        rests(Run(mini_run))

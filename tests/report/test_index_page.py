@@ -78,15 +78,6 @@ def test_a_study_tells_its_verdict_its_date_and_where_its_page_is(found: dict[st
     assert entry.trouble == ""
 
 
-def test_a_run_tells_what_there_is(found: dict[str, Entry]) -> None:
-    entry = found["runs/mini"]
-    assert (entry.kind, entry.trouble, entry.simulated) == ("run of mini", "", True)
-    assert re.fullmatch(r"\d+ frames in 2 presses, not analysed yet", entry.line)
-    assert re.fullmatch(r"20\d\d-\d\d-\d\d \d\d:\d\d", entry.date)
-    assert entry.link == "runs/mini"
-    assert found["old"].line == "10 frames in 1 press, not analysed yet"
-
-
 @pytest.mark.parametrize(
     ("name", "trouble", "line"),
     [
@@ -121,12 +112,6 @@ def test_an_analysed_run_tells_its_verdict(mini_run: Path, tmp_path: Path) -> No
     assert entries(tmp_path, tmp_path)[0].trouble == "damaged:"
 
 
-def test_the_newest_stands_first_and_what_has_no_date_last(all_sorts: Path) -> None:
-    dates = [entry.date for entry in entries(all_sorts, all_sorts)]
-    assert dates == sorted(dates, reverse=True)
-    assert dates[-1] == ""
-
-
 def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: Path) -> None:
     out = tmp_path / "deep" / "index.html"
     out.parent.mkdir()
@@ -141,11 +126,6 @@ def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: P
     assert "8 of 12 are unfinished, old, damaged or made with warnings" in page
     assert page.count('<tr class="bad">') == 8
     assert "<script" not in page
-
-
-def test_an_empty_folder_has_an_index_that_says_what_would_be_in_it(tmp_path: Path) -> None:
-    page = index_page.write(tmp_path, tmp_path / "index.html").read_text()
-    assert "Nothing was found" in page
 
 
 def test_no_folder_is_bad_input(tmp_path: Path) -> None:

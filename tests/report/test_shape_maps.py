@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
-from matplotlib.quiver import Quiver
 
-from deltact_fab import cache
 from deltact_fab.analysis.shape import ShapeMaps
-from deltact_fab.report import maps, shape_figures
+from deltact_fab.report import shape_figures
 from deltact_fab.report.figures import to_svg
 
 X, Y = np.linspace(-10, 10, 81), np.linspace(-8, 8, 65)
@@ -62,13 +60,6 @@ def meshes(axis: Any) -> list[QuadMesh]:
 
 
 @pytest.mark.slow
-def test_the_gallery_has_a_column_a_press_and_no_more_than_fit() -> None:
-    drawn = to_svg(shape_figures.gallery([picture()] * 10, "simulated"))
-    assert "4 of 10 presses" in drawn
-    assert drawn.count("sphere:10, 1.00 mm") == 4
-
-
-@pytest.mark.slow
 def test_the_density_drawn_is_the_density_that_was_found() -> None:
     figure = shape_figures.gallery([picture(), picture(**WITH_TRUTH)], "")
     drawn = [mesh for axis in figure.axes for mesh in meshes(axis)]
@@ -105,24 +96,3 @@ def test_found_and_true_forces_have_one_scale_and_the_contact_in_white() -> None
     radius = np.hypot(*line.vertices.T)
     assert np.sqrt(-8 * np.log(0.4)) == pytest.approx(radius.mean(), abs=X[1] - X[0])
     assert "force sensor: normal 5.00 N, shear (1.00, 0.00) N" in to_svg(figure)
-
-
-def test_arrows_are_sparse_and_leave_out_what_is_not_known() -> None:
-    figure = shape_figures.distribution(with_field(), "")
-    flow = next(axis for axis in figure.axes if axis.get_title().startswith("flow"))
-    (arrows,) = (part for part in flow.collections if isinstance(part, Quiver))
-    steps = np.diff(np.unique(arrows.X))
-    np.testing.assert_allclose(steps, maps.ARROW_MM)
-    shown = np.isfinite(np.ma.filled(arrows.U, np.nan))
-    assert shown.any()
-    assert not shown[arrows.X**2 + arrows.Y**2 > 155].any()
-
-
-def test_a_picture_comes_back_from_what_is_kept_of_it() -> None:
-    one = with_field(**WITH_TRUTH, outlines_mm=[SQUARE, SQUARE + 5])
-    again = ShapeMaps(**cache.unpacked(*cache.packed(vars(one))))
-    assert again.frame_id == one.frame_id
-    assert [words for words, *_ in again.tractions] == ["found"]
-    assert picture().tractions == []
-    np.testing.assert_array_equal(again.traction_mpa, one.traction_mpa)
-    np.testing.assert_array_equal(again.outlines_mm[1], SQUARE + 5)

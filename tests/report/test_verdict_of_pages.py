@@ -14,7 +14,6 @@ import pytest
 from made_up_study import study
 
 from deltact_fab import record
-from deltact_fab.analysis import tracking_error
 from deltact_fab.cad.design import load_design
 from deltact_fab.patterns.series import job
 from deltact_fab.report import (
@@ -48,15 +47,16 @@ def warned_run(
         monkeypatch.setattr(record.Run, "summary", lambda run: told)
         return mini_run
 
+    made.tracked = lambda: request.getfixturevalue("tracked")  # type: ignore[attr-defined]
     return made
 
 
 def run(warned: bool, out: Path, warned_run: Callable[[bool], Path]) -> Path:
     folder = warned_run(warned)
-    tracking = tracking_error.analyse(folder, ("dis-fast",))
+    tracked = warned_run.tracked()  # type: ignore[attr-defined]
     sure = [{**m, "coverage": 1.0, "trusted_share": 1.0, "confident_wrong_share": 0.0}
-            for m in tracking.methods]  # fmt: skip
-    return page.write(folder, out / "report.html", replace(tracking, methods=sure))
+            for m in tracked.methods]  # fmt: skip
+    return page.write(folder, out / "report.html", replace(tracked, methods=sure))
 
 
 def imported(warned: bool, out: Path, warned_run: Callable[[bool], Path]) -> Path:

@@ -58,24 +58,15 @@ def test_every_study_is_listed_and_shows_its_options_with_their_defaults() -> No
 
 
 def test_options_of_one_study_have_their_types(monkeypatch: pytest.MonkeyPatch) -> None:
-    own = (
-        Option("few", "N.", 3), Option("share", "S.", kind=float), Option("way", "W.", "a"),
-        Option("many", "M.", ()),
-    )  # fmt: skip
+    own = Option("few", "N.", 3), Option("share", "S.", kind=float), Option("many", "M.", ())
     monkeypatch.setitem(STUDIES, "own", Study("none", "Own.", takes=("scale",), options=own))
     words = ["study", "run", "own", "--help"]
-    shown = CliRunner().invoke(main, words, terminal_width=120).stdout
-    plain = " ".join(shown.split())
-    for words in (
-        "--few INTEGER N. [default: 3]",
-        "--share NUMBER S. --way TEXT W. [default: a]",
-        "--many TEXT M.",
-    ):
-        assert words in plain
+    shown = " ".join(CliRunner().invoke(main, words, terminal_width=120).stdout.split())
+    assert "--few INTEGER N. [default: 3]" in shown
+    assert "--share NUMBER S. --many TEXT M." in shown
     for words in (["--few", "x"], ["--share", "nan"]):
         told = CliRunner().invoke(study, ["run", "own", *words])
-        assert told.exit_code == 2
-        assert words[0] in told.output
+        assert (told.exit_code, words[0] in told.output) == (2, True)
     told = CliRunner().invoke(study, ["run", "own", "--from", "run"])
     assert (told.exit_code, "No such option" in told.output) == (2, True)
 

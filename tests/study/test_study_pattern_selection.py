@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from deltact_fab import cache, record
+from deltact_fab import record
 from deltact_fab.analysis.tracking_error.tally import ErrorTally
 from deltact_fab.errors import InputError
 from deltact_fab.patterns.series.job import recipes
 from deltact_fab.report.result import StudyResult
 from deltact_fab.study import pattern_selection
-from deltact_fab.study.grid import KIND
 from deltact_fab.study.pattern_errors import (
     COMPOSED,
     SUMMED,
@@ -59,17 +53,14 @@ def test_a_small_one_has_errors_cover_and_the_papers_values(small: StudyResult) 
             assert 0 < row[f"{name}_mm"] < most_mm
             assert 0 < row[f"{name}_off_mm"] < most_mm
             assert row[f"{name}_moving_mm"] >= row[f"{name}_mm"]
-            assert row[f"{name}_sum_mm"] == pytest.approx(row[f"{name}_mm"])  # of one indenter
             assert 0 <= row[f"{name}_lost_frames"] <= 1
             assert 0 <= row[f"{name}_lost_pixels"] < 0.5
             assert 0.5 < row[f"{name}_coverage"] <= 1
     json.dumps(small.data, allow_nan=False)
-    patterns, indenters, path = small.tables
+    patterns, indenters = small.tables
     assert patterns.shown is not None
     assert set(patterns.shown) <= set(patterns.frame)
     assert len(indenters.frame) == 6
-    assert set(path.frame["depth_mm"]) == {1.0}
-    assert path.frame["drag_to_mm"].min() == 0  # the bottom of the press
     for figure in small.figures:
         assert "1 of 1 positions" in figure.caption
         assert len(figure.draw().axes) == 2
@@ -95,11 +86,6 @@ def test_the_same_from_the_record_of_the_same_press(
     assert again["ours_mm"] == pytest.approx(row["ours_mm"])
 
 
-def test_one_run_twice_is_no_replicate(mini_run: Path) -> None:
-    with pytest.raises(InputError, match="named twice"):
-        pattern_selection.run(StudyRequest(runs=(mini_run, mini_run)))
-
-
 @pytest.mark.parametrize(
     ("more", "says"),
     [
@@ -121,12 +107,6 @@ def test_presses_are_cut_so_that_every_worker_has_some_and_none_too_many() -> No
         assert len({job.name for job in jobs}) == len(jobs) == 5 * parts
         first = [name for job in jobs[:parts] for name in job.given["patterns"]]
         assert sorted(first) == sorted(entry.name for entry in scene.entries)
-
-
-def test_a_press_is_found_again_when_other_indenters_join() -> None:
-    few = Selection.of(StudyRequest(more={"indenter": ("edges", "4dots")}))
-    every = {job.name: job.key() for job in Selection.of(StudyRequest()).jobs()}
-    assert [job.key() for job in few.jobs()] == [every[job.name] for job in few.jobs()]
 
 
 def test_at_full_scale_the_gel_of_mirrored_positions_is_solved_once() -> None:
@@ -151,7 +131,7 @@ def made_up(
     for p in printed:
         mean = errors_mm.get((p.d_mm, p.r), 0.3)
         for indenter, times in zip(INDENTERS, 1 + spread * rng.uniform(-1, 1, 5), strict=True):
-            tallies, rows = {}, {}
+            tallies = {}
             for method, share in ((SUMMED, 1.0), (COMPOSED, composed)):
                 value = mean * times * (share if (p.d_mm, p.r) in errors_mm else 1.0)
                 tally = tallies[method] = ErrorTally()
@@ -160,11 +140,7 @@ def made_up(
                 tally.at_dots.take(np.full(4, value))
                 tally.at_moving_dots.take(np.full(4, value))
                 tally.take_moving(np.full(4, value), np.ones(4, bool))
-                rows[method] = np.full((4, 3), value)
-            path = np.column_stack((np.full(4, 5.0), [0.0, 0.5, 0.9, 1.5]))
-            cells.append(
-                PressErrors(p.name, f"{indenter}/p1", indenter, tallies, rows, path, None, ())
-            )
+            cells.append(PressErrors(p.name, f"{indenter}/p1", indenter, tallies, None, ()))
     return PatternErrors(printed, cells)
 
 
@@ -207,48 +183,3 @@ def test_a_pattern_without_an_error_under_one_indenter_has_no_mean() -> None:
     del errors._joined["d0p1-r0p5", "i1", SUMMED]
     assert errors.mean("d0p1-r0p5", SUMMED, "at_dots") is None
     assert errors.best(SUMMED, "at_dots", errors.printed) != best
-
-
-def test_frames_along_the_path_are_those_at_a_depth_by_their_drag() -> None:
-    errors = made_up(THEIRS)
-    rows = errors.along("d0p1-r0p5", SUMMED)
-    assert [(row["depth_mm"], row["drag_to_mm"], row["frames"]) for row in rows] == [
-        (5.0, 0.0, 5), (5.0, 1.0, 10), (5.0, 2.0, 5)
-    ]  # fmt: skip
-
-
-@pytest.mark.slow
-def test_killed_and_gone_on_with_its_tables_are_those_of_an_undisturbed_one(
-    mini: tuple[Path, Path], tmp_path: Path
-) -> None:
-    def command(folder: str) -> tuple[list[str], dict[str, str]]:
-        patterns = [word for name in TWO for word in ("--pattern", name)]
-        words = [
-            sys.executable, "-m", "deltact_fab.cli.main", "study", "run", "pattern-selection",
-            "--protocol", str(mini[0]), "--rig", str(mini[1]), "--scale", "1", *patterns,
-            "--jobs", "1", "--out", str(tmp_path / folder),
-        ]  # fmt: skip
-        return words, os.environ | {cache.FOLDER_VARIABLE: str(tmp_path / f"{folder}-cache")}
-
-    words, environment = command("killed")
-    kept = tmp_path / "killed-cache" / KIND
-    with subprocess.Popen(words, env=environment, stderr=subprocess.DEVNULL,
-                          start_new_session=True) as running:  # fmt: skip
-        # Until the first press is kept: its gel was another job, in the same store.
-        until = time.monotonic() + 300
-        while len(list(kept.glob("*.bin"))) < 3 and running.poll() is None:
-            assert time.monotonic() < until
-            time.sleep(0.05)
-        assert running.poll() is None, "it ended before it could be killed"
-        os.killpg(running.pid, signal.SIGKILL)
-    assert not (tmp_path / "killed" / "result.json").exists()
-    before = set(kept.glob("*.bin"))
-    for folder in ("killed", "whole"):
-        words, environment = command(folder)
-        subprocess.run(words, env=environment, check=True, capture_output=True)
-    assert before <= set(kept.glob("*.bin"))
-    tables = sorted(path.name for path in (tmp_path / "whole").glob("*.csv"))
-    assert {"path.csv", "indenters.csv", "patterns.csv"} <= set(tables)
-    for name in tables:
-        texts = [(tmp_path / folder / name).read_bytes() for folder in ("killed", "whole")]
-        assert texts[0] == texts[1]

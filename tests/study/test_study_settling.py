@@ -12,8 +12,7 @@ from deltact_fab.analysis.relaxation import RelaxationFit, Rest, Series
 from deltact_fab.analysis.relaxation.rests import BIN_S, ForceHistory
 from deltact_fab.errors import InputError
 from deltact_fab.protocols import plan
-from deltact_fab.study import gel_remarks, registry
-from deltact_fab.study.registry import STUDIES
+from deltact_fab.study import registry
 from deltact_fab.study.request import StudyRequest
 from deltact_fab.study.settling import Fading
 
@@ -46,20 +45,6 @@ def test_a_stop_waits_as_long_as_its_exponential_says() -> None:
 def test_a_study_of_nothing_names_the_protocol_to_record() -> None:
     with pytest.raises(InputError, match="--from: missing; record the protocol 'settling'"):
         registry.run("settling", StudyRequest())
-
-
-@pytest.mark.parametrize("study", STUDIES)
-def test_every_study_says_what_the_modulus_changes(study: str) -> None:
-    assert "0.56 MPa, is known to a factor of 2" in gel_remarks.remark(study, 0.56)
-
-
-def test_the_protocol_rests_long_and_has_the_feeds_of_the_calibration() -> None:
-    own, of = plan.load("settling")[0], plan.load("force-calibration")[0]
-    assert own.capture.settle_s >= 60
-    assert "image" not in own.channels
-    assert own.motion.press_feed_mm_min == of.motion.press_feed_mm_min
-    assert own.motion.shear_feed_mm_min == of.motion.shear_feed_mm_min
-    assert max(own.depths_mm) == max(of.depths_mm)
 
 
 @pytest.mark.slow

@@ -11,7 +11,6 @@ import pytest
 from deltact_fab import record
 from deltact_fab.analysis.tracking_error.follow import TrackingPlan
 from deltact_fab.analysis.tracking_error.run import analyse_press
-from deltact_fab.analysis.tracking_error.truth import TrueFrame, off_dots, seen_by
 from deltact_fab.cad.design import load_design
 from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.protocols import plan
@@ -47,35 +46,6 @@ def recorded(run: record.Run) -> list[Look]:
     with np.load(record.truth_file(run.folder, PRESS)) as held:
         rows = zip(held["knots"].tolist(), held["fraction"].tolist(), strict=True)
         return [Look("", a, b, fraction) for (a, b), fraction in rows]
-
-
-@pytest.mark.slow
-def test_its_images_are_the_bytes_that_the_rig_records(
-    stream: PressStream, run: record.Run, recipe: PatternRecipe, recorded: list[Look]
-) -> None:
-    seed = int(run.meta["seed"])
-    picture, noise = stream.picture(recipe, seed), stream.noise(seed)
-    files = run.frames(PRESS)["file"]
-    assert len(files) == len(recorded) > 5
-    for frame, file in zip(stream.frames(recorded), files, strict=True):
-        drawn = picture.expose(frame.at_px, noise)
-        assert np.array_equal(drawn, run.raw(str(file))), frame.look
-
-
-@pytest.mark.slow
-def test_its_truth_is_that_of_the_record(
-    stream: PressStream, run: record.Run, recipe: PatternRecipe, recorded: list[Look]
-) -> None:
-    truth, marks, held = StreamTruth(stream), stream.marks(recipe), run.truth()
-    assert held is not None
-    off = off_dots(run.camera, run.dots_mm(), run.dot_diameter_mm())
-    ids = run.frames(PRESS)["frame_id"]
-    for frame, frame_id in list(zip(stream.frames(recorded), ids, strict=True))[1:4]:
-        found = truth.of(frame, marks)
-        assert truth.of(frame, marks) is found
-        wanted = TrueFrame.read(held, str(frame_id), off, seen_by(run.camera), run.camera.mm_per_px)
-        for name in ("flow_px", "in_plane_mm", "moving"):
-            assert np.array_equal(getattr(found, name), getattr(wanted, name))
 
 
 def test_the_plan_has_the_rigs_frames_but_for_the_ramps_of_its_motors(

@@ -42,19 +42,6 @@ def draw(given: dict[str, Any]) -> dict[str, Any]:
     return {"draws": draws, "mean": float(draws.mean()), "pair": (1, 2), "nan": float("nan")}
 
 
-def die(given: dict[str, Any]) -> dict[str, Any]:
-    """What memory that runs out does to a process."""
-    os.kill(os.getpid(), signal.SIGKILL)
-    return {}
-
-
-def strange(given: dict[str, Any]) -> dict[str, Any]:
-    """A value that is neither plain data nor numbers."""
-    if given["thing"] == "objects":
-        return {"a": np.array([{}, None])}
-    return {"a": np.float32(1)}
-
-
 def leave(given: dict[str, Any]) -> dict[str, Any]:
     """A file in the store, and how it got there: the process that wrote or had it."""
     path = cache.user_folder() / given["file"]

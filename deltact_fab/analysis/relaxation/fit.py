@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...aliases import Field
-from ...errors import InputError, SolverError
+from ...errors import SolverError
 from .rests import BIN_S, ForceHistory, Rest
 
 
@@ -34,22 +34,11 @@ from .rests import BIN_S, ForceHistory, Rest
 class Series:
     """Shares (k,) of the steady force that fade, and the times_s (k,) in which they do.
 
-    As `[specimen] prony`. Raises InputError for numbers that make no series.
+    As `[specimen] prony`.
     """
 
     shares: tuple[float, ...]
     times_s: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        if len(self.shares) != len(self.times_s) or not self.shares:
-            raise InputError(
-                f"relaxation: as many g as tau_s are needed, at least one: {len(self.shares)} and "
-                f"{len(self.times_s)}"
-            )
-        for name, values in (("g", self.shares), ("tau_s", self.times_s)):
-            for value in values:
-                if not (math.isfinite(value) and value > 0):
-                    raise InputError(f"relaxation: {name} > 0 and finite: {value} fails")
 
     @property
     def pairs(self) -> tuple[tuple[float, float], ...]:

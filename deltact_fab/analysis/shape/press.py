@@ -30,7 +30,6 @@ from ...optics import LatticeSampler
 from ...record import UNKNOWN, RunTruth
 from ...shapes import Indenter
 from ..flows import flows_of
-from ..force.field import frame_errors
 from ..frames import settled
 from ..view import view_of
 from .ball import EVERY_PX
@@ -57,12 +56,8 @@ def true_shape(
         height = indenter.height_mm(at[..., 0] - tip_mm[0], at[..., 1] - tip_mm[1])
         contact = (u_mm[..., 2] >= tip_mm[2] + height - TOUCHING_MM) & (u_mm[..., 2] < 0)
         return -u_mm[..., 2], contact, "geometry"
-    from scipy.interpolate import RegularGridInterpolator
-
     pressure = -truth.traction_mpa(frame_id)[..., 2]
-    x, y = truth.face_mm(frame_id)
-    grid = np.stack(np.meshgrid(flow.y_mm, flow.x_mm, indexing="ij"), axis=-1)
-    pressed = RegularGridInterpolator((y, x), pressure)(grid)
+    pressed = _at(flow.x_mm, flow.y_mm, *truth.face_mm(frame_id), pressure)
     return -u_mm[..., 2], pressed > PRESSED * max(pressure.max(), 1e-9), "traction"
 
 
@@ -70,6 +65,8 @@ SAME_MM = 0.01
 """Depths that are one."""
 FORCE = ("fx_n", "fy_n", "fz_n")
 KPA = 1e3  # of an MPa
+CONTACT, NOTHING_MPA = 0.05, 1e-6
+"""Of the peak pressure: where the field's error is taken; and the peak that is none."""
 
 
 @dataclass(frozen=True)
@@ -188,12 +185,8 @@ def _figures(
     indenter: Indenter | None, tip_mm: Array, flow: FaceFlow, found: _Found
 ) -> dict[str, Any]:
     place_error_mm = None  # known of an indenter with one round tip that presses
-    if (
-        found.contacts
-        and indenter is not None
-        and indenter.name.startswith("sphere:")
-        and tip_mm[2] < 0
-    ):
+    ball = indenter is not None and indenter.name.startswith("sphere:")
+    if found.contacts and ball and tip_mm[2] < 0:
         place_error_mm = float(np.linalg.norm(found.contacts[0].place_mm - tip_mm[:2]))
     return {
         "tip_depth_mm": max(0.0, -float(tip_mm[2])),
@@ -259,10 +252,28 @@ def _forces(
     told["peak_kpa"] = -KPA * float(found.field.traction_mpa[..., 2].min())
     if truth is not None and truth.tractions and force_n is not None:
         told["true_peak_kpa"] = -KPA * float(truth.traction_mpa(frame_id)[..., 2].min())
-        errors = frame_errors(found.field, truth, frame_id, force_n)
-        if errors is not None:
-            told["pressure_error"] = errors[0]
+        told["pressure_error"] = _pressure_error(found.field, truth, frame_id)
     return told
+
+
+def _pressure_error(field: TractionField, truth: RunTruth, frame_id: str) -> float | None:
+    """Mean error of the pressure over the contact, of its peak; None where nothing presses."""
+    x, y = truth.face_mm(frame_id)
+    pressure = -truth.traction_mpa(frame_id)[..., 2]
+    if (peak := pressure.max()) <= NOTHING_MPA:
+        return None
+    true = _at(field.x_mm, field.y_mm, x, y, pressure)
+    off = -field.traction_mpa[..., 2] - true
+    return float(np.abs(off[true > CONTACT * peak]).mean() / peak)
+
+
+def _at(x_mm: Array, y_mm: Array, of_x_mm: Array, of_y_mm: Array, values: Array) -> Array:
+    """Values (ny, nx) of a lattice at the points of another one, bilinear."""
+    from scipy.interpolate import RegularGridInterpolator
+
+    at = np.stack(np.meshgrid(y_mm, x_mm, indexing="ij"), axis=-1)
+    found: Array = RegularGridInterpolator((of_y_mm, of_x_mm), values)(at)
+    return found
 
 
 def _picture(row: Any, image: Array, camera: Any, flow: FaceFlow, found: _Found) -> dict[str, Any]:

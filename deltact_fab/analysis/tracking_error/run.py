@@ -57,7 +57,8 @@ def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
             raise RunFailed(f"{row.file}: size {image.shape[1]} x {image.shape[0]} differs")
         frame = None
         if truth and at:
-            frame = TrueFrame.read(truth, str(row.frame_id), off, in_view, camera.mm_per_px)
+            motion = truth.flow_and_in_plane(str(row.frame_id))
+            frame = TrueFrame.of(*motion, off, in_view, camera.mm_per_px)
         frame_of = {key: getattr(row, key) for key in FRAME}
         # The reference compared with itself is no measurement, and says nothing.
         for name, figures in follower.take(image, frame).items():

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import record
 from ...occlusion import in_dispute
 from ...optics import CameraModel, Rectified
 from .tally import MOVING_MM
@@ -28,18 +27,6 @@ class TrueFrame:
     in_plane_mm: NDArray[np.float64]
     moving: NDArray[np.bool_]
     peak_mm: float | None
-
-    @classmethod
-    def read(
-        cls,
-        truth: record.RunTruth,
-        frame_id: str,
-        off: NDArray[np.bool_],
-        seen: NDArray[np.bool_],
-        mm_per_px: float,
-    ) -> TrueFrame:
-        """Of one frame of a run; the rest as in `of`."""
-        return cls.of(*truth.flow_and_in_plane(frame_id), off, seen, mm_per_px)
 
     @classmethod
     def of(

@@ -41,8 +41,6 @@ WAVES = ((1.5, 0.015), (2.5, 0.03), (4.0, 0.06))
 """Wavelength and amplitude (mm) of smooth waves on top: a slope of .06 to .09 each."""
 FIELD_PX = 200_000
 """Pixels of the middle of the view, which is what is drawn."""
-SHOWN_MM = 3.0
-"""Side of the square of the resting face that a picture shows."""
 TRACKER = "fused"
 MAX_LOSS = 2.0
 """Times the error of short steps: beyond it a step counts as not bridged."""
@@ -107,8 +105,8 @@ def probe(given: dict[str, Any]) -> dict[str, Any]:
     """given: rig, sensor, recipe (plain data), seed (of print, noise and drag).
 
     Returns `error_mm` and `coverage` of the drag there and back, and `bridged_mm`, the longest step
-    in which it is followed as well as in short ones; `seen` (side, side, 3), RGB of the resting
-    face. A pattern in which nothing can be tracked has `refused`, saying why.
+    in which it is followed as well as in short ones. A pattern in which nothing can be tracked has
+    `refused`, saying why.
     """
     cv2.setNumThreads(1)  # DIS splits the image by thread
     config = validate(VirtualConfig, given["rig"], "rig")
@@ -133,7 +131,6 @@ def probe(given: dict[str, Any]) -> dict[str, Any]:
         "error_mm": whole["mean_off_dots_mm"],
         "coverage": whole["coverage"],
         "bridged_mm": STEP_MM * bridged(last_mm),
-        "seen": _middle(rest, view.mm_per_px),
     }
 
 
@@ -145,13 +142,6 @@ def _followed(
     follower.take(rest, None)
     said = [follower.take(*frame) for frame in zip(images, truths, strict=True)]
     return follower.tallies[TRACKER].figures(), said[-1][TRACKER]["mean_off_dots_mm"]
-
-
-def _middle(image: Image, mm_per_px: float) -> Image:
-    """The middle of an image (h, w, 3) BGR, SHOWN_MM a side, as RGB."""
-    half, (row, column) = round(SHOWN_MM / mm_per_px / 2), np.array(image.shape[:2]) // 2
-    part = image[row - half : row + half, column - half : column + half, ::-1]
-    return np.ascontiguousarray(part)
 
 
 def strides(n: int) -> list[int]:

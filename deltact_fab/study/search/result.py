@@ -10,14 +10,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ...aliases import Image
 from ...errors import RunFailed
 from ...patterns.recipe import PatternRecipe
 from ...report.result import Headline
 from ..intervals import headline, mean, ratio
-from ..pattern_errors import OURS, SUMMED, PatternErrors
+from ..pattern_errors import OURS, PatternErrors
 from .candidates import PAPER
-from .drag import SHOWN_MM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,26 +78,22 @@ def chosen_by_others(errors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def confirmed(errors: PatternErrors, names: Sequence[str]) -> pd.DataFrame:
-    """A row a pattern and tracker that lost it with no seed, the default one's best first."""
+    """A row a pattern that the default tracker lost with no seed, the best first."""
     rows = []
-    for method in (OURS, SUMMED):
-        for name in names:
-            by_seed = errors.by_indenter(name, method, "off")
-            if by_seed is not None:
-                value, low, high, _ = mean(by_seed, errors.indenters, "seed", "positive")
-                rows.append(
-                    {"pattern": name, "tracker": method, "mean_error_mm": value, "low_mm": low,
-                     "high_mm": high, "coverage": errors.figures(name, method)["coverage"]}
-                )  # fmt: skip
-    frame = pd.DataFrame(rows, columns=["pattern", "tracker", *FIGURES])
-    return frame.sort_values(["tracker", "mean_error_mm"], ignore_index=True)
+    for name in names:
+        by_seed = errors.by_indenter(name, OURS, "off")
+        if by_seed is not None:
+            value, low, high, _ = mean(by_seed, errors.indenters, "seed", "positive")
+            rows.append((name, value, low, high, errors.figures(name, OURS)["coverage"]))
+    frame = pd.DataFrame(rows, columns=["pattern", *FIGURES])
+    return frame.sort_values("mean_error_mm", ignore_index=True)
 
 
 def headlines(errors: PatternErrors, best: Sequence[str], to_print: str) -> tuple[Headline, ...]:
-    """Error of the pattern to print, and its share of the paper's pattern's by both trackers."""
+    """Error of the pattern to print, and its share of the paper's pattern's."""
 
-    def by_seed(name: str, method: str = OURS) -> NDArray[np.float64] | None:
-        return errors.by_indenter(name, method, "off")
+    def by_seed(name: str) -> NDArray[np.float64] | None:
+        return errors.by_indenter(name, OURS, "off")
 
     own, seeds = by_seed(to_print), errors.indenters
     assert own is not None
@@ -115,26 +109,20 @@ def headlines(errors: PatternErrors, best: Sequence[str], to_print: str) -> tupl
             headline("its share of the paper's pattern's error", "", share, goal=GOAL, told=True,
                      remark="for each seed the finalist that the other seeds call best")
         )  # fmt: skip
-    first, paper = by_seed(best[0], SUMMED), by_seed(PAPER, SUMMED)
-    if first is not None and paper is not None:
-        heads.append(
-            headline(f"the same share with the paper's tracker, {best[0]}", "",
-                     ratio(first, paper, seeds, "seed"), remark="Farneback, summed")
-        )  # fmt: skip
     return tuple(heads)
 
 
 def errors_by_size(
     frame: pd.DataFrame, gel: pd.DataFrame, among: Mapping[str, PatternRecipe]
 ) -> Figure:
-    """A dot a candidate of `ranked`, and a square each of `confirmed` by the default tracker."""
+    """A dot a candidate of `ranked`, and a square each of `confirmed`."""
     from ...report.figures import COLOURS, INK, PAPER_COLOUR, blank, legend_below, log_ticks
 
     figure, (axis,) = blank(7.4, 3.6)
     groups = frame.dropna(subset="error_mm").groupby("law")
     for colour, (law, part) in zip(cycle(COLOURS), groups, strict=False):
         axis.plot(part["patch_mm"], UM * part["error_mm"], "o", ms=4, color=colour, label=law)
-    for one in gel[gel["tracker"] == OURS].to_dict("records"):
+    for one in gel.to_dict("records"):
         x, name = among[one["pattern"]].patch_mm, one["pattern"]
         colour = PAPER_COLOUR if name == PAPER else INK
         if pd.notna(one["low_mm"]):
@@ -143,18 +131,4 @@ def errors_by_size(
     log_ticks(axis, "xy")
     axis.set(xlabel="size of a patch, mm", ylabel="mean error, µm")
     legend_below(figure, axis)
-    return figure
-
-
-def strip(pictures: Mapping[str, Image]) -> Figure:
-    """Patterns at rest as the camera sees them, a square of the face each."""
-    from ...report.figures import blank
-
-    figure, axes = blank(9.6, 2.6, len(pictures), share_y=False)
-    for axis, (name, picture) in zip(axes, pictures.items(), strict=True):
-        axis.imshow(picture, interpolation="nearest", extent=(0, SHOWN_MM, SHOWN_MM, 0))
-        axis.set_title(f"the paper's: {name}" if name == PAPER else name, fontsize=8, loc="left")
-        axis.grid(visible=False)
-        axis.set_xticks([0, SHOWN_MM], ["0", f"{SHOWN_MM:g} mm"], fontsize=8)
-        axis.set_yticks([])
     return figure
