@@ -27,6 +27,10 @@ METHODS = {
     OURS: "our tracker",
 }
 """The paper's "superposition" of flows can mean a sum at unmoved pixels, or their composition."""
+DRAGGED = 3
+"""Frames at one depth, from which on it is one that was dragged at."""
+DRAGS_MM = (0.0, 1.0, 2.0, 4.0, 7.0)
+"""Ends of the lengths of drag over which frames are taken together."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +65,17 @@ class PrintedPattern:
 
 @dataclass(frozen=True)
 class PressErrors:
-    """One press under one pattern: sums by tracker, figures of its dots, and what was left out."""
+    """One press under one pattern: sums by tracker, and a line a frame of FIGURES.
+
+    path (n, 2): depth and length of drag at each frame, mm.
+    """
 
     pattern: str
     press: str
     indenter: str
     tallies: dict[str, ErrorTally]
+    rows: dict[str, NDArray[np.float64]]
+    path: NDArray[np.float64]
     dots: dict[str, Any] | None
     left_out: tuple[str, ...]
 
@@ -79,6 +88,8 @@ def cells_of(value: Mapping[str, Any], press: str, indenter: str) -> list[PressE
             press,
             indenter,
             {m: ErrorTally.of(p, value[f"histogram|{name}|{m}"]) for m, p in by_method.items()},
+            {m: value[f"rows|{name}|{m}"] for m in by_method},
+            value["path"],
             value["dots"][name],
             tuple(value["left_out"][name]),
         )
@@ -150,3 +161,32 @@ class PatternErrors:
             sides.append(np.mean(known, axis=0))
         top, bottom = sides
         return intervals.ratio(top, bottom, self.indenters, "indenter", level)
+
+    def along(self, pattern: str, method: str) -> list[dict[str, Any]]:
+        """Means over frames by depth (mm) and length of drag (mm from, to), in their order."""
+        parts: dict[tuple[float, int], list[NDArray[np.float64]]] = {}
+        for cell in self.cells:
+            if cell.pattern != pattern or method not in cell.rows:
+                continue
+            depths, counts = np.unique(cell.path[:, 0].round(2), return_counts=True)
+            dragged = depths[(counts >= DRAGGED) & (depths > 0)]  # not on the way down
+            for (depth_mm, drag_mm), line in zip(cell.path, cell.rows[method], strict=False):
+                drag = int(np.searchsorted(DRAGS_MM, drag_mm - 1e-6))
+                if round(float(depth_mm), 2) in dragged:
+                    parts.setdefault((round(float(depth_mm), 2), drag), []).append(line)
+        return [
+            {
+                "depth_mm": depth_mm,
+                "drag_from_mm": DRAGS_MM[max(drag - 1, 0)],
+                "drag_to_mm": DRAGS_MM[drag] if drag < len(DRAGS_MM) else None,
+                "frames": len(parts[depth_mm, drag]),
+                **dict(zip(("at_dots_mm", "off_dots_mm", "lost_pixels"),
+                           map(_mean, np.array(parts[depth_mm, drag]).T), strict=True)),
+            }
+            for depth_mm, drag in sorted(parts)
+        ]  # fmt: skip
+
+
+def _mean(values: NDArray[np.float64]) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else None

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from ..analysis.tracking_error.follow import Follower, TrackingPlan
 from ..errors import SensorError
@@ -14,6 +16,8 @@ from .stream import PressStream, StreamTruth
 
 # CPU seconds on one core, about, for the time that is announced beforehand.
 GEOMETRY_S, PATTERN_S, PRINT_S, KNOT_S = 0.2, 0.45, 1.2, 5.0
+FIGURES = ("mean_at_dots_mm", "mean_off_dots_mm", "lost_share")
+"""Columns of a job's table of frames."""
 
 
 def cost_s(frames: int, patterns: int) -> float:
@@ -42,6 +46,9 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
         followers[name] = Follower(
             TrackingPlan(tuple(methods), bool(len(marks.dots_mm)), (), timed=False), marks
         )
+    rows: dict[str, dict[str, list[dict[str, Any]]]] = {
+        name: {method: [] for method in methods} for name in printed
+    }
     lost: dict[str, list[str]] = {}
     count = len(stream.looks)
     for frame in stream.frames():
@@ -51,13 +58,16 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
             image = stream.tracked(picture.expose(frame.at_px, noise, frame.displacement_mm))
             true = truth.of(frame, marks) if frame.number else None
             try:
-                followers[name].take(image, true)
+                said = followers[name].take(image, true)
             except SensorError as why:  # a print that the camera cannot tell from grey
                 lost[name] = [str(why)]
+                continue
+            for method, figures in said.items():
+                rows[name][method].append(figures)
         tell((frame.number + 1) / count)
     found = {
         name: (
-            one.tallies, one.dots.tally.figures() if one.dots else None,
+            one.tallies, rows[name], one.dots.tally.figures() if one.dots else None,
             lost.get(name, one.left_out),
         )
         for name, one in followers.items()
@@ -65,19 +75,26 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     return {
         "frames": count,
         "gel": {"flags": stream.solver.flags},
-        **packed(found),
+        **packed([look.tip_mm for look in stream.looks[1:]], stream.path.at_mm, found),
     }
 
 
-def packed(found: Mapping[str, Any]) -> dict[str, Any]:
+def packed(
+    tips_mm: Sequence[Sequence[float]], at_mm: Sequence[float], found: Mapping[str, Any]
+) -> dict[str, Any]:
     """A press as a grid keeps it, and `pattern_errors.cells_of` reads it.
 
-    found: by pattern its tallies by method, its dots' figures, and what was left out.
+    tips_mm (n, 3): at all frames but the first; at_mm: where the press is. found: by pattern its
+    tallies and rows of figures by method, its dots' figures, and what was left out.
     """
-    value: dict[str, Any] = {"tallies": {}, "dots": {}, "left_out": {}}
-    for name, (tallies, dots, left_out) in found.items():
+    x, y, z = np.array(tips_mm, float).reshape(-1, 3).T
+    path = np.column_stack((np.maximum(-z, 0.0), np.hypot(x - at_mm[0], y - at_mm[1])))
+    value: dict[str, Any] = {"path": path, "tallies": {}, "dots": {}, "left_out": {}}
+    for name, (tallies, rows, dots, left_out) in found.items():
         value["tallies"][name] = {method: tally.plain() for method, tally in tallies.items()}
         value["dots"][name], value["left_out"][name] = dots, left_out
         for method, tally in tallies.items():
             value[f"histogram|{name}|{method}"] = tally.histogram
+            lines = [[row.get(key) for key in FIGURES] for row in rows[method]]
+            value[f"rows|{name}|{method}"] = np.array(lines, float).reshape(-1, len(FIGURES))
     return value

@@ -77,6 +77,10 @@ def printed_of(run: Run) -> PrintedPattern:
 
 def follow(given: dict[str, Any]) -> dict[str, Any]:
     """One press of a run, as `pattern_press.follow` returns one of a simulated gel."""
-    scene = scene_of(record.open(given["folder"]), given["methods"])
+    run, name = record.open(given["folder"]), given["name"]
+    scene = scene_of(run, given["methods"])
     found = analyse_press(given["folder"], given["press"], scene)
-    return packed({given["name"]: (found.tallies, found.dots.figures(), found.left_out)})
+    rows = {m: [row for row in found.rows if row["method"] == m] for m in given["methods"]}
+    tips = run.frames(given["press"])[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
+    here = {name: (found.tallies, rows, found.dots.figures(), found.left_out)}
+    return packed(tips[1:].tolist(), tips[0, :2].tolist(), here)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from deltact_fab.optics import Pinhole
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.shapes import SkinDimensions
+from deltact_fab.study.force.by_place import by_place
 from deltact_fab.study.force.simulated import points_of, scaled, scene, spread
 from deltact_fab.study.force.summary import found
 from deltact_fab.study.force_calibration import run
@@ -47,7 +49,7 @@ def made(noise_n: float = 0.02, bent: float = 1.0, places: int = PLACES) -> Forc
         for k in range(POINTS // 2)
     ]  # fmt: skip
     points = pd.DataFrame(rows)
-    sets = {name: make_features(name, VIEW) for name in ("sums", PAPER)}
+    sets = {name: make_features(name, VIEW) for name in ("sums", PAPER, "paper-signed")}
     X = {name: rng.uniform(0.5, 1.5, (len(rows), len(of.names))) for name, of in sets.items()}
     law = np.zeros((len(COMPONENTS), len(sets["sums"].names)))
     for i, name in enumerate(COMPONENTS):
@@ -87,6 +89,28 @@ def test_a_goal_is_missed_or_undecided_where_places_are_few() -> None:
     few = found(made(places=3)).headlines[0]
     assert few.over == "3 positions: no interval below four"
     assert few.state == "undecided"
+
+
+def test_by_place_the_papers_model_is_read_in_four_ways() -> None:
+    """Of normal force that is linear in the signed sums, with another factor at each place."""
+    result = made()
+    data = result.data
+    x_mm, own = data.points["x_mm"].to_numpy(), data.features["paper-signed"]
+    wrench = data.wrench.copy()
+    wrench[:, 2] = -(1 + x_mm) * (own[:, 0] + own[:, 2]) + 3
+    table = by_place(replace(result, data=replace(data, wrench=wrench)))
+    assert len(table) == (2 * 2 + 1) * PLACES
+    assert set(table["points"]) == {len(BALLS) * POINTS}
+    reading = dict(list(table.groupby(["model", "constant"])))
+    right = reading["paper, signed", "with"]
+    assert (right["alone_n"] < 1e-9).all()
+    assert (right[["at_random_n", "by_press_n", "by_place_n"]] > 0.3).all(axis=None)
+    assert (reading["paper, clipped", "with"]["alone_n"] > 0.2).all()
+    assert (reading["paper, signed", "without"]["alone_n"] > 1e-3).all()
+    whole = found(made())
+    clipped = whole.tables[1].frame.query("model == 'paper, clipped' and constant == 'without'")
+    pooled = (clipped["at_random_n"] ** 2).mean() ** 0.5
+    assert pooled == pytest.approx(whole.headlines[3].value), "the paper's own reading"
 
 
 @pytest.mark.parametrize(

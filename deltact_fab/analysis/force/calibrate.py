@@ -18,6 +18,7 @@ from ...errors import InputError
 from ...measure.force import (
     COMPONENTS,
     FEATURES,
+    READINGS,
     Features,
     ForceModel,
     features_of,
@@ -59,19 +60,20 @@ def calibrate(
             raise InputError(f"{blind[0]}: {Inverse.name} rests on the gel; {NO_CAMERA}")
         asked = tuple(name for name in asked if name != Inverse.name)
     must = asked if names else (PAPER,)
+    looked = asked if names else (*asked, *READINGS)
     source, view = str(runs[0].folder), view_of(runs[0])
     # How many points there may be at most: refused before anything is tracked.
     most = sum(len(settled(part)) for frames in tables for _, part in frames.groupby("press"))
     for name in must:
         _require_enough(make_features(name, view), most, source)
-    data = gather(runs, asked, executor, progress)
+    data = gather(runs, looked, executor, progress)
     gel = early = None
     if Inverse.name in asked:
         early = early_labels(data)
         gel = told_gel(runs, early.mended(data) if early else data, view, progress)
     if gel is not None:
         view = gel.view(view)
-        data = gather(runs, asked, executor, progress, view)
+        data = gather(runs, looked, executor, progress, view)
     data = early.mended(data) if early else data
     found = fit_best(
         data, seed, lambda model, error: _calibration(runs, model, view, error=error), must, source
@@ -93,7 +95,7 @@ def fit_best(
     source: what it names. Raises InputError.
     """
     judged, left_out = [], list(data.left_out)
-    for name in data.sets:
+    for name in [one for one in data.sets if one in FEATURES]:
         try:
             _require_enough(data.sets[name], len(data), source)
         except InputError as why:

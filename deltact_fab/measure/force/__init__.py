@@ -21,11 +21,15 @@ FEATURES = {
 }
 
 
+# Other readings of a set: of what the paper says, looked at by studies; no model is made of them.
+READINGS = {"paper-signed": ("paper", "Signed")}
+
+
 def make_features(name: str, view: SensorView) -> Features:
     """The named set for a sensor. Raises InputError for an unknown name."""
-    if name not in FEATURES:
+    if name not in FEATURES | READINGS:
         raise InputError(f"force features {name!r}: unknown; {did_you_mean(name, FEATURES)}")
-    module, kind = FEATURES[name]
+    module, kind = (FEATURES | READINGS)[name]
     made: Features = getattr(importlib.import_module(f"{__name__}.{module}"), kind)(view)
     return made
 
@@ -47,6 +51,7 @@ def features_of(model: ForceModel, view: SensorView, source: str) -> Features:
 __all__ = [
     "COMPONENTS",
     "FEATURES",
+    "READINGS",
     "Features",
     "ForceModel",
     "LocalFeatures",

@@ -10,6 +10,8 @@ Sums are times the area of a point's cell, so that they do not depend on the poi
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ...aliases import Array
@@ -78,7 +80,8 @@ class Paper(LocalFeatures):
     """The model as it is printed.
 
     Its even powers take no part in a mirror: the face and its mirror image, pressed and sheared
-    alike, are not told to have mirrored forces.
+    alike, are not told to have mirrored forces. signed: the density below 0 as well, which the
+    paper cuts off ("non-negative") and which shear makes as much of as of the rest.
     """
 
     name = "paper"
@@ -92,8 +95,11 @@ class Paper(LocalFeatures):
         "tz": TURNING,
     }
 
-    def __init__(self, view: SensorView) -> None:
+    def __init__(self, view: SensorView, signed: bool = False) -> None:
         self._mm_per_px = view.camera.mm_per_px
+        self._least = -np.inf if signed else 0.0
+        if signed:
+            self.name = "paper-signed"
 
     def of(self, flow: FaceFlow) -> Array:
         """(19,): the integrals of the terms over the view, and their first moments."""
@@ -114,5 +120,8 @@ class Paper(LocalFeatures):
     def _terms(self, flow: FaceFlow, hr: Array) -> Array:
         """D, D^2, D^3, a, ..., b^3 at each point, (9, h, w)."""
         density = by_jacobian(flow, self._mm_per_px)
-        one = (np.maximum(density.relative_depth, 0.0), hr[..., 0], hr[..., 1])
+        one = (np.maximum(density.relative_depth, self._least), hr[..., 0], hr[..., 1])
         return np.stack([power for a in one for power in (a, a * a, a * a * a)])
+
+
+Signed = partial(Paper, signed=True)

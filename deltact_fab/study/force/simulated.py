@@ -9,7 +9,7 @@ from typing import Any
 
 from ...analysis.force import ForceResult, fit_best, joined
 from ...errors import InputError
-from ...measure.force import FEATURES
+from ...measure.force import FEATURES, READINGS
 from ...protocols import limits, plan
 from ...protocols.plan import Protocol, expand
 from ..request import StudyRequest, share_of
@@ -122,12 +122,14 @@ def simulate(asked: StudyRequest) -> SimulatedForces:
     ((name, protocol),) = of.protocols.items()
     grid = asked.solve(
         [
-            of.job(path.press, name, [path.press], press.points, features=list(FEATURES))
+            of.job(path.press, name, [path.press], press.points, features=[*FEATURES, *READINGS])
             for path in of.gel(name).paths
         ]
     )
     done = list(grid.found.values())
-    data = joined([press.unpacked(value) for value in done], list(FEATURES), of.view(name), name)
+    data = joined(
+        [press.unpacked(value) for value in done], [*FEATURES, *READINGS], of.view(name), name
+    )
     result = fit_best(
         data, asked.seed, lambda model, error: of.calibration(name, model, error), source=name
     )

@@ -12,6 +12,7 @@ from ...analysis.force.judge import EvaluatedModel, enough
 from ...report.force_figures import drawn
 from ...report.result import Headline, ReportTable, StudyResult
 from ..intervals import Interval, headline, rmse
+from .by_place import by_place
 
 GOAL_N, GOAL_SHEAR = 0.2, 0.02
 """Of the normal force, and of the range in shear, on what shares neither place nor indenter."""
@@ -28,6 +29,7 @@ IN_A_LAB = (
 
 def found(result: ForceResult, scale: float | None = None, **scene: Any) -> StudyResult:
     """What the points say; scene: what only their maker knows (settings, notes, left_out ...)."""
+    places = by_place(result)
     simulated = result.calibration.head.made.simulated
     told = [one.line for one in (result.gel, result.early) if one]
     notes = [IN_A_LAB, *told] if simulated else told
@@ -40,7 +42,7 @@ def found(result: ForceResult, scale: float | None = None, **scene: Any) -> Stud
         seed=result.seed,
         scale=scale,
         answer=(f"Use the model {result.best.name}{more}.",),
-        headlines=(*_best(result), *_paper(result)),
+        headlines=(*_best(result), *_paper(result, _alone(places))),
         tables=(
             ReportTable(
                 "force-models",
@@ -49,6 +51,13 @@ def found(result: ForceResult, scale: float | None = None, **scene: Any) -> Stud
                 "table, of a real sensor, which does not say whether its R2 is about the mean or "
                 "about 0.",
                 pd.DataFrame(result.rows()),
+            ),
+            ReportTable(
+                "force-by-place",
+                "The paper's model by distance from the axis. RMSE of the normal force, N, under "
+                "readings of its density and with a constant or without: fitted to the points of "
+                "that distance alone, or to all and judged there, by what was left out.",
+                places,
             ),
         ),
         figures=tuple(drawn(result)),
@@ -99,13 +108,24 @@ def _best(result: ForceResult) -> list[Headline]:
     return heads
 
 
-def _paper(result: ForceResult) -> list[Headline]:
+def _paper(result: ForceResult, alone: str) -> list[Headline]:
     """The paper's model on the paper's split, beside what the paper printed."""
     return [
         headline(
             f"the paper's model, {WORDS[name]}, {SPLITS['point']}: RMSE", "N",
             _interval(result.paper, result, "point", name), paper=printed_n,
-            remark="the paper prints no places" if name == "normal" else "", told=name == "normal",
+            remark=alone if name == "normal" else "", told=name == "normal",
         )
         for name, (_, printed_n) in PAPER_TABLE.items()
     ]  # fmt: skip
+
+
+def _alone(places: pd.DataFrame) -> str:
+    """The paper's own reading fitted to the nearest and the farthest distance alone."""
+    own = places[(places["model"] == "paper, clipped") & (places["constant"] == "without")]
+    own = own.dropna(subset="alone_n").sort_values("distance_mm")
+    words = [f"{of['alone_n']:.2f} N at {of['distance_mm']:.1f} mm" for _, of in own.iterrows()]
+    if not words:
+        return "the paper prints no places"
+    ends = " to ".join(dict.fromkeys((words[0], words[-1])))
+    return f"fitted to one distance from the axis alone, {ends}; the paper prints no places"
