@@ -75,8 +75,8 @@ def study(missing: int = 0) -> StudyResult:
         ),
         figures=(
             ReportFigure("bars", "Bars of three tools.", bars),
-            ReportFigure("picture", "A field.", picture),
-            ReportFigure("again", "The same once more.", bars),
+            ReportFigure("picture", "A field.", picture, column=True),
+            ReportFigure("again", "The same once more.", bars, column=True),
         ),
         settings={"friction": "1.0", "noise": "2 grey values"},
         notes=("The modulus is uncertain by a factor of 2.",),

@@ -149,8 +149,7 @@ def test_what_an_import_lacks_is_one_line_and_the_rest_works(
     shutil.copytree(elsewhere / "imported", run)
     assert "whole (finished)" in command("record", "check", run).output
     shown = command("record", "show", run).output
-    assert "recorded elsewhere, imported, finished" in shown
-    assert "specimen: not known" in shown
+    assert re.search(r"^kind +imported$", shown, re.M)
     assert command("record", "export", run, "--format", "csv", "--out", run / "t").exit_code == 0
     assert (pd.read_csv(run / "t" / "frames.csv")["fz_n"].notna()).all()
     shutil.rmtree(run / "t")

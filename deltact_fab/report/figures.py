@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import html
 import io
+import math
 import re
+import textwrap
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
@@ -15,7 +19,7 @@ import numpy as np
 
 from ..extras import require
 from ..files import write_whole
-from .result import StudyResult
+from .result import ReportFigure, StudyResult
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,32 +38,47 @@ PAPER_COLOUR = SOFT
 _NAMED = {
     INK: "ink", SOFT: "soft", GRID: "line", FAINT: "leg", COLOURS[0].lower(): "blue",
 }  # fmt: skip
-PAGE_PT = 9.5
+PAGE_PT, PAPER_PT = 9.5, 8.0
 MIN_PAGE_PT = 9.0
 """12 pixels of the screen: no letter of a page's figure is smaller."""
+FLATTEST = 0.6  # of a figure in a paper's column: height by width
 _INKED = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
+_paper_in: ContextVar[float | None] = ContextVar("paper_in", default=None)
+
+
+@contextmanager
+def on_paper(width_in: float) -> Iterator[None]:
+    """Within it, `blank` makes figures of this width in inches, in the letters of a paper."""
+    before = _paper_in.set(width_in)
+    try:
+        yield
+    finally:
+        _paper_in.reset(before)
 
 
 def blank(width: float, height: float, panels: int = 1, share_y: bool = True, rows: int = 1) -> Any:
     """A figure and its axes, row by row, drawn without a display; several have letters.
 
-    width, height: inches.
+    width, height: inches on the page; `on_paper` keeps their ratio, but for what gets too flat.
     """
     require("report", "a figure", "matplotlib")
     import matplotlib
 
+    paper_in = _paper_in.get()
+    if paper_in is not None:
+        width, height = paper_in, max(paper_in * height / width, FLATTEST * min(paper_in, 3.5))
     matplotlib.rcParams.update(
         {
             "svg.hashsalt": "deltact-fab",  # same figure, same bytes
             "svg.fonttype": "none",
             "pdf.fonttype": 42,  # letters stay letters, their font goes along
             "font.family": "sans-serif",
-            "font.size": PAGE_PT,
+            "font.size": PAGE_PT if paper_in is None else PAPER_PT,
             "axes.spines.top": False,
             "axes.spines.right": False,
             "axes.grid": True,
             "grid.color": GRID,
-            **dict.fromkeys(_INKED, INK),
+            **dict.fromkeys(_INKED, INK if paper_in is None else "#000000"),
             "grid.linewidth": 0.6,
             "axes.axisbelow": True,
             "legend.frameon": False,
@@ -96,11 +115,8 @@ def to_svg(figure: Figure, words: str = "") -> str:
     cannot see it; else what its first axes show against what.
     """
     from matplotlib.colors import to_hex
-    from matplotlib.text import Text
 
-    for letters in figure.findobj(Text):
-        assert isinstance(letters, Text)
-        letters.set_fontsize(max(float(letters.get_fontsize()), MIN_PAGE_PT))
+    letters(figure, MIN_PAGE_PT)
     for patch in (figure.patch, *(axis.patch for axis in figure.axes)):
         if to_hex(patch.get_facecolor()) == "#ffffff":
             patch.set_facecolor("none")
@@ -118,6 +134,15 @@ def to_svg(figure: Figure, words: str = "") -> str:
     svg = re.sub(r'\bid="', f'id="{salt}-', svg)
     svg = re.sub(r"url\(#", f"url(#{salt}-", svg)
     return re.sub(r'href="#', f'href="#{salt}-', svg)
+
+
+def letters(figure: Figure, least_pt: float, most_pt: float = math.inf) -> None:
+    """Letters of a figure that are smaller or larger than that become so."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        text.set_fontsize(min(max(float(text.get_fontsize()), least_pt), most_pt))
 
 
 def legend_below(figure: Figure, axis: Axes) -> None:
@@ -230,6 +255,8 @@ def name_marks(
         taken.append(box)
 
 
+COLUMN_IN, BOTH_COLUMNS_IN = 3.5, 7.16  # of IEEE's two-column page
+SMALLEST_PT = 6.0
 FORMATS = ("svg", "pdf")
 _NO_DATE = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
@@ -237,23 +264,32 @@ _NO_DATE = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 def save(result: StudyResult, folder: Path) -> list[Path]:
     """Write NAME.svg and NAME.pdf of every figure into a folder; the files, in their order.
 
-    Letters are text with their font beside (SVG) or in the file (PDF): 7 points where a figure is
-    as wide as both columns of a paper. The same figure gives the same bytes each time. All are
-    drawn before the first is written. Raises MissingLibrary without the extra `report`, InputError
-    for a folder that cannot be, RunFailed when the disk refuses.
+    Letters are text with their font beside (SVG) or in the file (PDF), of 6 to 8 points. The same
+    figure gives the same bytes each time. All are drawn before the first is written. Raises
+    MissingLibrary without the extra `report`, InputError for a folder that cannot be, RunFailed
+    when the disk refuses.
     """
     from .study_folder import make
 
     drawn = {
         f"{one.name}.{kind}": as_bytes(figure, kind)
         for one in result.figures
-        for figure in (one.draw(),)
+        for figure in (draw(one),)
         for kind in FORMATS
     }
     make(folder)
     for name, data in drawn.items():
         write_whole(folder / name, data)
     return [folder / name for name in drawn]
+
+
+def draw(one: ReportFigure) -> Figure:
+    """A figure at the size of a paper, its titles broken where they would run over."""
+    with on_paper(COLUMN_IN if one.column else BOTH_COLUMNS_IN):
+        figure = one.draw()
+    letters(figure, SMALLEST_PT, PAPER_PT)
+    _break_titles(figure)
+    return figure
 
 
 def as_bytes(figure: Figure, kind: str) -> bytes:
@@ -269,3 +305,15 @@ def as_bytes(figure: Figure, kind: str) -> bytes:
     box = Bbox.union([Bbox([[0.0, 0.0], [width, height]]), figure.get_tightbbox()])
     figure.savefig(out, format=kind, metadata=_NO_DATE[kind], bbox_inches=box)
     return out.getvalue()
+
+
+def _break_titles(figure: Figure) -> None:
+    """Titles that are wider than what they stand above go on in the next line."""
+    figure.draw_without_rendering()
+    for axis in figure.axes:
+        width = axis.get_window_extent().width
+        for text in (axis.title, axis._left_title, axis._right_title):  # type: ignore[attr-defined]
+            words, wide = text.get_text(), text.get_window_extent().width
+            if words and wide > width and "$" not in words:
+                letters = max(8, int(len(words) * width / wide))
+                text.set_text("\n".join(textwrap.wrap(words, letters)))

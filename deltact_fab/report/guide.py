@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import math
 from collections.abc import Iterator, Sequence
@@ -30,7 +31,7 @@ from ..errors import MissingLibrary
 from ..patterns.quality import measure
 from ..patterns.recipe import RECOMMENDED, draw_patches, load_recipe
 from . import first_light
-from .templating import data_url, fixed, render, require_pages, save, table
+from .templating import fixed, render, require_pages, save, table
 from .verdict import Finding, verdict, warnings
 
 VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
@@ -69,8 +70,9 @@ GAPS = {"said": "the paper", "found": "what is found", "chosen": "what was chose
 class Pictures:
     """What the kernel adds to the page; empty without it, and `note` says why.
 
-    Data URLs: exploded, bench, parts (by name) and steps (by number), all SVG. model: a page in
-    which the exploded sensor is turned. ceilings: what of a printed part hangs, in words, by name.
+    Data URLs: exploded, bench, parts (by name) and steps (by number), all SVG. model: a page of its
+    own in which the exploded sensor is turned.
+    ceilings: what of a printed part hangs as it lies on the platform, in words, by name.
     """
 
     exploded: str = ""
@@ -97,10 +99,10 @@ def write(
 ) -> Path:
     """Write the guide of a design to one self-contained file; no part of it is fetched.
 
-    pictures: ready ones, instead of drawing them. Without the CAD kernel the page is written
-    without pictures and 3D view and says what to install. Raises InputError for a broken rule or a
-    count below 1, MissingLibrary without the extra `report` or shapely, RunFailed when a part
-    cannot be built or the disk refuses.
+    progress: called with (done, total, what). pictures: ready ones, instead of drawing them.
+    Without the CAD kernel the page is written without pictures and 3D view and says what to
+    install. Raises InputError for a broken rule or a count below 1, MissingLibrary without
+    the extra `report` or shapely, RunFailed when a part cannot be built or the disk refuses.
     """
     require_pages()
     extras.require("cad", "the guide's wiring diagram", "shapely")
@@ -281,9 +283,9 @@ def sticker(design: Design) -> PatternToPrint:
     left, top = (len(patches) - columns) // 2, (len(patches) - rows) // 2
     held = io.BytesIO()
     Image.fromarray(patches[top : top + rows, left : left + columns]).save(held, "PNG")
-    image = data_url("image/png", held.getvalue())
+    image = _data_url("image/png", held.getvalue())
     pairs = {
-        of: [data_url("image/jpeg", one) for one in pair]
+        of: [_data_url("image/jpeg", one) for one in pair]
         for of, pair in first_light.pairs(design, recipe).items()
     }
     bare, mm_per_px = recipe.model_copy(update={"dots": None}), design.optics.mm_per_px
@@ -333,4 +335,8 @@ def _figures(d: Design) -> dict[str, Any]:
 
 
 def _svg_url(svg: str) -> str:
-    return data_url("image/svg+xml", svg.encode())
+    return _data_url("image/svg+xml", svg.encode())
+
+
+def _data_url(kind: str, data: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"

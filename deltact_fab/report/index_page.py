@@ -7,7 +7,6 @@ import sqlite3
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from operator import attrgetter
 from pathlib import Path
 from urllib.parse import quote
 
@@ -97,7 +96,8 @@ def entries(folder: Path, seen_from: Path) -> list[Entry]:
             # Without the folder, which the row names already.
             line = text.replace(f"{place}/", "").replace(f"{place}: ", "")
             found.append(Entry(name, "study" if is_study else "run", link, "", line, "damaged:"))
-    return sorted(sorted(found, key=attrgetter("name")), key=attrgetter("date"), reverse=True)
+    found.sort(key=lambda entry: entry.name)
+    return sorted(found, key=lambda entry: entry.date, reverse=True)
 
 
 def _places(folder: Path) -> Iterator[tuple[Path, bool]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,7 +17,7 @@ from ..analysis.shape import ShapeResult
 from ..analysis.tracking_error import PAPER_BEST_MM, RULE, WRONG_MM, TrackingResult, percent
 from ..errors import InputError
 from . import figures, run_figures
-from .templating import data_url, render, save, table
+from .templating import render, save, table
 from .verdict import Finding, verdict, warnings
 
 SMALLER = 0.6  # pictures of presses stand side by side
@@ -240,5 +241,5 @@ def _thumbnail(run: record.Run, row: pd.Series[Any], caption: str) -> dict[str, 
         run.image(str(row["file"])), None, fx=SMALLER, fy=SMALLER, interpolation=cv2.INTER_AREA
     )
     # JPEG would smear the pattern.
-    png = record.encode_png(np.asarray(small, np.uint8))
-    return {"src": data_url("image/png", png), "caption": caption}
+    png = base64.b64encode(record.encode_png(np.asarray(small, np.uint8))).decode()
+    return {"src": f"data:image/png;base64,{png}", "caption": caption}

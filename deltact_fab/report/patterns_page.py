@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from .. import reading
 from ..errors import InputError
 from ..patterns.series import job as series
 from . import figures
-from .templating import data_url, named, render, require_pages, save, table
+from .templating import named, render, require_pages, save, table
 from .verdict import Finding, verdict
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def _view(folder: Path, name: str) -> str:
     file = folder / series.VIEWS / f"{name}.png"
     if not reading.is_file(file):
         raise InputError(f"{folder}: no series: {series.VIEWS}/{file.name} is missing")
-    return data_url("image/png", file.read_bytes())
+    return "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode()
 
 
 def _seen(row: dict[str, Any]) -> dict[str, Any]:

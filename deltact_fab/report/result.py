@@ -19,12 +19,14 @@ if TYPE_CHECKING:
 class ReportFigure:
     """A figure: name is its file's, caption one or two sentences, draw makes it with matplotlib.
 
-    draw takes its figure from `figures.blank`.
+    draw takes its figure from `figures.blank`, which makes it as wide as the page or the paper
+    wants it. column: in a paper one column is enough (3.5 in), else it takes both (7.16 in).
     """
 
     name: str
     caption: str
     draw: Callable[[], Figure]
+    column: bool = False
 
 
 @dataclass(frozen=True)

@@ -40,9 +40,9 @@ def prepared(one: ReportTable) -> dict[str, Any]:
 def ready(study: str, out: Path, figures_in: Path | None = None) -> None:
     """Say before a study begins, and not after hours, what keeps it from being written.
 
-    out: its folder; figures_in: that of its figures. Raises MissingLibrary without the extra
-    `report`, InputError for a folder that cannot be, or holds anything but an earlier one of this
-    study.
+    out: its folder; figures_in: that of `paper_figures.save`. Raises MissingLibrary without the
+    extra `report`, InputError for a folder that cannot be, or that holds anything but an earlier
+    one of this study.
     """
     require_pages()
     study_folder.make(out)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from collections.abc import Mapping, Sequence
 from numbers import Real
@@ -77,11 +76,6 @@ def fixed(value: float, digits: int = 1) -> str:
     """A number as it is read off a balance or a rule: fixed digits, no trailing zeros."""
     text = f"{value:.{digits}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
-
-
-def data_url(kind: str, data: bytes) -> str:
-    """A file inside a page; kind: as image/png."""
-    return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
 def cell(value: Any) -> str:

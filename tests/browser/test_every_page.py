@@ -193,7 +193,9 @@ def test_the_live_page_is_drawn_obeys_its_buttons_and_several_may_look(
     live_url: str, opened: Callable[..., Page], out_of_sight: Callable[[Page], list[str]]
 ) -> None:
     tab = opened(live_url)
-    tab.wait_for_function("() => /image [3-9]/.test(document.body.innerText)", timeout=60_000)
+    tab.wait_for_function(
+        r"() => /image ([3-9]|\d\d)/.test(document.body.innerText)", timeout=60_000
+    )
     tab.click("#pause")
     tab.wait_for_function(f"{STATE} == 'paused'")
     tab.wait_for_timeout(1000)  # what was under way is shown

@@ -43,7 +43,7 @@ def test_every_picture_is_drawn_and_the_model_turns(
     opened: Callable[..., Page], pages: Callable[[str], Path]
 ) -> None:
     tab = opened(pages("guide").as_uri(), 1100)
-    exploded, bench, wiring, casting = 1, 1, 1, 32
+    exploded, bench, wiring, casting = 1, 1, 1, 20
     pattern = 1 + 4  # and a good and a spoiled print and sensor
     steps = casting + len(guide.STEPS)
     assert len(tab.evaluate(IMAGES)) == (
