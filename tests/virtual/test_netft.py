@@ -129,14 +129,21 @@ def test_what_the_scene_cannot_answer_is_told_to_who_reads() -> None:
         sensor.read()
 
 
-def test_a_count_of_records_and_what_was_under_way_at_a_stop() -> None:
-    sensor, box, _, clock = bench()
-    box.send(COMMAND.pack(HEADER, STREAM, 5))
-    clock.sleep_s(0.1)
-    got = []
-    while data := box.receive(0.0):
-        got.append(int(np.frombuffer(data.payload, RECORD)["rdt"][0]))
-    assert got == [1, 2, 3, 4, 5]
+def test_a_box_in_error_sends_no_counts() -> None:
+    _, box, hand, clock = bench()
+    hand.wrench[:] = 1.0
+    box.faults.error = True
+    box.send(COMMAND.pack(HEADER, STREAM, 0))
+    clock.sleep_s(0.01)
+    data = box.receive(0.0)
+    assert data is not None
+    (record,) = np.frombuffer(data.payload, RECORD)
+    assert record["status"] & 0x80000000
+    assert not record["counts"].any()
+
+
+def test_what_was_under_way_at_a_stop_is_not_read_after_it() -> None:
+    sensor, _, _, clock = bench()
     sensor.start()
     clock.sleep_s(0.1)
     sensor.stop()

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from deltact_fab.errors import SolverError
 from deltact_fab.imaging import ImageSensor
-from deltact_fab.optics import LatticeSampler, Pinhole, PointSampler, SurfaceLattice
+from deltact_fab.optics import Pinhole, PointSampler, SurfaceLattice
 from deltact_fab.patterns import recipe_from_options
 from deltact_fab.rig.simulator import SimulatorConfig
 from deltact_fab.shapes import SensorDimensions
-from deltact_fab.virtual.drawing import printed, resting
+from deltact_fab.virtual.drawing import noise_of, printed, resting
 from deltact_fab.virtual.picture import FrameRenderer, Geometry, Texture
 
 CAMERA = Pinhole(0.0378, 160, 120, 12.85)
@@ -69,43 +69,6 @@ def test_image_axes_are_sensor_axes() -> None:
     assert abs(int(blue[60, 40]) - int(blue[60, 120])) <= 3
 
 
-@pytest.mark.slow
-def test_where_the_face_hides_a_part_of_itself_the_nearest_is_seen() -> None:
-    picture = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
-    u = bump(3.5)
-    at = picture.geometry.material_px(u)[1:-1, 1:-1].astype(float)
-    # All that could be seen, on a grid twelve times as fine as the pixels.
-    fine = np.arange(-3.9, 3.9, CAMERA.mm_per_px / 12)
-    x, y = (v.ravel() for v in np.meshgrid(fine, fine))
-    moved = LatticeSampler.make(LATTICE, fine, fine)(u).reshape(-1, 3)
-    points = np.column_stack((x, y, np.zeros_like(x))) + moved
-    projected = CAMERA.project_px(points)
-    pixel = np.rint(projected).astype(int)
-    kept = np.abs(projected - pixel).max(1) < 0.1
-    kept &= ((pixel >= 0) & (pixel < (CAMERA.width_px, CAMERA.height_px))).all(1)
-    foremost = np.full((CAMERA.height_px, CAMERA.width_px), np.inf)
-    np.minimum.at(foremost, (pixel[kept, 1], pixel[kept, 0]), points[kept, 2])
-    back = np.full_like(foremost, -np.inf)
-    np.maximum.at(back, (pixel[kept, 1], pixel[kept, 0]), points[kept, 2])
-
-    xy = CAMERA.rest_mm(at)
-    flat = xy.reshape(-1, 2)
-    seen = np.column_stack((flat, np.zeros(len(flat))))
-    seen += PointSampler(LATTICE, flat)(u)
-    landed = CAMERA.project_px(seen).reshape(at.shape)
-    rows, columns = np.mgrid[: CAMERA.height_px, : CAMERA.width_px]
-    missed_px = np.hypot(landed[..., 0] - columns, landed[..., 1] - rows)
-    depth_mm = seen[:, 2].reshape(foremost.shape)
-
-    several = back - foremost > 0.3  # mm
-    assert several.sum() > 1000
-    assert missed_px.max() < 0.1
-    # Pixels on the very edge of what hides see one or the other.
-    assert np.quantile((depth_mm - foremost)[several], 0.98) < 0.05
-    image = picture.render(u, np.random.default_rng(0))
-    assert image.shape == (CAMERA.height_px, CAMERA.width_px, 3)
-
-
 def test_a_face_turned_over_is_refused_not_drawn() -> None:
     x, _ = np.meshgrid(*nodes())
     mirrored = np.zeros((LATTICE.ny, LATTICE.nx, 3))
@@ -113,6 +76,12 @@ def test_a_face_turned_over_is_refused_not_drawn() -> None:
     picture = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
     with pytest.raises(SolverError, match="see no point of the surface"):
         picture.render(mirrored, np.random.default_rng(0))
+
+
+def test_each_press_of_each_seed_has_noise_of_its_own() -> None:
+    drawn = [noise_of(*of).random() for of in ((1, 1), (1, 2), (2, 1), (1, 1))]
+    assert len(set(drawn)) == 3
+    assert drawn[0] == drawn[3]
 
 
 def test_beside_a_small_sticker_is_bare_film_and_no_stripe() -> None:

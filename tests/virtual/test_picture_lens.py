@@ -72,22 +72,6 @@ def test_spots_are_drawn_where_the_lens_projects_them(pressed: bool) -> None:
         assert np.abs(off_px.mean(axis=0)).max() < 0.05
 
 
-def test_every_raw_pixel_sees_the_point_that_projects_there() -> None:
-    raw = RawView(LENS, VIEW)
-    picture = FrameRenderer(Geometry(raw, LATTICE), dots(np.zeros((1, 2))), NOISELESS)
-    u = bump(1.2)
-    columns, rows = np.meshgrid(np.arange(420.0), np.arange(340.0))
-    here = np.stack((columns, rows), -1)
-    seen = raw.look(picture.geometry.material_px(u))[1:-1, 1:-1]
-    held = raw.framed(np.dstack((seen, np.ones(seen.shape[:2], np.float32))))
-    drawn = held[..., 2] > 0
-    assert drawn.sum() > VIEW.width_px * VIEW.height_px
-    px, at_mm = here[drawn][::37], raw.flat.rest_mm(held[drawn][::37, :2].astype(float))
-    moved = np.column_stack((at_mm, np.zeros(len(at_mm)))) + PointSampler(LATTICE, at_mm)(u)
-    # What is left is linear interpolation, of the field and of what it gave.
-    assert np.abs(LENS.project_px(moved) - px).max() < 0.05
-
-
 def test_a_band_around_the_view_is_drawn_and_beyond_it_all_is_dark() -> None:
     white = Texture(np.ones((1601, 1601, 3), np.float32), TEXEL_MM)
     raw = RawView(LENS, VIEW)
