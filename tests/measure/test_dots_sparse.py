@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.measure.dots import DotTracker, find_dots, identity
 from deltact_fab.measure.dots import tracker as tracking
-from deltact_fab.measure.dots.skin import Skin
 
 MM_PER_PX = 0.0378
 W, H = 798, 586
@@ -81,6 +80,7 @@ def test_10_mm_of_shear_swaps_none(layout, make_bump, round_discs):
         moved = bump.scaled(k / n).displacement_px(rest)
         seen = tracker.update(picture(rest + moved, diameter_mm, k))
         assert errors_mm(seen, moved).max() <= 0.1
+        assert errors_mm(seen, moved).mean() <= 0.005
         assert seen.found[visible(rest + moved) & apart(rest + moved, diameter_mm)].all()
         # On a close layout the rings reach the next dots, which look alike everywhere
         assert np.isnan(seen.identity_ncc).all()
@@ -109,19 +109,6 @@ def test_10_mm_of_shear_and_back_with_dropouts_and_specks(seed, make_bump, round
     assert wrong == 0
     assert lost <= 0.002 * seen_at_all
     print(f"{wrong} wrong, {lost} lost of {seen_at_all}")
-
-
-def test_dark_dots_are_placed_to_5_um(make_bump):
-    rest = grid((2.2, 1.6), 13, 13)
-    bump = make_bump((430, 290), 140, shear_px=(35, 20), press_px=30)
-    tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
-    assert tracker.update(picture(rest, 0.6)).found.all()
-    for k in range(1, 5):
-        moved = bump.scaled(k / 4).displacement_px(rest)
-        seen = tracker.update(picture(rest + moved, 0.6, k))
-        assert seen.found.all()
-        assert errors_mm(seen, moved).mean() <= 0.005
-        assert np.isnan(seen.identity_ncc).all()
 
 
 def test_an_irregular_layout_of_unknown_size_is_found_and_followed(make_bump):
@@ -171,14 +158,6 @@ def test_a_glitch_is_survived_and_a_longer_gap_leaves_all_dots_lost():
         # A grid that nobody watched for a while may stand a pitch further on
         assert seen.found.all() if frames == 1 else not seen.found.any()
         assert not seen.found.any() or errors_mm(seen, np.tile([11.0, -9.0], (169, 1))).max() < 0.06
-
-
-def test_of_two_dots_that_changed_places_neither_is_believed():
-    rest = grid((2.2, 1.6), 5, 5)
-    position = rest.copy()
-    position[[12, 13]] = rest[[13, 12]]
-    Skin(rest).keep_order(position)
-    assert np.flatnonzero(np.isnan(position[:, 0])).tolist() == [12, 13]
 
 
 def test_a_skin_let_go_at_once_is_followed_home(make_bump):
