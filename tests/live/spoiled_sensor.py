@@ -127,24 +127,3 @@ def ring_without(led: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
         return light / whole.max()
 
     return of
-
-
-def soft(px_at: Callable[[np.ndarray, np.ndarray], np.ndarray], mm_per_px: float = 0.0378) -> Paint:
-    """Blur that grows from place to place, of a lens that stands askew."""
-
-    def paint(values, x, y):
-        sigmas = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
-        stack = [
-            values if s == 0 else cv2.GaussianBlur(values, (0, 0), s * mm_per_px / STEP_MM)
-            for s in sigmas
-        ]
-        at = np.clip(px_at(x, y), 0, 4.99)
-        low = at.astype(int)
-        part = (at - low)[..., None]
-        out = np.zeros_like(values)
-        for k in range(5):
-            here = (low == k)[..., None]
-            out = np.where(here, stack[k] * (1 - part) + stack[k + 1] * part, out)
-        return out
-
-    return paint

@@ -58,7 +58,6 @@ def errors_mm(seen: Any, moved: Any) -> Any:
 LAYOUTS = {
     "1 mm": (grid((1.0, 1.0), 28, 20), 0.4, 0.5),
     "1.6 mm": (grid((1.6, 1.6), 17, 13), 0.5, 1.0),
-    "3 mm": (grid((3.0, 3.0), 9, 7), 0.6, 1.0),
 }
 
 

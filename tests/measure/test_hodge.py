@@ -73,15 +73,6 @@ def test_a_harmonic_polynomial_is_all_h_to_rounding(name):
     assert np.abs(found.d).max() < 1e-9
 
 
-def test_the_lattice_green_function_has_one_source():
-    m, n = np.meshgrid(np.arange(-1, 80), np.arange(-1, 80))
-    g = hodge.lattice_green(m, n)
-    four = g[1:-1, 2:] + g[1:-1, :-2] + g[2:, 1:-1] + g[:-2, 1:-1] - 4 * g[1:-1, 1:-1]
-    four[0, 0] -= 1
-    assert np.abs(four).max() < 1e-7
-    assert g[2, 2] == pytest.approx(1 / np.pi, abs=1e-14)  # (1, 1), known in closed form
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_field_that_is_not_finite_has_no_parts(bad):
     field = np.zeros((8, 8, 2))

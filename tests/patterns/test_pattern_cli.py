@@ -188,23 +188,8 @@ def test_a_large_picture_without_a_recipe_is_one_line(run, tmp_path, monkeypatch
 
 
 def test_make_from_d_and_r_with_dots(run, tmp_path):
-    code, out, err = run(
-        *[
-            "make",
-            "-d",
-            "0.15",
-            "-r",
-            "0.1",
-            "--size",
-            "35",
-            "--seed",
-            "7",
-            "--dots",
-            "-o",
-            "out.png",
-            "--json",
-        ]
-    )
+    line = "-d 0.15 -r 0.1 --size 35 --seed 7 --dots -o out.png --json"
+    code, out, err = run("make", *line.split())
     assert (code, err) == (0, "")
     made = json.loads(out)
     assert made["files"] == ["out.png", "out.dots.csv"]

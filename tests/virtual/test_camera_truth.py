@@ -44,13 +44,10 @@ def random_design(seed: int) -> Design:
     )
 
 
-@pytest.mark.parametrize(
-    "seed",
-    [pytest.param(0, marks=pytest.mark.slow),
-     *(pytest.param(seed, marks=pytest.mark.evidence) for seed in range(1, 4))],
-)  # fmt: skip
-def test_a_random_design_is_calibrated_to_its_own_lens(seed: int, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_random_design_is_calibrated_to_its_own_lens(tmp_path: Path) -> None:
     """Through the fisheye rig: every parameter within three sigma of what drew (20 seeds did)."""
+    seed = 0
     design = random_design(seed)
     folder = tmp_path / "photos"
     take(FISHEYE, design, SKIN, folder, air=4, air_board=PLATE, seed=seed)

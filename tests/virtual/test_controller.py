@@ -189,26 +189,3 @@ def test_settings_are_read_back_and_take_effect() -> None:
     assert bench.say("$131=96\n$J=Y-95F100\n") == ["ok", "ok"]
     with pytest.raises(ValueError, match=r"no such GRBL setting: \$7"):
         Bench({7: 1})
-
-
-def test_faults_come_at_their_time() -> None:
-    bench = Bench().homed()
-    bench.say("$J=X-50F600\n")
-    bench.grbl.fault("limit", at_s=bench.clock.now_s() + 1)
-    assert bench.say("?", 0.9)[-1].startswith("<Jog|")
-    assert bench.say("", 0.2) == ["ALARM:1"]
-    assert bench.say(b"\x18", 1) == ["[MSG:Reset to continue]"]  # it came too early
-    assert bench.say(b"\x18") == [*BANNER, LOCK]
-
-    bench = Bench().homed()
-    bench.say("$J=X-50F600\n", 1)
-    bench.grbl.fault("silence")
-    assert bench.say("?", 60) == []
-    assert bench.grbl.position_mm()[0] == -50.0  # the cable is out, the jog ran on
-
-    bench = Bench().homed()
-    bench.say("$J=X-50F600\n", 1)
-    bench.grbl.fault("reboot")
-    assert bench.say("?", 2) == [*BANNER, LOCK]
-    assert bench.mpos() == (0.0, 0.0, 0.0)
-    assert bench.grbl.position_mm()[0] < -9

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from deltact_fab.imaging import GAMMA, ImageSensor
-from deltact_fab.optics import FaceMotion, Fisheye, PointSampler, Rectified, SurfaceLattice
+from deltact_fab.optics import Fisheye, PointSampler, Rectified, SurfaceLattice
 from deltact_fab.virtual.picture import FrameRenderer, Geometry, Texture
 from deltact_fab.virtual.raw_view import BAND_PX, RawView
 
@@ -99,16 +99,3 @@ def test_where_the_print_ends_it_is_dark() -> None:
     assert image[y, x].min() > 200
     x, y = LENS.rest_px(np.array([1.65, 0.0])).round().astype(int)
     assert image[y, x].max() == 0
-
-
-def test_the_spline_between_nodes_is_the_projection() -> None:
-    u = bump(1.5)
-    motion = FaceMotion(LATTICE, LENS.project_px)
-    at_mm = np.random.default_rng(0).uniform((-5, -4), (5, 4), (400, 2))
-    rest = np.column_stack((at_mm, np.zeros(400)))
-    moved = rest + PointSampler(LATTICE, at_mm)(u)
-    exact = LENS.project_px(moved) - LENS.project_px(rest)
-    assert np.abs(exact).max() > 30
-    assert np.abs(PointSampler(motion.lattice, at_mm)(motion(u)) - exact).max() < 1e-3
-    in_plane = PointSampler(motion.lattice, at_mm)(motion.displaced(u))
-    np.testing.assert_allclose(in_plane, PointSampler(LATTICE, at_mm)(u), atol=1e-12)

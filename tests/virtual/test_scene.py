@@ -214,6 +214,7 @@ def test_a_face_below_the_floor_is_kept_on_it_and_flagged() -> None:
     assert below.force_n == above.force_n
 
 
+@pytest.mark.slow
 def test_a_rest_of_several_knots_is_followed_and_is_over_when_the_next_line_starts() -> None:
     """Looked at one by one or all at once, the force goes through every knot of the rest."""
     gel = GelMaterial(1.0, prony=((1.0, 2.0),))
