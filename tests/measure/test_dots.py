@@ -78,46 +78,6 @@ def test_a_blank_or_unrelated_image_finds_nothing_and_the_next_one_recovers(smal
     assert tracker.update(small.picture(None, 7)).found.all()
 
 
-def plain(positions: Any) -> Any:
-    """White dots on grey, in uneven light: no colours to identify them by."""
-    image = np.full((320, 400), 90.0)
-    for px, py in positions:
-        left, top = int(px) - 10, int(py) - 10
-        y, x = np.mgrid[top : top + 22, left : left + 22]
-        cover = np.clip(DIAMETER_PX / 2 + 0.5 - np.hypot(x - px, y - py), 0, 1)
-        image[top : top + 22, left : left + 22] += (240 - 90) * cover
-    image *= np.linspace(1.0, 0.6, 400)
-    return np.repeat(np.round(image).astype(np.uint8)[..., None], 3, axis=2)
-
-
-def test_without_colours_the_order_of_the_neighbours_is_kept(small):
-    rest = small.rest_px
-    tracker = DotTracker(rest, DIAMETER_PX)
-    first = tracker.update(plain(rest))
-    assert first.found.all()
-    assert np.isnan(first.identity_ncc).all()
-    assert np.abs((first.position_px - rest).mean(axis=0)).max() < 0.1
-    moved = tracker.update(plain(rest + np.array([6.0, -4.0])))
-    assert moved.found.all()
-    assert moved.displacement_px == pytest.approx(np.tile([6.0, -4.0], (49, 1)), abs=0.05)
-    # Two neighbours walk around each other, which no skin can do: following each by nearness
-    # would report an exchange as a motion of one pitch.
-    tracker = DotTracker(rest, DIAMETER_PX)
-    tracker.update(plain(rest))
-    a, b = 24, 31
-    middle, half = (rest[a] + rest[b]) / 2, (rest[a] - rest[b]) / 2
-    for angle in np.linspace(0, np.pi, 19)[1:]:
-        c, s = np.cos(angle), np.sin(angle)
-        arm = np.array([c * half[0] - s * half[1], s * half[0] + c * half[1]])
-        now = rest.copy()
-        now[a], now[b] = middle + arm, middle - arm
-        seen = tracker.update(plain(now))
-    for dot in (a, b):
-        assert not seen.found[dot] or np.hypot(*seen.displacement_px[dot]) < 2.0
-    others = np.delete(np.arange(49), [a, b])
-    assert np.hypot(*seen.displacement_px[others][seen.found[others]].T).max() < 1.0
-
-
 def test_a_first_image_without_the_dots_is_an_error(small, make_scene):
     without = make_scene(400, 320, dots=False).picture()
     for image in (without, np.zeros((320, 400, 3), np.uint8)):

@@ -62,14 +62,6 @@ def test_every_sample_comes_once_with_its_own_time(rate_hz: float) -> None:
     assert fz_n == pytest.approx(-2.0 * t_ns / 1e9, abs=2e-6)
 
 
-def test_bias_takes_away_what_pulls_when_nothing_touches() -> None:
-    sensor, _, hand, _ = bench()
-    hand.wrench = np.array([0.3, 0.0, -0.2, 0.0, 0.0, 0.0])
-    sensor.begin("p1")
-    hand.wrench = np.array([0.3, 0.0, -2.2, 0.0, 0.0, 0.0])
-    assert sensor.read().force_n[-1] == pytest.approx((0.0, 0.0, -2.0), abs=1e-6)
-
-
 def test_out_of_range_is_flagged_and_clipped_as_the_box_does() -> None:
     sensor, _, hand, clock = bench()
     hand.growth = np.array([0.0, 0.0, -50.0, 0.0, 0.0, 0.0])
