@@ -37,8 +37,8 @@ class Lens:
     """A lens above air, plate and gel.
 
     law: of the radius. p1, p2: decentring (Brown's, in focal lengths). aspect: a pixel's height
-    over its width. shift_mm: of the pupil, back along the axis, at an angle. turn: 3 x 3, from the
-    lens's axes to the sensor's. layers: (thickness in mm, index) from the pupil to the face.
+    over its width. shift_mm: of the pupil, back along the axis, at an angle.
+    layers: (thickness in mm, index) from the pupil to the face.
     """
 
     f_px: float = 388.0
@@ -49,13 +49,11 @@ class Lens:
     p2: float = 0.0
     aspect: float = 1.0
     shift_mm: Law | None = None
-    turn: tuple[tuple[float, ...], ...] = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
-    pupil_mm: tuple[float, float] = (0.0, 0.0)
     layers: tuple[tuple[float, float], ...] = ((3.0, 1.0), (2.0, 1.49), (12.0, 1.41))
 
     def image_px(self, direction: Field) -> Field:
         """Where rays (..., 3) that leave the scene for the pupil meet the image."""
-        x, y, z = np.moveaxis(direction @ np.array(self.turn), -1, 0)
+        x, y, z = np.moveaxis(direction, -1, 0)
         across = np.hypot(x, y)
         radius = self.law(np.arctan2(across, z))
         gain = radius / np.maximum(across, 1e-300)
@@ -72,7 +70,7 @@ class Lens:
         beyond: its index (1.0 for a board in air). The angle in air is bisected.
         """
         (gap, _), *plates = self.layers
-        offset = xyz_mm[..., :2] - self.pupil_mm
+        offset = xyz_mm[..., :2]
         reach = np.linalg.norm(offset, axis=-1)
         z = xyz_mm[..., 2]
         layers = (
@@ -111,9 +109,8 @@ class Lens:
         radius = np.linalg.norm(at, axis=-1)
         angle = np.interp(radius, radii[:rises], table[:rises], right=np.nan)
         way = at / np.maximum(radius, 1e-300)[..., None]
-        lens = np.concatenate((way * np.sin(angle)[..., None], np.cos(angle)[..., None]), -1)
-        d = lens @ np.array(self.turn).T
-        reached, index = np.broadcast_to(np.array(self.pupil_mm), px.shape), 1.0
+        d = np.concatenate((way * np.sin(angle)[..., None], np.cos(angle)[..., None]), -1)
+        reached, index = np.zeros_like(px), 1.0
         for k, (thickness, n) in enumerate(self.layers):
             # Snell for vectors at a plane normal to z: the part along the plane is scaled.
             flat = d[..., :2] * (index / n)
@@ -167,8 +164,7 @@ def true_motion_mm(lens: Lens, motion: Motion, xy_mm: Field) -> Field:
 class Imaging:
     """What the camera does; edge_to_centre: of the LED light (1 is even), side: from one side.
 
-    mosaic: a cv2 demosaic code's name or "" for three chips. jpeg: quality or 0 for none;
-    subsampling: Pillow's, 0 is 4:4:4, 2 is 4:2:0.
+    demosaic: a cv2 code's name. jpeg: quality of one with halved colours (4:2:0), or 0 for none.
     """
 
     edge_to_centre: float = 1.3
@@ -178,7 +174,6 @@ class Imaging:
     sharpening: float = 0.5
     noise: float = 0.006
     jpeg: int = 85
-    subsampling: int = 2
 
     def develop(self, light: Field, rng: np.random.Generator) -> NDArray[np.uint8]:
         """Linear RGB (h, w, 3) of 0 to 1 to the BGR image that a program gets."""
@@ -189,22 +184,17 @@ class Imaging:
         light = light.astype(np.float32) * (0.75 * glow / glow.max()).astype(np.float32)
         inner, outer = (cv2.GaussianBlur(light, (0, 0), s) for s in self.blur_px)
         light = inner + (outer - inner) * r2.astype(np.float32)
-        if self.demosaic:
-            raw = np.empty((h, w), np.float32)
-            for row, column, ink in ((0, 0, 2), (0, 1, 1), (1, 0, 1), (1, 1, 0)):
-                raw[row::2, column::2] = light[row::2, column::2, ink]
-            eight = self._coded(raw, rng)
-            bgr = cv2.cvtColor(eight, getattr(cv2, self.demosaic)).astype(np.float32)
-        else:
-            bgr = self._coded(np.ascontiguousarray(light[..., ::-1]), rng).astype(np.float32)
+        raw = np.empty((h, w), np.float32)
+        for row, column, ink in ((0, 0, 2), (0, 1, 1), (1, 0, 1), (1, 1, 0)):
+            raw[row::2, column::2] = light[row::2, column::2, ink]
+        eight = self._coded(raw, rng)
+        bgr = cv2.cvtColor(eight, getattr(cv2, self.demosaic)).astype(np.float32)
         bgr += self.sharpening * (bgr - cv2.GaussianBlur(bgr, (0, 0), 1.0))
         image = np.clip(np.rint(bgr), 0, 255).astype(np.uint8)
         if not self.jpeg:
             return image
         packed = io.BytesIO()
-        Image.fromarray(image[..., ::-1]).save(
-            packed, "JPEG", quality=self.jpeg, subsampling=self.subsampling
-        )
+        Image.fromarray(image[..., ::-1]).save(packed, "JPEG", quality=self.jpeg, subsampling=2)
         return np.ascontiguousarray(np.asarray(Image.open(packed))[..., ::-1])
 
     def _coded(self, light: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:

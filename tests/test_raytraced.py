@@ -12,9 +12,6 @@ from raytraced import LAWS, Lens, Motion, true_motion_mm
 
 LENSES = {
     "plain": Lens(),
-    "turned": Lens(
-        turn=((1, 0, 0), (0, 0.9996**0.5, -0.02), (0, 0.02, 0.9996**0.5)), pupil_mm=(0.3, -0.2)
-    ),
     "decentred": Lens(law=LAWS["seventh order -"], p1=0.0012, p2=-0.0008, aspect=1.0015),
     "moving pupil": Lens(shift_mm=lambda t: 0.3 * t**2 + 0.1 * t**4),
 }

@@ -7,8 +7,6 @@ import scipy.sparse as sp
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import SolverError
 from deltact_fab.gel.finite import FinitePress, block_mesh
-from deltact_fab.gel.finite.descent import descend
-from deltact_fab.gel.finite.problem import Equilibrium
 from deltact_fab.gel.finite.surface import FrictionGrip
 from deltact_fab.shapes import SkinDimensions, indenter
 
@@ -87,22 +85,6 @@ def test_friction_with_a_held_bound_has_a_potential(points):
 
 
 @pytest.mark.slow
-def test_down_the_energy_is_a_minimum():
-    """From far off: the energy falls, what is left is little, and Newton's method ends it there."""
-    press = pressing("edges", block_mesh(SKIN, 2.5))
-    tip = np.array([0.0, 0.0, 4.0])
-    at = Equilibrium(press.bulk, press.surface, tip, None, None, 1e-3)
-    start = np.zeros(press.pattern.size)
-    before = at.evaluate(start, None, False, True)
-    found = descend(at, start, press.solver, press.pattern, press._rest_data, 2.0)
-    after = at.evaluate(found.free_mm, None, True, True)
-    assert after.energy_nmm < 0.5 * before.energy_nmm
-    assert found.residual <= 1e-4
-    press.solver.factorise(press.pattern.matrix(after.data))
-    assert press.solver.negative == 0
-
-
-@pytest.mark.slow
 def test_a_sharp_tip_is_met_at_more_points():
     """A face that wraps an edge is stretched: between 2 x 2 points the tip stands deep inside."""
     mesh = block_mesh(SKIN, 2.0, (-5.0, 5.0, -5.0, 5.0))
@@ -130,16 +112,6 @@ def test_a_centred_press_is_mirror_symmetric_and_carried_by_the_base():
 
 
 @pytest.mark.slow
-def test_a_full_unload_leaves_nothing():
-    press = pressing(mesh=FOCUS, friction=0.5)
-    deep = last(press, press.rest(), (0.0, 0.0, 4.0))
-    for back in (0.0, -1.0):
-        free = press.solve(deep, (0.0, 0.0, back))
-        assert np.abs(free.displacement_mm).max() < 1e-8
-        assert np.abs(free.force_n).max() < 1e-8
-
-
-@pytest.mark.slow
 def test_a_drag_goes_on_where_the_gel_folds():
     """Ahead of the indenter the equilibrium ends; a way down the energy finds the next one."""
     press = pressing("edges", block_mesh(SKIN, 2.5), friction=0.5)
@@ -160,25 +132,8 @@ def test_a_drag_goes_on_where_the_gel_folds():
 
 
 @pytest.mark.slow
-def test_a_tip_that_hides_between_the_points_is_an_error():
-    press = pressing("sphere:0.5")
-    with pytest.raises(SolverError, match="hides between"):
-        press.solve(press.rest((1.0, 1.0, 0.0)), (1.0, 1.0, 0.2))
-
-
-@pytest.mark.slow
 def test_what_does_not_converge_is_an_error_and_no_number():
     press = pressing(mesh=ROUGH)
     press.tolerance = 1e-30
     with pytest.raises(SolverError, match="halvings of the increment"):
         press.solve(press.rest(), (0.0, 0.0, 1.0))
-
-
-@pytest.mark.slow
-def test_every_solver_gives_the_same_press():
-    pytest.importorskip("pypardiso")
-    forces = []
-    for name in ("pardiso", "superlu"):
-        press = pressing(mesh=ROUGH, solver=name, friction=0.5)
-        forces.append(last(press, press.rest(), (0.0, 0.0, 3.0)).force_n)
-    assert forces[0] == pytest.approx(forces[1], rel=1e-5, abs=1e-5)

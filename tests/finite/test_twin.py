@@ -74,22 +74,6 @@ def test_the_twin_has_converged(twin):
     assert max(s.penetration_mm for s in twin) <= 1.1e-5
 
 
-@pytest.mark.evidence
-def test_the_twins_friction_is_a_third_codes():
-    """felupe with friction 1 adds .4 % of force at 1 mm and 2.3 % at 2 mm; steps count little."""
-    body = cylinder(0.7, RADIUS, THICKNESS)
-    free = body.press(SPHERE, [1.0, 2.0])
-    long, short = (
-        body.press(SPHERE, [1.0, 2.0], step_mm=s, friction=1.0, closed_mm=1e-4) for s in (0.2, 0.1)
-    )
-    more = [s.force_n / f.force_n - 1 for s, f in zip(short, free, strict=True)]
-    assert more == pytest.approx([0.004, 0.023], abs=0.009)
-    assert [s.force_n for s in long] == pytest.approx([s.force_n for s in short], rel=2e-3)
-    # Half the friction is enough to stick nearly everywhere, and nothing is no friction at all.
-    half = body.press(SPHERE, [1.0, 2.0], step_mm=0.1, friction=0.5, closed_mm=1e-4)
-    assert [s.force_n for s in half] == pytest.approx([s.force_n for s in short], rel=3e-3)
-
-
 # -- what `gel press` states --------------------------------------------------------------------
 
 

@@ -124,32 +124,6 @@ def test_an_increment_that_is_cut_shares_its_time(monkeypatch):
     assert (cut.overstress_mpa == right.overstress_mpa).all()
 
 
-def test_a_shear_held_lets_go():
-    press = pressing(friction=0.5)
-    state = press.solve(last(press, np.inf, (0.0, 0.0, 2.0)), (1.0, 0.0, 2.0), 0.0)
-    pulls = [state.force_n[0]]
-    for seconds in (0.1, 1.0, 10.0):
-        state = press.solve(state, (1.0, 0.0, 2.0), seconds)
-        pulls.append(state.force_n[0])
-    assert pulls[0] > 1.3 * pulls[-1] > 0
-    assert (np.diff(pulls) < 0).all()
-
-
-def test_an_elastic_gel_keeps_and_computes_nothing(monkeypatch):
-    press = pressing(SOFT)
-    assert press.viscosity is None
-    seen = []
-    evaluate = press.bulk.evaluate
-    monkeypatch.setattr(
-        press.bulk, "evaluate", lambda *a, **k: (seen.append((a, k)), evaluate(*a, **k))[1]
-    )
-    one, two = last(press, None, (0.0, 0.0, 1.0)), last(press, 3.0, (0.0, 0.0, 1.0))
-    assert one.overstress_mpa is None
-    assert seen
-    assert all(len(a) <= 3 and k.get("memory") is None for a, k in seen)
-    assert one.displacement_mm.tobytes() == two.displacement_mm.tobytes()
-
-
 def test_a_relaxing_gel_needs_the_time():
     press = pressing()
     with pytest.raises(InputError, match="needs the seconds"):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-import half_space
 import numpy as np
 import pytest
 
+from deltact_fab.aliases import Field
 from deltact_fab.elasticity.block import FreeBlock
 from deltact_fab.elasticity.closed_forms import flat_punch_n_per_mm
 from deltact_fab.elasticity.layer import BondedLayer
@@ -56,6 +56,37 @@ def sheared(face: FreeBlock) -> ContactState:
 # -- against references ------------------------------------------------------------------------
 
 
+def cattaneo_shift_mm(
+    shear_n: float, normal_n: float, radius_mm: float, material: GelMaterial, friction: float
+) -> float:
+    """Tangential shift of a rigid sphere on a half-space under Q <= mu N (Cattaneo, Mindlin).
+
+    3 mu N (2 - nu)/(16 G a) (1 - (1 - Q/(mu N))^(2/3)) (Johnson, Contact Mechanics, 7.2). It
+    neglects the slip across the load and, unless nu = .5, the coupling of normal and tangential.
+    """
+    limit = friction * normal_n
+    full = 3 * limit * (2 - material.poisson) / (16 * material.shear_modulus_mpa * radius_mm)
+    return full * (1 - (1 - shear_n / limit) ** (2 / 3))
+
+
+def cattaneo_stick_radius_mm(
+    shear_n: float, normal_n: float, contact_radius_mm: float, friction: float
+) -> float:
+    """Radius of the stick zone, a (1 - Q/(mu N))^(1/3)."""
+    return contact_radius_mm * (1 - shear_n / (friction * normal_n)) ** (1 / 3)
+
+
+def cattaneo_traction_mpa(
+    r_mm: Field, contact_radius_mm: float, stick_radius_mm: float, normal_n: float, friction: float
+) -> Field:
+    """Shear traction along the load: mu p(a) less its copy on the stick zone; shape of r_mm."""
+    a, c = contact_radius_mm, stick_radius_mm
+    peak = friction * 3 * normal_n / (2 * math.pi * a**2)
+    outer = np.sqrt(np.maximum(0.0, 1 - r_mm**2 / a**2))
+    inner = c / a * np.sqrt(np.maximum(0.0, 1 - r_mm**2 / c**2)) if c > 0 else 0.0
+    return peak * (outer - inner)
+
+
 def test_flat_punch_converges_at_first_order() -> None:
     """A sharp contact edge is off by about a tenth of a cell in radius; two grids cancel that."""
     material, h, a, period = GelMaterial(poisson=0.3), 5.0, 3.0, 30.0
@@ -98,18 +129,18 @@ def test_partial_slip_against_cattaneo_and_mindlin() -> None:
     moved = layer.apply(traction)[n // 2 - 1 : n // 2 + 1, n // 2 - 1 : n // 2 + 1, 0].mean()
     on_half_space = math.pi * a * 1.5 / (8 * material.shear_modulus_mpa)
     extra = (moved - on_half_space) / (traction[..., 0].sum() * layer.cell_mm2)
-    full = half_space.cattaneo_shift_mm(mu * normal, normal, a, material, mu) + extra * mu * normal
+    full = cattaneo_shift_mm(mu * normal, normal, a, material, mu) + extra * mu * normal
     for share in (0.2, 0.4, 0.6, 0.8):
         state = contact.solve(state, (share * full, 0.0, depth))
         shear = state.force_n[0]
-        expected = half_space.cattaneo_shift_mm(shear, normal, a, material, mu) + extra * shear
+        expected = cattaneo_shift_mm(shear, normal, a, material, mu) + extra * shear
         assert share * full == pytest.approx(expected, rel=0.01)
         size = np.hypot(state.shear_mpa[..., 0], state.shear_mpa[..., 1])
         stick = size < mu * state.pressure_mpa * (1 - 1e-6)
         found = math.sqrt(stick.sum() * layer.cell_mm2 / math.pi)
-        radius = half_space.cattaneo_stick_radius_mm(shear, normal, a, mu)
+        radius = cattaneo_stick_radius_mm(shear, normal, a, mu)
         assert found == pytest.approx(radius, abs=layer.spacing_mm[0] / 2)
-        q = half_space.cattaneo_traction_mpa(r, a, radius, normal, mu)
+        q = cattaneo_traction_mpa(r, a, radius, normal, mu)
         assert np.linalg.norm(state.shear_mpa[..., 0] - q) < 0.05 * np.linalg.norm(q)
 
 
@@ -169,12 +200,6 @@ def test_force_signs_and_mirror(face: FreeBlock, sheared: ContactState) -> None:
     assert np.abs(back.displacement_mm - flip).max() < 1e-5
 
 
-def test_gross_sliding_is_friction_times_normal(face: FreeBlock) -> None:
-    contact = LinearContact(face, SPHERE, friction=0.3)
-    state = along(contact, (0, 0, DEPTH_MM), (1.5, 0, DEPTH_MM))
-    assert state.force_n[0] == pytest.approx(-0.3 * state.force_n[2], rel=1e-3)
-
-
 def test_unloading_leaves_nothing_and_forgets(face: FreeBlock) -> None:
     contact = LinearContact(face, SPHERE)
     state = along(contact, (0, 0, 1.0), (0.3, 0, 1.0), (0.3, 0, 0.0))
@@ -207,20 +232,6 @@ def test_a_drag_without_friction_has_no_history(face: FreeBlock) -> None:
     dragged = along(contact, (0, 0, 0.8), (2.0, 0, 0.8))
     fresh = along(contact, (2.0, 0, 0.8))
     assert dragged.force_n == pytest.approx(fresh.force_n, rel=1e-5)
-    slippery = along(LinearContact(face, SPHERE, friction=1e-3), (0, 0, 0.8), (2.0, 0, 0.8))
-    assert slippery.force_n[2] == pytest.approx(fresh.force_n[2], rel=1e-3)
-
-
-def test_lifting_lets_go_of_the_drag(face: FreeBlock) -> None:
-    contact = LinearContact(face, SPHERE)
-    state = along(contact, (0, 0, DEPTH_MM), (1.0, 0, DEPTH_MM))
-    most = np.abs(state.drag_mm).max()
-    for depth in (0.8, 0.4, 0.1):
-        state = along(contact, (1.0, 0, depth), start=state)
-        less = np.abs(state.drag_mm).max()
-        assert less < most
-        most = less
-    assert most < 0.1
 
 
 # -- what is not asked, and what is refused ----------------------------------------------------
@@ -281,3 +292,25 @@ def test_too_few_iterations_is_an_error_not_a_number(
     monkeypatch.setattr(complementarity, "MAX_ITERATIONS", 3)
     with pytest.raises(SolverError, match="not converged after 3"):
         contact.solve(contact.rest(), (0, 0, 1.0))
+
+
+# -- the references themselves: a published table
+
+POISSON = (0.3, 0.4, 0.45, 0.5)
+# Flat punch on a bonded layer; Hayes et al. (J. Biomech. 5, 1972) agree to .3 % for a/h <= 1.
+FACTORS = {
+    0.2: (1.2066, 1.2323, 1.2523, 1.2806),
+    0.6: (1.7848, 1.9178, 2.0328, 2.2129),
+    1.0: (2.4835, 2.7938, 3.0914, 3.6187),
+    2.0: (4.3532, 5.2985, 6.4206, 9.1495),
+}
+
+
+@pytest.mark.parametrize("ratio", FACTORS)
+def test_flat_punch_table(ratio: float) -> None:
+    """kappa in 4 G a kappa/(1 - nu)."""
+    found = [
+        flat_punch_n_per_mm(ratio, 1.0, GelMaterial(2 * (1 + nu), nu)) * (1 - nu) / (4 * ratio)
+        for nu in POISSON
+    ]
+    assert [round(f, 4) for f in found] == list(FACTORS[ratio])

@@ -32,13 +32,6 @@ def test_one_curve_serves_every_modulus(monkeypatch: pytest.MonkeyPatch) -> None
     assert curve(0.56).force_n.tobytes() == one.force_n.tobytes()
 
 
-def test_a_deeper_curve_has_the_same_numbers_on_the_way() -> None:
-    deep, short = curve(deepest=4.0), curve(deepest=3.4)
-    n = len(short.depth_mm)
-    assert short.depth_mm[-1] == 3.5
-    assert short.force_n.tobytes() == deep.force_n[:n].tobytes()
-
-
 def test_smooth_and_rising_from_zero() -> None:
     c = curve()
     d = np.linspace(-0.5, 4.0, 901)

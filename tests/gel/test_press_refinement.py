@@ -226,30 +226,6 @@ def test_a_press_that_no_mesh_ends_in_time_is_refused_and_one_is_flagged() -> No
 
 
 @pytest.mark.slow
-def test_a_start_from_a_coarser_mesh_changes_the_work_and_not_the_answer() -> None:
-    from deltact_fab.gel.open import contact_of
-
-    skin, ball, gel = SkinDimensions(), parse("sphere:15"), GelMaterial()
-    choice = pick(skin, gel, ball, Reach(deepest_mm=1.5), level="hyperelastic", spacing_mm=1.5)
-    contacts = [contact_of(skin, gel, ball, choice.times(k)) for k in (1.5, 1.0)]
-
-    def way(contact: Any, like: Any = ()) -> list[Any]:
-        rest = contact.rest()
-        guide, states = contact.guide(like), [rest]
-        for k in range(1, 5):
-            states.append(contact.solve(states[-1], (0.0, 0.0, 1.5 * k / 4), 0.0, guide))
-        return states
-
-    coarse = way(contacts[0])
-    alone, led = way(contacts[1]), way(contacts[1], coarse)
-    assert len(alone) == len(led)
-    for a, b in zip(alone[1:], led[1:], strict=True):
-        assert b.force_n[2] == pytest.approx(a.force_n[2], rel=1e-6)
-    work = [sum(s.inner.diagnostics.factorisations for s in w) for w in (alone, led)]
-    assert work[1] < 0.7 * work[0]
-
-
-@pytest.mark.slow
 def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> None:
     from deltact_fab.gel.finite.gel import lacking_n
     from deltact_fab.gel.open import contact_of

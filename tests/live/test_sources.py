@@ -36,31 +36,12 @@ def pictures(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.fixture
-def video(tmp_path: Path) -> Path:
-    """Six frames at 25 Hz."""
-    file = tmp_path / "film.avi"
-    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MJPG"), 25, (64, 48))
-    for k in range(6):
-        writer.write(np.full((48, 64, 3), 40 * k, np.uint8))
-    writer.release()
-    return file
-
-
 def test_images_of_a_folder_come_in_the_order_of_their_numbers(
     pictures: Path, pinhole: Path
 ) -> None:
     frames = list(images(open_source(str(pictures), pinhole)))
     assert [int(f.image[0, 0, 0]) for f in frames] == [20 * k for k in range(12)]
     assert np.all(np.diff([f.t_s for f in frames]) > 0)
-
-
-def test_a_video_gives_every_frame_at_its_time(video: Path, pinhole: Path) -> None:
-    source = open_source(str(video), pinhole)
-    frames = list(images(source))
-    assert [f.t_s for f in frames] == pytest.approx(np.arange(6) / 25)
-    assert [round(float(f.image.mean()) / 40) for f in frames] == list(range(6))
-    assert not source.live
 
 
 def test_a_run_knows_its_camera_pattern_and_seed_and_gives_raw_images(mini_run: Path) -> None:

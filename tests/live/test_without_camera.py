@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+import threading
+import time
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from called import called, started
+from called import called
 from numpy.typing import NDArray
 
 from deltact_fab import catalog
@@ -123,30 +125,26 @@ def test_a_scale_gives_mm_and_what_needs_a_camera_is_one_line(tmp_path: Path) ->
         assert says in done.stderr
 
 
-WRITER = """
-import sys, time
-from pathlib import Path
-import cv2, numpy as np
-folder, n, end = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
-face = np.load(folder.parent / "face.npy")
-for k in range(n):
-    data = cv2.imencode(".png", np.roll(face, k % 3, axis=1))[1].tobytes()
-    with (folder / f"{k}.png").open("wb", buffering=0) as out:
-        out.write(data[: len(data) // 2])
-        time.sleep(0.01)
-        out.write(data[len(data) // 2 :])
-if end == "half":
-    (folder / f"{n}.png").write_bytes(data[: len(data) // 2])
-"""
+def write(folder: Path, n: int, end: str) -> None:
+    """Each image in two halves, and half a one more."""
+    for k in range(n):
+        data = cv2.imencode(".png", np.roll(speckle()[:72, :96], k % 3, axis=1))[1].tobytes()
+        with (folder / f"{k}.png").open("wb", buffering=0) as out:
+            out.write(data[: len(data) // 2])
+            time.sleep(0.01)
+            out.write(data[len(data) // 2 :])
+    if end == "half":
+        (folder / f"{n}.png").write_bytes(data[: len(data) // 2])
 
 
 @pytest.mark.parametrize(("end", "code"), [("silence", 0), ("half", 1)])
 def test_a_folder_in_the_making_is_measured_to_its_end(end: str, code: int, tmp_path: Path) -> None:
     folder, n = tmp_path / "images", 12
     folder.mkdir()
-    np.save(tmp_path / "face.npy", speckle()[:72, :96])
-    with started("-c", WRITER, str(folder), str(n), end):
-        done = called("measure", str(folder), "--follow", "8", "--jsonl")
+    writer = threading.Thread(target=write, args=(folder, n, end))
+    writer.start()
+    done = called("measure", str(folder), "--follow", "2", "--jsonl")
+    writer.join()
     told = [json.loads(line) for line in done.stdout.splitlines()]
     assert [row["frame"] for row in told] == list(range(n))
     assert [round(row["motion_median_px"]) for row in told] == [k % 3 for k in range(n)]

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-import benchmarks.renewal
 from deltact_fab.errors import InputError
 from deltact_fab.measure.flow import (
     FLOW_METHODS,
@@ -118,25 +117,6 @@ def test_a_fill_continues_what_its_neighbours_do(monkeypatch):
     assert off_px(out, truth)[~kept].mean() < 0.5 * off_px(flat, truth)[~kept].mean()
 
 
-# Far
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("n", [5, 10])
-def test_no_confident_pixel_is_off_by_a_pixel_after_121_px(n, make_scene, make_bump):
-    bump = make_bump((400, 290), 150, shear_px=(109, 52.5))
-    truth = bump.flow_px(586, 798)
-    assert np.hypot(*np.moveaxis(truth, -1, 0)).max() == pytest.approx(121, abs=0.5)
-    scene = make_scene(798, 586, patch_mm=0.1, margin=120)
-    images = [scene.picture(), *(scene.picture(bump.scaled(k / n), k) for k in range(1, n + 1))]
-    last = follow(images)[-1]
-    error = off_px(last.flow_px, truth)
-    print(f"mean {error[last.confident].mean():.3f} max {error[last.confident].max():.2f} px")
-    assert error[last.confident].max() <= 1.0
-    assert last.confident[last.visible].mean() >= 0.95
-    assert last.diagnostics.trusted
-
-
 # Contract
 
 
@@ -174,10 +154,6 @@ def test_every_name_is_a_tracker():
         named_tracker("fused/statik")
     with pytest.raises(InputError, match=r"'anchored' of 'dis-fast'.*valid: composed"):
         named_tracker("dis-fast/anchored")
-    with pytest.raises(InputError, match="flow method 'dis-medum': unknown; did you mean"):
-        FlowTracker("dis-medum")
-    with pytest.raises(InputError, match=r"flow reference 'compose' of 'fused'.*did you mean"):
-        FlowTracker(reference="compose")
 
 
 def test_the_paper_renews_when_the_image_warped_back_differs(make_scene, make_bump):
@@ -206,11 +182,3 @@ def test_trackers_share_a_flow_where_they_are_told_to_and_only_there(
         assert len(calls) == most
         calls.clear()
     assert np.array_equal(*found)
-
-
-@pytest.mark.slow
-def test_the_rule_can_fire_on_every_pattern_of_the_paper() -> None:
-    """A threshold of 12 grey levels at a quarter of the size could on five of seventeen."""
-    found = list(benchmarks.renewal.seen())
-    assert len(found) == 17
-    assert all(threshold < most for _, threshold, most in found), found

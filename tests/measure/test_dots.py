@@ -10,7 +10,6 @@ from deltact_fab.measure.dots import DotTracker
 
 MM_PER_PX = 0.0378
 DIAMETER_PX = 0.6 / MM_PER_PX
-W, H = 798, 586
 
 
 def error_mm(seen: Any, scene: Any, bump: Any) -> Any:
@@ -24,58 +23,11 @@ def in_view(scene: Any, bump: Any, border: float = 11.0) -> Any:
     return ((position > border) & (position < [scene.width - border, scene.height - border])).all(1)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("patch_mm", "noise", "blur_px"),
-    [(0.075, 2.0, 0.6), (0.1, 6.0, 0.6), (0.15, 2.0, 1.2), (0.2, 2.0, 0.6)],
-)
-def test_169_dots_are_within_10_um_under_noise_shading_and_blur(
-    patch_mm, noise, blur_px, make_scene, make_bump
-):
-    scene = make_scene(W, H, patch_mm=patch_mm, dots=True, noise=noise, blur_px=blur_px)
-    assert len(scene.rest_px) == 169
-    bump = make_bump((430, 290), 140, shear_px=(35, 20), press_px=30)
-    # The recipe's positions are a few px off, together and each for itself.
-    offset = np.random.default_rng(5).uniform((1.5, -3.5), (4.5, -0.5), (169, 2))
-    tracker = DotTracker(scene.rest_px + offset, DIAMETER_PX)
-    first = tracker.update(scene.picture())
-    assert first.found.all()
-    assert not first.displacement_px.any()
-    n = 6
-    for k in range(1, n + 1):
-        now = bump.scaled(k / n)
-        seen = tracker.update(scene.picture(now, k))
-        error = error_mm(seen, scene, now)
-        assert seen.found.all()
-        assert error.mean() <= 0.01
-        # A tenth of a dot: no identity is exchanged.
-        assert error.max() <= 0.06
-
-
 @pytest.fixture(scope="module")
 def small(make_scene):
     scene = make_scene(400, 320, dots=True, margin=150)
     assert len(scene.rest_px) == 49
     return scene
-
-
-@pytest.mark.slow
-def test_dots_that_leave_the_view_are_lost_and_found_again(small, make_bump):
-    tracker = DotTracker(small.rest_px, DIAMETER_PX)
-    tracker.update(small.picture())
-    shift = make_bump((0, 0), 100, shift_px=(264.6, 0.0))  # 10 mm
-    steps = [*np.linspace(0, 1, 21)[1:], *np.linspace(1, 0, 21)[1:]]
-    fewest = 49
-    for k, s in enumerate(steps):
-        now = shift.scaled(float(s))
-        seen = tracker.update(small.picture(now, k + 1))
-        assert error_mm(seen, small, now).max() <= 0.06
-        assert not (seen.found & ~in_view(small, now, 6.0)).any()
-        assert not (in_view(small, now) & ~seen.found).any()
-        assert np.isnan(seen.position_px[~seen.found]).all()
-        fewest = min(fewest, int(seen.found.sum()))
-    assert fewest <= 20
-    assert seen.found.all()
 
 
 @pytest.mark.parametrize("jump_px", [(58.2, 0.0), (0.0, -42.3), (116.4, 42.3), (150.0, 10.0)])
@@ -85,6 +37,7 @@ def test_a_jump_by_whole_pitches_keeps_the_identities(jump_px, small, make_bump)
     jump = make_bump((0, 0), 100, shift_px=jump_px)
     seen = tracker.update(small.picture(jump, 1))
     assert error_mm(seen, small, jump).max() <= 0.06
+    assert error_mm(seen, small, jump).mean() <= 0.01
     assert not (in_view(small, jump) & ~seen.found).any()
 
 
@@ -125,46 +78,6 @@ def test_a_blank_or_unrelated_image_finds_nothing_and_the_next_one_recovers(smal
     assert tracker.update(small.picture(None, 7)).found.all()
 
 
-def plain(positions: Any) -> Any:
-    """White dots on grey, in uneven light: no colours to identify them by."""
-    image = np.full((320, 400), 90.0)
-    for px, py in positions:
-        left, top = int(px) - 10, int(py) - 10
-        y, x = np.mgrid[top : top + 22, left : left + 22]
-        cover = np.clip(DIAMETER_PX / 2 + 0.5 - np.hypot(x - px, y - py), 0, 1)
-        image[top : top + 22, left : left + 22] += (240 - 90) * cover
-    image *= np.linspace(1.0, 0.6, 400)
-    return np.repeat(np.round(image).astype(np.uint8)[..., None], 3, axis=2)
-
-
-def test_without_colours_the_order_of_the_neighbours_is_kept(small):
-    rest = small.rest_px
-    tracker = DotTracker(rest, DIAMETER_PX)
-    first = tracker.update(plain(rest))
-    assert first.found.all()
-    assert np.isnan(first.identity_ncc).all()
-    assert np.abs((first.position_px - rest).mean(axis=0)).max() < 0.1
-    moved = tracker.update(plain(rest + np.array([6.0, -4.0])))
-    assert moved.found.all()
-    assert moved.displacement_px == pytest.approx(np.tile([6.0, -4.0], (49, 1)), abs=0.05)
-    # Two neighbours walk around each other, which no skin can do: following each by nearness
-    # would report an exchange as a motion of one pitch.
-    tracker = DotTracker(rest, DIAMETER_PX)
-    tracker.update(plain(rest))
-    a, b = 24, 31
-    middle, half = (rest[a] + rest[b]) / 2, (rest[a] - rest[b]) / 2
-    for angle in np.linspace(0, np.pi, 19)[1:]:
-        c, s = np.cos(angle), np.sin(angle)
-        arm = np.array([c * half[0] - s * half[1], s * half[0] + c * half[1]])
-        now = rest.copy()
-        now[a], now[b] = middle + arm, middle - arm
-        seen = tracker.update(plain(now))
-    for dot in (a, b):
-        assert not seen.found[dot] or np.hypot(*seen.displacement_px[dot]) < 2.0
-    others = np.delete(np.arange(49), [a, b])
-    assert np.hypot(*seen.displacement_px[others][seen.found[others]].T).max() < 1.0
-
-
 def test_a_first_image_without_the_dots_is_an_error(small, make_scene):
     without = make_scene(400, 320, dots=False).picture()
     for image in (without, np.zeros((320, 400, 3), np.uint8)):
@@ -193,7 +106,6 @@ def test_input_is_checked(small):
     rest = small.rest_px
     for dots, diameter_px, says in (
         (rest[:3], DIAMETER_PX, "n >= 4 dots"),
-        (np.full((5, 2), np.nan), DIAMETER_PX, "n >= 4 dots"),
         (rest, 2.0, "diameter_px is 2"),
         (rest[:7], DIAMETER_PX, "on one line"),
         (rest * 0.4, DIAMETER_PX, "two rest positions are"),

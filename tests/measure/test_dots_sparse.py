@@ -1,4 +1,4 @@
-"""Dark dots on a light ground: identities from the neighbours alone, layouts of any kind."""
+"""Dots without colours around them: identities from the neighbours, layouts of any kind."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.measure.dots import DotTracker, find_dots, identity
 from deltact_fab.measure.dots import tracker as tracking
-from deltact_fab.measure.dots.skin import Skin
 
 MM_PER_PX = 0.0378
 W, H = 798, 586
@@ -26,17 +25,19 @@ def grid(pitch_mm: tuple[float, float], columns: int, rows: int) -> Any:
     return np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
 
 
-def picture(centres: Any, diameter_mm: float, seed: int = 0, ink: int = 25) -> Any:
-    """BGR uint8 discs on a light ground in uneven light, with noise."""
+def picture(
+    centres: Any, diameter_mm: float, seed: int = 0, ink: float = 25, ground: float = 225
+) -> Any:
+    """BGR uint8 discs on an even ground in uneven light, with noise."""
     radius = diameter_mm / 2 / MM_PER_PX
-    image = np.full((H, W), 225.0)
+    image = np.full((H, W), float(ground))
     n = int(radius) + 3
     for px, py in centres[np.isfinite(centres[:, 0])]:
         left, top = int(px) - n, int(py) - n
         box = np.s_[max(0, top) : max(0, top + 2 * n), max(0, left) : max(0, left + 2 * n)]
         y, x = ROWS[box], COLUMNS[box]
         cover = np.clip(radius + 0.5 - np.hypot(x - px, y - py), 0, 1)
-        image[box] += (ink - 225.0) * cover
+        image[box] += (ink - ground) * cover
     image *= np.linspace(1.0, 0.65, W)
     image += np.random.default_rng(seed).normal(0, 2, image.shape)
     return np.repeat(np.clip(np.round(image), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
@@ -59,7 +60,6 @@ def errors_mm(seen: Any, moved: Any) -> Any:
 LAYOUTS = {
     "1 mm": (grid((1.0, 1.0), 28, 20), 0.4, 0.5),
     "1.6 mm": (grid((1.6, 1.6), 17, 13), 0.5, 1.0),
-    "3 mm": (grid((3.0, 3.0), 9, 7), 0.6, 1.0),
 }
 
 
@@ -81,6 +81,7 @@ def test_10_mm_of_shear_swaps_none(layout, make_bump, round_discs):
         moved = bump.scaled(k / n).displacement_px(rest)
         seen = tracker.update(picture(rest + moved, diameter_mm, k))
         assert errors_mm(seen, moved).max() <= 0.1
+        assert errors_mm(seen, moved).mean() <= 0.005
         assert seen.found[visible(rest + moved) & apart(rest + moved, diameter_mm)].all()
         # On a close layout the rings reach the next dots, which look alike everywhere
         assert np.isnan(seen.identity_ncc).all()
@@ -111,19 +112,6 @@ def test_10_mm_of_shear_and_back_with_dropouts_and_specks(seed, make_bump, round
     print(f"{wrong} wrong, {lost} lost of {seen_at_all}")
 
 
-def test_dark_dots_are_placed_to_5_um(make_bump):
-    rest = grid((2.2, 1.6), 13, 13)
-    bump = make_bump((430, 290), 140, shear_px=(35, 20), press_px=30)
-    tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
-    assert tracker.update(picture(rest, 0.6)).found.all()
-    for k in range(1, 5):
-        moved = bump.scaled(k / 4).displacement_px(rest)
-        seen = tracker.update(picture(rest + moved, 0.6, k))
-        assert seen.found.all()
-        assert errors_mm(seen, moved).mean() <= 0.005
-        assert np.isnan(seen.identity_ncc).all()
-
-
 def test_an_irregular_layout_of_unknown_size_is_found_and_followed(make_bump):
     rest = grid((1.9, 1.7), 12, 11)
     rest += np.random.default_rng(3).uniform(-9, 9, rest.shape)
@@ -146,10 +134,10 @@ def test_dots_that_leave_and_dots_that_are_hidden_come_back():
     rest = grid((2.2, 1.6), 13, 13)
     tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
     tracker.update(picture(rest, 0.6))
-    for k, s in enumerate([*np.linspace(0, 1, 21)[1:], *np.linspace(1, 0, 21)[1:]], 1):
+    for k, s in enumerate([*np.linspace(0, 1, 11)[1:], *np.linspace(1, 0, 11)[1:]], 1):
         moved = np.tile([s * 200.0, 0.0], (len(rest), 1))
         now = rest + moved
-        if 8 <= k <= 30:
+        if 4 <= k <= 15:
             now[np.hypot(*(rest - rest[70]).T) < 90] = np.nan
         seen = tracker.update(picture(now, 0.6, k))
         assert not seen.found[np.isnan(now[:, 0])].any()
@@ -171,14 +159,6 @@ def test_a_glitch_is_survived_and_a_longer_gap_leaves_all_dots_lost():
         # A grid that nobody watched for a while may stand a pitch further on
         assert seen.found.all() if frames == 1 else not seen.found.any()
         assert not seen.found.any() or errors_mm(seen, np.tile([11.0, -9.0], (169, 1))).max() < 0.06
-
-
-def test_of_two_dots_that_changed_places_neither_is_believed():
-    rest = grid((2.2, 1.6), 5, 5)
-    position = rest.copy()
-    position[[12, 13]] = rest[[13, 12]]
-    Skin(rest).keep_order(position)
-    assert np.flatnonzero(np.isnan(position[:, 0])).tolist() == [12, 13]
 
 
 def test_a_skin_let_go_at_once_is_followed_home(make_bump):
@@ -219,3 +199,35 @@ def test_white_dots_among_colours_are_found_too(make_scene):
     assert (dots.polarity, len(dots.position_px)) == ("white", 169)
     assert dots.diameter_px == pytest.approx(0.6 / MM_PER_PX, rel=0.15)
     assert dots.pitch_px == pytest.approx(1.6 / MM_PER_PX, rel=0.02)
+
+
+def test_without_colours_the_order_of_the_neighbours_is_kept():
+    rest = grid((2.2, 1.6), 7, 7)
+
+    def picture_of(at):
+        return picture(at, 0.6, ink=240, ground=90)
+
+    tracker = DotTracker(rest, 0.6 / MM_PER_PX)
+    first = tracker.update(picture_of(rest))
+    assert first.found.all()
+    assert np.isnan(first.identity_ncc).all()
+    assert np.abs((first.position_px - rest).mean(axis=0)).max() < 0.1
+    moved = tracker.update(picture_of(rest + np.array([6.0, -4.0])))
+    assert moved.found.all()
+    assert moved.displacement_px == pytest.approx(np.tile([6.0, -4.0], (49, 1)), abs=0.1)
+    # Two neighbours walk around each other, which no skin can do: following each by nearness
+    # would report an exchange as a motion of one pitch.
+    tracker = DotTracker(rest, 0.6 / MM_PER_PX)
+    tracker.update(picture_of(rest))
+    a, b = 24, 31
+    middle, half = (rest[a] + rest[b]) / 2, (rest[a] - rest[b]) / 2
+    for angle in np.linspace(0, np.pi, 19)[1:]:
+        c, s = np.cos(angle), np.sin(angle)
+        arm = np.array([c * half[0] - s * half[1], s * half[0] + c * half[1]])
+        now = rest.copy()
+        now[a], now[b] = middle + arm, middle - arm
+        seen = tracker.update(picture_of(now))
+    for dot in (a, b):
+        assert not seen.found[dot] or np.hypot(*seen.displacement_px[dot]) < 2.0
+    others = np.delete(np.arange(49), [a, b])
+    assert np.hypot(*seen.displacement_px[others][seen.found[others]].T).max() < 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltact_fab.measure.face import FaceFlow
+from deltact_fab.measure.face import FaceFlow, rigid
 from deltact_fab.measure.flow import FlowDiagnostics, FlowObservation, FlowState
 from deltact_fab.optics import Pinhole
 
@@ -57,6 +57,16 @@ def test_what_is_lost_enters_no_mean_and_a_cell_of_lost_pixels_is_not_known():
     assert not face.known[0, :2].any()
     assert face.known.sum() == face.known.size - 2
     assert np.abs(face.shift_mm[face.known]).max() == 0
+
+
+def test_the_best_rigid_motion_has_its_shift_and_the_turn_s_sign():
+    x, y = np.arange(-6, 9) * 0.5, np.arange(-4, 3) * 0.5
+    at, (c, s) = np.stack(np.meshgrid(x, y), -1), (np.cos(0.1), np.sin(0.1))
+    shift = (at @ np.array([[c, s], [-s, c]]) + (0.3, -0.2) - at).astype(np.float32)
+    moved, turn_deg, left = rigid(FaceFlow(shift, np.ones(shift.shape[:2], bool), x, y))
+    assert moved == pytest.approx((0.3, -0.2), abs=1e-6)
+    assert turn_deg == pytest.approx(np.degrees(0.1), abs=1e-4)  # from x towards y
+    assert np.abs(left).max() < 1e-6
 
 
 def test_a_half_observation_has_no_single_pixels():

@@ -70,55 +70,6 @@ def test_a_drag_is_measured_through_an_ordinary_camera(pattern: str, camera: str
     assert (error > 0.1).mean() <= 0.001
 
 
-UNRELATED = {
-    "upside down": lambda image: image[::-1, ::-1],
-    "red and blue swapped": lambda image: image[..., ::-1],
-    "channels moved on by one": lambda image: np.roll(image, 1, -1),
-    "without colour": lambda image: np.repeat(image[..., 1:2], 3, -1),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("camera", ["edge-aware", "4:2:0"])
-@pytest.mark.parametrize("pattern", PATTERNS)
-def test_what_is_unrelated_is_not_believed_and_leaves_no_trace(pattern: str, camera: str) -> None:
-    first, moved = (seen(pattern, camera, part) for part in (0.0, 1 / STEPS))
-    others = {name: np.ascontiguousarray(of(first)) for name, of in UNRELATED.items()}
-    for name, other in (others | {"other seed": seen(pattern, camera, 0.0, 99)}).items():
-        tracker = FlowTracker(full=False)
-        for image in (first, other):
-            found = tracker.update(image)
-        # Swapped, the picture stays in place, and some windows of few patches are alike by chance.
-        assert found.confident.mean() <= (0.02 if "swapped" in name else 0.001), name
-        assert not found.diagnostics.trusted, name
-        assert tracker.update(moved).diagnostics.confident_share > 0.7, name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("pattern", PATTERNS)
-def test_a_gradient_of_light_and_a_disc_lose_only_what_they_touch(pattern: str) -> None:
-    first, image = (seen(pattern, "4:2:0", part) for part in (0.0, 1 / STEPS))
-    h, w = image.shape[:2]
-    gain = np.linspace(0.4, 1.4, w)[:, None]
-    lit = np.clip(image * gain, 0, 255).astype(np.uint8)
-    whole = follow([first, image]).diagnostics.confident_share
-    assert follow([first, lit]).diagnostics.confident_share > 0.7 * whole
-    y, x = np.mgrid[:h, :w]
-    disc = np.hypot(x - w / 2, y - h / 2) < np.sqrt(0.17 * h * w / np.pi)
-    for value in (0, 128, 255):
-        covered = np.where(disc[..., None], np.uint8(value), image)
-        # The fit's and the support's windows reach over the edge: .17 and a rim of 20 px.
-        assert follow([first, covered]).diagnostics.confident_share > 0.66 * whole, value
-
-
-@pytest.mark.slow
-def test_a_small_drag_of_the_paper_s_own_pattern() -> None:
-    images = [seen("dense", "4:2:0", part) for part in (0.0, 0.05)]
-    found = follow(images)
-    assert found.diagnostics.trusted
-    assert found.diagnostics.confident_share > 0.9
-
-
 @pytest.mark.parametrize(
     ("level", "says"), [(8, "it is dark"), (250, "overexposed"), (120, "its light is right")]
 )

@@ -150,21 +150,6 @@ def test_a_node_is_at_the_centre_of_its_four_pixels(shape):
     assert to_full(nodes[..., 0], shape) == pytest.approx(field[..., 0], abs=1e-3)
 
 
-@pytest.mark.parametrize("size", [(64, 64), (65, 71), (130, 99)])
-def test_any_size_of_64_px_or_more_will_do(size, make_scene):
-    h, w = size
-    motion = Affine((1.4, -0.8))
-    scene = make_scene(w, h, patch_mm=0.1)
-    found = RefinementReference(Plane.of(scene.picture())).refine(
-        Plane.of(scene.picture(motion, 1))
-    )
-    nodes = (-(-h // 2), -(-w // 2))
-    assert found.flow_px.shape == (*nodes, 2)
-    assert found.correlation.shape == found.deviation_px.shape == nodes
-    assert all(np.isfinite(a).all() and a.dtype == np.float32 for a in found)
-    assert off_px(found.flow_px, motion.flow_px(h, w)).mean() < 0.06
-
-
 def test_what_leaves_the_image_does_no_harm_to_what_stays(scene):
     motion = Affine((45.0, -30.0))
     reference = RefinementReference(Plane.of(scene.picture()))

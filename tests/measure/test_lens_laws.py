@@ -144,8 +144,3 @@ def photographed(
 def test_the_skin_is_found_under_the_light_of_leds() -> None:
     pairs = zip(LENSES, (*GRADIENTS, 1.0), strict=True)
     require_honest(photographed(pairs))
-
-
-@pytest.mark.evidence
-def test_every_lens_under_every_light() -> None:
-    require_honest(photographed((name, g) for name in LENSES for g in GRADIENTS))

@@ -91,20 +91,6 @@ def test_statsmodels_gives_the_same_figures_of_force_models(name, component):
     assert ours.adjusted_r2 == pytest.approx(1 - rss / (n - k) / mean.mse_resid, rel=1e-10)
 
 
-def test_a_prior_holds_what_the_rows_do_not_tell_and_is_no_sample():
-    twice = np.column_stack((ONE, 2 * ONE))
-    alone = least_squares(twice, Y, ("D", "2 D"))
-    held = least_squares(twice, Y, ("D", "2 D"), prior={"2 D": 1e3})
-    assert alone.dropped == ("2 D",)
-    assert held.dropped == ()
-    assert held.prior == {"2 D": 1e3}
-    assert abs(held.coefficients[1]) < 1e-6 * held.coefficients[0]
-    assert (held.samples, held.free) == (ROWS, ROWS - 2)
-    assert held.r2 == pytest.approx(alone.r2, rel=1e-6)
-    with pytest.raises(InputError, match="2 rows for 2 columns; at least 3 are needed"):
-        least_squares(twice[:2], Y[:2], ("D", "2 D"), prior={"2 D": 1e3})
-
-
 def test_fewer_than_ten_presses_have_no_intervals_and_say_so():
     few = np.where(PRESSES.astype(int) < MIN_PRESSES - 1, PRESSES, "0")
     fit = least_squares(COLUMNS, Y, NAMES, few)
@@ -113,18 +99,6 @@ def test_fewer_than_ten_presses_have_no_intervals_and_say_so():
     assert least_squares(COLUMNS, Y, NAMES).notes[0].endswith("there are 0")
     with pytest.raises(ValueError, match="n presses"):
         least_squares(COLUMNS, Y, NAMES, few[1:])
-
-
-def test_an_interval_by_press_holds_the_truth_where_one_by_rows_would_not():
-    rng = np.random.default_rng(3)
-    presses = np.repeat(np.arange(12), 20)
-    held = 0
-    for _ in range(300):
-        size = rng.uniform(0.5, 1.5, len(presses))
-        y = 2.0 * size + (0.2 * rng.normal(size=12))[presses]
-        ((low, high),) = least_squares(size[:, None], y, ["D"], presses).intervals
-        held += low <= 2.0 <= high
-    assert 0.91 < held / 300 < 0.98
 
 
 def test_a_column_that_others_give_is_left_out_by_name():

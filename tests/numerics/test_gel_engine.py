@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import gel_press as evidence
-from deltact_fab.numerics.engines import gel_press, gel_run, gel_scene
-from deltact_fab.numerics.engines.gel_press import PressSetup
+from deltact_fab.numerics.engines import gel_press, gel_scene
 from deltact_fab.numerics.engines.gel_scene import FiniteSolution, GelCase
 
 SLOW = pytest.mark.slow
@@ -27,18 +26,6 @@ def test_extrapolation_removes_an_error_of_second_order() -> None:
     assert np.abs(found.in_plane_mm - field).max() < 1e-12
     assert found.force_error == pytest.approx(100 * (1 - 40 / 40.75), rel=1e-9)
     assert found.in_plane_error == pytest.approx(0.25 * gel_press.rms_mm(off), rel=1e-9)
-
-
-def test_a_quarter_is_the_whole() -> None:
-    one, four = (
-        gel_run.solve(setup("hyperelastic", 2.0, 0.0, 2.5))
-        for setup in (PressSetup, evidence.WholePress)
-    )
-    truth = gel_press.PressReference(four.normal_n, four.in_plane_mm, 0.0, 0.0)
-    force, in_plane = gel_press.errors(one, truth)
-    assert abs(force) < 1e-6
-    assert in_plane < 1e-9
-    assert gel_press.rms_mm(four.in_plane_mm) > 0.005
 
 
 @pytest.fixture(scope="module")

@@ -37,7 +37,10 @@ def test_every_engine_has_curves_and_stability_cases(name: str, quick: bool) -> 
     assert any(c.expectation == "right" for c in cases)
 
 
-@pytest.mark.parametrize("name", REGISTRY)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow if n in ("gel", "flow") else ()) for n in REGISTRY],
+)
 def test_no_quick_case_is_wrong(name: str, tmp_path: Path) -> None:
     rows = [judge(case, tmp_path) for case in load(REGISTRY[name]).cases(True)]
     assert {r["outcome"] for r in rows} == {"right", "refused"}, [

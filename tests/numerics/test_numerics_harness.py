@@ -76,6 +76,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "toy_engine"
 
 
+@pytest.mark.slow
 def test_a_case_that_kills_or_hangs_is_wrong_and_the_rest_go_on(toy: str, tmp_path: Path) -> None:
     cases = engines.load(toy).cases(False)
     rows = list(stability.measure("toy", toy, cases, tmp_path, False, silence_s=5.0))

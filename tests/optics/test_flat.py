@@ -50,6 +50,14 @@ def test_light_that_falls_off_is_made_even(camera: Path) -> None:
     assert np.ptp(cv2.resize(grey, (16, 9), interpolation=cv2.INTER_AREA)) < 3
 
 
+def test_the_colour_of_the_light_stays(camera: Path) -> None:
+    colour = np.array([0.5, 0.8, 1.0])
+    blank = FlatField.of_blank((lit(0.6, 1) * colour).astype(np.uint8), "blank.png")
+    even = FlatField.beside(camera)
+    assert even is not None
+    assert np.abs(blank.share - even.share).max() < 0.05
+
+
 def test_rectified_first_is_the_same(camera: Path) -> None:
     flat = FlatField.beside(camera)
     assert flat is not None

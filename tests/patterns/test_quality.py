@@ -72,13 +72,6 @@ def test_white_noise():
     assert (found.peak, found.peak_mm) == (0, None)
 
 
-def test_an_image_of_one_value():
-    found = figures(np.full((80, 90, 3), 77.0), 0.05)
-    assert found.contrast == pytest.approx((0,) * 6)
-    assert (found.mean_gradient, found.sssig, found.sssig_least) == (0, 0, 0)
-    assert (found.peak, found.peak_mm) == (0, None)
-
-
 def test_the_poorest_subset_is_found():
     shade = noise(200, 200)
     shade[60:77, 100:117] = 128

@@ -155,18 +155,6 @@ def test_equal_recipe_gives_equal_bytes_and_the_recipe_comes_back(tmp_path):
         assert float(image.text["mm_per_px"]) == 25.4 / 1200
 
 
-def test_files_without_a_recipe_are_refused(tmp_path):
-    foreign = tmp_path / "f.png"
-    Image.new("RGB", (4, 4)).save(foreign)
-    with pytest.raises(InputError, match="carries no recipe"):
-        read_recipe(foreign)
-    foreign.write_bytes(b"not an image")
-    with pytest.raises(InputError, match="not a readable image"):
-        read_recipe(foreign)
-    with pytest.raises(InputError, match="no such file"):
-        read_recipe(tmp_path / "none.png")
-
-
 def test_albedo_is_exact_by_area():
     """Coarse pixels of any size hold the means of the fine picture that they cover."""
     fine = albedo(PLAIN, 0.015, (660, 660))  # ten pixels a patch, edges on pixel edges

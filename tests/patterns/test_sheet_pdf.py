@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deltact_fab.patterns import draw_patches, load_recipe, raster, recipe_from, recipe_from_options
+from deltact_fab.patterns import draw_patches, load_recipe, recipe_from, recipe_from_options
 from deltact_fab.patterns.code import decode
 from deltact_fab.patterns.sheet import job as sheet
 from deltact_fab.patterns.sheet.page_marks import COLOURS
@@ -59,33 +59,6 @@ def placed_images(data):
             assert len(raw) == height * width * colours
             out.append((k, [float(v) for v in matrix.split()], width, height, head))
     return out
-
-
-def read_back(path):
-    """Size (x, y) in mm and pixels (h, w, 3) of the first colour picture, of the file alone."""
-    data = path.read_bytes()
-    _, raw = next(stream(b) for b in objects(data).values() if b"/DeviceRGB" in b)
-    _, matrix, width, *_ = next(i for i in placed_images(data) if "/DeviceRGB" in i[4])
-    pixels = np.frombuffer(raw, np.uint8).reshape(-1, width, 3)
-    return (matrix[0] * 25.4 / 72, matrix[3] * 25.4 / 72), pixels
-
-
-def edge_error_mm(recipe, size_mm, pixels):
-    """Worst patch edge of a file against k d about the picture's centre; inf when one is missing.
-
-    Needs a pattern whose every row and column differs somewhere from the one before.
-    """
-    worst_mm = 0.0
-    true_mm = (np.arange(1, recipe.n) - recipe.n / 2) * (recipe.printed_mm / recipe.n)
-    for axis in (0, 1):
-        other = tuple(k for k in range(3) if k != axis)
-        steps = np.diff(pixels.astype(np.int16), axis=axis).any(axis=other)
-        changes = np.flatnonzero(steps)
-        if len(changes) != recipe.n - 1:
-            return np.inf
-        edges_mm = ((changes + 1) / pixels.shape[axis] - 0.5) * size_mm[1 - axis]
-        worst_mm = max(worst_mm, float(np.abs(edges_mm - true_mm).max(initial=0.0)))
-    return worst_mm
 
 
 def media_mm(data):
@@ -141,20 +114,6 @@ def test_the_matrix_is_exact_to_a_micrometre(tmp_path, dpi, transfer):
         assert "/FlateDecode" in head
 
 
-@pytest.mark.parametrize(("patch_mm", "scale"), [(0.13, (1.0, 1.0)), (0.08, (0.99, 0.99))])
-def test_the_edges_in_the_file_are_as_good_as_reported(tmp_path, patch_mm, scale):
-    recipe = recipe_from_options(None, patch_mm, 0.6, size_mm=20.0)
-    made = sheet.write([recipe], tmp_path / "s.pdf", scale=scale)
-    size_mm, pixels = read_back(made.out)
-    size_mm = tuple(v / k for v, k in zip(size_mm, scale, strict=True))
-    measured_mm = edge_error_mm(recipe, size_mm, pixels)
-    assert made.print_error_mm / 2 < measured_mm <= made.print_error_mm + 1e-6
-    # The measure itself: a file of another pattern
-    assert (
-        edge_error_mm(recipe_from_options(None, 0.26, 0.6, size_mm=20.0), size_mm, pixels) == np.inf
-    )
-
-
 def test_the_page_is_whole_dots_and_within_half_a_dot_of_the_paper(tmp_path):
     for paper, size_mm in (("A4", (210, 297)), ("letter", (215.9, 279.4))):
         made = sheet.write([COARSE], tmp_path / "s.pdf", paper=paper)
@@ -190,14 +149,15 @@ def test_every_patch_centre_is_exact(tmp_path, d, dpi, transfer):
         line = np.flatnonzero(inked.mean(axis=axis) > 0.8)
         assert line[0] == pad
         assert abs(len(line) - s.side_mm * dpi / 25.4) <= 1
-    # Every edge, read off the picture: within what the report says, from the true place
+    # Every edge, read off the picture: as far from the true place as the report says
     step = np.abs(np.diff(image[pad:-pad, pad:-pad].astype(int), axis=1)).sum(axis=(0, 2))
     edges_mm = (np.flatnonzero(step) + 1)[: recipe.n - 1] * 25.4 / dpi
     true_mm = np.arange(1, recipe.n) * d
     side_dots = s.side_mm * dpi / 25.4
     # A raster is right about its centre: its corner is off by half of what its side is
     shift_mm = abs(round(side_dots) - side_dots) / 2 * 25.4 / dpi
-    assert np.abs(edges_mm - true_mm).max() <= s.print_error_mm + shift_mm + 1e-9
+    worst_mm = np.abs(edges_mm - true_mm).max()
+    assert s.print_error_mm / 2 - shift_mm < worst_mm <= s.print_error_mm + shift_mm + 1e-9
 
 
 @needs_poppler
@@ -262,17 +222,3 @@ def test_the_files_side_is_the_one_that_is_reported(tmp_path, scale):
         assert errors_um == pytest.approx([9.5, -4.0, 9.5], abs=0.05)
         assert "    side 35 mm, in the file 35.00947 mm (+9.5 um)" in made.lines()
         assert made.as_dict()["stickers"][1]["file_side_mm"][1] == pytest.approx(34.94597, abs=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("d_mm", "r", "size_mm", "dpi"),
-    [
-        (25.4 / 1200, 0.1, 10.0, 1200),  # a patch of one printer dot
-        (35.0, 0.1, 35.0, 1200),
-        (0.2, 0.1, 4.0, 9600),
-    ],
-)
-def test_the_pixels_in_the_file_are_the_recipes_at_its_ends(tmp_path, d_mm, r, size_mm, dpi):
-    recipe = recipe_from_options(None, d_mm, r, size_mm=size_mm)
-    made = sheet.write([recipe], tmp_path / "s.pdf", dpi=dpi)
-    assert np.array_equal(read_back(made.out)[1], raster(recipe, dpi))

@@ -13,7 +13,6 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.errors import InputError
 from deltact_fab.measure.lens import Checkerboard, calibrate
-from deltact_fab.optics import Fisheye
 from deltact_fab.rig import config as rigs
 from deltact_fab.virtual.lens import true_lens
 from deltact_fab.virtual.photographs import take
@@ -45,13 +44,10 @@ def random_design(seed: int) -> Design:
     )
 
 
-@pytest.mark.parametrize(
-    "seed",
-    [pytest.param(0, marks=pytest.mark.slow),
-     *(pytest.param(seed, marks=pytest.mark.evidence) for seed in range(1, 4))],
-)  # fmt: skip
-def test_a_random_design_is_calibrated_to_its_own_lens(seed: int, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_random_design_is_calibrated_to_its_own_lens(tmp_path: Path) -> None:
     """Through the fisheye rig: every parameter within three sigma of what drew (20 seeds did)."""
+    seed = 0
     design = random_design(seed)
     folder = tmp_path / "photos"
     take(FISHEYE, design, SKIN, folder, air=4, air_board=PLATE, seed=seed)
@@ -62,16 +58,6 @@ def test_a_random_design_is_calibrated_to_its_own_lens(seed: int, tmp_path: Path
     off = {n: abs(getattr(found.lens, n) - getattr(true, n)) / s for n, s in found.sigma.items()}
     print(max(off.items(), key=lambda item: item[1]), found.depth_px)
     assert max(off.values()) < 3, off
-
-
-def test_the_rig_s_lens_follows_the_design() -> None:
-    design = random_design(3)
-    nominal, true = Fisheye.of(design), true_lens(FISHEYE, design)
-    assert nominal.f_px == pytest.approx(design.focal_px)
-    assert (true.width_px, true.height_px) == design.raw_size_px
-    assert true.gel_mm - nominal.gel_mm == pytest.approx(0.03)
-    assert true.f_px - nominal.f_px == pytest.approx(386.2 - 870 / 2.24)
-    assert true_lens(FISHEYE, load_design("deltact")).gel_mm == 12.03
 
 
 def test_a_lens_of_another_sensor_is_refused() -> None:

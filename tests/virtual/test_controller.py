@@ -42,11 +42,6 @@ class Bench:
         return tuple(float(p) for p in line.split("MPos:")[1].split("|")[0].split(","))
 
 
-def test_power_on_is_locked_when_homing_is_on() -> None:
-    assert Bench().heard() == [*BANNER, LOCK]
-    assert Bench({22: 0, 20: 0}).heard() == BANNER
-
-
 def test_homing_takes_time_and_ends_at_the_pull_off() -> None:
     bench = Bench(start_mm=(-20, -25, -10))
     bench.heard()
@@ -133,13 +128,6 @@ def test_jogs_reach_their_targets_in_all_their_dialects() -> None:
     assert bench.mpos() == (-2.0, -2.0, -2.0)
 
 
-def test_incremental_moves_do_not_lose_what_is_less_than_a_step() -> None:
-    bench = Bench({100: 10}).homed()
-    for _ in range(10):
-        bench.say("$J=G91X-0.04F600\n", 1)
-    assert bench.mpos()[0] == -1.4
-
-
 def test_jog_cancel_stops_at_the_deceleration_and_keeps_the_position() -> None:
     bench = Bench().homed()
     bench.say("$J=X-50F600\n", 1)
@@ -174,12 +162,6 @@ def test_reset_while_moving_loses_the_position() -> None:
     assert bench.mpos() == (-1.0, -1.0, -1.0)
 
 
-def test_travel_limits_themselves_are_inside() -> None:
-    bench = Bench().homed()
-    assert bench.say("$J=X-120Y0Z-60F1000\n", 20) == ["ok"]
-    assert bench.mpos() == (-120.0, 0.0, -60.0)
-
-
 def test_a_line_in_a_jog_cancel_waits_for_its_end() -> None:
     bench = Bench().homed()
     bench.say("$J=X-50F600\n", 1)
@@ -207,26 +189,3 @@ def test_settings_are_read_back_and_take_effect() -> None:
     assert bench.say("$131=96\n$J=Y-95F100\n") == ["ok", "ok"]
     with pytest.raises(ValueError, match=r"no such GRBL setting: \$7"):
         Bench({7: 1})
-
-
-def test_faults_come_at_their_time() -> None:
-    bench = Bench().homed()
-    bench.say("$J=X-50F600\n")
-    bench.grbl.fault("limit", at_s=bench.clock.now_s() + 1)
-    assert bench.say("?", 0.9)[-1].startswith("<Jog|")
-    assert bench.say("", 0.2) == ["ALARM:1"]
-    assert bench.say(b"\x18", 1) == ["[MSG:Reset to continue]"]  # it came too early
-    assert bench.say(b"\x18") == [*BANNER, LOCK]
-
-    bench = Bench().homed()
-    bench.say("$J=X-50F600\n", 1)
-    bench.grbl.fault("silence")
-    assert bench.say("?", 60) == []
-    assert bench.grbl.position_mm()[0] == -50.0  # the cable is out, the jog ran on
-
-    bench = Bench().homed()
-    bench.say("$J=X-50F600\n", 1)
-    bench.grbl.fault("reboot")
-    assert bench.say("?", 2) == [*BANNER, LOCK]
-    assert bench.mpos() == (0.0, 0.0, 0.0)
-    assert bench.grbl.position_mm()[0] < -9

@@ -7,42 +7,20 @@ from __future__ import annotations
 
 import math
 
+import hosted
 import pytest
+from hosted import FEED_MM_MIN, MACHINE_MM, TARGET_MM
 
 from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.virtual import wire
-from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.faulty_controller import NoisyController
 
-FRAME = StageFrame((-60.0, -50.0, -40.0))
-TARGET_MM = (0.0, 0.0, 5.0)  # some 84 mm from home
-MACHINE_MM = (-60.0, -50.0, -35.0)
-FEED_MM_MIN = 600.0
 
-
-class Bench:
+class Bench(hosted.Bench):
     def __init__(self, *, resets_on_open: bool = True) -> None:
-        self.clock = VirtualClock()
-        self.trace: list[wire.Exchange] = []
-        self.grbl = NoisyController(None, self.clock)
-        self.link = wire.SerialLink(
-            self.grbl, self.clock, resets_on_open=resets_on_open, trace=self.trace
-        )
-        self.clock.sleep_s(2)
-        self.stage = GrblStage(self.link, self.clock, FRAME)
-        self.stage.connect()
-        self.stage.home()
-
-    def sent(self) -> list[bytes]:
-        return [data for _, who, data in self.trace if who == "host" and data != b"?"]
-
-    def moving(self) -> Bench:
-        """In mid-move, 1 s after its start."""
-        self.stage.start_move(TARGET_MM, FEED_MM_MIN)
-        self.stage.listen(1.0)
-        return self
+        super().__init__(resets_on_open=resets_on_open, controller=NoisyController)
+        self.homed(2.0)
 
     def insert(self, text: bytes, in_s: float = 0.0) -> None:
         """The host hears these words, which the controller never said."""
@@ -204,7 +182,7 @@ def test_a_board_that_hears_nothing_but_a_reset_is_connected_to(asleep: bool) ->
     else:
         bench.grbl.fault("limit")
         bench.clock.sleep_s(1)
-    other = GrblStage(bench.link, bench.clock, FRAME)
+    other = GrblStage(bench.link, bench.clock, StageFrame((-60.0, -50.0, -40.0)))
     other.connect()
     assert other.identity()["banner"].startswith("Grbl 1.1h")
     other.home()
@@ -300,17 +278,3 @@ def test_homing_twice_and_a_lift_at_the_top_meet_no_switch() -> None:
     bench.stage.wait()
     assert bench.stage.lift(100.0, 300.0)
     assert bench.grbl.position_mm()[2] == -1.0
-
-
-def test_a_move_onto_a_switch_is_a_hard_limit_as_often_as_not() -> None:
-    """GRBL's machine 0 is where the switch trips, give or take."""
-    alarms = 0
-    for k in range(12):
-        bench = Bench()
-        bench.grbl._scatter.seed(k)
-        bench.grbl.write(b"$J=G90G21G53Z0F300\n")
-        bench.clock.sleep_s(2)
-        said = bench.grbl.read_available()
-        alarms += b"ALARM:1" in said
-        assert bench.grbl.position_mm()[2] <= 0.02
-    assert 2 <= alarms <= 10

@@ -4,38 +4,17 @@ from __future__ import annotations
 
 import math
 
+import hosted
 import pytest
+from hosted import MACHINE_MM, TARGET_MM
 
 from deltact_fab.errors import StageError
-from deltact_fab.optics import StageFrame
-from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.virtual import wire
-from deltact_fab.virtual.clock import VirtualClock
-from deltact_fab.virtual.controller import GrblController
-
-TARGET_MM = (0.0, 0.0, 5.0)
-MACHINE_MM = (-60.0, -50.0, -35.0)
 
 
-class Bench:
-    """The real host on the simulated controller, homed."""
-
-    def __init__(self, settings: dict[int, float] | None = None) -> None:
-        self.clock = VirtualClock()
-        self.trace: list[wire.Exchange] = []
-        self.grbl = GrblController(settings, self.clock)
-        self.link = wire.SerialLink(self.grbl, self.clock, resets_on_open=False, trace=self.trace)
-        self.clock.sleep_s(2)
-        self.stage = GrblStage(self.link, self.clock, StageFrame((-60.0, -50.0, -40.0)))
-        self.stage.connect()
-        self.stage.home()
-
-    def moving(self) -> None:
-        self.stage.start_move(TARGET_MM, 600.0)
-        self.stage.listen(1.0)
-
-    def sent(self) -> bytes:
-        return b"".join(data for _, who, data in self.trace if who == "host")
+class Bench(hosted.Bench):
+    def __init__(self) -> None:
+        super().__init__(resets_on_open=False)
+        self.homed(2.0)
 
     def said(self) -> str:
         """What the controller answers to `?` now."""
@@ -48,8 +27,8 @@ class Bench:
         self.stage.start_move(TARGET_MM, 600.0)
         assert self.stage.wait().machine_mm == MACHINE_MM
         assert self.grbl.position_mm() == pytest.approx(MACHINE_MM, abs=1e-9)
-        assert self.sent().count(b"$H") == 1
-        assert b"~" not in self.sent()  # of the host
+        assert self.sent().count(b"$H\n") == 1
+        assert b"~" not in b"".join(self.sent())
 
 
 def test_a_door_that_opens_in_a_move() -> None:

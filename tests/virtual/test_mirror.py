@@ -12,7 +12,6 @@ from deltact_fab.gel.path import open as open_module
 from deltact_fab.gel.path.knots import Increments, KnotPose, SolvedKnot
 from deltact_fab.gel.path.mirror import Mirror, to_solved
 from deltact_fab.gel.path.solver import PathSolver
-from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig.simulator import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
@@ -146,10 +145,3 @@ def test_an_image_fails_as_what_it_is_the_image_of() -> None:
     rows = solve_ahead(light, SKIN, GELS["linear"])
     assert rows[0].failure
     assert rows[1].failure == f"as {rows[0].press}, its mirror image: {rows[0].failure}"
-
-
-def test_pattern_selection_takes_six_solves_for_its_twenty_presses() -> None:
-    protocol, _ = plan.load("pattern-selection")
-    presses = Presses(protocol, SKIN, GelConfig())
-    assert len(presses.paths) == 20
-    assert len({presses.of(path).solver.stored_as for path in presses.paths}) == 6

@@ -62,14 +62,6 @@ def test_every_sample_comes_once_with_its_own_time(rate_hz: float) -> None:
     assert fz_n == pytest.approx(-2.0 * t_ns / 1e9, abs=2e-6)
 
 
-def test_bias_takes_away_what_pulls_when_nothing_touches() -> None:
-    sensor, _, hand, _ = bench()
-    hand.wrench = np.array([0.3, 0.0, -0.2, 0.0, 0.0, 0.0])
-    sensor.begin("p1")
-    hand.wrench = np.array([0.3, 0.0, -2.2, 0.0, 0.0, 0.0])
-    assert sensor.read().force_n[-1] == pytest.approx((0.0, 0.0, -2.0), abs=1e-6)
-
-
 def test_out_of_range_is_flagged_and_clipped_as_the_box_does() -> None:
     sensor, _, hand, clock = bench()
     hand.growth = np.array([0.0, 0.0, -50.0, 0.0, 0.0, 0.0])
@@ -129,14 +121,21 @@ def test_what_the_scene_cannot_answer_is_told_to_who_reads() -> None:
         sensor.read()
 
 
-def test_a_count_of_records_and_what_was_under_way_at_a_stop() -> None:
-    sensor, box, _, clock = bench()
-    box.send(COMMAND.pack(HEADER, STREAM, 5))
-    clock.sleep_s(0.1)
-    got = []
-    while data := box.receive(0.0):
-        got.append(int(np.frombuffer(data.payload, RECORD)["rdt"][0]))
-    assert got == [1, 2, 3, 4, 5]
+def test_a_box_in_error_sends_no_counts() -> None:
+    _, box, hand, clock = bench()
+    hand.wrench[:] = 1.0
+    box.faults.error = True
+    box.send(COMMAND.pack(HEADER, STREAM, 0))
+    clock.sleep_s(0.01)
+    data = box.receive(0.0)
+    assert data is not None
+    (record,) = np.frombuffer(data.payload, RECORD)
+    assert record["status"] & 0x80000000
+    assert not record["counts"].any()
+
+
+def test_what_was_under_way_at_a_stop_is_not_read_after_it() -> None:
+    sensor, _, _, clock = bench()
     sensor.start()
     clock.sleep_s(0.1)
     sensor.stop()

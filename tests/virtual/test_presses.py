@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltact_fab.errors import InputError, SolverError
+from deltact_fab.errors import InputError
 from deltact_fab.gel.path.knots import Increments
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.gel.path.store import KIND
@@ -17,7 +17,6 @@ from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig.simulator import GelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.virtual.paths import paths, poses, rest_s
-from deltact_fab.virtual.presolve import solve_ahead
 from deltact_fab.virtual.presses import Presses
 
 COARSE = GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5)
@@ -142,27 +141,6 @@ def test_a_press_is_found_where_it_is_planned_and_nowhere_else() -> None:
     with pytest.raises(InputError, match=r"no press of sphere:12 is planned at \(5, 5\) mm"):
         presses.open("sphere:12", (5.0, 5.0))
     assert presses.open("sphere:12", (2.0005, -1.0)).solver.poses  # a motor step off
-
-
-@pytest.mark.slow
-def test_a_failure_ends_one_press_and_the_rest_is_kept() -> None:
-    """So light a touch of the second place meets no node of the grid."""
-    places = {"positions_mm": [[0.5, 0.47], [0.0, 0.0]], "depths_mm": [0.03]}
-    far = declared(**places, shear=None, channels=["force"])
-    heard: list[str] = []
-    rows = solve_ahead(far, SKIN, COARSE, told=lambda row: heard.append(row.press))
-    good, bad = rows
-    assert good.failure == ""
-    assert good.done == good.knots
-    assert not good.found
-    assert "touches no grid node" in bad.failure
-    assert bad.done < bad.knots
-    assert {"sphere-12/p1", "sphere-12/p2"} <= set(heard)
-    again = solve_ahead(far.model_copy(update={"positions_mm": ((0.5, 0.47),)}), SKIN, COARSE)
-    assert [row.found for row in again] == [True]
-    presses = Presses(far, SKIN, COARSE)
-    with pytest.raises((SolverError, InputError)):
-        presses.of(presses.paths[1]).solver.solve_all()
 
 
 @pytest.mark.parametrize("dwell", [0.05, 600.0])

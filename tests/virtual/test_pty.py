@@ -7,7 +7,6 @@ import time
 
 import pytest
 
-from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
@@ -47,29 +46,3 @@ def test_the_real_host_moves_it_and_a_port_that_is_closed_is_seen() -> None:
                 break
             time.sleep(0.01)
     assert opened == [True, False]
-
-
-@pytest.mark.slow
-def test_a_cable_that_is_pulled_is_an_error_and_the_port_comes_back_where_it_was() -> None:
-    with powered() as terminal:
-        stage = host(terminal)
-        stage.connect()
-        stage.home()
-        stage.start_move((-1.0, -1.0, -40.0), 600.0)
-        terminal.unplug()
-        with pytest.raises(StageError):
-            stage.wait()
-        assert not os.path.lexists(terminal.port)
-        terminal.plug()
-        stage.close()
-        with pytest.raises(StageError):
-            stage.position_mm()
-        again = host(terminal)
-        for _ in range(500):  # the jog goes on without a host
-            with terminal.lock:
-                if terminal.controller.state != "Jog":
-                    break
-            time.sleep(0.01)
-        again.connect()
-        again.home()
-        again.close()

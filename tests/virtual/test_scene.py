@@ -198,21 +198,6 @@ def test_history_is_gone_after_the_tip_left() -> None:
     assert abs(force[0]) < 1e-3 * abs(force[2])
 
 
-def test_the_same_motion_later_gives_the_same_bits() -> None:
-    """Everything counts from the start of a line, in whole nanoseconds."""
-    seen = []
-    for offset_s in (0.0, 12345.678901234):
-        bench = Bench()
-        bench.clock.sleep_s(offset_s)
-        bench.go(0.0, 0.0, 0.0)
-        bench.jog(0.0, 0.0, -1.0, 60.0)
-        bench.clock.sleep_s(0.4321)
-        displacement = bench.scene.observe().displacement_mm()
-        assert displacement is not None
-        seen.append(displacement)
-    assert np.array_equal(seen[0], seen[1])
-
-
 def test_a_face_below_the_floor_is_kept_on_it_and_flagged() -> None:
     free, held = (PathSolver(lambda: UNIT, observed=ALL, floor_mm=mm) for mm in (12.0, 0.7))
     (_, above), (_, below) = (p.next(0, (0.0, 0.0, -1.0), 1.0) for p in (free, held))
@@ -229,6 +214,7 @@ def test_a_face_below_the_floor_is_kept_on_it_and_flagged() -> None:
     assert below.force_n == above.force_n
 
 
+@pytest.mark.slow
 def test_a_rest_of_several_knots_is_followed_and_is_over_when_the_next_line_starts() -> None:
     """Looked at one by one or all at once, the force goes through every knot of the rest."""
     gel = GelMaterial(1.0, prony=((1.0, 2.0),))
