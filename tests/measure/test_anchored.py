@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+import benchmarks.renewal
 from deltact_fab.errors import InputError
 from deltact_fab.measure.flow import (
     FLOW_METHODS,
@@ -182,3 +183,11 @@ def test_trackers_share_a_flow_where_they_are_told_to_and_only_there(
         assert len(calls) == most
         calls.clear()
     assert np.array_equal(*found)
+
+
+@pytest.mark.slow
+def test_the_rule_can_fire_on_every_pattern_of_the_paper() -> None:
+    """A threshold of 12 grey levels at a quarter of the size could on five of seventeen."""
+    found = list(benchmarks.renewal.seen())
+    assert len(found) == 17
+    assert all(threshold < most for _, threshold, most in found), found
