@@ -140,7 +140,11 @@ def made_up(
                 tally.at_dots.take(np.full(4, value))
                 tally.at_moving_dots.take(np.full(4, value))
                 tally.take_moving(np.full(4, value), np.ones(4, bool))
-            cells.append(PressErrors(p.name, f"{indenter}/p1", indenter, tallies, None, ()))
+            cells.append(
+                PressErrors(
+                    p.name, f"{indenter}/p1", indenter, tallies, {}, np.zeros((0, 2)), None, ()
+                )
+            )
     return PatternErrors(printed, cells)
 
 

@@ -149,7 +149,7 @@ def tally(error_mm: float) -> ErrorTally:
 def test_the_gain_is_over_the_papers_pattern_seed_by_seed() -> None:
     errors_mm = {"x": (1.0, 1.1, 0.9, 1.0), PAPER: (4.0, 4.4, 3.6, 4.0)}
     cells = [
-        PressErrors(name, "p1", f"seed {k}", {OURS: tally(v)}, None, ())
+        PressErrors(name, "p1", f"seed {k}", {OURS: tally(v)}, {}, np.zeros((0, 2)), None, ())
         for name, values in errors_mm.items() for k, v in enumerate(values)
     ]  # fmt: skip
     share = headlines(PatternErrors((), cells), ["x"], "x")[1]
