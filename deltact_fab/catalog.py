@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from os.path import isdir
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -73,7 +74,7 @@ def find(kind: str, name: str) -> Path:
     if path.suffix == ".toml" or path.parent != Path("."):
         if reading.is_file(path):
             return path
-        raise InputError(f"{name}: no such file")
+        raise InputError(f"{name}: {'a folder, no file' if isdir(path) else 'no such file'}")
     own, here, shipped = (
         folder / f"{name}.toml" for folder in (Path(kind), Path(), shipped_dir(kind))
     )
@@ -180,8 +181,9 @@ def _line(source: str, kind: type, fault: Any) -> str:
     if fault["type"] in ("missing", "missing_argument"):
         return f"{where}: missing key"
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    message = message.replace("a valid array", "a list")
     got = fault.get("input")
-    shown = "" if isinstance(got, dict) else f" (got {got!r})"
+    shown = "" if got is None or isinstance(got, dict) else f" (got {got!r})"
     limits = ""
     if fault["type"] in OUT_OF_LIMITS:
         name = next((part for part in reversed(at) if isinstance(part, str)), "value")

@@ -43,6 +43,7 @@ class Plain:
         (Outer, {"inner": {"depth_mm": "8"}}, "f: inner.depth_mm: "),
         (Outer, {"inner": {"depth_mm": True}}, "f: inner.depth_mm: "),
         (Outer, {"pair_mm": [1.0]}, "f: pair_mm"),
+        (Outer, {"many": "1 mm"}, "f: many: Input should be a list (got '1 mm')"),
         (Plain, {"sensor": {"frame": {"seat_mm": 6}}}, "unknown key; did you mean 'seat_y_mm'?"),
         (
             Plain,
@@ -67,6 +68,8 @@ def test_toml_faults_are_one_line(tmp_path: Path) -> None:
         catalog.read(file)
     with pytest.raises(InputError, match="no such file"):
         catalog.find("cad", str(tmp_path / "y.toml"))
+    with pytest.raises(InputError, match="a folder, no file"):
+        catalog.find("cad", str(tmp_path))
 
 
 def test_a_bare_name_is_this_folder_s_own_first(

@@ -210,7 +210,8 @@ def kept(folder: Path, name: str) -> dict[str, Any]:
     if name == "run.json" and (known := data.get("format")) not in (UNHASHED, FORMAT):
         raise InputError(f"{path}: format: {known}, this version reads {UNHASHED} and {FORMAT}")
     catalog.validate(_FILES[name], data, str(path))
-    lacks = "not known of an imported run" if IMPORTED in data else Kept.lacks
+    told = "not known of an imported run; its file for `record import` can name camera and design"
+    lacks = told if IMPORTED in data else Kept.lacks
     found: dict[str, Any] = _wrapped(data, str(path), lacks)
     return found
 

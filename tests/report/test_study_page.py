@@ -134,7 +134,7 @@ def test_a_value_that_is_no_number_is_kept_as_none_and_meets_no_goal(tmp_path: P
     ("change", "words"),
     [
         ({"format": "deltact-fab study 0"}, "format: 'deltact-fab study 0'"),
-        ({"verdict": "yes"}, "verdict: Input should be a valid array (got 'yes')"),
+        ({"verdict": "yes"}, "verdict: Input should be a list (got 'yes')"),
         ({"headlines": [{"what": "x"}]}, "headlines.0.unit: missing key"),
         ({"headlines": [1]}, "headlines.0"),
         ({"seed": None}, "seed: "),

@@ -47,7 +47,7 @@ def rows(built: BuiltDesign) -> Iterator[Row]:
     )
     yield row(
         "plate clear of the light",
-        f"{found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
+        f"bends {found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
         f"{rests_n:.0f} N",
         found.over_ring_mm <= room_mm,
         f"<= {room_mm:.3g} mm, the least play (light.axial_fit_mm)",
