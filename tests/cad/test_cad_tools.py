@@ -85,7 +85,7 @@ def test_a_frame_fits_its_seat_with_clearance_and_clears_the_rest(cq: Any) -> No
 def test_nothing_but_the_underside_looks_down(cq: Any) -> None:
     def looks_down(solid: Any) -> list[float]:
         """Heights of the triangles that look downwards."""
-        corners = mesh_solid(solid, 0.05, "mold").corners_mm
+        corners = mesh_solid(solid, 0.5, "mold").corners_mm
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         return sorted(set(corners[normal[:, 2] < -1e-6][:, :, 2].ravel().round(9).tolist()))
