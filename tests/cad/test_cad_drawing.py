@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 import shutil
 import subprocess
@@ -187,9 +188,9 @@ def test_the_shipped_variants_are_legible(made, design, names):
         ("skin-frame", "screw.tip_clearance_mm=0.6", {"4× Ø1.35 depth 5.6"},
          {"4× Ø1.35 depth 5.2"}),
         ("light-holder", "light.diffuser_mm=1.2", {"Ø20.2"}, {"Ø20.8"}),
-        ("mold", "mold.floor_roughness_um=0.4",
-         {"floor, the touched face, flat within 0.05, Ra 0.8"},
-         {"floor, the touched face, flat within 0.05, Ra 0.4"}),
+        pytest.param("mold", "mold.floor_roughness_um=0.4",
+                     {"floor, the touched face, flat within 0.05, Ra 0.8"},
+                     {"floor, the touched face, flat within 0.05, Ra 0.4"}, marks=pytest.mark.slow),
     ],
 )  # fmt: skip
 def test_what_is_printed_follows_the_design(made, name, change, before, after):
@@ -288,7 +289,7 @@ def test_svg_and_pdf_are_the_same_page(made, tmp_path):
     told = subprocess.check_output(["pdftotext", "-bbox", path, "-"], text=True)
     size = re.search(r'<page width="([\d.]+)" height="([\d.]+)"', told).groups()
     assert [float(v) * 25.4 / 72 for v in size] == pytest.approx((420, 297), abs=1e-3)
-    words = re.findall(r"<word [^>]*>(.*?)</word>", told)
+    words = re.findall(r"<word [^>]*>(.*?)</word>", html.unescape(told))
     assert sorted(words) == sorted(word for t in texts(page) for word in t.split())
     fonts = subprocess.check_output(["pdffonts", path], text=True)
     assert re.search(r"DeltactSans\s+CID TrueType\s+Identity-H\s+yes yes yes", fonts)
@@ -296,9 +297,7 @@ def test_svg_and_pdf_are_the_same_page(made, tmp_path):
         float(v) * 25.4 / 72
         for v in re.search(r'xMin="([\d.]+)" yMin="([\d.]+)"[^>]*>light-holder<', told).groups()
     )
-    at = next(
-        mark.at for mark in page.marks if isinstance(mark, Text) and mark.words == "light-holder"
-    )
+    at = next(mark.at for mark in page.marks if getattr(mark, "words", "") == "light-holder")
     assert left == pytest.approx(at[0], abs=0.05)
     assert top < at[1] < top + 6
 
