@@ -6,8 +6,6 @@ import pytest
 from closed_forms import held
 
 from benchmarks.cad_random import drawn
-from benchmarks.cad_random import outcome as checked
-from deltact_fab import cache
 from deltact_fab.cad import feasibility
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.registry import of_design
@@ -39,11 +37,3 @@ def test_random_designs_give_gated_solids_or_one_line():
         parts = [PARTS[(3 * number + k) % len(PARTS)] for k in range(3)]
         seen[outcome(drawn(number), parts)] += 1
     assert seen["built"] >= 5, f"most sets are refused, the draw tests little: {seen}"
-
-
-@pytest.mark.slow
-def test_a_random_design_passes_or_names_a_key(tmp_path, monkeypatch):
-    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path))
-    found = checked(1000)
-    assert found["outcome"] in ("passed", "rows", "refused"), found
-    assert found.get("named", True), found
