@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses
 import hashlib
 import json
@@ -22,6 +23,7 @@ from deltact_fab.cad.export import folder as export_folder
 from deltact_fab.cad.export.batch import export_parts
 from deltact_fab.cad.export.part_files import DRAWN, FORMATS, FileBytes, applicable
 from deltact_fab.cad.export.stored import Store
+from deltact_fab.cad.kernel import _advice
 from deltact_fab.cad.parts import skin_frame
 from deltact_fab.cli.cad import cad
 from deltact_fab.errors import InputError, RunFailed
@@ -397,3 +399,21 @@ def test_a_missing_system_library_is_one_line_that_says_what_to_install(tmp_path
     said = "deltact-fab: cadquery needs libGL.so.1: apt-get install libgl1 libegl1 libx11-6\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
     assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    ("library", "content", "says"),
+    [
+        ("libGL.so.1", None, "cadquery needs libGL.so.1: apt-get install libgl1"),
+        ("libX11.so.6", b"text" * 99, "the one here is broken (invalid ELF header): apt-get inst"),
+        ("site-packages/libTK.so.7.9", b"", "pip install --force-reinstall cadquery"),
+    ],
+)
+def test_the_advice_on_a_library_follows_what_the_loader_says(library, content, says, tmp_path):
+    path = tmp_path / library
+    path.parent.mkdir(exist_ok=True)
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(OSError, match="lib") as why:
+        ctypes.CDLL(str(path))
+    assert says in _advice(str(why.value))
