@@ -10,6 +10,8 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import deltact_fab
 from deltact_fab.extras import EXTRAS
@@ -21,9 +23,7 @@ OWN = {"deltact_fab"}
 
 def named(requirement: str) -> str:
     """The package of a requirement, as indexes compare names."""
-    found = re.match(r"[A-Za-z0-9._-]+", requirement)
-    assert found is not None
-    return re.sub(r"[-_.]+", "-", found[0]).lower()
+    return canonicalize_name(Requirement(requirement).name)
 
 
 def declared(extra: str) -> set[str]:
