@@ -46,7 +46,8 @@ height_px = 48
 @contextmanager
 def bench(folder: Path, settings: dict[int, float] | None = None) -> Iterator[None]:
     """A file of a stage alone, and its board."""
-    with board({1: 255, **(settings or {})}) as it:
+    own = {1: 255, **dict.fromkeys((110, 111, 112), 6000), **(settings or {})}
+    with board(own) as it:
         rig_file(folder, it.port)
         yield
         assert it.jogs == 0  # nothing has moved
