@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 import signal
 import sqlite3
@@ -185,9 +186,15 @@ def test_other_conditions_are_refused_by_name(tiny: ShortRun, tmp_path: Path) ->
 # In processes that are killed.
 
 
+def compiled(tiny: ShortRun) -> dict[str, str]:
+    """An environment in which compiled modules are kept: half of a short run is start-up."""
+    env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    return env | {"PYTHONPYCACHEPREFIX": str(tiny.folder / "compiled")}
+
+
 def kill_at(tiny: ShortRun, where: str, n: int, out: Path, *more: str) -> None:
     words = [sys.executable, "-c", KILLED, where, str(n), *tiny.words(out, *more)]
-    done = subprocess.run(words, capture_output=True, check=False)
+    done = subprocess.run(words, env=compiled(tiny), capture_output=True, check=False)
     assert done.returncode == -signal.SIGKILL, done.stderr
 
 
@@ -201,7 +208,7 @@ def test_a_run_killed_at_any_moment_ends_as_the_undisturbed_one(
         out, images = tmp_path / f"kill-{n}", int(32 * (n + rng.uniform()) / 3)
         for more in ((), ("--resume",)) if n == 1 else ((),):
             words = [sys.executable, "-m", "deltact_fab.cli.main", *tiny.words(out, *more)]
-            with subprocess.Popen(words) as process:
+            with subprocess.Popen(words, env=compiled(tiny)) as process:
                 while process.poll() is None and len([*out.glob("images/*.png")]) < images:
                     time.sleep(0.002)
                 process.kill()
