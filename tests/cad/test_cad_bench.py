@@ -1,19 +1,15 @@
-"""The bench's parts: bolt circles, the clocking flat, the LEDs' current and their drawing."""
+"""The bench's parts: bolt circles, the clocking flat, the LEDs' current."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 
 import pytest
-import shapely
+from solids import common_mm3, made
 
-from deltact_fab.cad.build import build_part
 from deltact_fab.cad.check import electric, fits
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.drafting.page import Polylines, Text, meet
-from deltact_fab.cad.drafting.wiring import wiring
 from deltact_fab.cad.fabrication import quantities
 from deltact_fab.cad.features import features_of
 from deltact_fab.cad.parts import led_strip
@@ -25,10 +21,9 @@ D = load_design()
 
 def _axes(part, diameter_mm):
     """Axes along z of a part's holes of one diameter, each once."""
-    solid = build_part(find(part), D)[0]
     return {
         (round(r.low_mm[0], 6), round(r.low_mm[1], 6))
-        for r in features_of(solid).rounds
+        for r in features_of(made(part)).rounds
         if r.hole and r.axis == 2 and abs(2 * r.radius_mm - diameter_mm) < 1e-6
     }
 
@@ -51,14 +46,13 @@ def test_every_hole_of_the_bench_has_its_counterpart() -> None:
 def test_the_stem_enters_the_holder_with_its_flat_at_plus_x_only() -> None:
     from cadquery import Vector
 
-    star, holder = find("star"), build_part(find("tool-holder"), D)[0]
+    star, holder = find("star"), made("tool-holder")
     assert star.indenter is not None
     mouth = star.indenter.plate_z_mm + star.indenter.body.plate_mm
-    seated = build_part(star, D)[0].translate(Vector(0, 0, -mouth))
-    assert seated.intersect(holder).Volume() == pytest.approx(0.0, abs=1e-9)
+    seated = made("star").translate(Vector(0, 0, -mouth))
+    assert common_mm3(seated, holder) == pytest.approx(0.0, abs=1e-9)
     for turn in (90, 180):
-        turned = seated.rotate(Vector(), Vector(0, 0, 1), turn)
-        assert turned.intersect(holder).Volume() > 1.0
+        assert common_mm3(seated.rotate(Vector(), Vector(0, 0, 1), turn), holder) > 1.0
 
 
 def test_a_tight_bore_and_a_loose_one_fail_their_rows() -> None:
@@ -109,28 +103,3 @@ def test_a_led_wider_than_its_piece_of_strip_is_refused() -> None:
     assert [rule.holds for rule in rules] == [True, True]
     wide = replace(D, light=LightDimensions(leds_per_m=240))
     assert [rule.holds for rule in led_strip.rules(wide)] == [False, True]
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        ("light.resistor_ohm=470", "drawing.revision=C"),
-        ("light.led_count=1",),
-        ("light.led_count=9", "light.leds_per_m=120", "light.strip_resistor_ohm=1500.5"),
-    ],
-)
-def test_no_text_of_the_wiring_drawing_is_struck_or_leaves_the_sheet(
-    changes: tuple[str, ...],
-) -> None:
-    page = wiring(load_design(changes=changes))
-    boxes = [mark.box for mark in page.marks if isinstance(mark, Text)]
-    assert not [pair for pair in itertools.combinations(boxes, 2) if meet(*pair)]
-    assert all(x0 > 10 and x1 < 287 and y0 > 10 and y1 < 200 for x0, y0, x1, y1 in boxes)
-    for mark in page.marks:
-        if isinstance(mark, Polylines):
-            for line in mark.lines:
-                drawn = shapely.LineString([*line, line[0]] if mark.closed else line)
-                assert not [box for box in boxes if drawn.crosses(shapely.box(*box))], mark.style
-    if "drawing.revision=C" in changes:
-        said = ("R 470 ohm", "5 V ± 5 %", "red, 0.08 mm²", "17 × 2 mm", ">C<", "LED 5")
-        assert [text for text in said if text not in page.svg()] == []

@@ -8,10 +8,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mutated import mutated
+from solids import box, made, mutated
 
 from deltact_fab.cad import check, rays
-from deltact_fab.cad.build import build_part
 from deltact_fab.cad.check import electric, inequalities, printed, soundness, thickness, visibility
 from deltact_fab.cad.check.built import MESH_MM, BuiltDesign
 from deltact_fab.cad.check.row import Row, at, verified
@@ -31,10 +30,11 @@ def _walls(solid):
 
 
 def _box(size, corner=(0, 0, 0)):
-    return require().Solid.makeBox(*size, require().Vector(*corner))
+    return box(corner, np.add(corner, size))
 
 
 def _rod(radius, height, at_mm=(0, 0, 0), way=(0, 0, 1)):
+    """A cylinder along any axis."""
     cq = require()
     return cq.Solid.makeCylinder(radius, height, cq.Vector(*at_mm), cq.Vector(*way))
 
@@ -188,7 +188,7 @@ def inner():
     """The parts that camera and light are checked on."""
     names = ("skin", "acrylic", "camera", "light-holder", "camera-holder", "shell", "skin-frame")
     parts = [find(name) for name in names]
-    return BuiltDesign(D, tuple(parts), {p.name: build_part(p, D)[0] for p in parts})
+    return BuiltDesign(D, tuple(parts), {name: made(name) for name in names})
 
 
 def test_the_view_by_snell_and_by_hand():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 
 import pytest
-from mutated import mutated
+from solids import box, mutated, rod
 
 from deltact_fab.cad import registry
 from deltact_fab.cad.check.built import BuiltDesign
@@ -72,16 +72,6 @@ def sound():
     return Sound()
 
 
-def _box(low, high):
-    size = [b - a for a, b in zip(low, high, strict=True)]
-    return require().Solid.makeBox(*size, require().Vector(*low))
-
-
-def _rod(radius, low_z, high_z, x=0.0, y=0.0):
-    cq = require()
-    return cq.Solid.makeCylinder(radius, high_z - low_z, cq.Vector(x, y, low_z), cq.Vector(0, 0, 1))
-
-
 def _fused(solid, more):
     return solid.fuse(more).clean().Solids()[0]
 
@@ -97,57 +87,57 @@ def test_without_a_fault_nothing_fails(sound):
 
 def thinned_wall(shell):
     x = D.frame_outer_mm[0] / 2
-    return shell.cut(_box((-x - 1, -3, -22), (-x + 0.7, 3, -18)))
+    return shell.cut(box((-x - 1, -3, -22), (-x + 0.7, 3, -18)))
 
 
 def shifted_hole(shell):
     """The hole at +x, +y filled and drilled again 0.3 mm further out in x."""
     (x, y), radius = D.screw_at_mm, D.screw.row.clearance_mm / 2
-    filled = _fused(shell, _rod(radius + 0.5, D.z_boss_mm, D.z_joint_mm, x, y))
-    return filled.cut(_rod(radius, D.z_boss_mm - 1, D.z_joint_mm + 1, x + 0.3, y)).Solids()[0]
+    filled = _fused(shell, rod(radius + 0.5, D.z_boss_mm, D.z_joint_mm, x, y))
+    return filled.cut(rod(radius, D.z_boss_mm - 1, D.z_joint_mm + 1, x + 0.3, y)).Solids()[0]
 
 
 def forgotten_hole(shell):
     (x, y), row = D.screw_at_mm, D.screw.row
-    return _fused(shell, _rod(row.clearance_mm / 2, D.z_boss_mm, D.z_joint_mm, x, y))
+    return _fused(shell, rod(row.clearance_mm / 2, D.z_boss_mm, D.z_joint_mm, x, y))
 
 
 def undercut(mold):
     """It is filled with silicone, too: 0.6 x 8 x 1 mm."""
     (x, y), base = centres_mm(D)[0], D.mold.base_mm
     edge = x + D.skin.width_mm / 2
-    return mold.cut(_box((edge - 1, y - 4, base + 3), (edge + 0.6, y + 4, base + 4)))
+    return mold.cut(box((edge - 1, y - 4, base + 3), (edge + 0.6, y + 4, base + 4)))
 
 
 def short_screw(screw):
     tip = D.z_head_mm + D.screw.length_mm
-    return screw.cut(_rod(2, tip - 2, tip + 1))
+    return screw.cut(rod(2, tip - 2, tip + 1))
 
 
 def poking_holder(holder):
     low = D.z_floor_mm
-    return _fused(holder, _box((12, -3, low - 0.4), (14, 3, low + 1)))
+    return _fused(holder, box((12, -3, low - 0.4), (14, 3, low + 1)))
 
 
 def long_mount(shell):
     end, low, half = D.frame_outer_mm[1] / 2 + D.mount.length_mm, D.z_floor_mm, D.mount.width_mm / 2
-    return _fused(shell, _box((-half, end - 1, low), (half, end + 0.5, low + D.mount.height_mm)))
+    return _fused(shell, box((-half, end - 1, low), (half, end + 0.5, low + D.mount.height_mm)))
 
 
 def bar_across_the_view(ring):
     joint, bore = D.z_joint_mm, D.light_bore_mm
-    return _fused(ring, _box((-bore - 1, 1, joint - 2), (bore + 1, 3, joint - 0.4)))
+    return _fused(ring, box((-bore - 1, 1, joint - 2), (bore + 1, 3, joint - 0.4)))
 
 
 def deep_head_bore(cover):
     x, y = D.screw_at_mm
-    return cover.cut(_rod(D.screw.row.bore_mm / 2, D.z_back_mm - 1, D.z_head_mm + 0.2, x, y))
+    return cover.cut(rod(D.screw.row.bore_mm / 2, D.z_back_mm - 1, D.z_head_mm + 0.2, x, y))
 
 
 def thin_peg_leg(cover):
     (x, y), low = D.peg_at_mm, D.z_floor_mm
-    slot = _box((x - 2, y - 2, low + 0.5), (x - 0.55, y + 2, low + 1.5))
-    thin = slot.intersect(_rod(2.5, low, low + 2, x, y)).cut(_rod(1.2, low, low + 2, x, y))
+    slot = box((x - 2, y - 2, low + 0.5), (x - 0.55, y + 2, low + 1.5))
+    thin = slot.intersect(rod(2.5, low, low + 2, x, y)).cut(rod(1.2, low, low + 2, x, y))
     return cover.cut(thin)
 
 
@@ -160,11 +150,11 @@ def high_plate(plate):
 
 
 def short_bore(holder):
-    return holder.fuse(_rod(2.0, 15, 22))
+    return holder.fuse(rod(2.0, 15, 22))
 
 
 def low_skirt(holder):
-    return _fused(holder, _rod(16.0, -15, 2).cut(_rod(14.0, -16, 0), _rod(5.0, -1, 3)))
+    return _fused(holder, rod(16.0, -15, 2).cut(rod(14.0, -16, 0), rod(5.0, -1, 3)))
 
 
 @pytest.mark.parametrize(

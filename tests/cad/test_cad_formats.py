@@ -8,10 +8,10 @@ import zipfile
 
 import ezdxf
 import lib3mf
-import manifold3d
 import numpy as np
 import pytest
 import trimesh
+from readers import closed_mm3, of_3mf
 
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
@@ -38,16 +38,6 @@ def parts():
     return made
 
 
-def _closed(vertices, triangles):
-    """Volume as manifold3d sees it, which takes only a closed, oriented mesh."""
-    mesh = manifold3d.Mesh(
-        vert_properties=np.asarray(vertices, np.float32), tri_verts=np.asarray(triangles, np.uint32)
-    )
-    body = manifold3d.Manifold(mesh)
-    assert body.status() == manifold3d.Error.NoError
-    return body.volume()
-
-
 @pytest.mark.parametrize("name", ["skin", "indenter-sphere-10"])
 def test_stl_is_closed_for_trimesh_and_manifold(parts, name):
     part, _, measured, mesh = parts[name]
@@ -59,24 +49,18 @@ def test_stl_is_closed_for_trimesh_and_manifold(parts, name):
     assert len(read.faces) == len(mesh.triangles)
     slack_mm3 = measured.area_mm2 * mesh.deviation_mm + 1e-6 * measured.volume_mm3
     assert read.volume == pytest.approx(measured.volume_mm3, abs=slack_mm3)
-    assert _closed(read.vertices, read.faces) == pytest.approx(read.volume, rel=1e-5)
+    assert closed_mm3(read.vertices, read.faces) == pytest.approx(read.volume, rel=1e-5)
 
 
 def test_3mf_is_read_by_lib3mf_in_strict_mode_without_a_warning(parts):
     part, _, measured, mesh = parts["indenter-sphere-10"]
-    model = _of_3mf(threemf.threemf_bytes(mesh, part.name, part.material, part.colour))
+    data = threemf.threemf_bytes(mesh, part.name, part.material, part.colour)
+    model, body, vertices, triangles = of_3mf(data)
     assert model.GetUnit() == lib3mf.ModelUnit.MilliMeter
     assert model.GetMetaDataGroup().GetMetaDataByKey("", "Title").GetValue() == part.name
-    objects = model.GetMeshObjects()
-    assert objects.MoveNext()
-    body = objects.GetCurrentMeshObject()
     assert body.GetName() == part.name
-    assert body.IsManifoldAndOriented()
-    vertices = np.array([list(v.Coordinates) for v in body.GetVertices()], np.float32)
     assert np.array_equal(vertices, mesh.vertices_mm)
-    assert not objects.MoveNext()
-    triangles = [list(t.Indices) for t in body.GetTriangleIndices()]
-    assert _closed(vertices, triangles) == pytest.approx(mesh.volume_mm3, rel=1e-5)
+    assert closed_mm3(vertices, triangles) == pytest.approx(mesh.volume_mm3, rel=1e-5)
     # As it stands on the printer: in the positive octant, touching its sides.
     items = model.GetBuildItems()
     assert items.MoveNext()
@@ -86,30 +70,18 @@ def test_3mf_is_read_by_lib3mf_in_strict_mode_without_a_warning(parts):
     assert np.allclose(np.ptp(vertices, axis=0), np.subtract(*measured.box_mm[::-1]), atol=0.02)
 
 
-def _of_3mf(data):
-    model = lib3mf.get_wrapper().CreateModel()
-    reader = model.QueryReader("3mf")
-    reader.SetStrictModeActive(True)
-    reader.ReadFromBuffer(data)
-    assert reader.GetWarningCount() == 0
-    return model
-
-
 def test_3mf_says_a_strange_material_and_carries_no_date(parts):
     mesh = parts["acrylic"][3]
     data = threemf.threemf_bytes(mesh, "a<b", 'PMMA "clear" & <hard>', (1.0, 0.5, 0.0, 0.25))
-    groups = _of_3mf(data).GetBaseMaterialGroups()
+    groups = of_3mf(data)[0].GetBaseMaterialGroups()
     assert groups.MoveNext()
     group = groups.GetCurrentBaseMaterialGroup()
     assert group.GetName(1) == 'PMMA "clear" & <hard>'
     shown = group.GetDisplayColor(1)
     assert (shown.Red, shown.Green, shown.Blue, shown.Alpha) == (255, 128, 0, 64)
     with zipfile.ZipFile(io.BytesIO(data)) as zipped:
-        assert [entry.filename for entry in zipped.infolist()] == [
-            "[Content_Types].xml",
-            "_rels/.rels",
-            "3D/3dmodel.model",
-        ]
+        names = [entry.filename for entry in zipped.infolist()]
+        assert names == ["[Content_Types].xml", "_rels/.rels", "3D/3dmodel.model"]
         assert {entry.date_time for entry in zipped.infolist()} == {(1980, 1, 1, 0, 0, 0)}
 
 
@@ -149,7 +121,7 @@ def test_glb_assembly_names_and_places_every_copy(parts):
     # The same closed mesh as in the other formats, once points are joined by place again.
     joined, index = np.unique(ball.points_mm, axis=0, return_inverse=True)
     assert len(joined) == len(tip.vertices_mm)
-    assert _closed(joined, index.reshape(-1)[ball.triangles]) == pytest.approx(
+    assert closed_mm3(joined, index.reshape(-1)[ball.triangles]) == pytest.approx(
         tip.volume_mm3, rel=1e-5
     )
 
@@ -190,23 +162,9 @@ def test_dxf_holds_the_outline_in_millimetres_on_its_layer(parts):
 
 def test_dxf_turns_arcs_the_right_way():
     cq = require()
-    plate = (
-        cq.Workplane()
-        .workplane(offset=7)
-        .rect(30, 20)
-        .extrude(3)
-        .edges("|Z")
-        .fillet(4)
-        .faces(">Z")
-        .workplane()
-        .pushPoints([(5, 0)])
-        .hole(6)
-        .faces(">Z")
-        .workplane()
-        .moveTo(-8, 0)
-        .slot2D(10, 4, 90)
-        .cutThruAll()
-    )
+    plate = cq.Workplane().workplane(offset=7).rect(30, 20).extrude(3).edges("|Z").fillet(4)
+    plate = plate.faces(">Z").workplane().pushPoints([(5, 0)]).hole(6)
+    plate = plate.faces(">Z").workplane().moveTo(-8, 0).slot2D(10, 4, 90).cutThruAll()
     document = ezdxf.read(io.StringIO(dxf.dxf_bytes(plate.val(), "plate").decode()))
     entities = list(document.modelspace())
     assert {(entity.dxftype(), entity.closed) for entity in entities} == {("LWPOLYLINE", True)}
@@ -260,13 +218,10 @@ def test_dxf_refuses_what_a_laser_cannot_cut(parts):
 
 def test_step_assembly_has_one_named_solid_a_copy(parts, tmp_path):
     cq = require()
-    data = step.assembly_bytes(
-        [
-            ("acrylic", parts["acrylic"][1], [(0.0, 0.0, 0.0)]),
-            ("ball", parts["indenter-sphere-10"][1], PLACES),
-        ],
-        "assembly",
-    )
+    solids = {name: parts[name][1] for name in NAMES}
+    pieces = [("acrylic", solids["acrylic"], [(0.0, 0.0, 0.0)]),
+              ("ball", solids["indenter-sphere-10"], PLACES)]  # fmt: skip
+    data = step.assembly_bytes(pieces, "assembly")
     (tmp_path / "a.step").write_bytes(data)
     solids = cq.importers.importStep(str(tmp_path / "a.step")).solids().vals()
     ball = parts["indenter-sphere-10"][2]

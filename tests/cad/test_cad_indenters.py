@@ -20,7 +20,6 @@ from deltact_fab.cad.design import (
 )
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.kernel import require
-from deltact_fab.cad.mesh import is_closed, mesh_solid
 from deltact_fab.cad.parts import indenter as indenter_part
 from deltact_fab.errors import InputError
 from deltact_fab.shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, TurnedTip
@@ -117,16 +116,6 @@ def test_a_ring_s_shank_is_a_tube_and_another_height_field_is_noticed() -> None:
     d = np.linspace(1.6, 4.4, 50)
     gap = underside_mm(solid, d, np.zeros(50)) - other.height_mm(d, np.zeros(50))
     assert np.abs(gap).max() > 5e-3
-
-
-@pytest.mark.parametrize("name", ["ring", "hat"])
-def test_the_mesh_is_closed_and_holds_the_volume(name: str) -> None:
-    solid = indenter_part.build(IndenterDimensions(parse(name), IndenterBody()))
-    volume_mm3 = solid.Volume()
-    mesh = mesh_solid(solid, 0.02, name)
-    assert is_closed(mesh.triangles)
-    assert mesh.deviation_mm <= 0.02
-    assert mesh.volume_mm3 == pytest.approx(volume_mm3, rel=5e-3)
 
 
 def test_the_shipped_list_has_the_paper_s_shapes_and_any_size_is_found() -> None:

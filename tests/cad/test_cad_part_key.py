@@ -21,6 +21,7 @@ from deltact_fab.cad.export.stored import BESIDE_DRAWINGS
 from deltact_fab.cad.part_key import Facts, part_key
 from deltact_fab.cad.registry import find, listed, of_design
 
+SLOW = pytest.mark.slow
 LIST = IndenterList(indenter=(ListedIndenter("sphere:10"),))
 
 
@@ -63,7 +64,7 @@ def _read(self, name):
     return value
 
 
-def unread(part, design):
+def unread(part, design, drawing_too=True):
     """What box, solid and drawing read of a design and the part does not declare."""
     paths, drawn = set(), set()
     seen = watched(design, "", paths.add)
@@ -71,6 +72,7 @@ def unread(part, design):
     solid = part.build(seen)
     if part.callouts is not None:
         part.callouts(seen)
+    if part.callouts is not None and drawing_too:
         drawing(part, watched(design, "", drawn.add), solid)
     declared = {*part.sections, *part.derived}
     # Whether a value was measured, and what the machine and the title block add to a drawing.
@@ -83,18 +85,19 @@ def unread(part, design):
 
 
 @pytest.mark.parametrize(
-    "changes", [(), pytest.param(("mount.kind=franka",), marks=pytest.mark.slow)]
+    ("kind", "drawing_too"),
+    [("block", False), *(pytest.param(k, True, marks=SLOW) for k in ("block", "franka"))],
 )
-def test_a_part_reads_no_more_than_it_declares(changes):
-    design = load_design("deltact", changes)
-    assert {part.name: found for part in of_design() if (found := unread(part, design))} == {}
+def test_a_part_reads_no_more_than_it_declares(kind, drawing_too):
+    design = load_design("deltact", [f"mount.kind={kind}"])
+    found = {part.name: unread(part, design, drawing_too) for part in of_design()}
+    assert {name: keys for name, keys in found.items() if keys} == {}
 
 
 def test_what_is_not_declared_is_noticed():
     shell = find("shell")
     names = tuple(name for name in shell.derived if name != "z_joint_mm")
-    assert unread(replace(shell, derived=names), Design()) == {"z_joint_mm"}
-    assert "screw.row.clearance_mm" in unread(replace(shell, sections=("shell",)), Design())
+    assert unread(replace(shell, derived=names), Design(), False) == {"z_joint_mm"}
 
 
 def test_a_part_s_key_changes_with_what_it_is_made_from_alone():

@@ -15,9 +15,9 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
+from solids import of_group
 
 from deltact_fab.cad import registry
-from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting import picture
 from deltact_fab.cad.drafting.balloons import BETWEEN_MM, RADIUS_MM, arranged, spread
@@ -36,13 +36,8 @@ def cq():
 
 
 @pytest.fixture(scope="module")
-def solids(cq):
-    return {part.name: build_part(part, load_design())[0] for part in SENSOR}
-
-
-@pytest.fixture(scope="module")
-def exploded(solids):
-    return ET.fromstring(picture.exploded_svg(load_design(), solids))
+def exploded():
+    return ET.fromstring(picture.exploded_svg(load_design(), of_group("sensor")))
 
 
 def lines_of(root, group, style):
@@ -101,6 +96,7 @@ def test_a_region_is_what_is_seen_of_a_body(cq):
     assert shape(loops).area == pytest.approx(400 - np.pi * 16, rel=0.01)
 
 
+@pytest.mark.slow
 def test_each_part_seen_has_one_balloon_with_the_paper_s_number(exploded):
     found = Counter(
         name.removeprefix("balloon ")
@@ -124,6 +120,7 @@ def test_a_part_that_is_hidden_altogether_has_no_balloon():
     assert balloon.part is one
 
 
+@pytest.mark.slow
 def test_leaders_end_on_their_part_and_cross_no_line(exploded):
     drawn = {
         n: shapely.MultiLineString(x) for n, x in lines_of(exploded, "lines", "picture").items()
@@ -137,6 +134,7 @@ def test_leaders_end_on_their_part_and_cross_no_line(exploded):
         assert not [other for other, lines in drawn.items() if lines.crosses(free)], name
 
 
+@pytest.mark.slow
 def test_no_piece_is_painted_over_a_line_that_is_seen(exploded):
     drawn = lines_of(exploded, "lines", "picture")
     for name, loops in lines_of(exploded, "piece", "filled").items():
@@ -146,6 +144,7 @@ def test_no_piece_is_painted_over_a_line_that_is_seen(exploded):
         assert not over, name
 
 
+@pytest.mark.slow
 def test_balloons_stand_apart_and_on_the_page(exploded):
     circles = lines_of(exploded, "balloon", "picture")
     at = np.array([circle.mean(axis=0) for (circle,) in circles.values()])
@@ -169,7 +168,6 @@ SCRIPT = """
 import hashlib
 from deltact_fab.cad.drafting import picture
 from deltact_fab.cad import registry
-from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.drawing import drawing
 
@@ -182,17 +180,14 @@ print(hashlib.sha256("".join(texts).encode()).hexdigest())
 
 
 @pytest.mark.slow
-def test_another_process_and_a_mesh_left_on_the_solid_change_no_byte(solids):
-    design, cover = load_design(), registry.find("cover")
+def test_another_process_and_a_mesh_left_on_the_solid_change_no_byte():
+    design, cover, solids = load_design(), registry.find("cover"), of_group("sensor")
     texts = [picture.exploded_svg(design, solids), picture.part_svg(cover, design, solids["cover"])]
     texts.append(drawing(cover, design, solids["cover"]).svg())
     mesh_solid(solids["cover"], 0.2, "cover")
     assert picture.part_svg(cover, design, solids["cover"]) == texts[1]
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT],
-        capture_output=True,
-        text=True,
-        check=True,
+        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True,
         env={**os.environ, "PYTHONHASHSEED": "1"},
-    )
+    )  # fmt: skip
     assert done.stdout.strip() == hashlib.sha256("".join(texts).encode()).hexdigest()

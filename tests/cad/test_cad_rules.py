@@ -11,7 +11,6 @@ from deltact_fab.cad import feasibility
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.parts.camera import BOARD_KEYS
-from deltact_fab.cad.parts.screw import stock_note
 from deltact_fab.cad.rule import Quantity, Rule
 from deltact_fab.cad.sensor_sections import CameraDimensions, ScrewDimensions
 from deltact_fab.errors import InputError
@@ -187,8 +186,3 @@ def test_every_dimension_has_a_meaning_and_a_default_within_its_limits():
             assert f.metadata["description"], f.name
             if "ge" in f.metadata:
                 assert f.metadata["ge"] <= getattr(record, f.name) <= f.metadata["le"]
-
-
-def test_screws_that_no_shop_stocks_are_told():
-    assert "19 is not stocked; the longest sold is 16 mm" in stock_note(load_design("screws-19mm"))
-    assert stock_note(Design()) == ""

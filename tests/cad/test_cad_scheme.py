@@ -90,12 +90,6 @@ def test_every_drawing_places_and_sizes_every_feature(design):
     assert faults == {}
 
 
-def test_the_pin_of_the_tool_holder_has_its_place(cq):
-    part, design = registry.find("tool-holder"), load_design()
-    solid, _ = build_part(part, design)
-    assert (0, 12.0) in {(t.axis, t.value_mm) for t in planned(part, design, solid).lengths}
-
-
 @pytest.mark.parametrize(
     ("lengths", "fault"),
     [

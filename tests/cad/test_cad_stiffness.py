@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from plate_in_calculix import solve
 
 from deltact_fab.cad.check import bending
 from deltact_fab.cad.check.built import BuiltDesign
@@ -118,23 +115,20 @@ def test_a_press_beyond_the_plate_bends_nothing() -> None:
     assert (found.deflection_mm, found.over_ring_mm, found.stress_mpa) == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed")
 @pytest.mark.parametrize(
-    ("name", "changes"),
+    ("changes", "deflection_mm", "over_ring_mm", "stress_mpa"),
     [
-        ("deltact", []),
-        ("deltact", ["shell.ledge_drop_mm=1.0", "shell.ledge_mm=1.5", "shell.ledge_x_mm=1.15"]),
-        ("deltact", ["shell.ledge_drop_mm=0", "shell.ledge_x_mm=0"]),
+        ((), 0.223, 0.140, 8.62),
+        (("shell.ledge_drop_mm=1.0", "shell.ledge_mm=1.5", "shell.ledge_x_mm=1.15"),
+         0.438, 0.330, 10.19),
+        (("shell.ledge_drop_mm=0", "shell.ledge_x_mm=0"), 0.365, 0.353, 12.82),
     ],
-)
-def test_within_a_tenth_of_solid_elements_at_49_n(tmp_path, name, changes):
-    design = load_design(name, changes)
-    found, exact = press(design, 49.0), solve(plate_of(design), 49.0, 22.0, tmp_path)
-    back, sag = exact.places[:, 2] == 0, -exact.moved[:, 2]
-    radius = np.hypot(*exact.places[:, :2].T)
-    over = back & (radius >= design.light_bore_mm) & (radius <= design.light_radius_mm)
-    stress_mpa = exact.stresses[exact.at(0, 0, 0), :2].max()
-    assert found.deflection_mm == pytest.approx(sag[back].max(), rel=0.1)
-    assert found.over_ring_mm == pytest.approx(sag[over].max(), rel=0.1)
-    assert found.stress_mpa == pytest.approx(stress_mpa, rel=0.1)
+)  # fmt: skip
+def test_within_six_percent_of_solid_elements_at_49_n(
+    changes, deflection_mm, over_ring_mm, stress_mpa
+):
+    """CalculiX 2.20, C3D20R, by benchmarks/peers/plate_in_calculix.py."""
+    found = press(load_design(changes=changes), 49.0)
+    assert found.deflection_mm == pytest.approx(deflection_mm, rel=0.06)
+    assert found.over_ring_mm == pytest.approx(over_ring_mm, rel=0.06)
+    assert found.stress_mpa == pytest.approx(stress_mpa, rel=0.06)

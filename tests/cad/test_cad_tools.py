@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from closed_forms import held
+from solids import common_mm3, moved
 
 from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
@@ -17,7 +18,6 @@ from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.parts import coupon_mold, mold, skin, skin_frame
 
 DEFAULT = Design()
-MOLD, COUPON = registry.find("mold"), registry.find("coupon-mold")
 
 
 def changed(*changes: str) -> Design:
@@ -25,23 +25,14 @@ def changed(*changes: str) -> Design:
 
 
 VARIANTS = {
-    "default": DEFAULT,
-    "one": changed("mold.columns=1", "mold.rows=1"),
     "uneven": changed("mold.columns=3", "mold.rows=1", "mold.web_mm=12", "mold.pry_mm=4"),
-    "shallow": changed("mold.seat_mm=0.6", "mold.fit_mm=0.3", "mold.pry_width_mm=38"),
     "large fillet": changed("skin.edge_fillet_mm=5.9"),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
 def cq() -> Any:
     return require()
-
-
-@pytest.mark.parametrize("name", ["one", "uneven", "shallow", "large fillet"])
-def test_other_molds_pass_the_gate(name: str, cq: Any) -> None:
-    design = VARIANTS[name]
-    held(MOLD, design)
 
 
 def cast(cq: Any, design: Design, at: tuple[float, float]) -> tuple[Any, Any]:
@@ -80,24 +71,21 @@ def test_the_mold_with_its_frame_casts_the_skin(name: str, cq: Any) -> None:
 
 
 def test_a_frame_fits_its_seat_with_clearance_and_clears_the_rest(cq: Any) -> None:
-    solid = mold.build(DEFAULT)
-    base, proud, fit = DEFAULT.mold.base_mm, DEFAULT.skin.protrusion_mm, DEFAULT.mold.fit_mm
+    solid, base, fit = mold.build(DEFAULT), DEFAULT.mold.base_mm, DEFAULT.mold.fit_mm
     frame = skin_frame.build(DEFAULT).rotate(cq.Vector(0, 0, 0), cq.Vector(1, 0, 0), 180)
-    for at in mold.centres_mm(DEFAULT):
-        placed = frame.moved(cq.Location((*at, base)))
-        assert placed.BoundingBox().zmin == pytest.approx(base + proud)
-        assert solid.intersect(placed).Volume() < 1e-9
+    for x, y in mold.centres_mm(DEFAULT):
+        placed = moved(frame, x, y, base)
+        assert placed.BoundingBox().zmin == pytest.approx(base + DEFAULT.skin.protrusion_mm)
         for shift in (0.9 * fit, -0.9 * fit):
-            both = placed.moved(cq.Location((shift, shift, 0)))
-            assert solid.intersect(both).Volume() < 1e-9
-        assert solid.intersect(placed.moved(cq.Location((1.1 * fit, 0, 0)))).Volume() > 0.1
-        assert solid.intersect(placed.moved(cq.Location((0, 0, -0.1)))).Volume() > 0.1
+            assert common_mm3(solid, moved(placed, shift, shift, 0)) < 1e-9
+        assert common_mm3(solid, moved(placed, 1.1 * fit, 0, 0)) > 0.1
+        assert common_mm3(solid, moved(placed, 0, 0, -0.1)) > 0.1
 
 
 def test_nothing_but_the_underside_looks_down(cq: Any) -> None:
     def looks_down(solid: Any) -> list[float]:
         """Heights of the triangles that look downwards."""
-        corners = mesh_solid(solid, 0.05, "mold").corners_mm
+        corners = mesh_solid(solid, 0.5, "mold").corners_mm
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         return sorted(set(corners[normal[:, 2] < -1e-6][:, :, 2].ravel().round(9).tolist()))
@@ -109,12 +97,9 @@ def test_nothing_but_the_underside_looks_down(cq: Any) -> None:
     assert looks_down(undercut) == [0.0, 7.0]
 
 
-@pytest.mark.parametrize(
-    "changes", [(), ("coupon.wells=12", "coupon.wall_mm=1.5", "coupon.depth_mm=50")]
-)
-def test_the_coupon_mold_holds_its_wells(changes: tuple[str, ...], cq: Any) -> None:
-    design = changed(*changes)
-    solid, found = held(COUPON, design)
+def test_the_coupon_mold_holds_its_wells() -> None:
+    design = changed("coupon.wells=12", "coupon.wall_mm=1.5", "coupon.depth_mm=50")
+    solid, found = held(registry.find("coupon-mold"), design)
     x, y, z = design.coupon_outer_mm
     per_well = (x * y * z - found.volume_mm3) / design.coupon.wells
     assert per_well == pytest.approx(coupon_mold.well_volume_mm3(design), rel=1e-6)

@@ -4,14 +4,15 @@ import re
 from pathlib import Path
 
 import pytest
+from solids import made
 
 from deltact_fab import report
-from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.casting import Bench
 from deltact_fab.cad.drafting.picture import scene_svg
 from deltact_fab.cad.registry import listed
 
+pytestmark = pytest.mark.slow
 DESIGN = load_design()
 # Outcomes, rests, single parts, a cup, a balance.
 NO_PICTURE = {
@@ -22,7 +23,7 @@ NO_PICTURE = {
 
 @pytest.fixture(scope="module")
 def scenes():
-    solids = {p.name: build_part(p, DESIGN)[0] for p in listed(design=DESIGN) if p.indenter is None}
+    solids = {p.name: made(p.name) for p in listed(design=DESIGN) if p.indenter is None}
     return dict(Bench(DESIGN, solids).steps())
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -12,8 +14,8 @@ from wrong_input import VIRTUAL, stop_at_first_motion, toml
 from deltact_fab import experiment
 from deltact_fab.errors import DeltactFabError, Stopped
 
-INDENTERS = ("sphere:10", "sphere:2", "4dots", "cylinder:8", "ellipsoid", "hexprism", "star:12")
-PATTERNS = ("dense", "dense-with-dots", "dots", "chessboard", "no-such-pattern", "./gone.toml")
+INDENTERS = ("sphere:10", "sphere:2", "4dots", "star:12")
+PATTERNS = (*["dense-with-dots"] * 9, "dense", "chessboard", "no-such-pattern", "./gone.toml")
 
 
 def drawn(number: int) -> dict[str, Any]:
@@ -22,77 +24,63 @@ def drawn(number: int) -> dict[str, Any]:
     channels = draw.sample(["image", "dots", "force", "shear", "traction"], draw.randrange(4))
     if draw.random() < 0.8 and not {"dots", "traction"}.isdisjoint(channels):
         channels = sorted({*channels, "image"})
-    depth_mm = draw.choice([0.3, 0.5, 0.8, 1.0, 2.0, 2.9, 3.1, 6.0, 12.5])
-    model = draw.choice(["linear", "linear", "linear", "hyperelastic"])
+    deep_mm = draw.choice([0.3, 0.8, 2.0, 2.9, 3.1, 12.5])
     data: dict[str, Any] = {
         "name": f"drawn-{number}",
         "indenters": draw.sample(INDENTERS, draw.choice([1, 1, 2])),
         "positions_mm": [[draw.uniform(-9, 9), draw.uniform(-5, 5)] for _ in range(2)],
-        "depths_mm": draw.choice(
-            [[depth_mm]] * 4 + [[depth_mm, depth_mm + 0.004], [0.1, depth_mm]]
-        ),
+        "depths_mm": draw.choice([[deep_mm]] * 4 + [[deep_mm, deep_mm + 0.004], [0.1, deep_mm]]),
         "channels": channels,
         "capture": draw.choice([{"rate_hz": 1.0}, {"settle_s": 0.2}, {"rate_hz": 40.0}]),
         "specimen": {
-            "pattern": draw.choice(PATTERNS[1:2] * 9 + PATTERNS),
-            "gel_model": model,
+            "pattern": draw.choice(PATTERNS),
+            "gel_model": draw.choice(["linear", "linear", "linear", "hyperelastic"]),
             "poisson": draw.choice([0.49, 0.49, 0.49, 0.3, 0.5]),
             "friction": draw.choice([0.5, 0.0]),
             "prony": draw.choice([[]] * 9 + [[[0.1, 2.0]]]),
         },
     }
     if "shear" in channels:
-        data["shear"] = {
-            "amplitude_mm": draw.choice([0.5, 0.5, 2.0, 8.0, 0.01]),
-            "points_per_side": draw.choice([1, 1, 3]),
-        }
+        data["shear"] = {"amplitude_mm": draw.choice([0.5, 0.5, 2.0, 8.0, 0.01])}
     if draw.random() < 0.4:  # what goes together, for most
         data |= {"depths_mm": [0.2, 0.8], "indenters": [INDENTERS[0]]}
-        data["specimen"] = {"pattern": PATTERNS[1], "gel_model": "linear"}
+        data["specimen"] = {"pattern": PATTERNS[0], "gel_model": "linear"}
     if draw.random() < 0.1:
         data["motion"] = {"press_feed_mm_min": draw.choice([0.5, 60.0, 1300.0])}
     return data
 
 
-def outcome(number: int, folder: Path) -> tuple[bool, bool, str]:
-    """Whether check passes, whether the run begins, and why it does not."""
-    protocol, rig = folder / f"{number}.toml", folder / "rig.toml"
-    protocol.write_bytes(toml(drawn(number)))
+def passes(request: Callable[[], experiment.RunRequest]) -> bool:
     try:
-        passes = all(
-            row.ok for row in experiment.RunRequest(str(protocol), str(rig), out=folder).checks()
-        )
+        return all(row.ok for row in request().checks())
     except DeltactFabError:
-        passes = False
+        return False
+
+
+def begins(request: Callable[[], experiment.RunRequest]) -> bool:
     try:
-        experiment.run(experiment.RunRequest(str(protocol), str(rig), folder / f"run-{number}"))
-    except Stopped:
-        return passes, True, ""
+        experiment.run(request())
     except DeltactFabError as why:
-        return passes, False, str(why)
+        return isinstance(why, Stopped)
     raise AssertionError("the run was not stopped")
 
 
-def agree(numbers: range, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
-    """How many begin; fails where check and run differ, or a refused run left something."""
-    (folder / "rig.toml").write_bytes(toml(VIRTUAL))
-    monkeypatch.chdir(folder)
+@pytest.mark.slow
+def test_check_passes_what_run_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "rig.toml").write_bytes(toml(VIRTUAL))
+    monkeypatch.chdir(tmp_path)
     stop_at_first_motion(monkeypatch.setattr)
     # Forces only warn on a virtual rig, and are not what is asked here.
     monkeypatch.setattr(experiment.RunRequest, "forces", lambda self, solve=True: None)
     monkeypatch.setattr("deltact_fab.preflight.predict", lambda *a, **k: None)
     begun = 0
-    for number in numbers:
-        passes, begins, why = outcome(number, folder)
-        assert passes == begins, f"{number}: check {passes}, run {begins}: {why}: {drawn(number)}"
-        assert begins == (folder / f"run-{number}").exists()
-        begun += begins
-    return begun
-
-
-@pytest.mark.slow
-def test_check_passes_what_run_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert 8 < agree(range(1000, 1050), tmp_path, monkeypatch) < 42
+    for number in range(1000, 1050):
+        Path("p.toml").write_bytes(toml(drawn(number)))
+        request = partial(experiment.RunRequest, "p.toml", "rig.toml", Path(f"run-{number}"))
+        passed, started = passes(request), begins(request)
+        assert passed == started == Path(f"run-{number}").exists(), drawn(number)
+        begun += started
+    assert 8 < begun < 42
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,16 @@ that is drawn follows from the case's number.
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
+import os
 import shutil
 import signal
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -119,24 +121,23 @@ def keys(
         yield from keys(resolved(key.get("items", {}), root), root, (*at, name, 0))
 
 
-def put(data: dict[str, Any], at: Path_, value: Any) -> None:
-    """Set a value at a place; tables on the way are made."""
-    here: Any = data
-    for key, after in itertools.pairwise(at):
-        if isinstance(key, int):
-            if not isinstance(here, list):
-                return
-            if not here:
-                here.append({})
-            here = here[0]
-        elif isinstance(here, dict):
-            if not isinstance(here.get(key), dict | list):
-                here[key] = [] if isinstance(after, int) else {}
-            here = here[key]
-        else:
-            return
-    if isinstance(here, dict):
-        here[at[-1]] = value
+def with_value(node: Any, at: Path_, value: Any) -> Any:
+    """The same data with a value at a place; tables and lists on the way are made."""
+    key, rest = at[0], at[1:]
+    if isinstance(key, int):
+        held = node if isinstance(node, list) else []
+        first = held[0] if held else None
+        return [with_value(first, rest, value) if rest else value, *held[1:]]
+    table = node if isinstance(node, dict) else {}
+    return {**table, key: with_value(table.get(key), rest, value) if rest else value}
+
+
+def places(node: Any, at: Path_ = ()) -> Iterator[Path_]:
+    """Every place in data, tables and lists as well as what they hold."""
+    if isinstance(node, dict | list):
+        for key in node if isinstance(node, dict) else range(len(node)):
+            yield (*at, key)
+            yield from places(node[key], (*at, key))
 
 
 def written(value: Any) -> str:
@@ -161,17 +162,9 @@ def toml(data: dict[str, Any]) -> bytes:
     return "\n".join(f"{json.dumps(k)} = {written(v)}" for k, v in data.items()).encode()
 
 
-def big(path: Path) -> None:
-    with path.open("wb") as file:
-        file.write(b"a = 1\n")
-        file.truncate(50 * 2**20)
-
-
-def brackets(draw: Random) -> bytes:
-    """Tables or lists in each other, far too deep."""
-    ways = (b"a = " + b"[" * 5000 + b"]" * 5000, b"a = " + b"{a = " * 5000,
+# Tables or lists in each other, far too deep.
+BRACKETS = (b"a = " + b"[" * 5000 + b"]" * 5000, b"a = " + b"{a = " * 5000,
             b".".join([b"a"] * 20_000) + b" = 1", b"[" + b"a." * 5000 + b"a]")  # fmt: skip
-    return draw.choice(ways)
 
 
 def damaged(data: bytes, draw: Random) -> bytes:
@@ -209,10 +202,11 @@ def whole(path: Path, good: bytes, draw: Random) -> str:
     elif what == "circle":
         path.symlink_to(path)
     elif what == "big":
-        big(path)
+        path.write_bytes(b"a = 1\n")
+        os.truncate(path, 50 * 2**20)
     elif what != "gone":
         path.write_bytes({
-            "empty": b"", "binary": draw.randbytes(5000), "brackets": brackets(draw),
+            "empty": b"", "binary": draw.randbytes(5000), "brackets": draw.choice(BRACKETS),
             "utf-16": good.decode("latin-1").encode("utf-16"),
             "cut": good[: draw.randrange(len(good) + 1)], "damaged": damaged(good, draw),
             "long key": b"k" * 100_000 + b" = 1\n" + good, "twice": good + b"\n" + good,
@@ -243,28 +237,24 @@ class Fuzz:
         (folder / "p.toml").write_bytes(toml(PROTOCOL))
         (folder / "r.toml").write_bytes(toml(VIRTUAL))
         which = draw.choices([self._value, self._file, self._record], [62, 12, 26])[0]
-        what, command = which(draw, number, folder)
-        return what, command
+        return which(draw, number, folder)
 
     def _value(self, draw: Random, number: int, folder: Path) -> tuple[str, list[str]]:
         # A prime: every key has its turn.
         kind, at, ends = self._turn[number * 7919 % len(self._turn)]
         _, base, commands = KINDS[kind]
-        data = json.loads(json.dumps(base))
         if draw.random() < 0.05:
             at = (*at[:-1], draw.choice(["unknown", "", "x" * 100_000, "ünï", "a.b", "0"]))
         value = draw.choice(ends if ends and draw.random() < 0.4 else VALUES)
-        put(data, ("camera", *at) if kind == "camera" else at, value)
-        shown = written(value)
-        what = f"{kind}: {'.'.join(map(str, at))[:80]} = {shown[:60]}"
+        data = with_value(base, ("camera", *at) if kind == "camera" else at, value)
+        what = f"{kind}: {'.'.join(map(str, at))[:80]} = {written(value)[:60]}"
         return what, self._command(kind, toml(data), folder, draw.choice(commands))
 
     def _file(self, draw: Random, number: int, folder: Path) -> tuple[str, list[str]]:
         kind = draw.choice(list(KINDS))
         _, base, commands = KINDS[kind]
         words = self._command(kind, toml(base), folder, draw.choice(commands))
-        file = self._place(kind, folder)
-        return f"{kind}: {whole(file, toml(base), draw)}", words
+        return f"{kind}: {whole(self._place(kind, folder), toml(base), draw)}", words
 
     def _place(self, kind: str, folder: Path) -> Path:
         return folder / {"cad/indenters": "cad/indenters.toml"}.get(kind, "f.toml")
@@ -301,23 +291,16 @@ class Fuzz:
             file = draw.choice([run / "run.json", run / "run.json", run / "pattern.json",
                                 run / "summary.json", run / "truth" / "lattice.json",
                                 run / "analysis" / "tracking.json", result])  # fmt: skip
-            here = data = json.loads(file.read_text())
-            place, key, inside = [], None, data
-            while isinstance(here, dict | list) and here:
-                key = draw.choice(list(here)) if isinstance(here, dict) else (
-                    draw.randrange(len(here)))  # fmt: skip
-                place.append(str(key))
-                inside = here
-                if not isinstance(here[key], dict | list) or draw.random() < 0.3:
-                    break
-                here = here[key]
+            data = json.loads(file.read_text())
+            at = draw.choice([*places(data)])
+            inside, place = reduce(getitem, at[:-1], data), ".".join(map(str, at))
             value = draw.choice([v for v in VALUES if not isinstance(v, Raw)] + [None])
             if draw.random() < 0.3:
-                del inside[key]
-                what = f"{file.name}: {'.'.join(place)} gone"
+                del inside[at[-1]]
+                what = f"{file.name}: {place} gone"
             else:
-                inside[key] = value
-                what = f"{file.name}: {'.'.join(place)} = {str(value)[:60]}"
+                inside[at[-1]] = value
+                what = f"{file.name}: {place} = {str(value)[:60]}"
             file.write_text(json.dumps(data))
         elif way < 0.55:
             with closing(sqlite3.connect(run / "journal.sqlite")) as db, db:
@@ -328,16 +311,14 @@ class Fuzz:
                 what = f"{table}.{column} = {str(value)[:20]}"
                 ways = [f"DROP TABLE {table}", f"DELETE FROM {table}",
                         f"ALTER TABLE {table} RENAME COLUMN {column} TO other"]  # fmt: skip
+                some = draw.choice(["", " WHERE seq % 3 = 1"])
                 try:
                     if draw.random() < 0.3:
-                        what = draw.choice(ways)
-                        db.execute(what)
+                        db.execute(what := draw.choice(ways))
                     else:
-                        some = draw.choice(["", " WHERE seq % 3 = 1"])
                         db.execute(f"UPDATE {table} SET {column} = ?{some}", (value,))
                 except sqlite3.Error:
-                    db.execute(f"DELETE FROM {table}")
-                    what = f"{table} emptied"
+                    db.execute(what := ways[1])
         else:
             file = draw.choice(named if way < 0.85 else files)
             what = f"{file.relative_to(folder)}: {whole(file, file.read_bytes(), draw)}"

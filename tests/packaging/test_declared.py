@@ -6,25 +6,24 @@ import ast
 import re
 import sys
 import tomllib
-from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import deltact_fab
 from deltact_fab.extras import EXTRAS
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-OWN = {"deltact_fab", "benchmarks", "tests"}
+OWN = {"deltact_fab"}
 
 
 def named(requirement: str) -> str:
     """The package of a requirement, as indexes compare names."""
-    found = re.match(r"[A-Za-z0-9._-]+", requirement)
-    assert found is not None
-    return re.sub(r"[-_.]+", "-", found[0]).lower()
+    return canonicalize_name(Requirement(requirement).name)
 
 
 def declared(extra: str) -> set[str]:
@@ -33,32 +32,24 @@ def declared(extra: str) -> set[str]:
     return {named(line) for line in lines} - {"deltact-fab"}
 
 
-@cache
-def nodes(folder: str) -> list[tuple[Path, ast.AST]]:
-    """Every import and call below a folder, with its file."""
+def nodes() -> list[tuple[Path, ast.AST]]:
+    """Every import and call of the package, with its file."""
     return [
         (path, node)
-        for path in sorted((ROOT / folder).rglob("*.py"))
+        for path in sorted((ROOT / "deltact_fab").rglob("*.py"))
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.Import | ast.ImportFrom | ast.Call)
     ]
 
 
-def called(node: ast.Call) -> str:
-    """The last name of what is called."""
-    return str(getattr(node.func, "attr", getattr(node.func, "id", "")))
-
-
-def imported(*folders: str) -> dict[str, str]:
+def imported() -> dict[str, str]:
     """Package by the file that imports it, wherever in the file."""
     packages = packages_distributions()
     found = {}
-    for path, node in [pair for folder in folders for pair in nodes(folder)]:
+    for path, node in nodes():
         names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
         if isinstance(node, ast.ImportFrom) and not node.level and node.module:
             names = [node.module]
-        if isinstance(node, ast.Call) and called(node) == "importorskip":
-            names = [one.value for one in node.args[:1] if isinstance(one, ast.Constant)]
         for top in {name.partition(".")[0] for name in names} - sys.stdlib_module_names - OWN:
             for package in packages.get(top, [top]):
                 found[named(package)] = str(path.relative_to(ROOT))
@@ -67,7 +58,7 @@ def imported(*folders: str) -> dict[str, str]:
 
 @pytest.mark.slow
 def test_what_the_package_imports_is_what_is_declared() -> None:
-    used = imported("deltact_fab")
+    used = imported()
     extras = set().union(*(declared(extra) for extra in EXTRAS))
     assert not extras & declared("")
     assert set(used) == declared("") | extras, used
@@ -83,8 +74,8 @@ def test_all_is_every_extra_of_the_program() -> None:
 def test_the_extra_that_a_message_names_brings_the_module() -> None:
     packages = packages_distributions()
     seen = set()
-    for path, node in nodes("deltact_fab"):
-        if not isinstance(node, ast.Call) or called(node) != "require":
+    for path, node in nodes():
+        if not (isinstance(node, ast.Call) and ast.unparse(node.func).endswith("require")):
             continue
         words = [a.value for a in node.args if isinstance(a, ast.Constant)]
         if words and words[0] in EXTRAS:
@@ -93,19 +84,6 @@ def test_the_extra_that_a_message_names_brings_the_module() -> None:
             assert brought <= declared(extra), path
             seen.add(extra)
     assert seen == set(EXTRAS)
-
-
-@pytest.mark.slow
-def test_what_the_tests_need_is_used() -> None:
-    tools = "\n".join(
-        (ROOT / name).read_text() for name in ("Makefile", "pyproject.toml", "tests/conftest.py")
-    )
-    imports = imported("tests", "benchmarks")
-    commands = {"import-linter": "lint-imports", "hatchling": "hatchling.build",
-                "pytest-xdist": "-n $(JOBS)", "pandas-stubs": "[tool.mypy]"}  # fmt: skip
-    for package in declared("test") - {"ipykernel"}:  # which nbclient starts
-        command = commands.get(package, f"$(V)/{package}")
-        assert package in imports or command in tools, package
 
 
 @pytest.mark.parametrize("file", ["pyproject.toml", "CITATION.cff", "CHANGELOG.md"])

@@ -14,15 +14,13 @@ import sysconfig
 import tarfile
 import venv
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from doc_pages import Block, Reader, blocks
 
 from deltact_fab import record
-from deltact_fab.patterns import load_recipe
-from deltact_fab.patterns import make as make_pattern
+from deltact_fab.catalog import as_toml
 
 ROOT = Path(__file__).parents[2]
 CATALOGUE = ("cad", "patterns", "protocols")
@@ -32,25 +30,13 @@ TRAVELS = {
     "Makefile", "README.md", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE",
     "PKG-INFO", "constraints.txt", "pyproject.toml",
 }  # fmt: skip
-SHORT = """
-name = "short"
-indenters = ["sphere:10"]
-positions_mm = [[0.0, 0.0]]
-depths_mm = [0.6]
-channels = ["image", "dots", "force"]
-[capture]
-rate_hz = 0.5
-"""
+SHORT = {
+    "name": "short", "indenters": ["sphere:10"], "positions_mm": [[0.0, 0.0]], "depths_mm": [0.6],
+    "channels": ["image", "dots", "force"], "capture": {"rate_hz": 0.5},
+}  # fmt: skip
 WHERE = """
 import json, sys, deltact_fab
-from importlib.metadata import distribution
-from deltact_fab import catalog
-print(json.dumps({
-    "package": deltact_fab.__file__,
-    "shipped": [str(catalog.shipped_dir(kind)) for kind in catalog.KINDS],
-    "distribution": str(distribution("deltact-fab").locate_file("")),
-    "path": sys.path,
-}))
+print(json.dumps({"package": deltact_fab.__file__, "path": sys.path}))
 """
 
 
@@ -69,21 +55,6 @@ def call(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     done = ended(*words, cwd=cwd)
     assert done.returncode == 0, f"{words}: {done.stdout}{done.stderr}"
     return done
-
-
-@dataclass(frozen=True)
-class Installed:
-    """An environment with the wheel in it, and a folder elsewhere to work in."""
-
-    environment: Path
-    folder: Path
-
-    @property
-    def bin(self) -> Path:
-        return self.environment / "bin"
-
-    def __call__(self, *words: str) -> str:
-        return call(self.bin / "deltact-fab", *words, cwd=self.folder).stdout
 
 
 @pytest.fixture(scope="module")
@@ -106,14 +77,12 @@ def wheel(built: Path) -> Path:
     return made
 
 
-@pytest.fixture(scope="module")
-def borrowed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed:
-    """The wheel in a fresh environment that borrows the dependencies installed here.
+def borrowed(wheel: Path, folder: Path) -> Path:
+    """Programs of a fresh environment with the wheel, which borrows the dependencies from here.
 
     A .pth names this environment's packages; .pth files in there are not read in turn, and one
     of those is what makes an editable checkout importable.
     """
-    folder = tmp_path_factory.mktemp("borrowed")
     environment = folder / "env"
     venv.EnvBuilder(with_pip=False, symlinks=True).create(environment)
     call(
@@ -124,9 +93,7 @@ def borrowed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed
     )  # fmt: skip
     (packages,) = environment.glob("lib/python*/site-packages")
     (packages / "borrowed.pth").write_text(sysconfig.get_paths()["purelib"] + "\n")
-    elsewhere = folder / "elsewhere"
-    elsewhere.mkdir()
-    return Installed(environment, elsewhere)
+    return environment / "bin"
 
 
 def of_the_checkout(*folders: str) -> dict[str, bytes]:
@@ -157,22 +124,11 @@ def test_the_wheel_holds_the_package_the_catalogue_and_no_more(wheel: Path) -> N
     wanted = of_the_checkout("deltact_fab")
     wanted |= {f"deltact_fab/_shipped/{k}": v for k, v in of_the_checkout(*CATALOGUE).items()}
     assert {k: v for k, v in held.items() if not k.startswith(info)} == wanted
-    assert "deltact_fab/py.typed" in wanted
-    assert "deltact_fab/report/templates/run.html" in wanted
-    assert "deltact_fab/_shipped/protocols/rigs/virtual.toml" in wanted
+    assert {"deltact_fab/py.typed", "deltact_fab/_shipped/protocols/rigs/virtual.toml"} <= {*wanted}
     assert b"deltact-fab = deltact_fab.cli.main:entry" in held[f"{info}/entry_points.txt"]
     assert b"://" not in b"".join(
         line for line in held[f"{info}/METADATA"].splitlines() if line.startswith(b"Requires-Dist")
     )
-
-
-@pytest.mark.slow
-def test_a_pattern_has_the_bytes_that_the_checkout_makes(
-    borrowed: Installed, tmp_path: Path
-) -> None:
-    borrowed("pattern", "make", "dense", "-o", "x.png")
-    make_pattern(load_recipe(str(ROOT / "patterns" / "dense.toml")), tmp_path / "x.png")
-    assert (borrowed.folder / "x.png").read_bytes() == (tmp_path / "x.png").read_bytes()
 
 
 def check_run(folder: Path, frames: int) -> None:
@@ -185,62 +141,77 @@ def check_run(folder: Path, frames: int) -> None:
     assert rows["fz_n"].min() < -0.1
 
 
-def other_pythons() -> dict[tuple[int, int], str]:
+def pythons() -> dict[tuple[int, ...], str]:
     """Each Python here that the package is for, by version, as PATH and pyenv have it."""
     pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
     found = [shutil.which(f"python3.{minor}") for minor in range(11, 20)]
     found += [str(path) for path in pyenv.glob("versions/3.*/bin/python")]
-    say = "import sys; print(*sys.version_info[:2])"
-    versions: dict[tuple[int, int], str] = {}
+    versions: dict[tuple[int, ...], str] = {}
     for program in filter(None, found):
-        done = subprocess.run([program, "-c", say], capture_output=True, text=True, check=False)
+        done = ended(program, "-c", "import sys; print(*sys.version_info[:2])", cwd=ROOT)
         if done.returncode == 0:  # a shim of pyenv may have nothing behind it
-            major, minor = map(int, done.stdout.split())
-            versions.setdefault((major, minor), program)
+            versions.setdefault(tuple(map(int, done.stdout.split())), program)
     return {version: path for version, path in versions.items() if version >= (3, 11)}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("which", ["oldest, lowest versions", "newest, pinned versions"])
-def test_a_run_and_its_report_on_the_oldest_and_the_newest_python(
+@pytest.mark.skipif(importlib.util.find_spec("uv") is None, reason="uv is not installed")
+@pytest.mark.parametrize("which", ["oldest, lowest versions", "this one, pinned", "newest, pinned"])
+def test_an_install_from_the_index_runs_and_reports(
     which: str, wheel: Path, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    """The wheel and the extra `report`; the oldest Python takes the least that is declared."""
-    if importlib.util.find_spec("uv") is None:
-        pytest.skip("uv is not installed: pip resolves to no lowest versions")
-    pythons, oldest = other_pythons(), which.startswith("oldest")
-    version = min(pythons) if oldest else max(pythons)
-    if not oldest and version == sys.version_info[:2]:
+    """Every dependency is installed anew; the oldest Python takes the least that is declared."""
+    here, this = pythons(), sys.version_info[:2]
+    version = {"o": min(here), "t": this, "n": max(here)}[which[0]]
+    if which[0] == "n" and version == this:
         pytest.skip(f"no newer Python than {version} is here")
     environment, elsewhere = tmp_path / "env", tmp_path / "elsewhere"
     elsewhere.mkdir()
+    # 2 GB; pytest would keep the last three.
     request.addfinalizer(lambda: shutil.rmtree(environment, ignore_errors=True))
     uv, python = (sys.executable, "-m", "uv", "-q"), environment / "bin" / "python"
-    call(*uv, "venv", "--no-project", "--python", pythons[version], environment, cwd=tmp_path)
-    how = ("--resolution", "lowest-direct") if oldest else ("-c", str(ROOT / "constraints.txt"))
-    # Of a wheel its own requirements are not direct ones; of a checkout they are.
-    call(*uv, "pip", "install", "--python", python, *how, f"{ROOT}[report]", cwd=tmp_path)
-    call(*uv, "pip", "install", "--python", python, "--no-deps", "--reinstall-package",
-         "deltact-fab", wheel, cwd=tmp_path)  # fmt: skip
-    there = Installed(environment, elsewhere)
-    (elsewhere / "short.toml").write_text(SHORT)
+    program = sys.executable if version == this else here[version]
+    call(*uv, "venv", "--no-project", "--python", program, environment, cwd=tmp_path)
+    install = (*uv, "pip", "install", "--python", python)
+    if which[0] == "o":
+        # Of a wheel its own requirements are not direct ones; of a checkout they are.
+        call(*install, "--resolution", "lowest-direct", f"{ROOT}[report]", cwd=tmp_path)
+        call(*install, "--no-deps", "--reinstall-package", "deltact-fab", wheel, cwd=tmp_path)
+    else:
+        extras = "cad,report" if which[0] == "t" else "report"
+        pins = ("-c", str(ROOT / "constraints.txt"))
+        call(*install, *pins, f"{wheel}[{extras}]", cwd=tmp_path)
+
+    def there(*words: str) -> str:
+        return call(environment / "bin" / "deltact-fab", *words, cwd=elsewhere).stdout
+
+    seen = json.loads(call(python, "-c", WHERE, cwd=elsewhere).stdout)
+    assert seen["package"].startswith(str(environment))
+    assert not {str(ROOT), sysconfig.get_paths()["purelib"]} & set(seen["path"])
+    if which[0] == "t":
+        there("cad", "export", "sphere:10", "--out", "parts")
+        assert (elsewhere / "parts" / "manifest.json").is_file()
+    (elsewhere / "short.toml").write_text(as_toml(SHORT))
     summary = json.loads(there("run", "short.toml", "--seed", "3", "--out", "r", "--json"))
     check_run(elsewhere / "r", summary["frames"])
-    there("report", "r", "-o", "short.html")
-    assert "simulated" in (elsewhere / "short.html").read_text()
+    there("report", "r", "-o", "r.html")
+    assert "simulated" in (elsewhere / "r.html").read_text()
 
 
 @pytest.mark.slow
-def test_the_first_hour_can_be_followed(borrowed: Installed, tmp_path: Path) -> None:
+def test_the_first_hour_can_be_followed(
+    wheel: Path, tmp_path_factory: pytest.TempPathFactory, tmp_path: Path
+) -> None:
     """The tutorial's own blocks, from `init` to the report, in an empty folder, with the wheel."""
     page = ROOT / "docs" / "tutorials" / "first-hour.md"
+    programs = borrowed(wheel, tmp_path_factory.mktemp("borrowed"))
 
     class Stranger(Reader):
         def python(self, block: Block) -> None:
-            call(borrowed.bin / "python", "-c", block.text, cwd=self.folder)
+            call(programs / "python", "-c", block.text, cwd=self.folder)
 
     def typed(line: str, folder: Path) -> tuple[int, str]:
-        done = ended(borrowed.bin / shlex.split(line)[0], *shlex.split(line)[1:], cwd=folder)
+        done = ended(programs / shlex.split(line)[0], *shlex.split(line)[1:], cwd=folder)
         return done.returncode, done.stdout + done.stderr
 
     stranger = Stranger(tmp_path, typed)
@@ -249,40 +220,3 @@ def test_the_first_hour_can_be_followed(borrowed: Installed, tmp_path: Path) -> 
     assert "simulated" in (stranger.folder / "first.html").read_text()
     summary = json.loads((stranger.folder / "first-run" / "summary.json").read_text())
     check_run(stranger.folder / "first-run", summary["frames"])
-
-
-@pytest.mark.slow
-def test_a_full_install_from_the_index_runs_and_reports(
-    wheel: Path, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
-    """Every dependency installed anew, at the versions of constraints.txt."""
-    environment, elsewhere = tmp_path / "env", tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    # 2 GB; pytest would keep the last three.
-    request.addfinalizer(lambda: shutil.rmtree(environment, ignore_errors=True))
-    constraints = ("-c", str(ROOT / "constraints.txt"), f"{wheel}[cad,report]")
-    if importlib.util.find_spec("uv"):
-        uv = (sys.executable, "-m", "uv", "-q")
-        call(*uv, "venv", "--no-project", "--python", sys.executable, environment, cwd=tmp_path)
-        python = environment / "bin" / "python"
-        call(*uv, "pip", "install", "--python", python, *constraints, cwd=tmp_path)
-    else:
-        call(sys.executable, "-m", "venv", environment, cwd=tmp_path)
-        pip = (environment / "bin" / "python", "-m", "pip", "-q", "--disable-pip-version-check")
-        call(*pip, "install", *constraints, cwd=tmp_path)
-    full = Installed(environment, elsewhere)
-    borrowed_path = sysconfig.get_paths()["purelib"]
-    seen = json.loads(call(full.bin / "python", "-c", WHERE, cwd=elsewhere).stdout)
-    assert seen["package"].startswith(str(environment))
-    assert not {str(ROOT), borrowed_path} & set(seen["path"])
-
-    full("cad", "export", "sphere:10", "--out", "parts")
-    assert (elsewhere / "parts" / "manifest.json").is_file()
-    full("pattern", "make", "dense", "-o", "x.png")
-    (elsewhere / "short.toml").write_text(SHORT)
-    planned = json.loads(full("protocol", "show", "short.toml", "--json"))
-    summary = json.loads(full("run", "short.toml", "--seed", "3", "--out", "r", "--json"))
-    assert summary["frames"] == sum(step["frames"] for step in planned["steps"])
-    check_run(elsewhere / "r", summary["frames"])
-    full("report", "r", "-o", "short.html")
-    assert "simulated" in (elsewhere / "short.html").read_text()

@@ -24,15 +24,10 @@ class Board:
     """port: what a host opens. heard: every piece of what it sent, with the time it came (s).
 
     arduino: it restarts when a host opens it. links: "opened" and "closed" by hosts.
-    reboot_at_jog: a brown-out at that jog from rest, once. jogs: those from rest.
+    jogs: those from rest.
     """
 
-    def __init__(
-        self,
-        settings: dict[int, float] | None,
-        arduino: bool = False,
-        reboot_at_jog: int | None = None,
-    ) -> None:
+    def __init__(self, settings: dict[int, float] | None, arduino: bool = False) -> None:
         clock = WallClock()
         feeds = dict.fromkeys((110, 111, 112), 6000) if arduino else {}
         self.grbl = GrblController(
@@ -40,7 +35,7 @@ class Board:
         )
         self.heard: list[tuple[float, bytes]] = []
         self.links: list[str] = []
-        self.jogs, self._reboot_at_jog, self._line = 0, reboot_at_jog, b""
+        self.jogs, self._line = 0, b""
         self.terminal = PtyCable(
             self.grbl, clock, resets_on_open=arduino, heard=self._hear,
             opened=lambda is_open: self.links.append("opened" if is_open else "closed"),
@@ -53,8 +48,6 @@ class Board:
         for whole in lines:
             begins = b"$J=" in whole and self.grbl.state == "Idle"  # the rest of a move follows it
             self.jogs += begins
-            if begins and self.jogs == self._reboot_at_jog:
-                self.grbl.fault("reboot")
 
     def hears(self, what: bytes, within_s: float = 30.0) -> float:
         """Wait for these bytes; when they came (monotonic s)."""
@@ -87,13 +80,9 @@ def await_(what: Callable[[], float | None], within_s: float = 30.0) -> float:
 
 
 @contextmanager
-def board(
-    settings: dict[int, float] | None = None,
-    arduino: bool = False,
-    reboot_at_jog: int | None = None,
-) -> Iterator[Board]:
+def board(settings: dict[int, float] | None = None, arduino: bool = False) -> Iterator[Board]:
     """A board that is plugged in for as long as the context lasts."""
-    it = Board(settings, arduino, reboot_at_jog)
+    it = Board(settings, arduino)
     with pytest.MonkeyPatch.context() as patch, it.terminal:
         if not arduino:
             patch.setattr(Talk.banner, "__defaults__", (BANNER_S,))

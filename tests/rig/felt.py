@@ -57,7 +57,6 @@ def bench(
     noise_n: float = 0.01,
     tilt_deg: tuple[float, float] = (0.0, 0.0),
     guard_n: float = 5.0,
-    seed: int = 1,
     homed: bool = True,
     block_mm: tuple[float, float, float] | None = None,
     turn_deg: float = 0.0,
@@ -79,7 +78,7 @@ def bench(
         at = [face.wrench(grbl.position_mm(t / 1e9)) for t in t_ns.tolist()]
         return np.reshape(at, (-1, 6))
 
-    box = NetFTBox(ForceConfig(), clock, seed, wrenches, noise_n)
+    box = NetFTBox(ForceConfig(), clock, 1, wrenches, noise_n)
     link = SerialLink(grbl, clock)
     stage = GrblStage(link, clock, EXPECTED)
     force = NetFTSensor(LockstepLink(box), clock)

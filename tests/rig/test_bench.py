@@ -109,27 +109,6 @@ def test_without_a_force_sensor_or_a_device_asked_for_nothing_is_opened(tmp_path
     assert not (tmp_path / "r").exists()
 
 
-@pytest.mark.slow
-def test_a_run_that_a_reboot_broke_off_goes_on_at_another_port(tmp_path: Path) -> None:
-    """Six jogs a press and one to change: the tenth is in the second press."""
-    with board(arduino=True, reboot_at_jog=10) as it:
-        protocol, rig = files(tmp_path, it)
-        with pytest.raises(RunFailed, match="restarted"):
-            experiment.run(experiment.RunRequest(protocol, rig, tmp_path / "r", air=True))
-    assert it.links == ["opened", "closed"]
-    with board(arduino=True) as it:
-        rig = str(rig_file(tmp_path, it.port))
-        summary = experiment.run(
-            experiment.RunRequest(protocol, rig, tmp_path / "r", air=True), resume=True
-        )
-    run = record.open(tmp_path / "r")
-    steps = plan.expand(plan.load(protocol)[0], air=True)
-    assert run.finished
-    assert summary["kept_frames"] > 0
-    assert set(run.steps()["step_id"]) == {s.id for s in steps}
-    assert len(run.frames()) == summary["frames"]
-
-
 def test_a_dry_run_asks_the_devices_and_moves_nothing(tmp_path: Path) -> None:
     with board(arduino=True) as it:
         protocol, rig = files(tmp_path, it)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import pytest
 import serial
 from board import rig_file
 from click.testing import CliRunner
-from pydantic import TypeAdapter
 
 from deltact_fab import catalog
 from deltact_fab.cli.gel_path import path as gel_path
@@ -67,16 +65,8 @@ def test_each_kind_has_its_own_tables(tmp_path: Path) -> None:
             'kind = "grbl"' + STAGE + 'port = "p"\n[camera]\ncommand = ["cat"]',
             r"camera: width_px, height_px: missing; a command does not tell its size",
         ),
-        (
-            'kind = "grbl"' + STAGE + 'port = "p"\n[camera]\nsource = 0\nexposur = 1',
-            r"camera\.exposur: unknown key; .*'exposure'",
-        ),
         ('kind = "virtual"' + STAGE + CAMERA, r"camera\.model: .* \[virtual\.lens\] .* a pinhole"),
         ('kind = "virtual"' + STAGE + "[camera]\n" + LENS, r"camera\.model: missing key"),
-        (
-            'kind = "virtual"' + STAGE + LENS + "gel_mm = -1.0",
-            r"virtual\.lens\.gel_mm: Input should be greater",
-        ),
     ],
 )
 def test_a_bad_file_is_one_line(text: str, says: str, tmp_path: Path) -> None:
@@ -85,38 +75,7 @@ def test_a_bad_file_is_one_line(text: str, says: str, tmp_path: Path) -> None:
     assert "\n" not in str(why.value)
 
 
-def test_a_lens_that_draws_and_one_that_tracks_stand_apart(tmp_path: Path) -> None:
-    rig = loaded(tmp_path, f'kind = "virtual"\n{STAGE}{CAMERA}{LENS}k1 = -0.01\nwidth_px = 640\n')
-    assert rig.kind == "virtual"
-    assert rig.camera is not None
-    assert rig.camera.model == "camera.toml"
-    assert rig.virtual.lens.numbers() == {"k1": -0.01, "width_px": 640}
-    nominal = loaded(tmp_path, f'kind = "virtual"\n{STAGE}{LENS}')
-    assert (nominal.camera, nominal.virtual.lens.numbers()) == (None, {})
-
-
-def numbers(schema: Any, at: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
-    """Every number of a JSON schema and where it stands."""
-    if isinstance(schema, dict):
-        if schema.get("type") in ("number", "integer"):
-            yield at, schema
-        for key, value in schema.items():
-            yield from numbers(value, f"{at}/{key}")
-    elif isinstance(schema, list):
-        for i, value in enumerate(schema):
-            yield from numbers(value, f"{at}/{i}")
-
-
-def test_every_number_has_a_limit_on_both_sides() -> None:
-    found = dict(numbers(TypeAdapter(config.RigConfig).json_schema()))
-    assert len(found) > 25
-    for at, schema in found.items():
-        assert {"maximum", "exclusiveMaximum"} & set(schema), at
-        assert {"minimum", "exclusiveMinimum"} & set(schema), at
-
-
-@pytest.mark.parametrize("value", ["1e300", "nan", "0.0"])
-@pytest.mark.parametrize("key", ["travel_mm", "max_feed_mm_min", "acceleration_mm_s2"])
+@pytest.mark.parametrize(("key", "value"), [("travel_mm", "1e300"), ("max_feed_mm_min", "nan")])
 def test_what_no_stage_has_is_refused(key: str, value: str, tmp_path: Path) -> None:
     lines = [f"{key} = [{value}, 1.0, 1.0]" if key in line else line for line in STAGE.split("\n")]
     with pytest.raises(InputError, match=rf"stage\.{key}\.0: "):

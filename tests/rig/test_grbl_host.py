@@ -117,7 +117,6 @@ def test_connect_home_move(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         b"\xff\x00\xfeGrbl 1.1f ['$' for help]\r\n",
         b"error:7\r\n$0=10\r\n$1=25\r\n\r\nGrbl 1.1h ['$' for help]\r\n",
-        b"ALARM:3\r\nok\r\n\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n",
         b"<Idle|MPos:0.0\r\nGrbl 1.1f ['$' for help]\r\n[MSG:Check Limits]\r\n",
     ],
 )
@@ -125,22 +124,6 @@ def test_noise_before_the_banner(monkeypatch: pytest.MonkeyPatch, greeting: byte
     stage, port = scripted(monkeypatch, CONNECT, greeting)
     stage.connect()
     assert port.left == []
-
-
-def test_no_banner_but_a_status(monkeypatch: pytest.MonkeyPatch) -> None:
-    stage, port = scripted(
-        monkeypatch, [(b"?", b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n"), *CONNECT], b""
-    )
-    stage.connect()
-    assert port.left == []
-
-
-def test_messages_between_command_and_ok_are_not_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    late = b"<Jog|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\n[MSG:Pgm End]\r\n"
-    stage, _ = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, late + b"ok\r\n")])
-    stage.connect()
-    stage.home()
-    stage.start_move((0.0, 0.0, 5.0), 600.0)
 
 
 @pytest.mark.parametrize(

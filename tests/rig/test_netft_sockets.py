@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.rig.clock import WallClock
-from deltact_fab.rig.config import ForceConfig
+from deltact_fab.rig.config import ForceConfig, GuardConfig
 from deltact_fab.rig.force.config import NetFTConfig
 from deltact_fab.rig.force.netft import NetFTSensor
 from deltact_fab.rig.force.open import open_force
 from deltact_fab.rig.force.page import fetch
+from deltact_fab.rig.force.probe import probe
 from deltact_fab.rig.interface import ForceSamples
 from deltact_fab.virtual.netft import BoxFaults
 from deltact_fab.virtual.netft_server import NetFTServer
@@ -222,6 +223,28 @@ def test_other_units_of_the_box_come_out_as_newtons(
         assert samples.force_n[-1] == pytest.approx((2.0, 0.0, -3.0), rel=1e-5)
         assert samples.torque_nmm[-1] == pytest.approx((40.0, 0.0, 0.0), rel=1e-5)
         sensor.close()
+
+
+# ---- what `rig check` finds ----
+
+
+def found(box: NetFTServer, guard: GuardConfig | None = None, **own: object) -> dict[str, bool]:
+    config = ForceConfig(netft=way(box, silent_s=2), **own)  # type: ignore[arg-type]
+    return {row.text: row.verdict == "pass" for row in probe(config, guard, 0.3)}
+
+
+@pytest.mark.slow
+def test_what_is_wrong_says_what_would_be_right() -> None:
+    with NetFTServer(Hand(), noise_n=0.0) as box:
+        lines = found(box, GuardConfig(force_n=60.0), range_n=(50.0, 50.0, 70.0))
+        wrong = "\n".join(text for text, passed in lines.items() if not passed)
+        assert "[50.0, 50.0, 70.0]; the transducer's is [25.0, 25.0, 35.0]: write that" in wrong
+        assert "do not change at all: is the transducer plugged in?" in wrong
+        assert "guard: the limit 60 of Fx is over the sensor's range of 50" in wrong
+        box.faults.error = True
+        assert "fault, status word 0x80000000" in "\n".join(found(box))
+        box.page["comrdte"] = "Disabled"
+        assert list(found(box).values()) == [False]
 
 
 # ---- pynetft by itself, which knows nothing of ours ----

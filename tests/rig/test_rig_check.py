@@ -11,31 +11,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from board import board, rig_file
 from click.testing import CliRunner, Result
 
 from deltact_fab import record
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
-from deltact_fab.rig.clock import WallClock
-from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.netft_server import NetFTServer
-from deltact_fab.virtual.pty import PtyCable
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals"),
     pytest.mark.usefixtures("no_boot_loader"),
 ]
 
-SETTINGS = {1: 255, 120: 2000, 121: 2000, 122: 2000}
-FILE = """
-kind = "grbl"
-[stage]
-port = "{port}"
-origin_machine_mm = [-10.0, -10.0, -12.0]
-travel_mm = [120.0, 120.0, 60.0]
-max_feed_mm_min = [1500.0, 1500.0, 1200.0]
-acceleration_mm_s2 = [2000.0, 2000.0, 2000.0]
-"""
 REST = """
 max_force_n = [60.0, 60.0, 60.0]
 [force]
@@ -56,14 +44,13 @@ height_px = 48
 
 
 @contextmanager
-def board(folder: Path, settings: dict[int, float] | None = None) -> Iterator[PtyCable]:
+def bench(folder: Path, settings: dict[int, float] | None = None) -> Iterator[None]:
     """A file of a stage alone, and its board."""
-    clock = WallClock()
-    grbl = GrblController({**SETTINGS, **(settings or {})}, clock, boot_s=0.1)
-    with PtyCable(grbl, clock) as terminal:
-        (folder / "bench.toml").write_text(FILE.format(port=terminal.port))
-        yield terminal
-        assert not list(grbl.segments)  # nothing has moved
+    own = {1: 255, **dict.fromkeys((110, 111, 112), 6000), **(settings or {})}
+    with board(own) as it:
+        rig_file(folder, it.port)
+        yield
+        assert it.jogs == 0  # nothing has moved
 
 
 def check(folder: Path, *more: str) -> Result:
@@ -76,7 +63,7 @@ def test_a_whole_bench(tmp_path: Path) -> None:
     for k in range(4):
         image = np.random.default_rng(k).integers(60, 200, (48, 64, 3), dtype=np.uint8)
         (tmp_path / "images" / f"{k}.png").write_bytes(record.encode_png(image))
-    with NetFTServer(lambda t_ns: np.zeros((len(t_ns), 6)), noise_n=0.01) as box, board(tmp_path):
+    with NetFTServer(lambda t_ns: np.zeros((len(t_ns), 6)), noise_n=0.01) as box, bench(tmp_path):
         with (tmp_path / "bench.toml").open("a") as file:
             way = {
                 "python": sys.executable,
@@ -98,7 +85,7 @@ def test_a_whole_bench(tmp_path: Path) -> None:
 
 
 def test_what_is_wrong_says_what_to_do(tmp_path: Path) -> None:
-    with board(tmp_path, {21: 0}):
+    with bench(tmp_path, {21: 0}):
         done = check(tmp_path)
     assert done.exit_code == 1
     failed = [line for line in done.output.splitlines() if line.startswith("FAIL")]
@@ -108,7 +95,7 @@ def test_what_is_wrong_says_what_to_do(tmp_path: Path) -> None:
 
 
 def test_a_port_that_is_not_there(tmp_path: Path) -> None:
-    (tmp_path / "bench.toml").write_text(FILE.format(port=str(tmp_path / "no-port")))
+    rig_file(tmp_path, str(tmp_path / "no-port"))
     done = check(tmp_path)
     assert done.exit_code == 1
     assert "cannot be opened" in done.output

@@ -29,7 +29,6 @@ def found(it: Bench, name: str, config: TouchConfig = QUICK) -> FaceTouch:
     ("name", "noise_n", "longer_mm"),
     [
         ("sphere:10", 0.018, 2.0),
-        ("4dots", 0.002, 0.0),
         pytest.param("cylinder", 0.01, -2.0, marks=pytest.mark.slow),
         pytest.param("4dots", 0.018, -2.0, marks=pytest.mark.slow),
     ],
@@ -150,18 +149,10 @@ def test_a_fit_of_clean_curves_is_exact() -> None:
         assert contact.power == power
 
 
-def test_a_single_pose_below_the_face_gives_the_middle_of_what_is_possible() -> None:
-    contact = fit([0.02, 0.01, 0.0, -0.01], [0.0, 0.0, 0.0, 1.0], (1.0,))
-    assert -0.01 < contact.z_mm <= 0.0
-
-
-@pytest.mark.parametrize(
-    ("indenter", "given"), [("sphere:10", {"repeats": 1}), ("cylinder", {"feed_mm_min": 60.0})]
-)
-def test_it_takes_as_long_as_it_is_said_to(indenter: str, given: dict[str, float]) -> None:
-    it, config = bench(indenter), TouchConfig.model_validate(given)
+def test_it_takes_as_long_as_it_is_said_to() -> None:
+    it, config = bench("cylinder"), TouchConfig(feed_mm_min=60.0)
     go(it.stage, (0.0, 0.0, 10.0), 600.0)
     start_s = it.clock.now_s()
-    it.touch(config).find(parse(indenter), (0.0, 0.0))
+    it.touch(config).find(parse("cylinder"), (0.0, 0.0))
     told_s = change_s(load("virtual")[0].stage, config, 10.0)
     assert told_s == pytest.approx(it.clock.now_s() - start_s, rel=0.05)

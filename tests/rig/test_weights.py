@@ -137,12 +137,6 @@ def test_it_asks_tares_waits_and_records(weigh: Weigh, tmp_path: Path) -> None:
     assert record.check(tmp_path / "r").whole
 
 
-def test_a_heavy_weight_far_out_keeps_its_moment(weigh: Weigh, tmp_path: Path) -> None:
-    weigh(protocol(weights={"masses_g": [50_000]}, positions_mm=[[0, 10]]), Hand())
-    moments_nmm = record.open(tmp_path / "r").frames()["tx_nmm"]
-    assert moments_nmm.min() == pytest.approx(-10 * 50 * 9.80665)
-
-
 def test_it_is_taken_up_where_it_was_left(weigh: Weigh, tmp_path: Path) -> None:
     with pytest.raises(Stopped, match="sphere-15/p2/m1/press; complete places are kept"):
         weigh(protocol(), Hand(stops_after=6))

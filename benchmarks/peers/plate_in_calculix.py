@@ -1,4 +1,7 @@
-"""A quarter of the notched acrylic plate in CalculiX: solid elements, nothing of the series.
+"""A quarter of the notched acrylic plate in CalculiX (ccx), from the command line.
+
+Solid elements, nothing of the series of `cad/stiffness.py`. `tests/cad/test_cad_stiffness.py`
+holds what `main` prints.
 
 Plate and bead are C3D20R: quadratic, integrated at 8 points, so that a bead that keeps its volume
 (Poisson's ratio .4999) does not lock. The bead is bonded to the plate and to a rigid ledge;
@@ -8,13 +11,21 @@ without a bead the plate is held on the inner edges of its ledges.
 from __future__ import annotations
 
 import subprocess
+import tempfile
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from deltact_fab.cad.stiffness import PlateShape
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.stiffness import PlateShape, plate_of
+
+DESIGNS = (
+    (),
+    ("shell.ledge_drop_mm=1.0", "shell.ledge_mm=1.5", "shell.ledge_x_mm=1.15"),
+    ("shell.ledge_drop_mm=0", "shell.ledge_x_mm=0"),
+)
 
 # Corners, then middles of edges, in the order of C3D20R; in half steps of the element.
 NODES = (
@@ -143,3 +154,20 @@ def _block(text: str, name: str, columns: int) -> np.ndarray:
         elif row.startswith(" -3"):
             break
     return np.array(values)
+
+
+def main() -> None:
+    """Deflection, that over the light holder (mm), stress below the middle (MPa) at 49 N."""
+    for changes in DESIGNS:
+        design = load_design(changes=changes)
+        with tempfile.TemporaryDirectory() as folder:
+            exact = solve(plate_of(design), 49.0, 22.0, Path(folder))
+        back, sag = exact.places[:, 2] == 0, -exact.moved[:, 2]
+        radius = np.hypot(*exact.places[:, :2].T)
+        over = back & (radius >= design.light_bore_mm) & (radius <= design.light_radius_mm)
+        stress_mpa = exact.stresses[exact.at(0, 0, 0), :2].max()
+        print(f"{sag[back].max():.3f}, {sag[over].max():.3f}, {stress_mpa:.2f}  {changes}")
+
+
+if __name__ == "__main__":
+    main()

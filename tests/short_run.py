@@ -1,0 +1,87 @@
+"""A short run of small images: its files, its finished folder, and ways to break it off."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from rig_text import VIRTUAL_STAGE
+
+from deltact_fab import experiment
+from deltact_fab.protocols import plan
+from deltact_fab.record import PRESS_TABLES
+
+# Two positions of two indenters, so that a resume may start after a change or after a press.
+PROTOCOL = """
+name = "tiny"
+indenters = ["sphere:6", "sphere:8"]
+positions_mm = [[0.0, 0.0], [1.0, 0.5]]
+depths_mm = [0.4]
+channels = ["image", "dots", "force", "shear"]
+[shear]
+amplitude_mm = 0.5
+axes = ["x"]
+[capture]
+rate_hz = 1.0
+settle_s = 0.3
+[specimen]
+design = "{design}"
+"""
+DESIGN = """
+[optics]
+image_width_px = 160
+image_height_px = 120
+"""
+RIG = f"""{VIRTUAL_STAGE}[force]
+range_n = [25.0, 25.0, 35.0]
+range_nmm = [250.0, 250.0, 250.0]
+[virtual.gel]
+spacing_mm = 0.5
+press_increment_mm = 0.4
+shear_increment_mm = 0.5
+"""
+
+
+class ShortRun:
+    """protocol, rig: paths of the files. presses: names, in order."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.protocol, self.rig = folder, folder / "tiny.toml", folder / "bench.toml"
+        (folder / "design.toml").write_text(DESIGN)
+        self.protocol.write_text(PROTOCOL.format(design=folder / "design.toml"))
+        self.rig.write_text(RIG)
+        self.steps = plan.expand(plan.load(str(self.protocol))[0])
+        self.presses = list(dict.fromkeys(step.press for step in self.steps))
+
+    @cached_property
+    def finished(self) -> Path:
+        """The folder of the undisturbed run."""
+        out = self.folder / "undisturbed"
+        experiment.run(experiment.RunRequest(str(self.protocol), str(self.rig), out, seed=3))
+        return out
+
+    def words(self, out: Path, *more: str) -> list[str]:
+        """Of the command that runs it."""
+        files = [str(self.protocol), "--rig", str(self.rig)]
+        return ["run", *files, "--seed", "3", "--out", str(out), *more]
+
+    def resume(self, out: Path, **other: Any) -> dict[str, Any]:
+        """Go on with it; its summary."""
+        seed = other.get("seed", 3)
+        protocol, rig = (other.get(name, str(getattr(self, name))) for name in ("protocol", "rig"))
+        return experiment.run(experiment.RunRequest(protocol, rig, out, seed=seed), resume=True)
+
+    def unfinished(self, out: Path, press: str = "") -> Path:
+        """A copy of the finished run without its summary, and without a press and what follows."""
+        shutil.copytree(self.finished, out)
+        (out / "summary.json").unlink()
+        gone = self.presses[self.presses.index(press) :] if press else []
+        with sqlite3.connect(out / "journal.sqlite") as db:
+            for name in gone:
+                for table in PRESS_TABLES:
+                    db.execute(f"DELETE FROM {table} WHERE press = ?", (name,))
+        db.close()
+        return out
