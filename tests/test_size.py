@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 78783,
-    ("deltact_fab", "files"): 601,
-    ("tests", "lines"): 47453,
+    ("deltact_fab", "lines"): 73008,
+    ("deltact_fab", "files"): 572,
+    ("tests", "lines"): 35731,
 }
 
 
