@@ -136,7 +136,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         (force.NetFTSensor, "read", "force"),
         (serial.Serial, "open", "port"),
         (DotTracker, "update", "dots"),
-        (truth.TrueFrame, "read", "truth"),
+        (truth.TrueFrame, "of", "truth"),
     ):
         monkeypatch.setattr(owner, name, counting(getattr(owner, name), calls, label))
     return calls

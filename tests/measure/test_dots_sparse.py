@@ -134,10 +134,10 @@ def test_dots_that_leave_and_dots_that_are_hidden_come_back():
     rest = grid((2.2, 1.6), 13, 13)
     tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
     tracker.update(picture(rest, 0.6))
-    for k, s in enumerate([*np.linspace(0, 1, 11)[1:], *np.linspace(1, 0, 11)[1:]], 1):
+    for k, s in enumerate([*np.linspace(0, 1, 21)[1:], *np.linspace(1, 0, 21)[1:]], 1):
         moved = np.tile([s * 200.0, 0.0], (len(rest), 1))
         now = rest + moved
-        if 4 <= k <= 15:
+        if 8 <= k <= 30:
             now[np.hypot(*(rest - rest[70]).T) < 90] = np.nan
         seen = tracker.update(picture(now, 0.6, k))
         assert not seen.found[np.isnan(now[:, 0])].any()
