@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
     ("deltact_fab", "lines"): 73008,
     ("deltact_fab", "files"): 572,
-    ("tests", "lines"): 35731,
+    ("tests", "lines"): 35736,
 }
 
 

@@ -168,6 +168,7 @@ SCRIPT = """
 import hashlib
 from deltact_fab.cad.drafting import picture
 from deltact_fab.cad import registry
+from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.drawing import drawing
 

@@ -57,10 +57,12 @@ def test_a_small_one_has_errors_cover_and_the_papers_values(small: StudyResult) 
             assert 0 <= row[f"{name}_lost_pixels"] < 0.5
             assert 0.5 < row[f"{name}_coverage"] <= 1
     json.dumps(small.data, allow_nan=False)
-    patterns, indenters = small.tables
+    patterns, indenters, path = small.tables
     assert patterns.shown is not None
     assert set(patterns.shown) <= set(patterns.frame)
     assert len(indenters.frame) == 6
+    assert {"depth_mm", "drag_from_mm", "drag_to_mm", "lost_pixels"} < set(path.frame)
+    assert (path.frame["frames"] > 0).all()
     for figure in small.figures:
         assert "1 of 1 positions" in figure.caption
         assert len(figure.draw().axes) == 2
