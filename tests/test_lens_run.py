@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rig_text import VIRTUAL_STAGE
 
 from deltact_fab import experiment, record
 from deltact_fab.errors import InputError, RunFailed
@@ -39,22 +40,14 @@ DESIGN = """
 image_width_px = 200
 image_height_px = 160
 """
-RIG = """
-kind = "virtual"
-[stage]
-origin_machine_mm = [-60.0, -60.0, -40.0]
-travel_mm = [120.0, 120.0, 60.0]
-max_feed_mm_min = [1500.0, 1500.0, 1200.0]
-acceleration_mm_s2 = [50.0, 50.0, 50.0]
-max_force_n = [60.0, 60.0, 60.0]
-[camera]
-model = "{model}"
+RIG = f"""{VIRTUAL_STAGE}[camera]
+model = "{{model}}"
 [virtual.gel]
 spacing_mm = 0.5
 press_increment_mm = 0.3
 shear_increment_mm = 0.5
 [virtual.lens]
-f_px = {f_px}
+f_px = {{f_px}}
 cx_px = 212.5
 cy_px = 168.25
 tilt_x_deg = 1.5

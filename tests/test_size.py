@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 73008,
+    ("deltact_fab", "lines"): 73005,
     ("deltact_fab", "files"): 572,
-    ("tests", "lines"): 35736,
+    ("tests", "lines"): 35729,
 }
 
 

@@ -36,10 +36,6 @@ AT = click.option(
     "--at", "at_mm", type=Point(), default="0,0", metavar="X,Y",
     help="Where it presses, mm from the centre of the face.",
 )  # fmt: skip
-PLOT = click.option(
-    "--plot", "plot_path", type=PATH, callback=_place, metavar="FILE",
-    help="Figure to write: .png, .svg or .pdf.",
-)  # fmt: skip
 
 
 def of_block(command: F) -> F:
@@ -157,7 +153,8 @@ def _or_fit(ctx: click.Context, param: click.Parameter, value: str) -> float | N
               metavar="MM|fit", help="depth_mm at first touch, or fit.")  # fmt: skip
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
               help="Size of the mesh below the indenter.")  # fmt: skip
-@PLOT
+@click.option("--plot", "plot_path", type=PATH, callback=_place, metavar="FILE",
+              help="Figure to write: .png, .svg or .pdf.")  # fmt: skip
 @answers
 def fit(
     csv: Path, indenter: str, at_mm: tuple[float, float], thickness_mm: float, width_mm: float,
