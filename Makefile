@@ -39,8 +39,9 @@ test: .venv/.ready
 	$(PYTEST); tests=$$?; \
 	wait $$mypy; typed=$$?; cat "$$types"; rm "$$types"; test $$tests$$typed = 00
 
+# A file stays with one worker: what its tests share is made once.
 test-slow: .venv/.ready
-	$(PYTEST) -m 'slow and not evidence'
+	$(PYTEST) --dist loadfile -m 'slow and not evidence'
 
 # A site that needs no network: open site/index.html. A dead link fails.
 docs: .venv/.ready

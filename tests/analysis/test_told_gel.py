@@ -16,7 +16,7 @@ from deltact_fab.measure.force.inverse import Inverse
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stranger", STRANGERS)
+@pytest.mark.parametrize("stranger", [pytest.param("P", marks=pytest.mark.evidence), "Q"])
 def test_ten_presses_tell_a_strangers_gel_and_measure_on_it(stranger: str) -> None:
     gel, _ = STRANGERS[stranger]
     seen = Seen.of(stranger)

@@ -154,8 +154,14 @@ def test_the_views_belong_to_one_first_angle_drawing(views):
 
 
 @pytest.mark.parametrize(
-    "name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in DRAWN]
-)
+    "name",
+    [
+        *QUICK, pytest.param("shell", marks=pytest.mark.slow),
+        pytest.param("mold", marks=pytest.mark.slow),
+        *(pytest.param(n, marks=pytest.mark.evidence) for n in DRAWN
+          if n not in (*QUICK, "shell", "mold")),
+    ],
+)  # fmt: skip
 def test_a_drawing_is_the_solid_at_its_scale_dimensioned_and_legible(made, name):
     _, _, box, page = made(name)
     size, said = box[1] - box[0], texts(page)
@@ -172,7 +178,7 @@ def test_a_drawing_is_the_solid_at_its_scale_dimensioned_and_legible(made, name)
     ("design", "names"),
     [
         pytest.param("franka", ["shell"], marks=pytest.mark.slow),
-        pytest.param("skin-44x40", VARYING, marks=pytest.mark.slow),
+        pytest.param("skin-44x40", VARYING, marks=pytest.mark.evidence),
         pytest.param("large-60x50", VARYING, marks=pytest.mark.slow),
     ],
 )

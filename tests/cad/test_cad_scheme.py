@@ -64,7 +64,8 @@ def mutants(cq, solid):
 
 
 @pytest.mark.parametrize(
-    "name", [*QUICK, *(pytest.param(n, marks=pytest.mark.slow) for n in DRAWN if n not in QUICK)]
+    "name",
+    [*QUICK, *(pytest.param(n, marks=pytest.mark.evidence) for n in DRAWN if n not in QUICK)],
 )
 def test_what_moves_by_a_millimetre_changes_the_drawing(cq, name):
     part, design = registry.find(name), load_design()
@@ -78,7 +79,7 @@ def test_what_moves_by_a_millimetre_changes_the_drawing(cq, name):
     assert unseen == []
 
 
-@pytest.mark.slow
+@pytest.mark.evidence  # of the shipped designs; the slow tests of the checks have the rows
 @pytest.mark.parametrize("design", DESIGNS)
 def test_every_drawing_places_and_sizes_every_feature(design):
     dims = load_design(design)

@@ -16,9 +16,11 @@ from deltact_fab.cad.check.run import ARITHMETIC
 from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
 from deltact_fab.errors import InputError
 
+LONG = pytest.mark.evidence
+"""Of each table a few rows guard an edit; all of them are `make evidence`."""
 SHIPPED = (
-    "deltact", "screws-19mm", "skin-30x34", "skin-44x40", "franka", "fingertip-24x24",
-    "large-60x50",
+    "deltact", "franka", "fingertip-24x24", "large-60x50",
+    *(pytest.param(name, marks=LONG) for name in ("screws-19mm", "skin-30x34", "skin-44x40")),
 )  # fmt: skip
 
 # Refused, or arithmetic says so.
@@ -47,16 +49,22 @@ WRONG = (
 
 # One of each kind: a section whose parts are built anew, and a limit that it comes near.
 RIGHT = (
-    "skin.edge_fillet_mm=0.5", "light.diffuser_mm=1.2", "cover.peg_y_mm=7.8", "mount.kind=plate",
-    "mold.columns=1", "fit_coupon.step_mm=0.05", "stage_plate.grid_mm=50", "tool.depth_mm=25",
+    "cover.peg_y_mm=7.8", "mount.kind=plate", "mold.columns=1",
+    *(
+        pytest.param(change, marks=LONG)
+        for change in (
+            "skin.edge_fillet_mm=0.5", "light.diffuser_mm=1.2", "fit_coupon.step_mm=0.05",
+            "stage_plate.grid_mm=50", "tool.depth_mm=25",
+        )
+    ),
 )  # fmt: skip
 
 # The solids say so: walls, webs, grip, bending. The row names the part.
 WRONG_ON_SOLIDS = (
-    ("light.wall_mm=0.4", "wall thickness", "light-holder"),
+    pytest.param("light.wall_mm=0.4", "wall thickness", "light-holder", marks=LONG),
     ("cover.leg_mm=0.3", "wall thickness", "cover, legs"),
-    ("fit_coupon.pitch_mm=3.6", "wall thickness", "fit-coupon"),
-    ("adapter.bolt_bore_mm=8", "wall thickness", "nano17-adapter"),
+    pytest.param("fit_coupon.pitch_mm=3.6", "wall thickness", "fit-coupon", marks=LONG),
+    pytest.param("adapter.bolt_bore_mm=8", "wall thickness", "nano17-adapter", marks=LONG),
     ("envelope.width_mm=38", "envelope", "assembly"),
     ("holder.screw_length_mm=2", "engagement", "camera-screw"),
 )

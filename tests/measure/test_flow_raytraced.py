@@ -56,9 +56,16 @@ def error_mm(found: Any) -> NDArray[np.float64]:
     return np.linalg.norm(found.flow_px * VIEW.mm_per_px - true_mm, axis=-1)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("camera", CAMERAS)
-@pytest.mark.parametrize("pattern", PATTERNS)
+@pytest.mark.parametrize(
+    ("pattern", "camera"),
+    [
+        pytest.param(pattern, camera, marks=pytest.mark.slow if guards else pytest.mark.evidence)
+        for pattern, camera, guards in (
+            ("coarse", "4:2:0", True), ("dense", "edge-aware", True),
+            ("coarse", "edge-aware", False), ("dense", "4:2:0", False),
+        )
+    ],
+)  # fmt: skip
 def test_a_drag_is_measured_through_an_ordinary_camera(pattern: str, camera: str) -> None:
     found = follow([seen(pattern, camera, k / STEPS) for k in range(STEPS + 1)])
     assert found.diagnostics.trusted

@@ -160,7 +160,9 @@ def test_a_printer_that_is_none_is_one_line(tmp_path, text, says):
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm is not installed")
-@pytest.mark.parametrize("name", ["dense-with-dots", "octave"])
+@pytest.mark.parametrize(
+    "name", ["dense-with-dots", pytest.param("octave", marks=pytest.mark.evidence)]
+)
 def test_a_whole_sheet_as_another_program_draws_it(tmp_path, name):
     called("pattern", "sheet", name, "-o", "sheet.pdf", cwd=tmp_path)
     part = ["-x", "700", "-y", "2000", "-W", "2800", "-H", "2800"]
