@@ -67,10 +67,10 @@ peers: .venv-peers/.ready
 firmware: .venv/.ready
 	$(V)/python -m benchmarks.firmware $(GRBL) $(SIMULATOR) $(CORE)
 
-# Hours; goes on where it was stopped. Wants the extra `fast`, and `make peers` for felupe's rows.
+# Two hours; goes on where it was stopped. Wants the extra `fast`, and `make peers` for felupe's rows.
 evidence: .venv/.ready
 	$(PYTEST) -m evidence
-	$(V)/python -m benchmarks.evidence --threads 2
+	$(V)/python -m benchmarks.evidence --stale
 	$(V)/python -m benchmarks.cad_random
 	$(V)/python -m benchmarks.gel_drags
 	$(V)/python -m benchmarks.strangers

@@ -35,7 +35,7 @@ HERE = Path(__file__).resolve().parent
 LINES = HERE / "cad-random.jsonl"
 TABLE = HERE.parent / "docs" / "evidence" / "cad-random.md"
 SEED = 230_000
-DESIGNS = 200
+DESIGNS = 60
 SHOWN = 8  # rows of the table
 # What a design is drawn from, besides any number of it: (key, low, high).
 WIDE = (

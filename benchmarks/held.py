@@ -50,13 +50,11 @@ class Held:
 
 
 def every_held() -> list[Held]:
-    """The pattern selection's indenters at its first depth; drags where few folds blur them."""
+    """The pattern selection's mildest and a sharp indenter at its first depth, and a drag."""
     given = FiniteGelConfig()
     steps = given.press_increment_mm, given.shear_increment_mm
-    straight = [
-        Held(n, 5.0, 0.0, *steps) for n in ("4dots", "edges", "ellipsoid", "hexprism", "star")
-    ]
-    return [*straight, Held("ellipsoid", 5.0, 2.0, *steps), Held("ellipsoid", 10.0, 0.0, *steps)]
+    straight = [Held(name, 5.0, 0.0, *steps) for name in ("edges", "ellipsoid")]
+    return [*straight, Held("ellipsoid", 5.0, 2.0, *steps)]
 
 
 def held_row(held: Held) -> dict[str, Any]:

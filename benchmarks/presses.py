@@ -29,7 +29,7 @@ def random_press(i: int) -> tuple[str, tuple[float, float], float]:
         size = round(float(rng.uniform(7.0, 14.0)), 1)
         name, half = f"ellipsoid:{size:g}", size / 2
     x, y = (round(float(rng.uniform(-1, 1)) * max(0.0, s - half), 1) for s in (18.0, 17.0))
-    return name, (x, y), round(float(rng.uniform(0.3, 6.0)), 2)
+    return name, (x, y), round(float(rng.uniform(0.3, 4.0)), 2)
 
 
 def press_row(i: int) -> dict[str, Any]:

@@ -40,9 +40,9 @@ def append(path: Path, entry: dict[str, Any]) -> None:
         os.fsync(out.fileno())
 
 
-def compact(path: Path) -> dict[str, dict[str, Any]]:
-    """Sort the file, each row once, and return its entries."""
-    entries = read(path)
+def compact(path: Path, names: set[str] | None = None) -> dict[str, dict[str, Any]]:
+    """Sort the file, each row once, and return its entries; those of `names` where it is given."""
+    entries = {k: e for k, e in read(path).items() if names is None or k in names}
     write_whole(path, "".join(_line(e) for e in entries.values()).encode())
     return entries
 

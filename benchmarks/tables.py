@@ -45,7 +45,6 @@ def write_up(
         "stability": partial(_stability, "Stiff and extreme cases"), "reference": _references,
         "curve": _curves, "press": _presses, "held": _held,
         "peer": _peers,
-        "straight": partial(_stability, "Sharp indenters straight to 10 mm, friction 0.5"),
         "drag": partial(_stability, "Sharp indenters to 10 mm, sheared +-10 mm"),
     }  # fmt: skip
     for name, write in writers.items():

@@ -18,9 +18,7 @@ def test_rows_have_names_of_their_own_and_the_file_has_them_all() -> None:
     names = [r.name for r in evidence.rows()]
     assert len(set(names)) == len(names)
     kinds = {name.partition(":")[0] for name in names}
-    assert kinds == {
-        "stability", "reference", "curve", "press", "held", "peer", "straight", "drag",
-    }  # fmt: skip
+    assert kinds == {"stability", "reference", "curve", "press", "held", "peer", "drag"}
     assert set(store.read(evidence.HERE / evidence.ROWS)) == set(names)
 
 
@@ -45,10 +43,10 @@ def test_a_row_depends_on_its_own_level_and_an_edit_elsewhere_leaves_it() -> Non
         "bench.py",
     }
     assert {"gel/press.py", "gel/error_control.py"} <= of(rows["press: 1"])
-    picked = of(rows["held: star to 5 mm"])
+    picked = of(rows["held: edges to 5 mm"])
     assert "elasticity/edge_compliance.py" in picked
     assert "gel/press.py" not in picked
-    energy = rows["stability: edges, no friction, 4 mm deep: work but for jumps"]
+    energy = rows["stability: 4dots, no friction, 4 mm deep: work but for jumps"]
     assert "gel/level_selection.py" not in of(energy)
     level = rows["stability: 10 mm in one increment, friction 0.5: against 10"]
     assert "gel/level_selection.py" in of(level)
