@@ -1,3 +1,3 @@
 """The version of the package, which files and results carry."""
 
-VERSION = "0.2.0"
+VERSION = "0.3.0"
