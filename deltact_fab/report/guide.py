@@ -6,7 +6,7 @@ import base64
 import io
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -218,13 +218,13 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
         for part in parts
         if part.printed
     }
-    exploded_glb = [
-        replace(
+    exploded_glb = {
+        part.name: (
             drawn(fine[part.name], part.name, _lit(part.colour)),
-            places_mm=tuple((x, y, z + part.explode_mm) for x, y, z in part.places(design)),
+            [(x, y, z + part.explode_mm) for x, y, z in part.places(design)],
         )
         for part in of_group("sensor", design)
-    ]
+    }
     model = turntable(glb_bytes(exploded_glb))
     tell(total, total, "done")
     return Pictures(_svg_url(exploded), bench, images, model, steps, ceilings)

@@ -1,7 +1,8 @@
-"""3MF (core specification 1.3): a part in a zip of three files, millimetres.
+"""A closed mesh in millimetres for slicers: binary STL, and 3MF (core specification 1.3).
 
-Ids start at 1, vertices are shared, the archive carries no date of its own: lib3mf reads it in its
-strict mode, and the bytes are the same every time.
+STL is 80 bytes of header, a count, 50 bytes a triangle; 3MF is a zip of three files. Its ids start
+at 1, vertices are shared, the archive carries no date of its own: lib3mf reads it in its strict
+mode, and the bytes are the same every time.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 import io
 import zipfile
 from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
 
 from ....version import VERSION
 from ...mesh import Mesh
@@ -28,6 +31,21 @@ _RELATIONS = """<?xml version="1.0" encoding="UTF-8"?>
 Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/>
 </Relationships>
 """
+
+
+def stl_bytes(mesh: Mesh, name: str) -> bytes:
+    """The mesh as binary STL in millimetres."""
+    corners = mesh.corners_mm
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    # A sliver has no normal of its own; zero tells the reader to use the order of the corners.
+    normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0) + 0.0
+    record = np.zeros(
+        len(corners), dtype=[("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("flags", "<u2")]
+    )
+    record["normal"], record["corner"] = normal, corners
+    header = f"deltact-fab {name}, millimetres".encode().ljust(80)[:80]
+    return header + np.uint32(len(record)).astype("<u4").tobytes() + record.tobytes()
 
 
 def threemf_bytes(
