@@ -6,7 +6,7 @@ import base64
 import io
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -136,9 +136,9 @@ def write(
         wiring=_svg_url(wiring(design).svg()),
         p=DEFAULT,
         sticker=pattern,
-        facts=DEFAULT.rows(),
-        process=table(pd.DataFrame(DEFAULT.rows(), dtype=object), PROCESS),
-        gaps=table(pd.DataFrame(map(asdict, gaps(design))), GAPS),
+        facts=quantities.FIGURES,
+        process=table(pd.DataFrame(quantities.FIGURES, dtype=object), PROCESS),
+        gaps=table(pd.DataFrame(gaps(design)), GAPS),
         verdict=verdict(_judged(design, pictures, pattern)),
         unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
         # Keys that take the names of what a lab has measured, where something is unverified.
