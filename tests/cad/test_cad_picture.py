@@ -20,9 +20,15 @@ from solids import of_group
 from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting import picture
-from deltact_fab.cad.drafting.balloons import BETWEEN_MM, RADIUS_MM, arranged, spread
 from deltact_fab.cad.drafting.drawing import drawing
-from deltact_fab.cad.drafting.hidden_lines import STEP_MM, regions
+from deltact_fab.cad.drafting.picture import (
+    BETWEEN_MM,
+    RADIUS_MM,
+    SAMPLE_MM,
+    arranged,
+    regions,
+    spread,
+)  # fmt: skip
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 
@@ -89,7 +95,7 @@ def test_a_region_is_what_is_seen_of_a_body(cq):
     behind, before = (shape(x) for x in regions([picture.mesh(box), picture.mesh(near)], view, 10))
     assert before.area == pytest.approx(sum(abs(view.axes[2])), rel=0.02)
     assert behind.area + before.area == pytest.approx(want, rel=0.01)
-    assert behind.intersection(before).area < before.length * STEP_MM / 10
+    assert behind.intersection(before).area < before.length * SAMPLE_MM / 10
     plate = cq.Workplane().box(20, 20, 1).faces(">Z").workplane().hole(8).val()
     (loops,) = regions([picture.mesh(plate)], picture.View((0, 0, -1), (0, 1, 0)), 5)
     assert len(loops) == 2

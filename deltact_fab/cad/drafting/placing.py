@@ -27,8 +27,8 @@ from .dimensioning import (
     Told,
     toleranced,
 )
+from .projection import DrawnView
 from .scheme import SAME_MM, Rounds, Scheme
-from .views import DrawnView
 
 # The views in which a length along an axis lies across or upright, the better one first.
 SEEN_IN = ({"top": 0, "front": 0}, {"top": 1, "left": 0}, {"front": 1, "left": 1})

@@ -1,15 +1,20 @@
-"""Solids to lines on a plane: exact hidden-line removal by the CAD kernel, sampled to polylines."""
+"""Solids to lines on a plane: exact hidden-line removal by the CAD kernel, sampled to polylines;
+and the four views of a part, one of them cut.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...aliases import Points, Vector
+from ...aliases import Point2, Points, Vector
+from ..kernel import ordered, require
+from .dimensioning import Callouts
 
 CHORD_MM = 0.005
 ANGLE_RAD = 0.15
@@ -49,26 +54,54 @@ class View:
         return np.asarray(np.asarray(points_mm, float) @ self.axes[2])
 
 
+VIEWS = {
+    "front": View((0, 1, 0), (0, 0, 1)),
+    "top": View((0, 0, -1), (0, 1, 0)),
+    "left": View((1, 0, 0), (0, 0, 1)),
+    "picture": View((1, 1, -0.8), (0, 0, 1)),
+}
+# The part turned half about x.
+FLIPPED = {
+    name: View(*((x, -y, -z) for x, y, z in (view.direction, view.up)))
+    for name, view in VIEWS.items()
+}
+
+
 @dataclass(frozen=True)
-class ProjectedLines:
-    """Lines of one solid, polylines (n, 2) in mm, right and up on the paper.
+class DrawnView:
+    """Lines of one solid in a view, polylines (n, 2) in mm, right and up on the paper.
 
     visible, hidden: sharp edges and outlines. smooth: visible edges where two faces meet without
-    a corner.
+    a corner. hatched: faces of a section, each its loops.
     """
 
+    view: View
     visible: tuple[Points, ...]
     hidden: tuple[Points, ...]
     smooth: tuple[Points, ...]
+    hatched: Sequence[Sequence[Points]] = ()
 
-    @property
-    def box_mm(self) -> tuple[Points, Points]:
+    @cached_property
+    def box_mm(self) -> tuple[Point2, Point2]:
         """Lower left and upper right corner of everything that is drawn."""
         every = np.concatenate([*self.visible, *self.hidden, *self.smooth])
-        return every.min(axis=0), every.max(axis=0)
+        (x0, y0), (x1, y1) = every.min(axis=0).tolist(), every.max(axis=0).tolist()
+        return (x0, y0), (x1, y1)
+
+    def shows(self, points: Points, near_mm: float) -> NDArray[np.bool_]:
+        """Which points (n, 2) on the model's plane lie on a visible line."""
+        import shapely
+
+        return np.asarray(shapely.distance(self._shown, shapely.points(points)) < near_mm)
+
+    @cached_property
+    def _shown(self) -> Any:
+        import shapely
+
+        return shapely.MultiLineString([*self.visible, *self.smooth])
 
 
-def project(solids: Sequence[Any], view: View, chord_mm: float = CHORD_MM) -> list[ProjectedLines]:
+def project(solids: Sequence[Any], view: View, chord_mm: float = CHORD_MM) -> list[DrawnView]:
     """Each solid's visible and hidden lines, the solids hiding one another.
 
     chord_mm: largest distance of a polyline from its curve. A hidden line is left out where a
@@ -100,7 +133,7 @@ def project(solids: Sequence[Any], view: View, chord_mm: float = CHORD_MM) -> li
         drawn.append((visible, hidden, smooth))
     covering = _united(line for visible, _, _ in drawn for line in visible)
     return [
-        ProjectedLines(_tidy(visible), _tidy(hidden, covering), _tidy(smooth, covering))
+        DrawnView(view, _tidy(visible), _tidy(hidden, covering), _tidy(smooth, covering))
         for visible, hidden, smooth in drawn
     ]
 
@@ -160,3 +193,42 @@ def _tidy(lines: Iterable[Points], covering: Any = None) -> tuple[Points, ...]:
         whole = shapely.difference(whole, covering, grid_size=SAME_MM)
     chains = [line.coords for line in shapely.get_parts(shapely.line_merge(whole).normalize())]
     return tuple(np.array(chain) + 0.0 for chain in sorted(map(list, chains)))
+
+
+def views(solid: Any, said: Callouts) -> dict[str, DrawnView]:
+    """The four projections; the left one cut where the callouts ask for a section."""
+    drawn = {}
+    for name, view in (FLIPPED if said.flipped else VIEWS).items():
+        if name == "left" and said.cut is not None:
+            drawn[name] = _section(solid, view, said.cut.x_mm)
+        else:
+            (drawn[name],) = project([solid], view)
+    return drawn
+
+
+def _section(solid: Any, view: View, x_mm: float) -> DrawnView:
+    """What is left on the far side of the plane x = x_mm, and the faces that the plane cuts."""
+    cq = require()
+    box = solid.BoundingBox()
+    low = cq.Vector(x_mm, box.ymin - 1, box.zmin - 1)
+    kept = solid.intersect(cq.Solid.makeBox(box.xmax + 1 - x_mm, box.ylen + 2, box.zlen + 2, low))
+    (drawn,) = project([kept], view)
+    faces = []
+    for face in kept.Faces():
+        bounds = face.BoundingBox()
+        if abs(bounds.xmin - x_mm) < 1e-4 and abs(bounds.xmax - x_mm) < 1e-4:
+            wires = [face.outerWire(), *face.innerWires()]
+            faces.append([view.flat(_outline(wire)) for wire in wires])
+    faces.sort(key=lambda loops: [loop.min(axis=0).round(4).tolist() for loop in loops])
+    return replace(drawn, hidden=(), hatched=faces)
+
+
+def _outline(wire: Any) -> Points:
+    """A closed wire as points (n, 3), its edges end to end."""
+    from OCP.TopAbs import TopAbs_REVERSED
+
+    points = []
+    for edge in ordered(wire):
+        along = sampled(edge)
+        points.append(along[::-1] if edge.Orientation() == TopAbs_REVERSED else along)
+    return np.concatenate(points)
