@@ -172,17 +172,10 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
 
     Raises MissingLibrary without the CAD kernel, RunFailed when a part cannot be built.
     """
+    from ..cad.assembly import PlacedPart, assemble, bench
     from ..cad.build import build_part
+    from ..cad.drafting import picture
     from ..cad.drafting.casting import Bench
-    from ..cad.drafting.picture import (
-        APART,
-        FROM_BACK,
-        bench_svg,
-        exploded_svg,
-        part_svg,
-        scene_svg,
-        step_svg,
-    )
     from ..cad.export.formats.glb import drawn, glb_bytes
     from ..cad.kernel import require
     from ..cad.mesh import mesh_solid
@@ -196,20 +189,28 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     for done, part in enumerate(parts):
         tell(done, total, part.name)
         solids[part.name] = build_part(part, design)[0]
-        images[part.name] = _svg_url(part_svg(part, design, solids[part.name]))
+        alone = [PlacedPart(part, 0, solids[part.name], (0.0, 0.0, 0.0))]
+        # An indenter stands on its stem.
+        view = picture.TIPS_UP if part.indenter is not None else picture.CORNER
+        drawing = picture.picture_svg(part.name, alone, view, picture.PART_MM, numbered=False)
+        images[part.name] = _svg_url(drawing)
     tell(len(parts), total, "exploded view")
-    exploded = exploded_svg(design, solids)
+    apart = assemble(design, 1.0, of_group("sensor", design), solids)
+    exploded = picture.picture_svg("exploded view", apart, picture.APART, picture.APART_MM)
     steps: dict[str, str] = {}
     for step, placed in Bench(design, solids).steps():
         tell(len(parts), total, f"step {step}")
-        steps[step] = _svg_url(scene_svg(f"step {step}", placed))
+        steps[step] = _svg_url(picture.picture_svg(f"step {step}", placed))
     for done, (step, layers) in enumerate(STEPS.items(), len(parts) + 1):
         tell(done, total, f"step {step}")
-        view = FROM_BACK if step in FROM_BEHIND else APART
-        steps[step] = _svg_url(step_svg(f"step {step}", design, layers, solids, view))
+        view = picture.FROM_BACK if step in FROM_BEHIND else picture.APART
+        placed = picture.stacked(design, layers, solids)
+        steps[step] = _svg_url(picture.picture_svg(f"step {step}", placed, view))
     tell(total - 2, total, "test bench")
-    tip = next((part for part in parts if part.indenter is not None), None)
-    bench = _svg_url(bench_svg(design, tip, solids)) if tip else ""
+    whole = ""
+    if tip := next((part for part in parts if part.indenter is not None), None):
+        standing = bench(design, tip, solids)
+        whole = _svg_url(picture.picture_svg("test bench", standing, room_mm=picture.BENCH_MM))
     tell(total - 1, total, "3D view")
     # Meshes last: they leave triangles on the solids.
     fine = {p.name: mesh_solid(solids[p.name], VIEW_TOLERANCE_MM, p.name) for p in parts}
@@ -227,7 +228,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     }
     model = turntable(glb_bytes(exploded_glb))
     tell(total, total, "done")
-    return Pictures(_svg_url(exploded), bench, images, model, steps, ceilings)
+    return Pictures(_svg_url(exploded), whole, images, model, steps, ceilings)
 
 
 def _to_order(line: bom.BomLine) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Line pictures by hidden-line removal, lightly tinted: one part, the sensor taken apart, a step.
+"""Line pictures by hidden-line removal, lightly tinted: a part, the sensor taken apart, a step.
 
 Every length on paper is in millimetres.
 """
@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Points
-from ..assembly import PlacedPart, assemble, bench, lifted
-from ..build import build_part
+from ..assembly import PlacedPart, assemble, lifted
 from ..dimensions import Design
 from ..kernel import guarded
 from ..part import Part
@@ -48,38 +47,13 @@ SAMPLE_MM = 0.1  # of what hides what, on paper; a line is 0.25 wide
 SPARE_PX = 2
 
 
-def part_svg(part: Part, design: Design, solid: Any = None) -> str:
-    """One part seen from a corner; an indenter stands on its stem.
-
-    solid: as built from the design; built here when it is not given. Raises what build_part raises.
-    """
-    if solid is None:
-        solid, _ = build_part(part, design)
-    view = TIPS_UP if part.indenter is not None else CORNER
-    placed = PlacedPart(part, 0, solid, (0.0, 0.0, 0.0))
-    return _picture(part.name, [placed], view, PART_MM, numbered=False)
-
-
-def exploded_svg(design: Design, solids: Mapping[str, Any] | None = None) -> str:
-    """The sensor taken apart along its axis, with numbers: the paper's where it has one.
-
-    solids: ready solids by part name, for those that need not be built.
-    """
-    placed = assemble(design, 1.0, of_group("sensor", design), solids)
-    return _picture("exploded view", placed, APART, APART_MM)
-
-
-def step_svg(
-    title: str,
-    design: Design,
-    layers: Sequence[Sequence[str]],
-    solids: Mapping[str, Any] | None = None,
-    view: View = APART,
-) -> str:
+def stacked(
+    design: Design, layers: Sequence[Sequence[str]], solids: Mapping[str, Any]
+) -> list[PlacedPart]:
     """One step of the assembly: what is together already, and what comes to it, taken apart.
 
     layers: names of parts of the sensor, from the face backwards; those of one layer are in their
-    places to one another. solids: as for exploded_svg.
+    places to one another. solids: by part name.
     """
     parts = {part.name: part for part in of_group("sensor", design)}
     placed: list[PlacedPart] = []
@@ -92,28 +66,14 @@ def step_svg(
         placed += [lifted(piece, shift) for piece in layer]
         top_mm = max(box[1][2] for box in boxes) + shift[2]
     order = list(parts)
-    placed.sort(key=lambda piece: order.index(piece.part.name))
-    return _picture(title, placed, view, STEP_MM)
+    return sorted(placed, key=lambda piece: order.index(piece.part.name))
 
 
-def scene_svg(title: str, placed: Sequence[PlacedPart]) -> str:
-    """Pieces as they are placed, seen from a corner, with balloons and a legend."""
-    return _picture(title, placed, CORNER, STEP_MM)
-
-
-def bench_svg(design: Design, indenter: Part, solids: Mapping[str, Any] | None = None) -> str:
-    """The test bench put together, the tip on the face: what `cad check` holds apart.
-
-    solids: as for exploded_svg.
-    """
-    return _picture("test bench", bench(design, indenter, solids), CORNER, BENCH_MM)
-
-
-def _picture(
+def picture_svg(
     title: str,
     placed: Sequence[PlacedPart],
-    view: View,
-    room_mm: tuple[float, float],
+    view: View = CORNER,
+    room_mm: tuple[float, float] = STEP_MM,
     numbered: bool = True,
 ) -> str:
     """Pieces as large as the room allows, with balloons and a legend of what is seen."""
