@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...aliases import Point2, Points, Vector
-from .dimensioning import Axis, Centres, Item, Leader, Linear, Side
+from .dimensioning import CentreLine, Item, Leader, Linear, Side
 from .page import ARROW_MM, LARGE_MM, LINE_MM, SMALL_MM, DrawingPage, Rect, meet, text_width_mm
 from .projection import DrawnView
 
@@ -158,21 +158,10 @@ class ArrangedView:
             return ox + x, oy + y
 
         for item in self.items:
-            if isinstance(item, Centres):
-                for centre in item.at:
-                    x, y = self.local(centre)
-                    arm = item.radius_mm * self.scale + 1.5
-                    page.line(at(x - arm, y), at(x + arm, y), "centre")
-                    # The cutting plane is a centre line already.
-                    if (
-                        self.cut_x is None
-                        or abs(self.drawn.view.flat(centre)[0] - self.cut_x) > 1e-6
-                    ):
-                        page.line(at(x, y - arm), at(x, y + arm), "centre")
-            elif isinstance(item, Axis):
+            if isinstance(item, CentreLine):
                 (ax, ay), (bx, by) = self.local(item.a), self.local(item.b)
-                length = math.hypot(bx - ax, by - ay)
-                dx, dy = (bx - ax) / length * 2, (by - ay) / length * 2
+                share = item.beyond_mm / math.hypot(bx - ax, by - ay)
+                dx, dy = (bx - ax) * share, (by - ay) * share
                 page.line(at(ax - dx, ay - dy), at(bx + dx, by + dy), "centre")
         self._draw_cut(page, origin)
         for side in self.lines:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any, Literal
 
 from ...aliases import Vector
@@ -87,21 +88,13 @@ class Leader:
 
 
 @dataclass(frozen=True)
-class Centres:
-    """Centre marks: crosses over circles of radius_mm."""
-
-    view: str
-    at: tuple[Vector, ...]
-    radius_mm: float
-
-
-@dataclass(frozen=True)
-class Axis:
-    """A centre line between two points, drawn a little beyond both."""
+class CentreLine:
+    """A centre line between two points, drawn beyond_mm beyond both on the paper."""
 
     view: str
     a: Vector
     b: Vector
+    beyond_mm: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -111,7 +104,7 @@ class Cut:
     x_mm: float
 
 
-Item = Linear | Leader | Centres | Axis
+Item = Linear | Leader | CentreLine
 
 
 GENERAL_TOLERANCE = "ISO 2768-m"
@@ -146,19 +139,8 @@ class Told:
         return f"({words})" if self.auxiliary else words
 
 
-def x_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
-    """A length along x that fits something."""
-    return Told(0, a_mm, b_mm, after, fitted)
-
-
-def y_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
-    """A length along y that fits something."""
-    return Told(1, a_mm, b_mm, after, fitted)
-
-
-def z_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
-    """A length along z that fits something."""
-    return Told(2, a_mm, b_mm, after, fitted)
+# A length along one axis that fits something.
+x_of, y_of, z_of = (partial(Told, axis) for axis in range(3))
 
 
 @dataclass(frozen=True)
