@@ -186,7 +186,7 @@ def _cylinder(face: Any, surface: Any) -> OtherFace | Round:
         return OtherFace("R", (radius, 2 * radius), _on(surface))
     base = np.array(_point(cylinder.Axis().Location()))
     ends = [base + v * way for v in (surface.FirstVParameter(), surface.LastVParameter())]
-    low, high = sorted((_point_of(end) for end in ends), key=lambda p: p[axis])
+    low, high = sorted((_point(end) for end in ends), key=lambda p: p[axis])
     point, normal = gp_Pnt(), gp_Vec()
     v = (surface.FirstVParameter() + surface.LastVParameter()) / 2
     BRepGProp_Face(face.wrapped).Normal((first + last) / 2, v, point, normal)
@@ -260,13 +260,11 @@ def _on(surface: Any) -> Point:
 
 
 def _point(p: Any) -> Point:
+    """Of the kernel's own, cadquery's or numpy's."""
     if hasattr(p, "X"):
-        return _tidy(p.X()), _tidy(p.Y()), _tidy(p.Z())
-    return _tidy(p.x), _tidy(p.y), _tidy(p.z)
-
-
-def _point_of(p: Any) -> Point:
-    return _tidy(float(p[0])), _tidy(float(p[1])), _tidy(float(p[2]))
+        p = p.X(), p.Y(), p.Z()
+    x, y, z = p.toTuple() if hasattr(p, "toTuple") else p
+    return _tidy(float(x)), _tidy(float(y)), _tidy(float(z))
 
 
 def _tidy(value: float) -> float:

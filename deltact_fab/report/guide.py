@@ -25,7 +25,7 @@ from ..cad.part import Part
 from ..cad.parts.coupon_mold import well_volume_mm3
 from ..cad.parts.mold import RELEASE_AGENT
 from ..cad.parts.screw import stock_note
-from ..cad.print_orientation import SELF_SUPPORTING_DEG
+from ..cad.print_orientation import SELF_SUPPORTING_DEG, laid, stand
 from ..cad.registry import listed, of_group
 from ..errors import MissingLibrary
 from ..patterns.quality import measure
@@ -179,7 +179,6 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     from ..cad.export.formats.glb import drawn, glb_bytes
     from ..cad.kernel import require
     from ..cad.mesh import mesh_solid
-    from ..cad.overhangs import laid, stand
 
     require()
     extras.require("cad", "the guide's 3D view", "trimesh")

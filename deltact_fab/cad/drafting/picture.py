@@ -89,7 +89,8 @@ def picture_svg(
     ]
     balloons = arranged(pieces, view.flat((0, 0, -1))) if numbered else []
     # In the paper's millimetres, y upwards.
-    reach = np.concatenate([np.array([low, high]) * scale, *(b.reach for b in balloons)])
+    rings = [b.centre + side * (RADIUS_MM + 0.3) for b in balloons for side in (-1, 1)]
+    reach = np.array([low * scale, high * scale, *rings])
     low, high = reach.min(axis=0), reach.max(axis=0)
     width, height = (high - low + 2 * MARGIN_MM).tolist()
     page = DrawingPage((max(width, numbered * STEP_MM[0]), height), title)
@@ -174,11 +175,6 @@ class Balloon:
     part: Part
     centre: Points
     anchor: Points
-
-    @property
-    def reach(self) -> Points:
-        """Corners of the room it needs."""
-        return np.stack([self.centre - RADIUS_MM - 0.3, self.centre + RADIUS_MM + 0.3])
 
 
 def arranged(pieces: Sequence[tuple[Part, Sequence[Points]]], axis: Points) -> list[Balloon]:

@@ -33,15 +33,10 @@ class View:
 
     @cached_property
     def axes(self) -> tuple[Points, Points, Points]:
-        """Unit vectors to the right, upwards and towards the viewer.
-
-        Raises ValueError when direction and up are parallel.
-        """
-        back = -_unit(np.array(self.direction, float))
+        """Unit vectors to the right, upwards and towards the viewer."""
+        back = -np.array(self.direction, float) / np.linalg.norm(self.direction)
         right = np.cross(np.array(self.up, float), back)
-        if not np.linalg.norm(right) > 1e-9:
-            raise ValueError(f"up {self.up} is parallel to direction {self.direction}")
-        right = _unit(right)
+        right /= np.linalg.norm(right)
         return right, np.cross(back, right), back
 
     def flat(self, points_mm: Any) -> Points:
@@ -167,13 +162,6 @@ def _lines(compound: Any, chord_mm: float) -> Iterator[Points]:
     while explorer.More():
         yield sampled(TopoDS.Edge(explorer.Current()), chord_mm)[:, :2]
         explorer.Next()
-
-
-def _unit(vector: Points) -> Points:
-    length = float(np.linalg.norm(vector))
-    if not length > 0:
-        raise ValueError("a direction of length 0")
-    return np.asarray(vector / length)
 
 
 def _united(lines: Iterable[Points]) -> Any:
