@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
-import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -47,9 +45,6 @@ CACHED = "cad"
 BESIDE_DRAWINGS = ("drawing", "resin_printer", "laser", "optics")
 # About ten designs at 0.01 mm; the longest unused go first.
 LIMIT_BYTES = 512 * 2**20
-_DIGITS = 6
-# What a manifest may name: nothing that leads out of its folder.
-_OURS = re.compile(rf"[a-z0-9-]+\.(?:{'|'.join(FORMATS)})").fullmatch
 
 
 def export_parts(
@@ -73,8 +68,7 @@ def export_parts(
     jobs: processes; None decides by the work that is left. executor: in place of them.
 
     assembly.step, assembly.glb, wiring.svg and wiring.pdf are written when all of the sensor's
-    parts are among parts. What an earlier export's manifest.json lists and is not written again is
-    removed, unless it was changed since; other files stay.
+    parts are among parts. A file that has the name of one is replaced; others stay.
 
     Returns what was written: the assembly first, then by part. All files appear at once, or none.
     Raises InputError for unusable arguments or dimensions; RunFailed when a part cannot be made, a
@@ -107,13 +101,13 @@ def export_parts(
         made.append(_assembly_glb(sensor, design, made))
     # In an order of their own: that of asking or making does not count.
     made.sort(key=lambda m: (m[0].part != ASSEMBLY, m[0].part, FORMATS.index(_kind(m[0]))))
-    files = [_rounded(entry) for entry, _ in made]
+    files = [entry for entry, _ in made]
     wanted = {out_dir / entry.file: data for entry, data in made}
     told = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
     wanted[out_dir / MANIFEST] = told.encode()
     with making(out_dir):
         out_dir.mkdir(parents=True, exist_ok=True)
-    write_together(wanted, _left_over(out_dir, wanted), RunFailed)
+    write_together(wanted, error=RunFailed)
     tell(len(tasks), len(tasks), "done")
     return files
 
@@ -190,32 +184,3 @@ def _assembly_glb(sensor: Sequence[Part], design: Design, made: Sequence[Made]) 
 
 def _kind(entry: PartFile) -> str:
     return entry.file.rpartition(".")[2]
-
-
-def _rounded(entry: PartFile) -> PartFile:
-    """Without the digits that tell nothing."""
-    box_mm: Any = tuple(tuple(round(v, _DIGITS) + 0.0 for v in c) for c in entry.bounding_box_mm)
-    deviation_mm = entry.mesh_deviation_mm
-    return replace(
-        entry,
-        volume_mm3=round(entry.volume_mm3, _DIGITS),
-        bounding_box_mm=box_mm,
-        mesh_deviation_mm=None if deviation_mm is None else round(deviation_mm, _DIGITS),
-    )
-
-
-def _left_over(out_dir: Path, wanted: Collection[Path]) -> list[Path]:
-    """Files of an earlier export that are as its manifest says, and not wanted now."""
-    try:
-        entries = json.loads((out_dir / MANIFEST).read_bytes())["files"]
-        listed = {out_dir / one["file"]: one["sha256"] for one in entries if _OURS(one["file"])}
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return []  # none, or one of something else
-    return [
-        path
-        for path, sha256 in listed.items()
-        if path not in wanted
-        and path.is_file()
-        and not path.is_symlink()
-        and hashlib.sha256(path.read_bytes()).hexdigest() == sha256
-    ]

@@ -29,20 +29,8 @@ def drawn(mesh: Mesh, name: str, colour: tuple[float, float, float, float]) -> A
     import trimesh
     from trimesh.visual.material import PBRMaterial
 
-    corners = mesh.corners_mm
-    ahead = np.roll(corners, -1, axis=1) - corners
-    back = np.roll(corners, 1, axis=1) - corners
-    cross = np.cross(ahead, back)
-    sine = np.linalg.norm(cross, axis=2)
-    angle = np.arctan2(sine, np.einsum("mcx,mcx->mc", ahead, back))
-    unit = np.divide(cross, sine[:, :, None], out=np.zeros_like(cross), where=sine[:, :, None] > 0)
     key = mesh.face[:, None] * len(mesh.vertices_mm) + mesh.triangles
     at, index = np.unique(key.ravel(), return_inverse=True)
-    normals = np.zeros((len(at), 3))
-    np.add.at(normals, index.ravel(), (unit * angle[:, :, None]).reshape(-1, 3))
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    # A point of slivers alone has no direction, and glTF wants one.
-    normals = np.where(length > 0, normals / np.where(length > 0, length, 1), (0.0, 0.0, 1.0)) + 0.0
     *shade, opacity = colour
     # glTF's factors are linear light.
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in shade]
@@ -55,7 +43,7 @@ def drawn(mesh: Mesh, name: str, colour: tuple[float, float, float, float]) -> A
     )
     return trimesh.Trimesh(
         mesh.vertices_mm[at % len(mesh.vertices_mm)], index.reshape(-1, 3),
-        vertex_normals=normals.astype(np.float32), process=False,
+        process=False,
         visual=trimesh.visual.TextureVisuals(material=material),
     )  # fmt: skip
 
