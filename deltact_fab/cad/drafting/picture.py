@@ -121,11 +121,7 @@ def picture_svg(
 
 def mesh(solid: Any) -> Points:
     """Corners of the solid's triangles, (n, 3, 3); of a copy, for a mesh stays with a shape."""
-    from cadquery import Solid
-    from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
-
-    copy = Solid(BRepBuilderAPI_Copy(solid.wrapped, True, False).Shape())
-    vertices, triangles = copy.tessellate(MESH_MM, MESH_RAD)
+    vertices, triangles = solid.copy().tessellate(MESH_MM, MESH_RAD)
     return np.array([v.toTuple() for v in vertices])[np.array(triangles)]
 
 

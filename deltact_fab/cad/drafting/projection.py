@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Point2, Points, Vector
-from ..kernel import ordered, require
+from ..kernel import require
 from .dimensioning import Callouts
 
 CHORD_MM = 0.005
@@ -102,14 +102,13 @@ def project(solids: Sequence[Any], view: View, chord_mm: float = CHORD_MM) -> li
     chord_mm: largest distance of a polyline from its curve. A hidden line is left out where a
     visible one of any of the solids covers it.
     """
-    from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
     from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
     from OCP.HLRAlgo import HLRAlgo_Projector
     from OCP.HLRBRep import HLRBRep_Algo, HLRBRep_HLRToShape
 
     right, _, back = view.axes
     # Copies: one solid may stand in two places, and a mesh left by an export changes its box.
-    shapes = [BRepBuilderAPI_Copy(solid.wrapped, True, False).Shape() for solid in solids]
+    shapes = [solid.copy().wrapped for solid in solids]
     removal = HLRBRep_Algo()
     for shape in shapes:
         removal.Add(shape)
@@ -134,34 +133,25 @@ def project(solids: Sequence[Any], view: View, chord_mm: float = CHORD_MM) -> li
 
 
 def sampled(edge: Any, chord_mm: float = CHORD_MM) -> Points:
-    """Points (n, 3) along a cadquery or kernel edge, in its curve's sense."""
+    """Points (n, 3) along a cadquery Edge, in its curve's sense."""
     from OCP.BRepAdaptor import BRepAdaptor_Curve
     from OCP.GCPnts import GCPnts_TangentialDeflection
-    from OCP.GeomAbs import GeomAbs_Line
 
-    curve = BRepAdaptor_Curve(getattr(edge, "wrapped", edge))
-    if curve.GetType() == GeomAbs_Line:
-        ends = [curve.Value(curve.FirstParameter()), curve.Value(curve.LastParameter())]
-    else:
-        at = GCPnts_TangentialDeflection(curve, ANGLE_RAD, chord_mm)
-        ends = [at.Value(i) for i in range(1, at.NbPoints() + 1)]
-    return np.array([(p.X(), p.Y(), p.Z()) for p in ends])
+    at = GCPnts_TangentialDeflection(BRepAdaptor_Curve(edge.wrapped), ANGLE_RAD, chord_mm)
+    points = (at.Value(i) for i in range(1, at.NbPoints() + 1))
+    return np.array([(p.X(), p.Y(), p.Z()) for p in points])
 
 
 def _lines(compound: Any, chord_mm: float) -> Iterator[Points]:
     """The edges of a compound that lies in the paper's plane, (n, 2) each."""
+    from cadquery import Compound
     from OCP.BRepLib import BRepLib
-    from OCP.TopAbs import TopAbs_EDGE
-    from OCP.TopExp import TopExp_Explorer
-    from OCP.TopoDS import TopoDS
 
     if compound is None or compound.IsNull():
         return
     BRepLib.BuildCurves3d_s(compound)
-    explorer = TopExp_Explorer(compound, TopAbs_EDGE)
-    while explorer.More():
-        yield sampled(TopoDS.Edge(explorer.Current()), chord_mm)[:, :2]
-        explorer.Next()
+    for edge in Compound(compound).Edges():
+        yield sampled(edge, chord_mm)[:, :2]
 
 
 def _united(lines: Iterable[Points]) -> Any:
@@ -216,7 +206,7 @@ def _outline(wire: Any) -> Points:
     from OCP.TopAbs import TopAbs_REVERSED
 
     points = []
-    for edge in ordered(wire):
+    for edge in wire:
         along = sampled(edge)
-        points.append(along[::-1] if edge.Orientation() == TopAbs_REVERSED else along)
+        points.append(along[::-1] if edge.wrapped.Orientation() == TopAbs_REVERSED else along)
     return np.concatenate(points)

@@ -26,7 +26,6 @@ FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
 DRAWN = ("svg", "pdf")
 MESHED = ("stl", "3mf", "glb")
 TO_PRINT = ("stl", "3mf")
-DIGITS = 6
 
 
 @dataclass(frozen=True)
@@ -119,22 +118,12 @@ def make(task: Task) -> list[Made]:
                 data = _page_bytes(page, kind)
             else:
                 data = _solid_bytes(solid, part, task.design, kind)
-        about = (part.material, part.process, part.quantity)
-        size = (measured.volume_mm3, box_mm, deviation_mm)
-        made.append(_entered(part.name, kind, data, about, size, turned))
+        entry = PartFile(
+            part.name, f"{part.name}.{kind}", part.material, part.process, part.quantity,
+            measured.volume_mm3, box_mm, deviation_mm, hashlib.sha256(data).hexdigest(), turned,
+        )  # fmt: skip
+        made.append((entry, data))
     return made
-
-
-def _entered(
-    name: str, kind: str, data: bytes, about: tuple[str, str, int],
-    size: tuple[float, Box, float | None], turned: Matrix | None = None,
-) -> Made:  # fmt: skip
-    """A file with its entry: digits that tell nothing are left out."""
-    volume_mm3, box_mm, deviation_mm = size
-    box: Any = tuple(tuple(round(v, DIGITS) + 0.0 for v in corner) for corner in box_mm)
-    off_mm = None if deviation_mm is None else round(deviation_mm, DIGITS)
-    sha256, volume_mm3 = hashlib.sha256(data).hexdigest(), round(volume_mm3, DIGITS)
-    return PartFile(name, f"{name}.{kind}", *about, volume_mm3, box, off_mm, sha256, turned), data
 
 
 def whole(
@@ -144,8 +133,11 @@ def whole(
     """A file of an assembly of (volume, box, places), one place a copy."""
     volume_mm3 = sum(volume * len(places) for volume, _, places in parts)
     box_mm = enclosing(shifted(box, at) for _, box, places in parts for at in places)
-    about = ("", "wired" if name == WIRING else "assembled", 1)
-    return _entered(name, kind, data, about, (volume_mm3, box_mm, deviation_mm))
+    entry = PartFile(
+        name, f"{name}.{kind}", "", "wired" if name == WIRING else "assembled", 1,
+        volume_mm3, box_mm, deviation_mm, hashlib.sha256(data).hexdigest(),
+    )  # fmt: skip
+    return entry, data
 
 
 def _of_sensor(task: Task, kind: str) -> Made:

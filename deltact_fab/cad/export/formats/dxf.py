@@ -12,7 +12,6 @@ import math
 from typing import Any
 
 from ....errors import RunFailed
-from ...kernel import ordered
 
 LAYER = "CUT"
 _MILLIMETRES = 4
@@ -29,7 +28,6 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
     edge is neither line nor arc.
     """
     import ezdxf
-    from cadquery import Edge
 
     face, thickness_mm = _plate(solid, name)
     held_mm3 = face.Area() * thickness_mm
@@ -47,7 +45,7 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
         document.header["$MEASUREMENT"] = _METRIC
         document.layers.add(LAYER, color=1)
         for wire in _moved(face, outwards_mm):
-            edges = [Edge(edge) for edge in ordered(wire)]
+            edges = list(wire)
             _check_closed(edges, name)
             corners = [corner for edge in edges for corner in _corners(edge, name)]
             shape = {"close": True, "dxfattribs": {"layer": LAYER}}
