@@ -171,8 +171,7 @@ def _of_face(face: Any) -> FlatFace | Round | OtherFace:
 
 def _cylinder(face: Any, surface: Any) -> OtherFace | Round:
     """A face of a round; one that leans is told by its radius alone."""
-    from OCP.BRepGProp import BRepGProp_Face
-    from OCP.gp import gp_Pnt, gp_Vec
+    from cadquery import Vector
 
     cylinder = surface.Cylinder()
     radius = _tidy(cylinder.Radius())
@@ -187,13 +186,11 @@ def _cylinder(face: Any, surface: Any) -> OtherFace | Round:
     base = np.array(_point(cylinder.Axis().Location()))
     ends = [base + v * way for v in (surface.FirstVParameter(), surface.LastVParameter())]
     low, high = sorted((_point(end) for end in ends), key=lambda p: p[axis])
-    point, normal = gp_Pnt(), gp_Vec()
-    v = (surface.FirstVParameter() + surface.LastVParameter()) / 2
-    BRepGProp_Face(face.wrapped).Normal((first + last) / 2, v, point, normal)
-    out = np.array(_point(point)) - base
+    on = _on(surface)
+    out = np.array(on) - base
     out -= (out @ way) * way
-    hole = float(out @ np.array(_point(normal))) < 0
-    return Round(axis, low, high, radius, hole, _on(surface), turn_deg)
+    hole = float(out @ np.array(_point(face.normalAt(Vector(*on))))) < 0
+    return Round(axis, low, high, radius, hole, on, turn_deg)
 
 
 def _joined(pieces: list[Round], planes: list[FlatFace]) -> list[Round]:

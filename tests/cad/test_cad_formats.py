@@ -16,7 +16,7 @@ from readers import closed_mm3, of_3mf
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.export.formats import dxf, glb, meshes, step
+from deltact_fab.cad.export.formats import dxf, meshes, step
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.errors import RunFailed
@@ -87,7 +87,7 @@ def test_3mf_says_a_strange_material_and_carries_no_date(parts):
 
 def test_glb_is_in_metres_with_y_up_and_has_linear_colours(parts):
     part, _, measured, mesh = parts["skin"]
-    data = glb.glb_bytes({"skin": (glb.drawn(mesh, "skin", part.colour), glb.ORIGIN)})
+    data = meshes.glb_bytes({"skin": (meshes.drawn(mesh, "skin", part.colour), meshes.ORIGIN)})
     scene = trimesh.load(io.BytesIO(data), file_type="glb")
     (x0, y0, z0), (x1, y1, z1) = (np.array(corner) / 1000 for corner in measured.box_mm)
     # z of the CAD frame is y here, y is -z.
@@ -101,11 +101,13 @@ def test_glb_is_in_metres_with_y_up_and_has_linear_colours(parts):
 
 def test_glb_assembly_names_and_places_every_copy(parts):
     alone = {
-        name: glb.glb_bytes({name: (glb.drawn(mesh, name, part.colour), glb.ORIGIN)})
+        name: meshes.glb_bytes({name: (meshes.drawn(mesh, name, part.colour), meshes.ORIGIN)})
         for name, (part, _, _, mesh) in parts.items()
     }
-    plate, ball = (glb.read_part(alone[name]) for name in ("acrylic", "indenter-sphere-10"))
-    whole = glb.glb_bytes({"acrylic": (plate, glb.ORIGIN), "indenter-sphere-10": (ball, PLACES)})
+    plate, ball = (meshes.read_part(alone[name]) for name in ("acrylic", "indenter-sphere-10"))
+    whole = meshes.glb_bytes(
+        {"acrylic": (plate, meshes.ORIGIN), "indenter-sphere-10": (ball, PLACES)}
+    )
     scene = trimesh.load(io.BytesIO(whole), file_type="glb")
     names = {"acrylic", "indenter-sphere-10-1", "indenter-sphere-10-2"}
     assert set(scene.graph.nodes_geometry) == names
@@ -127,7 +129,7 @@ def test_glb_assembly_names_and_places_every_copy(parts):
 
 def test_glb_shades_a_sphere_smoothly_and_an_edge_sharply(parts):
     mesh = parts["indenter-sphere-10"][3]
-    read = glb.drawn(mesh, "x", (1, 1, 1, 1))
+    read = meshes.drawn(mesh, "x", (1, 1, 1, 1))
     points, normals = read.vertices, read.vertex_normals
     ball = (points[:, 2] < 4.9) & (np.linalg.norm(points - (0, 0, 5), axis=1) < 5.01)
     assert ball.sum() > 100
@@ -244,7 +246,7 @@ def test_the_second_time_in_a_process_gives_the_same_bytes(parts):
         lambda: step.assembly_bytes([("acrylic", solid, PLACES)], "assembly"),
         lambda: dxf.dxf_bytes(solid, "acrylic"),
         lambda: meshes.threemf_bytes(mesh, "acrylic", "PMMA", (1, 1, 1, 1)),
-        lambda: glb.glb_bytes({"a": (glb.drawn(mesh, "a", (1, 1, 1, 1)), glb.ORIGIN)}),
+        lambda: meshes.glb_bytes({"a": (meshes.drawn(mesh, "a", (1, 1, 1, 1)), meshes.ORIGIN)}),
         lambda: meshes.stl_bytes(mesh, "acrylic"),
     ):
         assert write() == write()

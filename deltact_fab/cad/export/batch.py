@@ -20,7 +20,7 @@ from ..dimensions import Design
 from ..part import Part
 from ..part_key import made_by, part_key
 from ..registry import of_group
-from .formats import glb
+from .formats import meshes
 from .part_files import (
     ASSEMBLY,
     DRAWN,
@@ -177,10 +177,10 @@ def _assembly_glb(sensor: Sequence[Part], design: Design, made: Sequence[Made]) 
     bodies, sizes, deviations_mm = {}, [], []
     for part in sensor:
         where, (entry, data) = part.places(design), held[f"{part.name}.glb"]
-        bodies[part.name] = glb.read_part(data), where
+        bodies[part.name] = meshes.read_part(data), where
         sizes.append((entry.volume_mm3, entry.bounding_box_mm, where))
         deviations_mm.append(entry.mesh_deviation_mm or 0.0)
-    return whole(ASSEMBLY, "glb", glb.glb_bytes(bodies), sizes, max(deviations_mm))
+    return whole(ASSEMBLY, "glb", meshes.glb_bytes(bodies), sizes, max(deviations_mm))
 
 
 def _kind(entry: PartFile) -> str:

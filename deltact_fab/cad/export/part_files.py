@@ -19,7 +19,7 @@ from ..mesh import Mesh, mesh_solid
 from ..part import BOUGHT, LASER_CUT, Part
 from ..print_orientation import Matrix, laid
 from ..solid_gate import Box, SolidProperties, enclosing, shifted
-from .formats import dxf, glb, meshes, step
+from .formats import dxf, meshes, step
 
 ASSEMBLY, WIRING = "assembly", "wiring"
 FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
@@ -116,8 +116,12 @@ def make(task: Task) -> list[Made]:
             elif kind in DRAWN:
                 page = page or drawing(part, task.design, solid)
                 data = _page_bytes(page, kind)
+            elif kind == "step":
+                data = step.part_bytes(solid, part.name)
             else:
-                data = _solid_bytes(solid, part, task.design, kind)
+                laser = task.design.laser
+                kerf_mm = laser.kerf_mm if laser.compensate else 0.0
+                data = dxf.dxf_bytes(solid, part.name, kerf_mm / 2)
         entry = PartFile(
             part.name, f"{part.name}.{kind}", part.material, part.process, part.quantity,
             measured.volume_mm3, box_mm, deviation_mm, hashlib.sha256(data).hexdigest(), turned,
@@ -144,7 +148,7 @@ def _of_sensor(task: Task, kind: str) -> Made:
     if kind in DRAWN:
         page = wiring(task.design)
         sheet: Box = ((0.0, 0.0, 0.0), (*page.size_mm, 0.0))
-        return whole(WIRING, kind, _page_bytes(page, kind), [(0.0, sheet, glb.ORIGIN)])
+        return whole(WIRING, kind, _page_bytes(page, kind), [(0.0, sheet, meshes.ORIGIN)])
     products, sizes = [], []
     for part in task.parts:
         solid, measured = build_part(part, task.design)
@@ -160,19 +164,14 @@ def _page_bytes(page: DrawingPage, kind: str) -> bytes:
     return page.svg().encode() if kind == "svg" else page.pdf()
 
 
-def _solid_bytes(solid: Any, part: Part, design: Design, kind: str) -> bytes:
-    if kind == "step":
-        return step.part_bytes(solid, part.name)
-    laser = design.laser
-    return dxf.dxf_bytes(solid, part.name, laser.kerf_mm / 2 if laser.compensate else 0.0)
-
-
 def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:
     if kind == "stl":
         return meshes.stl_bytes(mesh, part.name)
     if kind == "3mf":
         return meshes.threemf_bytes(mesh, part.name, part.material, part.colour)
-    return glb.glb_bytes({part.name: (glb.drawn(mesh, part.name, part.colour), glb.ORIGIN)})
+    return meshes.glb_bytes(
+        {part.name: (meshes.drawn(mesh, part.name, part.colour), meshes.ORIGIN)}
+    )
 
 
 def _mesh(solid: Any, measured: SolidProperties, task: Task) -> Mesh:
