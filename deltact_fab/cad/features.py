@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..aliases import Point, Points
+from .solid_gate import bounding_box
 
 SAME_MM = 1e-5
 """Coordinates closer than this are one."""
@@ -102,25 +103,19 @@ class SolidFeatures:
 
 def features_of(solid: Any) -> SolidFeatures:
     """The features of one solid, in a fixed order."""
-    from .solid_gate import bounding_box
-
-    planes: list[FlatFace] = []
-    pieces: list[Round] = []
-    others: list[OtherFace] = []
-    for face in solid.Faces():
-        found = _of_face(face)
-        if isinstance(found, FlatFace):
-            planes.append(found)
-        elif isinstance(found, OtherFace):
-            others.append(found)
-        else:
-            pieces.append(found)
-    low, high = bounding_box(solid)
-    rounds = sorted(_joined(pieces, planes), key=lambda r: (r.axis, r.low_mm, r.radius_mm))
+    faces = [_of_face(face) for face in solid.Faces()]
+    planes = [face for face in faces if isinstance(face, FlatFace)]
     planes.sort(key=lambda p: (p.axis, p.at_mm, p.corners.tolist()))
-    others.sort(key=lambda o: (o.kind, o.at))
-    edges = sorted(_round_edges(solid), key=lambda r: (r.axis, r.low_mm, r.radius_mm))
-    return SolidFeatures(tuple(planes), tuple(rounds), tuple(others), tuple(edges), low, high)
+    others = sorted(
+        (face for face in faces if isinstance(face, OtherFace)), key=lambda o: (o.kind, o.at)
+    )
+    pieces = [face for face in faces if isinstance(face, Round)]
+    rounds, edges = (
+        sorted(found, key=lambda r: (r.axis, r.low_mm, r.radius_mm))
+        for found in (_joined(pieces, planes), _round_edges(solid))
+    )
+    whole = bounding_box(solid)
+    return SolidFeatures(tuple(planes), tuple(rounds), tuple(others), tuple(edges), *whole)
 
 
 def _round_edges(solid: Any) -> Iterator[Round]:

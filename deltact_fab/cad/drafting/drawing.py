@@ -143,8 +143,7 @@ def _tolerances(part: Part, design: Design) -> tuple[str, tuple[Limits | None, .
 def _belongs(part: Part) -> str:
     if part.group == "sensor":
         return f"DelTact sensor, part {part.number}" if part.number else "DelTact sensor"
-    return {"electronics": "electronics", "tools": "casting tools", "bench": "test bench",
-            "indenters": "indenters"}[part.group]  # fmt: skip
+    return {"tools": "casting tools", "bench": "test bench"}.get(part.group, part.group)
 
 
 def _laid_out(

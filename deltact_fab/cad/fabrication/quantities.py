@@ -53,13 +53,13 @@ def pours(design: Design, sensors: int) -> int:
     return math.ceil(sensors / cavities(design))
 
 
-def skins_batch(design: Design, skins: int, waste: float = WASTE) -> Batch:
+def skins_batch(design: Design, skins: int) -> Batch:
     """Solaris for a number of skins.
 
     The paper says 1:1 and not by what: both parts are taken to be equally dense, so that equal
     masses are equal volumes.
     """
-    volume_cm3 = skins * design.skin_volume_mm3 / 1000 * (1 + waste)
+    volume_cm3 = skins * design.skin_volume_mm3 / 1000 * (1 + WASTE)
     half_g = volume_cm3 * DEFAULT.density_g_cm3 / 2
     return Batch(volume_cm3, half_g, half_g)
 
