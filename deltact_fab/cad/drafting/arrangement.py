@@ -89,9 +89,8 @@ class ArrangedView:
     def local(self, point: Vector) -> Point2:
         """A point of the part on paper, from the view's upper left corner, y downwards."""
         u, v = (float(c) for c in self.drawn.view.flat(point))
-        return (u - self.drawn.box_mm[0][0]) * self.scale, (
-            self.drawn.box_mm[1][1] - v
-        ) * self.scale
+        (left, _), (_, top) = self.drawn.box_mm
+        return (u - left) * self.scale, (top - v) * self.scale
 
     def _across(self, side: Side, level: int) -> float:
         """Where a dimension line of a level runs, from the view's upper left corner."""

@@ -331,12 +331,12 @@ def _first_angle(page: DrawingPage, x: float, y: float) -> None:
     page.line((cx, y - h / 2 - 1), (cx, y + h / 2 + 1), "centre")
 
 
-def wrapped(words: str, width_mm: float, height_mm: float = SMALL_MM) -> list[str]:
-    """Words in lines no wider than width_mm."""
+def wrapped(words: str, width_mm: float) -> list[str]:
+    """Words in lines of small text no wider than width_mm."""
     lines: list[str] = []
     for word in words.split():
         longer = f"{lines[-1]} {word}" if lines else word
-        if lines and text_width_mm(longer, height_mm) <= width_mm:
+        if lines and text_width_mm(longer) <= width_mm:
             lines[-1] = longer
         else:
             lines.append(word)

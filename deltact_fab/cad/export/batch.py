@@ -45,7 +45,7 @@ CACHED = "cad"
 BESIDE_DRAWINGS = ("drawing", "resin_printer", "laser", "optics")
 # About ten designs at 0.01 mm; the longest unused go first.
 LIMIT_BYTES = 512 * 2**20
-DIGITS = 6
+DIGITS = 6  # of lengths and volumes in the manifest
 
 
 def export_parts(
@@ -125,7 +125,7 @@ def _made(
         if absent := tuple(kind for kind, one in held.items() if one is None):
             missing.append(replace(task, formats=absent))
     done = len(tasks) - len(missing)
-    tell(done, len(tasks), missing[0].name() if missing else "cache")
+    tell(done, len(tasks), missing[0].name if missing else "cache")
 
     def arrived(index: int, made: list[Made]) -> None:
         nonlocal done
@@ -134,7 +134,7 @@ def _made(
             cache.put(CACHED, key, {"entry": asdict(entry), "data": data}, LIMIT_BYTES)
         found.extend(made)
         done += 1
-        tell(done, len(tasks), missing[index].name())
+        tell(done, len(tasks), missing[index].name)
 
     # Several processes where the work is worth it.
     shared = min(processors(), MAX_JOBS) if len(missing) >= SHARED_FROM else 1

@@ -63,11 +63,10 @@ class Task:
     design: Design
     tolerance_mm: float
 
-    def name(self, kind: str = "step") -> str:
-        """What its file of a format is called."""
-        if len(self.parts) == 1:
-            return self.parts[0].name
-        return WIRING if kind in DRAWN else ASSEMBLY
+    @property
+    def name(self) -> str:
+        """What it is called on the way."""
+        return self.parts[0].name if len(self.parts) == 1 else ASSEMBLY
 
 
 def checked_formats(formats: Sequence[str]) -> tuple[str, ...]:
@@ -176,11 +175,11 @@ def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:
 
 def _mesh(solid: Any, measured: SolidProperties, task: Task) -> Mesh:
     """A mesh within d of a surface of area A holds the volume to A d, if it looks outwards."""
-    mesh = mesh_solid(solid, task.tolerance_mm, task.name())
+    mesh = mesh_solid(solid, task.tolerance_mm, task.name)
     slack_mm3 = measured.area_mm2 * mesh.deviation_mm + 1e-6 * measured.volume_mm3
     if not abs(mesh.volume_mm3 - measured.volume_mm3) <= slack_mm3:
         raise RunFailed(
-            f"{task.name()}: the mesh encloses {mesh.volume_mm3:.3f} mm3, "
+            f"{task.name}: the mesh encloses {mesh.volume_mm3:.3f} mm3, "
             f"the solid {measured.volume_mm3:.3f}"
         )
     return mesh
