@@ -31,7 +31,7 @@ from .bench_sections import (
     TableDimensions,
     ToolDimensions,
 )
-from .drafting.title import TitleBlock
+from .drafting.dimensioning import TitleBlock
 from .process import LaserDimensions, ResinPrinterDimensions
 from .record import Record, number
 from .sensor_sections import (

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..aliases import Point, Points
+from .solid_gate import bounding_box
 
 SAME_MM = 1e-5
 """Coordinates closer than this are one."""
@@ -102,25 +103,19 @@ class SolidFeatures:
 
 def features_of(solid: Any) -> SolidFeatures:
     """The features of one solid, in a fixed order."""
-    from .solid_gate import bounding_box
-
-    planes: list[FlatFace] = []
-    pieces: list[Round] = []
-    others: list[OtherFace] = []
-    for face in solid.Faces():
-        found = _of_face(face)
-        if isinstance(found, FlatFace):
-            planes.append(found)
-        elif isinstance(found, OtherFace):
-            others.append(found)
-        else:
-            pieces.append(found)
-    low, high = bounding_box(solid)
-    rounds = sorted(_joined(pieces, planes), key=lambda r: (r.axis, r.low_mm, r.radius_mm))
+    faces = [_of_face(face) for face in solid.Faces()]
+    planes = [face for face in faces if isinstance(face, FlatFace)]
     planes.sort(key=lambda p: (p.axis, p.at_mm, p.corners.tolist()))
-    others.sort(key=lambda o: (o.kind, o.at))
-    edges = sorted(_round_edges(solid), key=lambda r: (r.axis, r.low_mm, r.radius_mm))
-    return SolidFeatures(tuple(planes), tuple(rounds), tuple(others), tuple(edges), low, high)
+    others = sorted(
+        (face for face in faces if isinstance(face, OtherFace)), key=lambda o: (o.kind, o.at)
+    )
+    pieces = [face for face in faces if isinstance(face, Round)]
+    rounds, edges = (
+        sorted(found, key=lambda r: (r.axis, r.low_mm, r.radius_mm))
+        for found in (_joined(pieces, planes), _round_edges(solid))
+    )
+    whole = bounding_box(solid)
+    return SolidFeatures(tuple(planes), tuple(rounds), tuple(others), tuple(edges), *whole)
 
 
 def _round_edges(solid: Any) -> Iterator[Round]:
@@ -171,8 +166,7 @@ def _of_face(face: Any) -> FlatFace | Round | OtherFace:
 
 def _cylinder(face: Any, surface: Any) -> OtherFace | Round:
     """A face of a round; one that leans is told by its radius alone."""
-    from OCP.BRepGProp import BRepGProp_Face
-    from OCP.gp import gp_Pnt, gp_Vec
+    from cadquery import Vector
 
     cylinder = surface.Cylinder()
     radius = _tidy(cylinder.Radius())
@@ -186,14 +180,12 @@ def _cylinder(face: Any, surface: Any) -> OtherFace | Round:
         return OtherFace("R", (radius, 2 * radius), _on(surface))
     base = np.array(_point(cylinder.Axis().Location()))
     ends = [base + v * way for v in (surface.FirstVParameter(), surface.LastVParameter())]
-    low, high = sorted((_point_of(end) for end in ends), key=lambda p: p[axis])
-    point, normal = gp_Pnt(), gp_Vec()
-    v = (surface.FirstVParameter() + surface.LastVParameter()) / 2
-    BRepGProp_Face(face.wrapped).Normal((first + last) / 2, v, point, normal)
-    out = np.array(_point(point)) - base
+    low, high = sorted((_point(end) for end in ends), key=lambda p: p[axis])
+    on = _on(surface)
+    out = np.array(on) - base
     out -= (out @ way) * way
-    hole = float(out @ np.array(_point(normal))) < 0
-    return Round(axis, low, high, radius, hole, _on(surface), turn_deg)
+    hole = float(out @ np.array(_point(face.normalAt(Vector(*on))))) < 0
+    return Round(axis, low, high, radius, hole, on, turn_deg)
 
 
 def _joined(pieces: list[Round], planes: list[FlatFace]) -> list[Round]:
@@ -260,13 +252,11 @@ def _on(surface: Any) -> Point:
 
 
 def _point(p: Any) -> Point:
+    """Of the kernel's own, cadquery's or numpy's."""
     if hasattr(p, "X"):
-        return _tidy(p.X()), _tidy(p.Y()), _tidy(p.Z())
-    return _tidy(p.x), _tidy(p.y), _tidy(p.z)
-
-
-def _point_of(p: Any) -> Point:
-    return _tidy(float(p[0])), _tidy(float(p[1])), _tidy(float(p[2]))
+        p = p.X(), p.Y(), p.Z()
+    x, y, z = p.toTuple() if hasattr(p, "toTuple") else p
+    return _tidy(float(x)), _tidy(float(y)), _tidy(float(z))
 
 
 def _tidy(value: float) -> float:

@@ -67,16 +67,6 @@ def _advice(reason: str) -> str:
     return f"cadquery cannot be imported ({reason}): pip install --force-reinstall cadquery"
 
 
-def ordered(wire: Any) -> Iterator[Any]:
-    """The kernel's edges of a cadquery Wire one after the other, each running its own way round."""
-    from OCP.BRepTools import BRepTools_WireExplorer
-
-    explorer = BRepTools_WireExplorer(wire.wrapped)
-    while explorer.More():
-        yield explorer.Current()
-        explorer.Next()
-
-
 @contextmanager
 def guarded(part: str) -> Iterator[None]:
     """Turn whatever the kernel raises inside into RunFailed naming the part.

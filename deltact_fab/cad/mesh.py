@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RunFailed
-from .solid_gate import Box
+from .solid_gate import Box, enclosing
 
 ANGLE_RAD = 0.2
 # Above the spacing of float32 at 100 mm (7.6e-6), far below any tolerance asked for.
@@ -40,11 +40,8 @@ class Mesh:
     @property
     def box_mm(self) -> Box:
         """Lowest and highest corner of the vertices."""
-        (x0, y0, z0), (x1, y1, z1) = (
-            corner.astype(float).tolist()
-            for corner in (self.vertices_mm.min(axis=0), self.vertices_mm.max(axis=0))
-        )
-        return (x0, y0, z0), (x1, y1, z1)
+        points = self.vertices_mm.astype(float)
+        return enclosing([(points.min(axis=0), points.max(axis=0))])
 
     @property
     def volume_mm3(self) -> float:

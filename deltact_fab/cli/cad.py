@@ -213,9 +213,6 @@ def export(
     indenter as in a protocol: sphere:10, 4dots. The assembly and the wiring are written with the
     whole sensor. STEP is for the machine shop, STL or 3MF for the printer, DXF for the laser, GLB
     for a 3D viewer; drawings are PDF and SVG.
-
-    Files of an earlier export that this one does not write again are removed, unless you changed
-    them.
     """
     from ..cad.export import export_parts
     from ..cad.registry import select

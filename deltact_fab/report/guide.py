@@ -6,7 +6,7 @@ import base64
 import io
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from ..cad.part import Part
 from ..cad.parts.coupon_mold import well_volume_mm3
 from ..cad.parts.mold import RELEASE_AGENT
 from ..cad.parts.screw import stock_note
-from ..cad.print_orientation import SELF_SUPPORTING_DEG
+from ..cad.print_orientation import SELF_SUPPORTING_DEG, laid, stand
 from ..cad.registry import listed, of_group
 from ..errors import MissingLibrary
 from ..patterns.quality import measure
@@ -136,9 +136,9 @@ def write(
         wiring=_svg_url(wiring(design).svg()),
         p=DEFAULT,
         sticker=pattern,
-        facts=DEFAULT.rows(),
-        process=table(pd.DataFrame(DEFAULT.rows(), dtype=object), PROCESS),
-        gaps=table(pd.DataFrame(map(asdict, gaps(design))), GAPS),
+        facts=quantities.FIGURES,
+        process=table(pd.DataFrame(quantities.FIGURES, dtype=object), PROCESS),
+        gaps=table(pd.DataFrame(gaps(design)), GAPS),
         verdict=verdict(_judged(design, pictures, pattern)),
         unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
         # Keys that take the names of what a lab has measured, where something is unverified.
@@ -172,21 +172,13 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
 
     Raises MissingLibrary without the CAD kernel, RunFailed when a part cannot be built.
     """
+    from ..cad.assembly import PlacedPart, assemble, bench
     from ..cad.build import build_part
+    from ..cad.drafting import picture
     from ..cad.drafting.casting import Bench
-    from ..cad.drafting.picture import (
-        APART,
-        FROM_BACK,
-        bench_svg,
-        exploded_svg,
-        part_svg,
-        scene_svg,
-        step_svg,
-    )
-    from ..cad.export.formats.glb import drawn, glb_bytes
+    from ..cad.export.formats.meshes import drawn, glb_bytes
     from ..cad.kernel import require
     from ..cad.mesh import mesh_solid
-    from ..cad.overhangs import laid, stand
 
     require()
     extras.require("cad", "the guide's 3D view", "trimesh")
@@ -196,20 +188,28 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     for done, part in enumerate(parts):
         tell(done, total, part.name)
         solids[part.name] = build_part(part, design)[0]
-        images[part.name] = _svg_url(part_svg(part, design, solids[part.name]))
+        alone = [PlacedPart(part, 0, solids[part.name], (0.0, 0.0, 0.0))]
+        # An indenter stands on its stem.
+        view = picture.TIPS_UP if part.indenter is not None else picture.CORNER
+        drawing = picture.picture_svg(part.name, alone, view, picture.PART_MM, numbered=False)
+        images[part.name] = _svg_url(drawing)
     tell(len(parts), total, "exploded view")
-    exploded = exploded_svg(design, solids)
+    apart = assemble(design, 1.0, of_group("sensor", design), solids)
+    exploded = picture.picture_svg("exploded view", apart, picture.APART, picture.APART_MM)
     steps: dict[str, str] = {}
     for step, placed in Bench(design, solids).steps():
         tell(len(parts), total, f"step {step}")
-        steps[step] = _svg_url(scene_svg(f"step {step}", placed))
+        steps[step] = _svg_url(picture.picture_svg(f"step {step}", placed))
     for done, (step, layers) in enumerate(STEPS.items(), len(parts) + 1):
         tell(done, total, f"step {step}")
-        view = FROM_BACK if step in FROM_BEHIND else APART
-        steps[step] = _svg_url(step_svg(f"step {step}", design, layers, solids, view))
+        view = picture.FROM_BACK if step in FROM_BEHIND else picture.APART
+        placed = picture.stacked(design, layers, solids)
+        steps[step] = _svg_url(picture.picture_svg(f"step {step}", placed, view))
     tell(total - 2, total, "test bench")
-    tip = next((part for part in parts if part.indenter is not None), None)
-    bench = _svg_url(bench_svg(design, tip, solids)) if tip else ""
+    whole = ""
+    if tip := next((part for part in parts if part.indenter is not None), None):
+        standing = bench(design, tip, solids)
+        whole = _svg_url(picture.picture_svg("test bench", standing, room_mm=picture.BENCH_MM))
     tell(total - 1, total, "3D view")
     # Meshes last: they leave triangles on the solids.
     fine = {p.name: mesh_solid(solids[p.name], VIEW_TOLERANCE_MM, p.name) for p in parts}
@@ -218,16 +218,16 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
         for part in parts
         if part.printed
     }
-    exploded_glb = [
-        replace(
+    exploded_glb = {
+        part.name: (
             drawn(fine[part.name], part.name, _lit(part.colour)),
-            places_mm=tuple((x, y, z + part.explode_mm) for x, y, z in part.places(design)),
+            [(x, y, z + part.explode_mm) for x, y, z in part.places(design)],
         )
         for part in of_group("sensor", design)
-    ]
+    }
     model = turntable(glb_bytes(exploded_glb))
     tell(total, total, "done")
-    return Pictures(_svg_url(exploded), bench, images, model, steps, ceilings)
+    return Pictures(_svg_url(exploded), whole, images, model, steps, ceilings)
 
 
 def _to_order(line: bom.BomLine) -> dict[str, str]:

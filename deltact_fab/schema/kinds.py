@@ -38,7 +38,7 @@ KINDS = {
         Kind("cameras", "cad", "the cameras that a design can be made for",
              "cad.cameras:CameraList"),
         Kind("parts", "cad", "where what is bought is ordered",
-             "cad.fabrication.bought:BoughtParts"),
+             "cad.fabrication.bom:BoughtParts"),
     )
 }  # fmt: skip
 OUTPUTS = {

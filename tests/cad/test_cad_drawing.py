@@ -18,12 +18,19 @@ from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.dimensioning import Callouts, Leader, Told, shown, toleranced
-from deltact_fab.cad.drafting.drawing import drawing
-from deltact_fab.cad.drafting.layout import SCALES
-from deltact_fab.cad.drafting.page import GAP_MM, DrawingPage, Polylines, Text, meet, text_width_mm
-from deltact_fab.cad.drafting.projection import project
-from deltact_fab.cad.drafting.sheet import BORDER_MM, SHEETS, block_rect
-from deltact_fab.cad.drafting.views import FLIPPED, VIEWS
+from deltact_fab.cad.drafting.drawing import SCALES, drawing
+from deltact_fab.cad.drafting.page import (
+    BORDER_MM,
+    GAP_MM,
+    SHEETS,
+    DrawingPage,
+    Polylines,
+    Text,
+    block_rect,
+    meet,
+    text_width_mm,
+)  # fmt: skip
+from deltact_fab.cad.drafting.projection import FLIPPED, VIEWS, project
 from deltact_fab.cad.drafting.wiring import wiring
 from deltact_fab.cad.kernel import require
 from deltact_fab.errors import InputError

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
-import hashlib
 import json
 import subprocess
 import sys
-from dataclasses import replace
 
 import pytest
 from click.testing import CliRunner
@@ -19,10 +17,8 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.drafting.wiring import wiring
 from deltact_fab.cad.export import batch
-from deltact_fab.cad.export import folder as export_folder
-from deltact_fab.cad.export.batch import export_parts
-from deltact_fab.cad.export.part_files import DRAWN, FORMATS, FileBytes, applicable
-from deltact_fab.cad.export.stored import Store
+from deltact_fab.cad.export.batch import export_parts, stored_by
+from deltact_fab.cad.export.part_files import DRAWN, FORMATS, Task, applicable
 from deltact_fab.cad.kernel import _advice
 from deltact_fab.cad.parts import skin_frame
 from deltact_fab.cli.cad import cad
@@ -131,7 +127,6 @@ def test_a_cache_that_refuses_is_done_without_and_none_is_none(exported, tmp_pat
     assert not (tmp_path / "absent").exists()
 
 
-MADE = FileBytes("step", b"bytes", 1.5, ((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)), None)
 WIDE, ISSUED = (
     load_design(changes=["skin.width_mm=37"]),
     load_design(changes=["drawing.revision=B"]),
@@ -153,14 +148,12 @@ WIDE, ISSUED = (
         ("cover", "pdf", {"design": ISSUED}, False),
     ],
 )
-def test_what_a_file_is_found_by(tmp_path, monkeypatch, part, kind, other, same):
-    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path))
-    made = replace(MADE, format=kind)
-    Store(DESIGN, 0.01, True).put([registry.find(part)], made)
-    asked = {"design": DESIGN, "tolerance_mm": 0.01, "in_use": True, "part": part, "kind": kind}
-    design, tolerance_mm, in_use, name, form = {**asked, **other}.values()
-    held = Store(design, tolerance_mm, in_use).get([registry.find(name)], form)
-    assert held == (made if same else None)
+def test_what_a_file_is_found_by(part, kind, other, same):
+    asked = {"design": DESIGN, "tolerance_mm": 0.01, "part": part, "kind": kind}
+    keys = []
+    for design, tolerance_mm, name, form in (asked.values(), {**asked, **other}.values()):
+        keys.append(stored_by(Task((registry.find(name),), (form,), design, tolerance_mm), form))
+    assert (keys[0] == keys[1]) == same
 
 
 # What goes wrong.
@@ -202,115 +195,30 @@ def _listed(folder):
     return {entry["file"]: entry["sha256"] for entry in entries}
 
 
-def _is_what_its_manifest_says(folder):
-    held = _bytes(folder)
-    del held["manifest.json"]
-    assert _listed(folder) == {n: hashlib.sha256(data).hexdigest() for n, data in held.items()}
-
-
-def _refused(folder, says, names=("acrylic",), kinds=("step",), **options):
-    """Refused in one line before anything is made, and left alone."""
-    before, calls = _bytes(folder), []
-    with pytest.raises(InputError, match=says) as refused:
-        _export(names, kinds, folder, progress=lambda *call: calls.append(call), **options)
-    assert "\n" not in str(refused.value)
-    assert calls == []
-    assert _bytes(folder) == before
-
-
-def test_what_an_earlier_export_left_goes(tmp_path):
-    _export(["acrylic", "cover"], ["dxf", "step"], tmp_path)
-    assert set(_listed(tmp_path)) == {"acrylic.step", "acrylic.dxf", "cover.step"}
-    export_parts(THICK, registry.select(["acrylic"]), ["dxf"], 0.01, tmp_path)
-    assert set(_bytes(tmp_path)) == {"acrylic.dxf", "manifest.json"}
-    _is_what_its_manifest_says(tmp_path)
-    # Over itself, and with a file of the earlier one missing.
-    (tmp_path / "acrylic.dxf").unlink()
-    for _ in range(2):
-        _export(["acrylic"], ["dxf", "step"], tmp_path)
-        assert set(_listed(tmp_path)) == {"acrylic.step", "acrylic.dxf"}
-        _is_what_its_manifest_says(tmp_path)
-
-
-def test_what_a_person_put_or_changed_there_stays(tmp_path):
+def test_what_is_not_asked_for_stays_and_what_is_replaces_what_has_its_name(tmp_path):
     _export(["acrylic", "cover", "skin"], ["step"], tmp_path)
-    (tmp_path / "cover.step").write_text("mine now")
     (tmp_path / "notes.txt").write_text("mine")
     # The same bytes, in a place of a person's choosing.
     (tmp_path / "skin.step").rename(tmp_path / "kept.step")
     (tmp_path / "skin.step").symlink_to("kept.step")
+    before = _bytes(tmp_path)
+    (tmp_path / "cover.step").write_text("mine now")
     _export(["acrylic"], ["dxf"], tmp_path)
     assert set(_listed(tmp_path)) == {"acrylic.dxf"}
-    held = _bytes(tmp_path)
-    assert set(held) == {
-        "acrylic.dxf", "manifest.json", "cover.step", "notes.txt", "kept.step", "skin.step"
-    }  # fmt: skip
-    assert (held["cover.step"], held["notes.txt"]) == (b"mine now", b"mine")
-    _refused(tmp_path, r"cover\.step: not of an export; move it away, or", ["cover"])
-    _refused(tmp_path, r"skin\.step: not of an export", ["acrylic", "skin"])
+    assert set(_bytes(tmp_path)) == {*before, "acrylic.dxf"}
+    _export(["acrylic", "cover", "skin"], ["step"], tmp_path)
+    assert not (tmp_path / "skin.step").is_symlink()
+    del (held := _bytes(tmp_path))["acrylic.dxf"]
+    assert held == before
 
 
-def test_what_is_in_the_way_is_refused_before_anything_is_made(tmp_path):
-    (tmp_path / "acrylic.svg").mkdir()
-    _refused(tmp_path, r"acrylic\.svg: a folder; move it away, or", kinds=("step", "svg"))
-    _export(["acrylic"], ["step", "dxf"], tmp_path)
-    for path in tmp_path.glob("acrylic.[sd][tx]*"):
-        path.write_text("mine now")
-    _refused(
-        tmp_path, r"acrylic\.step: changed since its export \(1 more\);", kinds=("step", "dxf")
-    )
-    (tmp_path / "assembly.glb").write_text("mine")
-    _refused(tmp_path, r"assembly\.glb: not of an export;", ["sensor"], ["glb"])
-
-
-def test_what_comes_in_the_way_meanwhile_is_refused_before_the_first_file(tmp_path):
+def test_a_folder_in_the_way_leaves_all_as_it_was(tmp_path):
     _export(["acrylic", "cover"], ["step"], tmp_path)
+    (tmp_path / "acrylic.dxf").mkdir()
     before = _bytes(tmp_path)
-
-    def mkdir(done, total, what):
-        (tmp_path / "acrylic.dxf").mkdir(exist_ok=True)
-
-    with pytest.raises(InputError, match=r"acrylic\.dxf: a folder"):
-        _export(["acrylic"], ["step", "dxf"], tmp_path, progress=mkdir)
-    assert _bytes(tmp_path) == {**before, "acrylic.dxf": None}
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "\xff",
-        '{"files": [{"file": "acrylic.step"}]}',
-        '{"files": [{"file": "../acrylic.step", "sha256": ""}]}',
-        '{"files": [{"file": "notes.txt", "sha256": ""}]}',
-        "[" * 100_000,
-    ],
-    ids=lambda text: text[:60],
-)
-def test_a_damaged_or_foreign_manifest_is_refused(tmp_path, text):
-    (tmp_path / "manifest.json").write_bytes(text.encode("latin-1"))
-    _refused(tmp_path, r"manifest\.json: damaged, or not an export's; move it away, or")
-
-
-def test_a_manifest_can_name_every_part():
-    names = [part.name for part in registry.listed()] + [registry.find("sphere:12.5").name]
-    for name in [*names, "assembly"]:
-        for kind in FORMATS:
-            assert export_folder._OURS.fullmatch(f"{name}.{kind}")
-
-
-def test_cut_short_the_folder_has_no_manifest_rather_than_a_wrong_one(tmp_path, monkeypatch):
-    _export(["acrylic"], ["step"], tmp_path)
-    replace_file = export_folder.os.replace
-
-    def full(source, target):
-        if str(target) == str(tmp_path / "manifest.json"):
-            raise OSError(28, "No space left on device")
-        replace_file(source, target)
-
-    monkeypatch.setattr(export_folder.os, "replace", full)
-    with pytest.raises(RunFailed, match="cannot be written: No space left on device"):
-        export_parts(THICK, registry.select(["acrylic"]), ["step"], 0.01, tmp_path)
-    assert set(_bytes(tmp_path)) == {"acrylic.step"}
+    with pytest.raises(RunFailed, match=r"acrylic\.dxf: cannot be written: Is a directory"):
+        _export(["acrylic"], ["step", "dxf"], tmp_path)
+    assert _bytes(tmp_path) == before
 
 
 def test_ctrl_c_leaves_nothing(tmp_path, monkeypatch):
@@ -339,12 +247,10 @@ def test_arguments_are_refused_in_one_line(tmp_path, formats, tolerance_mm, jobs
     assert not (tmp_path / "o").exists()
 
 
-def test_a_folder_that_cannot_be_one_or_be_read_is_refused(tmp_path):
+def test_a_folder_that_cannot_be_one_is_refused(tmp_path):
     (tmp_path / "o").write_text("")
-    with pytest.raises(InputError, match="cannot be a folder"):
+    with pytest.raises(InputError, match="is a file; expected a folder"):
         _export(["skin"], ["step"], tmp_path / "o")
-    (tmp_path / "manifest.json").mkdir()
-    _refused(tmp_path, r"manifest\.json: cannot be read: Is a directory")
 
 
 @pytest.mark.parametrize(

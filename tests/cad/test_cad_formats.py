@@ -16,7 +16,7 @@ from readers import closed_mm3, of_3mf
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.export.formats import dxf, glb, step, stl, threemf
+from deltact_fab.cad.export.formats import dxf, meshes, step
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.errors import RunFailed
@@ -41,7 +41,7 @@ def parts():
 @pytest.mark.parametrize("name", ["skin", "indenter-sphere-10"])
 def test_stl_is_closed_for_trimesh_and_manifold(parts, name):
     part, _, measured, mesh = parts[name]
-    data = stl.stl_bytes(mesh, part.name)
+    data = meshes.stl_bytes(mesh, part.name)
     assert data[:80].rstrip() == f"deltact-fab {name}, millimetres".encode()
     read = trimesh.load(io.BytesIO(data), file_type="stl")
     assert read.is_watertight
@@ -54,7 +54,7 @@ def test_stl_is_closed_for_trimesh_and_manifold(parts, name):
 
 def test_3mf_is_read_by_lib3mf_in_strict_mode_without_a_warning(parts):
     part, _, measured, mesh = parts["indenter-sphere-10"]
-    data = threemf.threemf_bytes(mesh, part.name, part.material, part.colour)
+    data = meshes.threemf_bytes(mesh, part.name, part.material, part.colour)
     model, body, vertices, triangles = of_3mf(data)
     assert model.GetUnit() == lib3mf.ModelUnit.MilliMeter
     assert model.GetMetaDataGroup().GetMetaDataByKey("", "Title").GetValue() == part.name
@@ -72,7 +72,7 @@ def test_3mf_is_read_by_lib3mf_in_strict_mode_without_a_warning(parts):
 
 def test_3mf_says_a_strange_material_and_carries_no_date(parts):
     mesh = parts["acrylic"][3]
-    data = threemf.threemf_bytes(mesh, "a<b", 'PMMA "clear" & <hard>', (1.0, 0.5, 0.0, 0.25))
+    data = meshes.threemf_bytes(mesh, "a<b", 'PMMA "clear" & <hard>', (1.0, 0.5, 0.0, 0.25))
     groups = of_3mf(data)[0].GetBaseMaterialGroups()
     assert groups.MoveNext()
     group = groups.GetCurrentBaseMaterialGroup()
@@ -87,8 +87,8 @@ def test_3mf_says_a_strange_material_and_carries_no_date(parts):
 
 def test_glb_is_in_metres_with_y_up_and_has_linear_colours(parts):
     part, _, measured, mesh = parts["skin"]
-    scene = trimesh.load(io.BytesIO(glb.glb_bytes([glb.drawn(mesh, "skin", part.colour)])),
-                         file_type="glb")  # fmt: skip
+    data = meshes.glb_bytes({"skin": (meshes.drawn(mesh, "skin", part.colour), meshes.ORIGIN)})
+    scene = trimesh.load(io.BytesIO(data), file_type="glb")
     (x0, y0, z0), (x1, y1, z1) = (np.array(corner) / 1000 for corner in measured.box_mm)
     # z of the CAD frame is y here, y is -z.
     assert np.allclose(scene.bounds, [(x0, z0, -y1), (x1, z1, -y0)], atol=1e-8)
@@ -101,12 +101,13 @@ def test_glb_is_in_metres_with_y_up_and_has_linear_colours(parts):
 
 def test_glb_assembly_names_and_places_every_copy(parts):
     alone = {
-        name: glb.glb_bytes([glb.drawn(mesh, name, part.colour)])
+        name: meshes.glb_bytes({name: (meshes.drawn(mesh, name, part.colour), meshes.ORIGIN)})
         for name, (part, _, _, mesh) in parts.items()
     }
-    white = (1.0, 1.0, 1.0, 1.0)
-    ball = glb.read_part(alone["indenter-sphere-10"], white, PLACES)
-    whole = glb.glb_bytes([glb.read_part(alone["acrylic"], white, [(0.0, 0.0, 0.0)]), ball])
+    plate, ball = (meshes.read_part(alone[name]) for name in ("acrylic", "indenter-sphere-10"))
+    whole = meshes.glb_bytes(
+        {"acrylic": (plate, meshes.ORIGIN), "indenter-sphere-10": (ball, PLACES)}
+    )
     scene = trimesh.load(io.BytesIO(whole), file_type="glb")
     names = {"acrylic", "indenter-sphere-10-1", "indenter-sphere-10-2"}
     assert set(scene.graph.nodes_geometry) == names
@@ -119,17 +120,17 @@ def test_glb_assembly_names_and_places_every_copy(parts):
         x, y, z = np.add(lowest, place)
         assert np.isclose(points, (x, z, -y), atol=1e-4).all(axis=1).any()
     # The same closed mesh as in the other formats, once points are joined by place again.
-    joined, index = np.unique(ball.points_mm, axis=0, return_inverse=True)
+    joined, index = np.unique(ball.vertices, axis=0, return_inverse=True)
     assert len(joined) == len(tip.vertices_mm)
-    assert closed_mm3(joined, index.reshape(-1)[ball.triangles]) == pytest.approx(
+    assert closed_mm3(joined, index.reshape(-1)[ball.faces]) == pytest.approx(
         tip.volume_mm3, rel=1e-5
     )
 
 
 def test_glb_shades_a_sphere_smoothly_and_an_edge_sharply(parts):
     mesh = parts["indenter-sphere-10"][3]
-    read = glb.drawn(mesh, "x", (1, 1, 1, 1))
-    points, normals = read.points_mm.astype(float), read.normals.astype(float)
+    read = meshes.drawn(mesh, "x", (1, 1, 1, 1))
+    points, normals = read.vertices, read.vertex_normals
     ball = (points[:, 2] < 4.9) & (np.linalg.norm(points - (0, 0, 5), axis=1) < 5.01)
     assert ball.sum() > 100
     radial = (points[ball] - (0, 0, 5)) / 5
@@ -244,9 +245,9 @@ def test_the_second_time_in_a_process_gives_the_same_bytes(parts):
         lambda: step.part_bytes(solid, "acrylic"),
         lambda: step.assembly_bytes([("acrylic", solid, PLACES)], "assembly"),
         lambda: dxf.dxf_bytes(solid, "acrylic"),
-        lambda: threemf.threemf_bytes(mesh, "acrylic", "PMMA", (1, 1, 1, 1)),
-        lambda: glb.glb_bytes([glb.drawn(mesh, "acrylic", (1, 1, 1, 1))]),
-        lambda: stl.stl_bytes(mesh, "acrylic"),
+        lambda: meshes.threemf_bytes(mesh, "acrylic", "PMMA", (1, 1, 1, 1)),
+        lambda: meshes.glb_bytes({"a": (meshes.drawn(mesh, "a", (1, 1, 1, 1)), meshes.ORIGIN)}),
+        lambda: meshes.stl_bytes(mesh, "acrylic"),
     ):
         assert write() == write()
 

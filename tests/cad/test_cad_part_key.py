@@ -17,7 +17,7 @@ from deltact_fab.cad.check.run import CHECKS, of_built
 from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.drafting.drawing import drawing
-from deltact_fab.cad.export.stored import BESIDE_DRAWINGS
+from deltact_fab.cad.export.batch import BESIDE_DRAWINGS
 from deltact_fab.cad.part_key import Facts, part_key
 from deltact_fab.cad.registry import find, listed, of_design
 

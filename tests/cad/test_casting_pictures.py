@@ -9,7 +9,7 @@ from solids import made
 from deltact_fab import report
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.casting import Bench
-from deltact_fab.cad.drafting.picture import scene_svg
+from deltact_fab.cad.drafting.picture import picture_svg
 from deltact_fab.cad.registry import listed
 
 pytestmark = pytest.mark.slow
@@ -65,6 +65,6 @@ def test_coats_lie_over_the_film_and_the_film_over_the_face(scenes):
 
 
 def test_a_picture_names_what_it_shows(scenes):
-    text = scene_svg("step D.9", scenes["D.9"])
+    text = picture_svg("step D.9", scenes["D.9"])
     for name in ("silicone", "acrylic", "skin-frame", "mold"):
         assert f">{name}<" in text

@@ -17,7 +17,8 @@ from seen_page import SeenPage, offline
 from deltact_fab.cad import kernel
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.export.formats.glb import GlbPart, glb_bytes
+from deltact_fab.cad.export.formats.meshes import ORIGIN, drawn, glb_bytes
+from deltact_fab.cad.mesh import Mesh
 from deltact_fab.cad.parts.mold import RELEASE_AGENT
 from deltact_fab.cad.registry import listed
 from deltact_fab.errors import InputError, MissingLibrary
@@ -177,9 +178,8 @@ def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_the_view_is_the_model_and_fetches_nothing() -> None:
     corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]], np.float32)
-    triangle = GlbPart("lid", corners, np.eye(3, dtype=np.float32)[[2, 2, 2]],
-                       np.arange(3, dtype=np.uint32)[None], (0.2, 0.5, 0.2, 1.0))  # fmt: skip
-    glb = glb_bytes([triangle])
+    triangle = Mesh(corners, np.arange(3)[None], np.zeros(1, np.int64), 0.0)
+    glb = glb_bytes({"lid": (drawn(triangle, "lid", (0.2, 0.5, 0.2, 1.0)), ORIGIN)})
     page = guide.turntable(glb)
     assert page == guide.turntable(glb)
     assert offline(page)[1] == set()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict
 
-from ..overhangs import MIN_CONTACT_MM2, Ceiling, Stand, laid, stand
 from ..part import Part
+from ..print_orientation import MIN_CONTACT_MM2, Stand, laid, stand
 from .built import BuiltDesign
 from .row import Row
 
@@ -27,12 +27,12 @@ def _of_part(built: BuiltDesign, part: Part) -> Iterator[Row]:
     kept = built.fact(
         CONTACT, (part.name,), lambda: asdict(stand(laid(built.mesh(part.name), part.lies)))
     )
-    on = Stand(kept["contact_mm2"], tuple(Ceiling(**one) for one in kept["ceilings"]))
+    on = Stand(**kept)
     if not part.lies.tilt_deg:
         limit = f">= {MIN_CONTACT_MM2:g} mm2"
         passed = on.contact_mm2 >= MIN_CONTACT_MM2
         yield Row(CONTACT, part.name, f"{on.contact_mm2:.1f} mm2", limit, passed)
-    if on.ceilings:
+    if on.ceilings_mm2:
         span_mm = built.design.resin_printer.ceiling_span_mm
         limit = f"<= {span_mm:g} mm across (resin_printer.ceiling_span_mm), or on supports"
         passed = bool(part.lies.supports) or on.span_mm <= span_mm

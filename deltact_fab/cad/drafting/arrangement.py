@@ -6,11 +6,12 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
-from ...aliases import Point2, Vector
-from .dimensioning import Axis, Centres, Item, Leader, Linear, Side
-from .page import ARROW_MM, LARGE_MM, SMALL_MM, DrawingPage, Rect, meet, text_width_mm
-from .projection import View
-from .sheet import LINE_MM
+import numpy as np
+
+from ...aliases import Point2, Points, Vector
+from .dimensioning import CentreLine, Item, Leader, Linear, Side
+from .page import ARROW_MM, LARGE_MM, LINE_MM, SMALL_MM, DrawingPage, Rect, meet, text_width_mm
+from .projection import DrawnView
 
 SIDES: tuple[Side, ...] = ("left", "right", "top", "bottom")
 FIRST_MM = 9.0  # from the view to its first dimension line
@@ -39,13 +40,11 @@ class _Line:
 class ArrangedView:
     """One view on paper: its items, and the room that they take beyond the view's box.
 
-    box_mm: lower left and upper right corner on the model's plane. margins: left, top, right,
-    bottom, paper mm.
+    margins: left, top, right, bottom, paper mm.
     """
 
-    view: View
+    drawn: DrawnView
     scale: float
-    box_mm: tuple[Point2, Point2]
     items: Sequence[Item]
     cut_x: float | None = None  # on the model's plane, where this view shows the cutting plane
     heading: str = ""
@@ -84,13 +83,14 @@ class ArrangedView:
     @property
     def size_mm(self) -> Point2:
         """Width and height of the view itself on paper."""
-        (x0, y0), (x1, y1) = self.box_mm
+        (x0, y0), (x1, y1) = self.drawn.box_mm
         return (x1 - x0) * self.scale, (y1 - y0) * self.scale
 
     def local(self, point: Vector) -> Point2:
         """A point of the part on paper, from the view's upper left corner, y downwards."""
-        u, v = (float(c) for c in self.view.flat(point))
-        return (u - self.box_mm[0][0]) * self.scale, (self.box_mm[1][1] - v) * self.scale
+        u, v = (float(c) for c in self.drawn.view.flat(point))
+        (left, _), (_, top) = self.drawn.box_mm
+        return (u - left) * self.scale, (top - v) * self.scale
 
     def _across(self, side: Side, level: int) -> float:
         """Where a dimension line of a level runs, from the view's upper left corner."""
@@ -143,26 +143,24 @@ class ArrangedView:
             yield leader, y
             least = y + LINE_MM + 1.0
 
-    def draw(self, page: DrawingPage, origin: Point2) -> None:
-        """Dimensions, labels and centre lines, the view's upper left corner at `origin`."""
+    def draw(self, page: DrawingPage, name: str, origin: Point2) -> None:
+        """The view, its dimensions, labels and centre lines, its upper left corner at `origin`."""
         ox, oy = origin
+        page.group = f"view-{name}"
+        for loops in self.drawn.hatched:
+            page.hatch(on_paper(loops, self.drawn, self.scale, origin))
+        for style in ("hidden", "smooth", "visible"):
+            page.path(on_paper(getattr(self.drawn, style), self.drawn, self.scale, origin), style)
+        page.group = f"dimensions-{name}"
 
         def at(x: float, y: float) -> Point2:
             return ox + x, oy + y
 
         for item in self.items:
-            if isinstance(item, Centres):
-                for centre in item.at:
-                    x, y = self.local(centre)
-                    arm = item.radius_mm * self.scale + 1.5
-                    page.line(at(x - arm, y), at(x + arm, y), "centre")
-                    # The cutting plane is a centre line already.
-                    if self.cut_x is None or abs(self.view.flat(centre)[0] - self.cut_x) > 1e-6:
-                        page.line(at(x, y - arm), at(x, y + arm), "centre")
-            elif isinstance(item, Axis):
+            if isinstance(item, CentreLine):
                 (ax, ay), (bx, by) = self.local(item.a), self.local(item.b)
-                length = math.hypot(bx - ax, by - ay)
-                dx, dy = (bx - ax) / length * 2, (by - ay) / length * 2
+                share = item.beyond_mm / math.hypot(bx - ax, by - ay)
+                dx, dy = (bx - ax) * share, (by - ay) * share
                 page.line(at(ax - dx, ay - dy), at(bx + dx, by + dy), "centre")
         self._draw_cut(page, origin)
         for side in self.lines:
@@ -212,7 +210,7 @@ class ArrangedView:
         """The cutting plane as ISO 128-44 has it: ends wide, arrows the way one looks."""
         if self.cut_x is None:
             return
-        x = origin[0] + (self.cut_x - self.box_mm[0][0]) * self.scale
+        x = origin[0] + (self.cut_x - self.drawn.box_mm[0][0]) * self.scale
         top, bottom = origin[1], origin[1] + self.size_mm[1]
         page.line((x, top - 2), (x, bottom + 2), "cut")
         for y, base in ((top, top - 3.2), (bottom, bottom + 6.7)):
@@ -221,3 +219,9 @@ class ArrangedView:
             page.line((x - 5.0, y + 5 * away), (x, y + 5 * away))
             page.arrow((x, y + 5 * away), (1.0, 0.0))
             page.text((x - 5.8, base), "A", LARGE_MM, "end")
+
+
+def on_paper(lines: Sequence[Points], drawn: DrawnView, scale: float, at: Point2) -> list[Points]:
+    """Lines of a view's plane on paper: the upper left corner of the view's box comes to `at`."""
+    (left, _), (_, top) = drawn.box_mm
+    return [np.add(at, (line - (left, top)) * (scale, -scale)) for line in lines]

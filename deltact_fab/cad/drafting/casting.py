@@ -46,19 +46,16 @@ class Bench:
         block = self._part("coupon-mold")
         film = [self._disc(x, y, radius - 0.1, base, SEEN_MM) for x, y in wells[1:]]
         yield "B.1", [*block, *self._of("lacquer", CLEAR, film)]
-        full = self._of(
-            "silicone", CLEAR, [self._disc(x, y, radius - 0.1, base, deep) for x, y in wells]
-        )
+        discs = [self._disc(x, y, radius - 0.1, base, deep) for x, y in wells]
+        full = self._of("silicone", CLEAR, discs)
         yield "B.2", [*block, *full]
         yield "B.3", [*block, *self._lifted(full)]
 
         x, y = d.acrylic_half_mm
         blank = self._box(2 * x + 10, 2 * y + 10, d.z_joint_mm, d.optics.acrylic_mm)
         hole = self._box(2 * x + 0.3, 2 * y + 0.3, d.z_joint_mm - 1, d.optics.acrylic_mm + 2)
-        yield (
-            "C.1",
-            [*self._of("sheet", CLEAR, [blank.cut(hole)]), *self._lifted(self._part(sheet))],
-        )
+        rest = self._of("sheet", CLEAR, [blank.cut(hole)])
+        yield "C.1", [*rest, *self._lifted(self._part(sheet))]
         yield "C.2", [*self._cast(frame), *self._lifted(self._cast(sheet))]
         tape = [self._box(4, 4, d.z_joint_mm - 0.3, 0.3, *at) for at in d.screw_centres_mm]
         first = [self._into_mold(piece, places[0]) for piece in tape]
@@ -85,9 +82,8 @@ class Bench:
         fx, fy = d.frame_outer_mm
         front = -d.skin.protrusion_mm
         flat = self._box(*d.skin.film_mm(), 0.0, SEEN_MM)
-        ring = self._box(fx, fy, front, 0.3).cut(
-            self._box(d.skin.width_mm, d.skin.length_mm, front - 1, 3.0)
-        )
+        window = self._box(d.skin.width_mm, d.skin.length_mm, front - 1, 3.0)
+        ring = self._box(fx, fy, front, 0.3).cut(window)
         masked = [*own, *self._of("tape", BLUE, [ring])]
         yield "E.4", masked
         yield "E.5", [*masked, *self._lifted(self._of("film", GREEN, [flat]))]
@@ -125,7 +121,7 @@ class Bench:
         ]
 
     def _lifted(self, pieces: Sequence[PlacedPart]) -> list[PlacedPart]:
-        return self._each(pieces, lambda solid: solid.translate(self._cq.Vector(0, 0, OVER_MM)))
+        return self._each(pieces, lambda solid: solid.translate((0, 0, OVER_MM)))
 
     def _halved(self, pieces: Sequence[PlacedPart]) -> list[PlacedPart]:
         """What lies beyond the plane x = 0."""
@@ -136,15 +132,14 @@ class Bench:
         self, solid: Any, angle_deg: float, at: tuple[float, float, float] = (0, 0, 0)
     ) -> Any:
         """Turned about a line along x through a point."""
-        start = self._cq.Vector(*at)
-        return solid.rotate(start, start + self._cq.Vector(1, 0, 0), angle_deg)
+        return solid.rotate(at, (at[0] + 1, at[1], at[2]), angle_deg)
 
     def _cast(self, name: str, at: tuple[float, float] = (0, 0)) -> list[PlacedPart]:
         """A part of the sensor in the mold, touched face down."""
         return self._each(self._part(name), lambda solid: self._into_mold(solid, at))
 
     def _into_mold(self, solid: Any, at: tuple[float, float]) -> Any:
-        return self._turned(solid, 180).translate(self._cq.Vector(*at, self._d.mold.base_mm))
+        return self._turned(solid, 180).translate((*at, self._d.mold.base_mm))
 
     def _cavity(self) -> list[PlacedPart]:
         """One cavity of the mold, about the axis."""
@@ -153,7 +148,7 @@ class Bench:
         around = self._box(a, b, -1.0, 100.0)
         return self._each(
             self._part("mold"),
-            lambda solid: solid.translate(self._cq.Vector(-x, -y, 0)).intersect(around),
+            lambda solid: solid.translate((-x, -y, 0)).intersect(around),
         )
 
     def _poured(self, level_mm: float, tipped_deg: float = 0.0) -> list[PlacedPart]:
@@ -167,12 +162,10 @@ class Bench:
     def _box(
         self, x: float, y: float, low: float, high: float, at_x: float = 0.0, at_y: float = 0.0
     ) -> Any:
-        return self._cq.Solid.makeBox(x, y, high, self._cq.Vector(at_x - x / 2, at_y - y / 2, low))
+        return self._cq.Solid.makeBox(x, y, high, (at_x - x / 2, at_y - y / 2, low))
 
     def _disc(self, x: float, y: float, radius: float, low: float, high: float) -> Any:
-        return self._cq.Solid.makeCylinder(
-            radius, high, self._cq.Vector(x, y, low), self._cq.Vector(0, 0, 1)
-        )
+        return self._cq.Solid.makeCylinder(radius, high, (x, y, low))
 
     def _cap(self, off_mm: float, depth_mm: float) -> Any:
         """The skin's proud part, larger by off_mm, down to depth_mm below the face."""

@@ -1,4 +1,4 @@
-"""What a drawing is made of, as data: what a part says of it, and what stands around its views.
+"""What a drawing is made of, as data: what part and lab say of it, and what is around its views.
 
 Views: `front` looks along +y, `top` along -z, `left` along +x; a part whose drawing is `flipped` is
 turned half about x first, so that its back or its tips are seen from above.
@@ -6,14 +6,20 @@ turned half about x first, so that its back or its tips are seen from above.
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, fields
+from functools import partial
+from typing import Any, Literal
 
 from ...aliases import Vector
+from ...pdf import width_em
+from ...shapes.bounded import ShapeError
+from ..record import Record
 
 Side = Literal["left", "right", "top", "bottom"]
 Limits = tuple[float, float]
+LONGEST = 60  # characters of a line of the title block
 
 
 def shown(value_mm: float) -> str:
@@ -82,21 +88,13 @@ class Leader:
 
 
 @dataclass(frozen=True)
-class Centres:
-    """Centre marks: crosses over circles of radius_mm."""
-
-    view: str
-    at: tuple[Vector, ...]
-    radius_mm: float
-
-
-@dataclass(frozen=True)
-class Axis:
-    """A centre line between two points, drawn a little beyond both."""
+class CentreLine:
+    """A centre line between two points, drawn beyond_mm beyond both on the paper."""
 
     view: str
     a: Vector
     b: Vector
+    beyond_mm: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -106,7 +104,7 @@ class Cut:
     x_mm: float
 
 
-Item = Linear | Leader | Centres | Axis
+Item = Linear | Leader | CentreLine
 
 
 GENERAL_TOLERANCE = "ISO 2768-m"
@@ -141,19 +139,8 @@ class Told:
         return f"({words})" if self.auxiliary else words
 
 
-def x_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
-    """A length along x that fits something."""
-    return Told(0, a_mm, b_mm, after, fitted)
-
-
-def y_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
-    """A length along y that fits something."""
-    return Told(1, a_mm, b_mm, after, fitted)
-
-
-def z_of(a_mm: float, b_mm: float, after: str = "", fitted: bool = True) -> Told:
-    """A length along z that fits something."""
-    return Told(2, a_mm, b_mm, after, fitted)
+# A length along one axis that fits something.
+x_of, y_of, z_of = (partial(Told, axis) for axis in range(3))
 
 
 @dataclass(frozen=True)
@@ -176,3 +163,44 @@ class Callouts:
     cut: Cut | None = None
     flipped: bool = False
     rests_on: tuple[str, ...] = ()
+
+
+def _line(meaning: str) -> Any:
+    """A line of the title block, empty until somebody gives it."""
+    return field(default="", metadata={"description": meaning})
+
+
+@dataclass(frozen=True)
+class TitleBlock(Record):
+    """The title block's fields that come from the lab, never from a clock: equal bytes stay equal.
+
+    An empty one is drawn as a dash.
+    """
+
+    number: str = _line("drawing number; a part's is this, a hyphen and its name")
+    revision: str = _line("revision, as in A or 02")
+    date: str = _line("date of issue, as in 2026-11-23")
+    owner: str = _line("legal owner: the lab")
+    drawn_by: str = _line("who made it")
+    approved_by: str = _line("who approved it")
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            said = getattr(self, f.name)
+            if len(said) > LONGEST or not said.isprintable():
+                raise ShapeError(
+                    f"{f.name}: one line of at most {LONGEST} characters: {said!r} fails"
+                )
+            try:
+                width_em(said)
+            except ValueError as why:
+                raise ShapeError(f"{f.name}: {why}; expected Latin letters") from why
+        if self.date:
+            try:
+                datetime.date.fromisoformat(self.date)
+            except ValueError as why:
+                raise ShapeError(f"date: expected one as 2026-11-23: {self.date!r} fails") from why
+
+    def number_of(self, part: str) -> str:
+        """The drawing number of a part; empty without a number of the lab's."""
+        return f"{self.number}-{part}" if self.number else ""

@@ -4,32 +4,93 @@
     top      picture, notes, title block
 
 Seen from the front (along +y), the view from above stands below it and the view from the left to
-its right (ISO 5456-2). What is dimensioned is in the part's own file, as data.
+its right (ISO 5456-2), at the largest scale that fits the smallest sheet. What is dimensioned is in
+the part's own file, as data.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
-import numpy as np
-
-from ...aliases import Point2, Points
+from ...aliases import Point2
 from ...errors import InputError
 from ..dimensions import Design
 from ..features import features_of
 from ..kernel import guarded
 from ..part import LASER_CUT, PRINT, Part
-from .dimensioning import GENERAL_TOLERANCE, Limits
-from .layout import laid_out
-from .page import SMALL_MM, DrawingPage, Rect
+from .arrangement import ArrangedView, on_paper
+from .dimensioning import GENERAL_TOLERANCE, Callouts, Item, Limits
+from .page import (
+    BORDER_MM,
+    LINE_MM,
+    SHEETS,
+    SMALL_MM,
+    DrawingPage,
+    Rect,
+    block_rect,
+    draw_frame,
+    meet,
+    wrapped,
+)
 from .placing import Placing
+from .projection import DrawnView, views
 from .scheme import scheme
-from .sheet import LINE_MM, SHEETS, Title, draw_frame
-from .views import DrawnView, views
 
 PICTURE_MM = 22.0  # a smaller picture of the part is left out
 PICTURE_FILLS = 0.8
+# ISO 5455, the largest first.
+SCALES = {"5:1": 5.0, "2:1": 2.0, "1:1": 1.0, "1:2": 0.5, "1:5": 0.2}
+WIDE_MM = 150.0  # nothing is enlarged beyond this
+GAP_MM = 6.0
+# Of what is left over, this much goes between the border and the views, or little if need be.
+SPARE_MM = (25.0, 2.0)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Views on a sheet: where the upper left corner of each stands, in paper mm."""
+
+    sheet: str
+    scale: str
+    arranged: dict[str, ArrangedView]
+    at: dict[str, Point2]
+    notes: Sequence[str]
+
+    @property
+    def taken(self) -> dict[str, Rect]:
+        """What each view takes with all that is written around it."""
+        return {name: view.taken(self.at[name]) for name, view in self.arranged.items()}
+
+    @property
+    def reserved(self) -> Rect:
+        """Title block and notes."""
+        left, top, right, bottom = block_rect(self.sheet)
+        return left - 2, top - 4 - LINE_MM * len(self.notes), right, bottom
+
+    @property
+    def fits(self) -> bool:
+        """Whether everything lies on the sheet and nothing on the title block."""
+        (width, height), edge, taken = SHEETS[self.sheet], BORDER_MM + 1, self.taken.values()
+        widest = max(view.size_mm[0] for view in self.arranged.values())
+        if SCALES[self.scale] > 1 and widest > WIDE_MM:
+            return False
+        return all(
+            x0 >= edge and y0 >= edge and x1 <= width - edge and y1 <= height - edge
+            for x0, y0, x1, y1 in taken
+        ) and not any(meet(a, b) for a, b in combinations([*taken, self.reserved], 2))
+
+    @property
+    def picture(self) -> Rect:
+        """The larger of the free rectangles below and beside the left view."""
+        (width, _), (_, above, _, _) = SHEETS[self.sheet], self.reserved
+        _, _, beside, _ = self.taken["top"]
+        _, _, right, below = self.taken["left"]
+        edge, above = width - BORDER_MM - 2, above - 2
+        free = ((beside + 2, below + 2, edge, above), (right + 2, BORDER_MM + 2, edge, above))
+        return max(free, key=lambda r: min(r[2] - r[0], r[3] - r[1]))
 
 
 def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
@@ -48,26 +109,20 @@ def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
         notes.append(f"Rests on unverified values: {', '.join(open_keys)}.")
     found = features_of(solid)
     general, limits = _tolerances(part, design)
-    placing = Placing(found, said, drawn, limits)
-    layout = laid_out(part.name, drawn, said, tuple(placing.items(scheme(found, said))), notes)
+    items = list(Placing(found, said, drawn, limits).items(scheme(found, said)))
+    layout = _laid_out(part.name, drawn, said, items, notes)
     page = DrawingPage(SHEETS[layout.sheet], f"{part.name}, {layout.scale}")
-    title = Title(
-        part.name, _belongs(part), part.material, part.process, part.quantity, layout.scale,
-        layout.sheet, general, design.drawing,
-    )  # fmt: skip
-    draw_frame(page, title)
+    told = {
+        "Material": part.material, "Process": part.process, "Quantity": str(part.quantity),
+        "General tolerances": general, "Scale": layout.scale, "Document": "part drawing",
+        "Belongs to": _belongs(part),
+    }  # fmt: skip
+    draw_frame(page, layout.sheet, part.name, design.drawing, told)
     left, top, _, _ = layout.reserved
     for i, line in enumerate(layout.notes):
         page.text((left + 2, top + 2 + LINE_MM * i + SMALL_MM), line)
     for name, arranged in layout.arranged.items():
-        page.group = f"view-{name}"
-        lines, at = drawn[name].lines, layout.at[name]
-        for loops in drawn[name].hatched:
-            page.hatch(_paper(loops, arranged.box_mm, arranged.scale, at))
-        for style in ("hidden", "smooth", "visible"):
-            page.path(_paper(getattr(lines, style), arranged.box_mm, arranged.scale, at), style)
-        page.group = f"dimensions-{name}"
-        arranged.draw(page, at)
+        arranged.draw(page, name, layout.at[name])
     page.group = "picture"
     _draw_picture(page, drawn["picture"], layout.picture)
     return page
@@ -88,16 +143,57 @@ def _tolerances(part: Part, design: Design) -> tuple[str, tuple[Limits | None, .
 def _belongs(part: Part) -> str:
     if part.group == "sensor":
         return f"DelTact sensor, part {part.number}" if part.number else "DelTact sensor"
-    return {"electronics": "electronics", "tools": "casting tools", "bench": "test bench",
-            "indenters": "indenters"}[part.group]  # fmt: skip
+    return {"tools": "casting tools", "bench": "test bench"}.get(part.group, part.group)
 
 
-def _paper(
-    lines: Sequence[Points], box_mm: tuple[Point2, Point2], scale: float, at: Point2
-) -> list[Points]:
-    """Lines of the model's plane on paper: the box's upper left corner comes to `at`."""
-    (left, _), (_, top) = box_mm
-    return [np.add(at, (line - (left, top)) * (scale, -scale)) for line in lines]
+def _laid_out(
+    part: str,
+    drawn: Mapping[str, DrawnView],
+    said: Callouts,
+    items: Sequence[Item],
+    notes: Sequence[str],
+) -> Layout:
+    """The largest scale that fits a sheet, on the smallest sheet that takes it."""
+    left, _, right, _ = block_rect("A4")
+    lines = [line for note in notes for line in wrapped(note, right - left - 6)]
+    for scale in SCALES:
+        arranged = {
+            name: ArrangedView(
+                drawn[name],
+                SCALES[scale],
+                [item for item in items if item.view == name],
+                said.cut.x_mm if said.cut is not None and name == "top" else None,
+                "A–A" if said.cut is not None and name == "left" else "",
+            )
+            for name in ("front", "top", "left")
+        }
+        for sheet in SHEETS:
+            for most_mm in SPARE_MM:
+                at = _places(sheet, arranged, most_mm)
+                layout = Layout(sheet, scale, arranged, at, lines)
+                if layout.fits:
+                    return layout
+    (x0, y0), (x1, y1) = drawn["top"].box_mm
+    raise InputError(
+        f"{part}: its drawing fits no A3 sheet at 1:5 ({x1 - x0:.0f} x {y1 - y0:.0f} mm)"
+    )
+
+
+def _places(sheet: str, arranged: Mapping[str, ArrangedView], most_mm: float) -> dict[str, Point2]:
+    """Where the views stand: front and top share their x, front and left their height."""
+    front, top, left = (arranged[name] for name in ("front", "top", "left"))
+    x = max(front.margins[0], top.margins[0])
+    y = max(front.margins[1], left.margins[1])
+    x_left = x + front.size_mm[0] + front.margins[2] + GAP_MM + left.margins[0]
+    below = max(front.margins[3], left.margins[3])
+    y_top = y + front.size_mm[1] + below + GAP_MM + top.margins[1]
+    width = max(x_left + left.size_mm[0] + left.margins[2], x + top.size_mm[0] + top.margins[2])
+    height = y_top + top.size_mm[1] + top.margins[3]
+    spare_x = min((SHEETS[sheet][0] - 2 * BORDER_MM - width) / 3, most_mm)
+    spare_y = min((SHEETS[sheet][1] - 2 * BORDER_MM - height) / 3, most_mm)
+    x, y = BORDER_MM + spare_x + x, BORDER_MM + spare_y + y
+    x_left, y_top = BORDER_MM + 2 * spare_x + x_left, BORDER_MM + 2 * spare_y + y_top
+    return {"front": (x, y), "left": (x_left, y), "top": (x, y_top)}
 
 
 def _draw_picture(page: DrawingPage, drawn: DrawnView, free: Rect) -> None:
@@ -111,5 +207,5 @@ def _draw_picture(page: DrawingPage, drawn: DrawnView, free: Rect) -> None:
         free[0] + (width - (x1 - x0) * scale) / 2,
         free[1] + (height - (y1 - y0) * scale) / 2,
     )
-    for lines, style in ((drawn.lines.smooth, "thin"), (drawn.lines.visible, "picture")):
-        page.path(_paper(lines, drawn.box_mm, scale, (left, top)), style)
+    for lines, style in ((drawn.smooth, "thin"), (drawn.visible, "picture")):
+        page.path(on_paper(lines, drawn, scale, (left, top)), style)

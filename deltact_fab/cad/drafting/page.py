@@ -1,4 +1,5 @@
-"""What stands on a drawing, in millimetres with y downwards, and the same page as SVG or PDF.
+"""What stands on a drawing, in millimetres with y downwards, and the same page as SVG or PDF;
+and a technical drawing's sheet: frame, title block, first-angle symbol.
 
 Line widths are those of ISO 128 (0.5 wide, 0.25 narrow), texts 2.5 and 3.5 mm high (ISO 3098).
 Where a narrow line meets a text it is broken, so that no text is struck through.
@@ -7,7 +8,7 @@ Where a narrow line meets a text it is broken, so that no text is struck through
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from itertools import groupby
@@ -19,6 +20,7 @@ from ...aliases import Point2
 from ...pdf import Document, glyphs, width_em
 from ...units import POINTS_PER_MM
 from ...version import VERSION
+from .dimensioning import TitleBlock
 
 Rect = tuple[float, float, float, float]  # left, top, right, bottom
 
@@ -44,6 +46,20 @@ STROKES: dict[str, tuple[float, tuple[float, ...]]] = {
     "contour": (1.0, ()),
     "filled": (0.0, ()),
 }
+SHEETS = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}
+BORDER_MM = 10.0
+BLOCK_MM = (180.0, 45.0)
+LARGE = ("Title", "Scale", "Drawing number", "Revision")
+LINE_MM = 4.2  # from one line of small text to the next
+# The title block (ISO 7200): each row's cells with their width in mm.
+CELLS: tuple[tuple[tuple[int, str], ...], ...] = (
+    ((90, "Material"), (60, "Process"), (30, "Quantity")),
+    ((66, "General tolerances"), (44, "Projection"), (22, "Dimensions"), (24, "Scale"),
+     (24, "Paper")),
+    ((66, "Owner"), (44, "Drawn by"), (46, "Approved by"), (24, "Document")),
+    ((90, "Title"), (60, "Belongs to"), (30, "Made by")),
+    ((90, "Drawing number"), (20, "Revision"), (40, "Date of issue"), (30, "Sheet")),
+)  # fmt: skip
 BROKEN = ("thin", "hatch", "centre", "cut")
 """Styles of lines that give way to a text."""
 
@@ -254,3 +270,74 @@ def _as_pdf(mark: Mark) -> Iterator[str]:
     if width:
         told = " ".join(map(number, dashes))
         yield f"{number(width)} w {0 if dashes else 1} J [{told}] 0 d {path} S"
+
+
+def block_rect(sheet: str) -> Rect:
+    """Where the title block stands on a sheet."""
+    width, height = SHEETS[sheet]
+    right, bottom = width - BORDER_MM, height - BORDER_MM
+    return right - BLOCK_MM[0], bottom - BLOCK_MM[1], right, bottom
+
+
+def draw_frame(
+    page: DrawingPage, sheet: str, name: str, lab: TitleBlock, told: Mapping[str, str]
+) -> None:
+    """Border and title block with the first-angle symbol.
+
+    lab: what the lab says of all its drawings. told: the other cells by their labels.
+    """
+    width, height = SHEETS[sheet]
+    b = BORDER_MM
+    page.group = "sheet"
+    corners = [(b, b), (width - b, b), (width - b, height - b), (b, height - b)]
+    page.path([corners], "frame", closed=True)
+    left, top, right, bottom = block_rect(sheet)
+    page.path([[(left, bottom), (left, top), (right, top)]], "frame")
+    said = {
+        "Projection": "first angle", "Dimensions": "mm", "Paper": sheet, "Owner": lab.owner,
+        "Drawn by": lab.drawn_by, "Approved by": lab.approved_by, "Title": name,
+        "Made by": f"deltact-fab {VERSION}", "Drawing number": lab.number_of(name),
+        "Revision": lab.revision, "Date of issue": lab.date, "Sheet": "1 of 1", **told,
+    }  # fmt: skip
+    row_mm = BLOCK_MM[1] / len(CELLS)
+    for i, row in enumerate(CELLS):
+        y, x = top + i * row_mm, left
+        if i:
+            page.line((left, y), (right, y), "thin")
+        for j, (cell, label) in enumerate(row):
+            if j:
+                page.line((x, y), (x, y + row_mm), "thin")
+            page.text((x + 1.5, y + 3.0), label, 1.8)
+            words = said.get(label) or "–"
+            size = LARGE_MM if label in LARGE else SMALL_MM
+            # A long material is set smaller rather than over the line.
+            size = min(size, size * (cell - 3) / text_width_mm(words, size))
+            page.text((x + 1.5, y + 7.8), words, size)
+            if label == "Projection":
+                _first_angle(page, x + 31, y + row_mm / 2)
+            x += cell
+
+
+def _first_angle(page: DrawingPage, x: float, y: float) -> None:
+    """The symbol of first-angle projection (ISO 5456-2): the cone, then its end seen from left."""
+    h, r, length = 5.0, 1.25, 5.0
+    cone = [(x - length, y - r), (x, y - h / 2), (x, y + h / 2), (x - length, y + r)]
+    page.path([cone], "thin", closed=True)
+    cx = x + 2.5 + h / 2
+    for radius in (r, h / 2):
+        page.circle((cx, y), radius)
+    page.line((x - length - 1, y), (x + 1, y), "centre")
+    page.line((cx - h / 2 - 1, y), (cx + h / 2 + 1, y), "centre")
+    page.line((cx, y - h / 2 - 1), (cx, y + h / 2 + 1), "centre")
+
+
+def wrapped(words: str, width_mm: float) -> list[str]:
+    """Words in lines of small text no wider than width_mm."""
+    lines: list[str] = []
+    for word in words.split():
+        longer = f"{lines[-1]} {word}" if lines else word
+        if lines and text_width_mm(longer) <= width_mm:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines

@@ -1,4 +1,4 @@
-"""Line pictures by hidden-line removal, lightly tinted: one part, the sensor taken apart, a step.
+"""Line pictures by hidden-line removal, lightly tinted: a part, the sensor taken apart, a step.
 
 Every length on paper is in millimetres.
 """
@@ -7,20 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...aliases import Points
-from ..assembly import PlacedPart, assemble, bench, lifted
-from ..build import build_part
+from ..assembly import PlacedPart, assemble, lifted
 from ..dimensions import Design
 from ..kernel import guarded
 from ..part import Part
 from ..registry import of_group
 from ..solid_gate import bounding_box
-from .balloons import RADIUS_MM, arranged
-from .hidden_lines import regions
 from .page import BLACK, LARGE_MM, SMALL_MM, DrawingPage, text_width_mm
 from .projection import View, project
 
@@ -37,43 +36,24 @@ BENCH_MM = (120.0, 110.0)
 STEP_MM = (120.0, 64.0)  # room of a step's picture, without balloons and legend
 STEP_GAP_MM = 7.0  # between what is together and what comes to it
 MARGIN_MM = 3.0
-ROW_MM = 5.0  # of the legend
+LEGEND_MM = 5.0  # a row of the legend
 CHORD_MM = 0.02
 MESH_MM, MESH_RAD = 0.05, 0.2
+# Balloons: radius, from one to the next, from the picture to their row.
+RADIUS_MM, BETWEEN_MM, ROW_MM = 3.2, 9.0, 11.0
+CLEAR_MM = 1.0  # from a leader's end to the lines of another part
+START_MM = 0.2  # a leader does not cross the line on which it starts
+SAMPLE_MM = 0.1  # of what hides what, on paper; a line is 0.25 wide
+SPARE_PX = 2
 
 
-def part_svg(part: Part, design: Design, solid: Any = None) -> str:
-    """One part seen from a corner; an indenter stands on its stem.
-
-    solid: as built from the design; built here when it is not given. Raises what build_part raises.
-    """
-    if solid is None:
-        solid, _ = build_part(part, design)
-    view = TIPS_UP if part.indenter is not None else CORNER
-    placed = PlacedPart(part, 0, solid, (0.0, 0.0, 0.0))
-    return _picture(part.name, [placed], view, PART_MM, numbered=False)
-
-
-def exploded_svg(design: Design, solids: Mapping[str, Any] | None = None) -> str:
-    """The sensor taken apart along its axis, with numbers: the paper's where it has one.
-
-    solids: ready solids by part name, for those that need not be built.
-    """
-    placed = assemble(design, 1.0, of_group("sensor", design), solids)
-    return _picture("exploded view", placed, APART, APART_MM)
-
-
-def step_svg(
-    title: str,
-    design: Design,
-    layers: Sequence[Sequence[str]],
-    solids: Mapping[str, Any] | None = None,
-    view: View = APART,
-) -> str:
+def stacked(
+    design: Design, layers: Sequence[Sequence[str]], solids: Mapping[str, Any]
+) -> list[PlacedPart]:
     """One step of the assembly: what is together already, and what comes to it, taken apart.
 
     layers: names of parts of the sensor, from the face backwards; those of one layer are in their
-    places to one another. solids: as for exploded_svg.
+    places to one another. solids: by part name.
     """
     parts = {part.name: part for part in of_group("sensor", design)}
     placed: list[PlacedPart] = []
@@ -86,28 +66,14 @@ def step_svg(
         placed += [lifted(piece, shift) for piece in layer]
         top_mm = max(box[1][2] for box in boxes) + shift[2]
     order = list(parts)
-    placed.sort(key=lambda piece: order.index(piece.part.name))
-    return _picture(title, placed, view, STEP_MM)
+    return sorted(placed, key=lambda piece: order.index(piece.part.name))
 
 
-def scene_svg(title: str, placed: Sequence[PlacedPart]) -> str:
-    """Pieces as they are placed, seen from a corner, with balloons and a legend."""
-    return _picture(title, placed, CORNER, STEP_MM)
-
-
-def bench_svg(design: Design, indenter: Part, solids: Mapping[str, Any] | None = None) -> str:
-    """The test bench put together, the tip on the face: what `cad check` holds apart.
-
-    solids: as for exploded_svg.
-    """
-    return _picture("test bench", bench(design, indenter, solids), CORNER, BENCH_MM)
-
-
-def _picture(
+def picture_svg(
     title: str,
     placed: Sequence[PlacedPart],
-    view: View,
-    room_mm: tuple[float, float],
+    view: View = CORNER,
+    room_mm: tuple[float, float] = STEP_MM,
     numbered: bool = True,
 ) -> str:
     """Pieces as large as the room allows, with balloons and a legend of what is seen."""
@@ -123,7 +89,8 @@ def _picture(
     ]
     balloons = arranged(pieces, view.flat((0, 0, -1))) if numbered else []
     # In the paper's millimetres, y upwards.
-    reach = np.concatenate([np.array([low, high]) * scale, *(b.reach for b in balloons)])
+    rings = [b.centre + side * (RADIUS_MM + 0.3) for b in balloons for side in (-1, 1)]
+    reach = np.array([low * scale, high * scale, *rings])
     low, high = reach.min(axis=0), reach.max(axis=0)
     width, height = (high - low + 2 * MARGIN_MM).tolist()
     page = DrawingPage((max(width, numbered * STEP_MM[0]), height), title)
@@ -154,11 +121,7 @@ def _picture(
 
 def mesh(solid: Any) -> Points:
     """Corners of the solid's triangles, (n, 3, 3); of a copy, for a mesh stays with a shape."""
-    from cadquery import Solid
-    from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
-
-    copy = Solid(BRepBuilderAPI_Copy(solid.wrapped, True, False).Shape())
-    vertices, triangles = copy.tessellate(MESH_MM, MESH_RAD)
+    vertices, triangles = solid.copy().tessellate(MESH_MM, MESH_RAD)
     return np.array([v.toTuple() for v in vertices])[np.array(triangles)]
 
 
@@ -194,8 +157,114 @@ def _draw_legend(page: DrawingPage, seen: Sequence[tuple[str, Part]]) -> None:
     rows = -(-len(entries) // columns)
     for i, (label, part) in enumerate(entries):
         x = MARGIN_MM + (i // rows) * width / columns
-        y = top + (i % rows) * ROW_MM + SMALL_MM
+        y = top + (i % rows) * LEGEND_MM + SMALL_MM
         pieces = f", {part.quantity}×" if part.quantity > 1 else ""
         page.text((x + 4, y), label, SMALL_MM, "end")
         page.text((x + 6, y), part.name + pieces)
-    page.size_mm = (page.size_mm[0], top + rows * ROW_MM + MARGIN_MM)
+    page.size_mm = (page.size_mm[0], top + rows * LEGEND_MM + MARGIN_MM)
+
+
+@dataclass(frozen=True)
+class Balloon:
+    """A numbered circle and its leader's end on the part; paper mm, y upwards."""
+
+    part: Part
+    centre: Points
+    anchor: Points
+
+
+def arranged(pieces: Sequence[tuple[Part, Sequence[Points]]], axis: Points) -> list[Balloon]:
+    """Two rows of balloons beside the axis; each leader ends on its part and crosses no other.
+
+    pieces: the visible lines of every piece, (n, 2) each in paper mm, y upwards. axis: direction
+    of the rows. Of a part's visible points the one is taken from which the way to a row is free
+    and shortest; a part that is hidden altogether has no balloon.
+    """
+    import shapely
+
+    axis = axis / np.hypot(*axis)
+    frame = np.stack([axis, [-axis[1], axis[0]]])  # along the axis, across it
+    lines = [(part.name, shapely.LineString(p @ frame.T)) for part, own in pieces for p in own]
+    drawn = shapely.STRtree([line for _, line in lines])
+    _, low, _, high = shapely.total_bounds(drawn.geometries)
+    rows: dict[float, list[tuple[float, Points, Part]]] = {high + ROW_MM: [], low - ROW_MM: []}
+    for part in {part.name: part for part, _ in pieces}.values():
+        own = [line for name, line in lines if name == part.name]
+        if not own:
+            continue
+        others = shapely.union_all([line for name, line in lines if name != part.name])
+        points = np.tile(shapely.get_coordinates(own), (2, 1))
+        row = np.repeat(list(rows), len(points) // 2)
+        away = row - points[:, 1]
+        ends = np.repeat(points[:, None], 2, axis=1)
+        ends[:, 0, 1] += START_MM * np.sign(away)
+        ends[:, 1, 1] = row
+        # A leader that ends where two parts seem to touch does not say which is meant.
+        crossed = 1 * shapely.dwithin(shapely.points(points), others, CLEAR_MM)
+        met, _ = drawn.query(shapely.linestrings(ends), predicate="intersects")
+        crossed += np.bincount(met, minlength=len(points))
+        k = np.lexsort((np.abs(away).round(3), crossed))[0]
+        rows[row[k]].append((float(points[k, 0]), points[k], part))
+    balloons = []
+    for across, entries in rows.items():
+        entries.sort(key=lambda entry: entry[0])
+        at = spread([entry[0] for entry in entries], BETWEEN_MM)
+        for t, (_, anchor, part) in zip(at, entries, strict=True):
+            balloons.append(Balloon(part, np.array([t, across]) @ frame, anchor @ frame))
+    return balloons
+
+
+def spread(wanted: Sequence[float], apart: float) -> list[float]:
+    """Places in the order given, `apart` from one another, as near as may be to those wanted."""
+    from scipy.optimize import isotonic_regression
+
+    least = apart * np.arange(len(wanted))
+    places: list[float] = (isotonic_regression(np.array(wanted) - least).x + least).tolist()
+    return places
+
+
+def regions(triangles: Sequence[Points], view: View, scale: float) -> list[list[Points]]:
+    """What is seen of each of several bodies that sit inside one another, as outlines.
+
+    Loops (n, 2) of each body in mm of the model's plane, to be filled by the even-odd rule. Their
+    borders are the lines of hidden-line removal to within a step, and lie under those lines.
+    triangles: corners (n, 3, 3) of each body's mesh, outwards. scale: paper over model.
+    """
+    import cv2
+
+    step_mm = SAMPLE_MM / scale
+    every = np.concatenate([view.flat(t).reshape(-1, 2) for t in triangles])
+    low = every.min(axis=0) - SPARE_PX * step_mm
+    columns, rows = np.ceil((every.max(axis=0) - low) / step_mm).astype(int) + SPARE_PX
+    near = np.full((rows, columns), -np.inf)
+    seen = np.full((rows, columns), -1)
+    for body, corners in enumerate(triangles):
+        _draw_body(body, (view.flat(corners) - low) / step_mm, view.depth(corners), near, seen)
+    found = []
+    for body in range(len(triangles)):
+        mask = (seen == body).astype(np.uint8)
+        outlines, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        loops = [cv2.approxPolyDP(outline, 0.7, True)[:, 0] for outline in outlines]
+        found.append([loop * step_mm + low for loop in loops if len(loop) > 2])
+    return found
+
+
+def _draw_body(
+    body: int, flat: Points, depth: Points, near: NDArray[np.float64], seen: NDArray[np.int64]
+) -> None:
+    """The triangles of one body that face the viewer, where nothing lies nearer; units of steps."""
+    u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    first = np.ceil(flat.min(axis=1)).astype(int)
+    last = np.floor(flat.max(axis=1)).astype(int)
+    for k in np.flatnonzero((area > 1e-9) & (first <= last).all(axis=1)):
+        (x0, y0), (x1, y1) = first[k], last[k]
+        dx = np.arange(x0, x1 + 1) - flat[k, 0, 0]
+        dy = (np.arange(y0, y1 + 1) - flat[k, 0, 1])[:, None]
+        s = (dx * v[k, 1] - dy * v[k, 0]) / area[k]
+        t = (dy * u[k, 0] - dx * u[k, 1]) / area[k]
+        at = depth[k, 0] + s * (depth[k, 1] - depth[k, 0]) + t * (depth[k, 2] - depth[k, 0])
+        window = np.s_[y0 : y1 + 1, x0 : x1 + 1]
+        over = (s >= 0) & (t >= 0) & (s + t <= 1) & (at > near[window])
+        near[window][over] = at[over]
+        seen[window][over] = body

@@ -8,17 +8,15 @@ its round.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from ...aliases import Point, Points, Vector
+from ...aliases import Point, Points
 from ..features import OtherFace, Round, SolidFeatures
 from .dimensioning import (
-    Axis,
     Callouts,
-    Centres,
+    CentreLine,
     Item,
     Leader,
     Limits,
@@ -27,8 +25,8 @@ from .dimensioning import (
     Told,
     toleranced,
 )
+from .projection import DrawnView
 from .scheme import SAME_MM, Rounds, Scheme
-from .views import DrawnView
 
 # The views in which a length along an axis lies across or upright, the better one first.
 SEEN_IN = ({"top": 0, "front": 0}, {"top": 1, "left": 0}, {"front": 1, "left": 1})
@@ -39,12 +37,8 @@ CROWDED = (2.0, 0.7)  # a level more across, and upright: a sheet is wider than 
 SIDES: tuple[tuple[Side, Side], ...] = (("bottom", "top"), ("left", "right"))
 
 
-@dataclass(frozen=True)
-class Anchor:
-    """A point on which a length may end, and the points of which one shows that it is seen."""
-
-    at: Vector
-    seen_at: tuple[Vector, ...]
+# A point on which a length may end, and the points of which one shows that it is seen.
+Anchor = tuple[Point, tuple[Point, ...]]
 
 
 class Placing:
@@ -84,7 +78,7 @@ class Placing:
                     self._nearest(view, side, ends) for ends in (a, b)
                 )
                 crowd = CROWDED[along] * self._count.get((view, side), 0)
-                item = Linear(view, one.at, other.at, side, words)
+                item = Linear(view, one, other, side, words)
                 found.append((round(one_cost + other_cost + crowd, 6), item))
         return min(found, key=lambda f: f[0])
 
@@ -93,25 +87,25 @@ class Placing:
         self._count[item.view, item.side] = self._count.get((item.view, item.side), 0) + 1
         return item
 
-    def _nearest(self, view: str, side: Side, anchors: Sequence[Anchor]) -> tuple[float, Anchor]:
+    def _nearest(self, view: str, side: Side, anchors: Sequence[Anchor]) -> tuple[float, Point]:
         """The cheapest end in a view: its cost and itself."""
         drawn = self._drawn[view]
         (x0, y0), (x1, y1) = drawn.box_mm
-        flat = drawn.view.flat(np.array([a.at for a in anchors]))
-        seen = [drawn.shows(drawn.view.flat(np.array(a.seen_at)), NEAR_MM).any() for a in anchors]
+        flat = drawn.view.flat(np.array([at for at, _ in anchors]))
+        seen = [drawn.shows(drawn.view.flat(np.array(by)), NEAR_MM).any() for _, by in anchors]
         away = {
             "left": (flat[:, 0] - x0) / (x1 - x0), "right": (x1 - flat[:, 0]) / (x1 - x0),
             "bottom": (flat[:, 1] - y0) / (y1 - y0), "top": (y1 - flat[:, 1]) / (y1 - y0),
         }[side]  # fmt: skip
         cost = HIDDEN * ~np.array(seen) + FAR * away
         k = int(np.argmin(cost.round(6)))
-        return float(cost[k]), anchors[k]
+        return float(cost[k]), anchors[k][0]
 
     def _anchors(self, axis: int, at_mm: float) -> list[Anchor]:
         """Corners of faces and centres of rounds at a coordinate; sides of rounds; the middle."""
         found = self._found
-        anchors = [
-            Anchor(point, (point,))
+        anchors: list[Anchor] = [
+            (point, (point,))
             for plane in found.planes
             if plane.axis == axis and abs(plane.at_mm - at_mm) < SAME_MM
             for point in map(_point, plane.corners)
@@ -120,18 +114,18 @@ class Placing:
         for r in across:
             if abs(r.low_mm[axis] - at_mm) < SAME_MM:
                 for end in (r.low_mm, r.high_mm):
-                    anchors.append(Anchor(end, tuple(_sides(r, end))))
+                    anchors.append((end, tuple(_sides(r, end))))
             elif abs(abs(r.low_mm[axis] - at_mm) - r.radius_mm) < SAME_MM:
                 for end in (r.low_mm, r.high_mm):
                     side = _moved(end, axis, at_mm)
-                    anchors.append(Anchor(side, (side,)))
+                    anchors.append((side, (side,)))
         if not anchors:  # an axis of the part, or the end of a face of another kind
             low, high = found.low_mm, found.high_mm
             middle = _point([(a + b) / 2 for a, b in zip(low, high, strict=True)])
             for other in {0, 1, 2} - {axis}:
                 for bound in (low[other], high[other]):
                     point = _moved(_moved(middle, other, bound), axis, at_mm)
-                    anchors.append(Anchor(point, (point,)))
+                    anchors.append((point, (point,)))
         return anchors
 
     def _label(self, group: Rounds) -> Iterator[Item]:
@@ -148,7 +142,8 @@ class Placing:
             said = toleranced(2 * r.radius_mm)
             words = words.replace(f"Ø{said}", f"Ø{toleranced(2 * r.radius_mm, limits)}", 1)
         if r.turn_deg > 180:
-            yield Centres(view, tuple(a.high_mm for a in group.alike), r.radius_mm)
+            for one in group.alike:
+                yield from self._cross(view, np.array(one.high_mm), r.radius_mm)
         (x0, _), (x1, _) = drawn.box_mm
 
         def cost(one: Round) -> tuple[float, float]:
@@ -163,6 +158,14 @@ class Placing:
             yield Leader(view, nearest.on, 0, words, side)
         else:
             yield Leader(view, nearest.high_mm, nearest.radius_mm, words, side)
+
+    def _cross(self, view: str, centre: Points, radius_mm: float) -> Iterator[CentreLine]:
+        """Over a circle; the cutting plane is a centre line already."""
+        right, up, _ = (radius_mm * axis for axis in self._drawn[view].view.axes)
+        yield CentreLine(view, _point(centre - right), _point(centre + right), 1.5)
+        cut = self._said.cut if view == "top" else None
+        if cut is None or abs(centre[0] - cut.x_mm) > 1e-6:
+            yield CentreLine(view, _point(centre + up), _point(centre - up), 1.5)
 
     def _of_face(self, alike: Sequence[OtherFace], words: str) -> Leader:
         """A label with an arrow to one of equal faces of another kind."""
@@ -180,45 +183,32 @@ class Placing:
             after = after.removeprefix(" through")
             told = Told(across, -r.radius_mm, r.radius_mm, after, fitted, before="Ø")
             a, b = (
-                [
-                    Anchor(p, (p,))
-                    for end in (r.low_mm, r.high_mm)
-                    for p in (_moved(end, across, sign * r.radius_mm),)
-                ]
-                for sign in (-1, 1)
+                [_moved(end, across, at) for end in (r.low_mm, r.high_mm)]
+                for at in (-r.radius_mm, r.radius_mm)
             )
-            cost, item = self._best(told, a, b)
+            cost, item = self._best(told, [(p, (p,)) for p in a], [(p, (p,)) for p in b])
             found.append((cost + FAR * (item.view == ALONG[r.axis]), item))
         return min(found, key=lambda f: f[0])
 
     def _centre_lines(self, plan: Scheme) -> Iterator[Item]:
         """Axes of rounds seen from the side, and the middle of what is even about it."""
-        low, high = self._found.low_mm, self._found.high_mm
+        cut = self._said.cut
         said: set[tuple[str, float]] = set()
         for r in self._found.rounds:
             if r.axis != 2 or not r.whole:
                 continue
             for name, across in (("front", 0), ("left", 1)):
                 place = (name, round(r.low_mm[across], 3))
-                cut = self._said.cut
                 hidden = name == "left" and cut and abs(r.low_mm[0] - cut.x_mm) > SAME_MM
                 if place not in said and not hidden:
                     said.add(place)
-                    yield Axis(name, r.low_mm, r.high_mm)
-        for axis in plan.middle:
-            if axis < 2:
-                ends = [
-                    _moved(_moved((0.0, 0.0, 0.0), 1 - axis, box[1 - axis]), axis, 0.0)
-                    for box in (low, high)
-                ]
-                if not (axis == 0 and self._said.cut and abs(self._said.cut.x_mm) < SAME_MM):
-                    yield Axis("top", ends[0], ends[1])
-        for axis, at_mm in self._said.axes:
-            ends = [
-                _moved(_moved((0.0, 0.0, high[2]), 1 - axis, box[1 - axis]), axis, at_mm)
-                for box in (low, high)
-            ]
-            yield Axis("top", ends[0], ends[1])
+                    yield CentreLine(name, r.low_mm, r.high_mm)
+        middles = [(axis, 0.0) for axis in plan.middle if axis < 2]
+        if cut and abs(cut.x_mm) < SAME_MM:
+            middles = [(axis, at_mm) for axis, at_mm in middles if axis != 0]
+        for axis, at_mm in (*middles, *self._said.axes):
+            a, b = (_moved(box, axis, at_mm) for box in (self._found.low_mm, self._found.high_mm))
+            yield CentreLine("top", a, b)
 
 
 def _point(p: Sequence[float] | Points) -> Point:

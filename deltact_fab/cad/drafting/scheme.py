@@ -95,15 +95,11 @@ def scheme(found: SolidFeatures, said: Callouts) -> Scheme:
 
 def _face_words(alike: Sequence[OtherFace]) -> str:
     """The label of equal faces of another kind; empty where no single number gives their form."""
+    forms = {"SR": "SR{}", "R": "R{}", "cone": "{}° to the axis"}
+    if alike[0].kind not in forms:
+        return ""
     count = f"{len(alike)}× " if len(alike) > 1 else ""
-    size = alike[0].sizes[0] if alike[0].sizes else 0.0
-    forms = {
-        "SR": f"SR{shown(size)}",
-        "R": f"R{shown(size)}",
-        "cone": f"{shown(size)}° to the axis",
-    }
-    form = forms.get(alike[0].kind, "")
-    return count + form if form else ""
+    return count + forms[alike[0].kind].format(shown(alike[0].sizes[0]))
 
 
 @dataclass
@@ -153,7 +149,7 @@ class _Chain:
                 if edge in bounds and not (r.whole and r.hole):
                     self._union(at, edge)
             if r in self.on_circle:
-                self._union(at, 0 if self.datum == 0 else self.datum)
+                self._union(at, self.datum)
         for o in self.found.others:
             centre = o.centre[k]
             if centre is not None:
@@ -184,17 +180,12 @@ class _Chain:
         """A length for every coordinate that is still open, and the whole size."""
         self._in_rows()
         self._across_slots()
-        # Of what hangs together a centre is placed, else what is even about the middle.
-        for node in sorted(
-            self.nodes,
-            key=lambda n: (
-                n not in self.axes,
-                n not in self.centres,
-                not self._paired(n),
-                -abs(n),
-                n,
-            ),
-        ):
+
+        def rank(n: int) -> tuple[bool, bool, bool, int, int]:
+            """Of what hangs together a centre is placed, else what is even about the middle."""
+            return n not in self.axes, n not in self.centres, not self._paired(n), -abs(n), n
+
+        for node in sorted(self.nodes, key=rank):
             if not self._is_said(node):
                 self._open(self.datum, node)
         low, high = min(self.ends) * SAME_MM, max(self.ends) * SAME_MM

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from ..dimensions import Design
 from ..parts.camera import COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
-from .page import LARGE_MM, SMALL_MM, DrawingPage
-from .sheet import LINE_MM, SHEETS, Title, draw_frame, wrapped
+from .page import LARGE_MM, LINE_MM, SHEETS, SMALL_MM, DrawingPage, draw_frame, wrapped
 
 SHEET = "A4"
 MAX_DRAWN = 6  # of more LEDs the first ones and the last stand for all
@@ -26,11 +25,9 @@ def wiring(design: Design) -> DrawingPage:
     """The drawing on a sheet of A4. Same dimensions, same page."""
     light = design.light
     page = DrawingPage(SHEETS[SHEET], "wiring, not to scale")
-    title = Title(
-        "wiring", "DelTact sensor", "see bill of materials", "soldered", 1, "", SHEET, "",
-        design.drawing, "wiring",
-    )  # fmt: skip
-    draw_frame(page, title)
+    told = {"Material": "see bill of materials", "Process": "soldered", "Quantity": "1",
+            "Document": "wiring", "Belongs to": "DelTact sensor"}  # fmt: skip
+    draw_frame(page, SHEET, "wiring", design.drawing, told)
     page.group = "supply"
     _box(page, LEFT_X, PLUS_Y - 10, SUPPLY_X, MINUS_Y + 10)
     volts = f"{light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"

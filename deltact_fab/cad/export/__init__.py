@@ -1,10 +1,9 @@
 """Parts to files: the same dimensions give the same bytes, in any process and any order.
 
-batch.py is the way in; part_files.py runs in a worker, stored.py is the cache, formats/ the files.
+batch.py is the way in, with cache and folder; part_files.py runs in a worker, formats/ are files.
 """
 
-from .batch import export_parts
-from .folder import MANIFEST, PartFile, manifest
-from .part_files import FORMATS
+from .batch import MANIFEST, export_parts
+from .part_files import FORMATS, PartFile
 
-__all__ = ["FORMATS", "MANIFEST", "PartFile", "export_parts", "manifest"]
+__all__ = ["FORMATS", "MANIFEST", "PartFile", "export_parts"]

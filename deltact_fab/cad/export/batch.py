@@ -2,43 +2,50 @@
 
 from __future__ import annotations
 
-import hashlib
+import json
 import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
+from ... import cache
 from ...aliases import Progress
-from ...errors import InputError
+from ...errors import InputError, RunFailed
+from ...files import check_folder, making, write_together
 from ...jobs import arrivals, processors
 from .. import feasibility
 from ..dimensions import Design
 from ..part import Part
+from ..part_key import made_by, part_key
 from ..registry import of_group
-from .folder import MANIFEST, PartFile, earlier, manifest, place, staged
-from .formats import glb
+from .formats import meshes
 from .part_files import (
     ASSEMBLY,
     DRAWN,
     FORMATS,
-    WIRING,
-    FileBytes,
+    MESHED,
+    Made,
+    PartFile,
     Task,
     applicable,
     checked_formats,
     make,
-    on_platform,
     whole,
-    whole_name,
 )
-from .stored import Store
 
+MANIFEST = "manifest.json"
 TOLERANCE_MM = (0.001, 1.0)
 MAX_JOBS = 4
 # Files of so many parts are worth sharing: a worker first loads the kernel, 4 s and 500 MB.
 SHARED_FROM = 12
-_DIGITS = 6
+CACHED = "cad"
+# What a drawing says beside its part: limits of its machine, the title block.
+BESIDE_DRAWINGS = ("drawing", "resin_printer", "laser", "optics")
+# About ten designs at 0.01 mm; the longest unused go first.
+LIMIT_BYTES = 512 * 2**20
+DIGITS = 6  # of lengths and volumes in the manifest
 
 
 def export_parts(
@@ -62,29 +69,23 @@ def export_parts(
     jobs: processes; None decides by the work that is left. executor: in place of them.
 
     assembly.step, assembly.glb, wiring.svg and wiring.pdf are written when all of the sensor's
-    parts are among parts.
+    parts are among parts. A file that has the name of one is replaced; others stay.
 
-    Afterwards the folder is what its manifest says: what an earlier export's manifest.json lists
-    and is not written again is removed, unless it was changed since; other files stay.
-
-    Returns what was written: the assembly first, then by part. Nothing appears under its name
-    before every file is made and checked; the manifest goes first and comes last. Raises
-    InputError for unusable arguments or dimensions, for a manifest.json that no export wrote, and
-    for a file or folder in the place of one to be written that is not an earlier export's, as it
-    was; RunFailed when a part cannot be made, the folder cannot be written, a worker dies, or on
-    Ctrl-C.
+    Returns what was written: the assembly first, then by part. All files appear at once, or none.
+    Raises InputError for unusable arguments or dimensions; RunFailed when a part cannot be made, a
+    file cannot be written, a worker dies, or on Ctrl-C.
     """
-    kinds = checked_formats(formats)
+    kinds, out_dir = checked_formats(formats), Path(out_dir)
     low, high = TOLERANCE_MM
     if not (math.isfinite(tolerance_mm) and low <= tolerance_mm <= high):
         raise InputError(f"tolerance {tolerance_mm:g} mm: expected {low:g} to {high:g} mm")
     if jobs is not None and jobs < 1:
         raise InputError(f"jobs {jobs}: expected 1 or more")
     named = {part.name: part for part in parts if part.indenter or part.places(design)}
-    units: list[tuple[Part | None, tuple[str, ...]]] = [
-        (part, applicable(part, kinds)) for part in named.values()
+    tasks = [
+        Task((part,), applicable(part, kinds), design, tolerance_mm) for part in named.values()
     ]
-    if not any(own for _, own in units):
+    if not any(task.formats for task in tasks):
         raise InputError(f"format {', '.join(kinds)}: applies to none of {', '.join(named)}")
     if any(part.indenter is None for part in named.values()):
         feasibility.check(design)
@@ -93,134 +94,104 @@ def export_parts(
     complete = set(whole_sensor) <= set(named)
     sensor = tuple(named[name] for name in whole_sensor) if complete else ()
     if sensor and (own := tuple(kind for kind in kinds if kind in ("step", *DRAWN))):
-        units.insert(0, (None, own))
-    names = [f"{_name(part, kind)}.{kind}" for part, own in units for kind in own]
-    if sensor and "glb" in kinds:
-        names.append(f"{ASSEMBLY}.glb")
-    earlier(Path(out_dir), names)
+        tasks.insert(0, Task(sensor, own, design, tolerance_mm))
+    check_folder(out_dir)
     tell = progress or (lambda done, total, what: None)
-    store = Store(design, tolerance_mm, cached)
-    with staged(Path(out_dir)) as folder:
-        batch = _Batch(folder, store, sensor)
-        _make(batch, units, (design, tolerance_mm), jobs, executor, tell)
-        if sensor and "glb" in kinds:
-            batch.keep(None, _assembly_glb(batch, design))
-        files = batch.files()
-        (folder / MANIFEST).write_text(manifest(files), encoding="utf-8", newline="\n")
-        place(folder, Path(out_dir), names)
-    tell(len(units), len(units), "done")
+    made = _made(tasks, cached, jobs, executor, tell)
+    if sensor and "glb" in kinds:
+        made.append(_assembly_glb(sensor, design, made))
+    # In an order of their own: that of asking or making does not count.
+    made.sort(key=lambda m: (m[0].part != ASSEMBLY, m[0].part, FORMATS.index(_kind(m[0]))))
+    files = [_rounded(entry) for entry, _ in made]
+    wanted = {out_dir / entry.file: data for entry, data in made}
+    told = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
+    wanted[out_dir / MANIFEST] = told.encode()
+    with making(out_dir):
+        out_dir.mkdir(parents=True, exist_ok=True)
+    write_together(wanted, error=RunFailed)
+    tell(len(tasks), len(tasks), "done")
     return files
 
 
-def _name(part: Part | None, kind: str) -> str:
-    return part.name if part else whole_name(kind)
+def _made(
+    tasks: Sequence[Task], cached: bool, jobs: int | None, executor: Executor | None, tell: Progress
+) -> list[Made]:
+    """Everything but assembly.glb, from the cache or from the kernel."""
+    found: list[Made] = []
+    missing: list[Task] = []
+    for task in tasks:
+        held = {kind: _stored(task, kind) if cached else None for kind in task.formats}
+        found += [one for one in held.values() if one is not None]
+        if absent := tuple(kind for kind, one in held.items() if one is None):
+            missing.append(replace(task, formats=absent))
+    done = len(tasks) - len(missing)
+    tell(done, len(tasks), missing[0].name if missing else "cache")
 
-
-class _Batch:
-    """What is in the temporary folder so far, without its bytes."""
-
-    def __init__(self, folder: Path, store: Store, sensor: tuple[Part, ...]) -> None:
-        self.folder, self.store, self.sensor = folder, store, sensor
-        self.held: dict[tuple[str, str], FileBytes] = {}
-        self._entries: list[PartFile] = []
-
-    def missing(self, part: Part | None, kinds: Sequence[str]) -> tuple[str, ...]:
-        """Take from the cache what it has, and return the formats that it has not."""
-        absent = []
-        for kind in kinds:
-            made = self.store.get((part,) if part else self.sensor, kind)
-            if made is None:
-                absent.append(kind)
-            else:
-                self.keep(part, made)
-        return tuple(absent)
-
-    def add(self, part: Part | None, made: FileBytes) -> None:
-        """Keep a file that was made now, also for the next time."""
-        self.keep(part, made)
-        self.store.put((part,) if part else self.sensor, made)
-
-    def keep(self, part: Part | None, made: FileBytes) -> None:
-        """Write one file and note what it is."""
-        name = _name(part, made.format)
-        self.held[name, made.format] = replace(made, data=b"")
-        entry = self._written(name, made)
-        if part:
-            entry = replace(
-                entry, material=part.material, process=part.process, quantity=part.quantity,
-                turned=part.lies.turn if on_platform(part, made.format) else None,
-            )  # fmt: skip
-        self._entries.append(entry)
-
-    def _written(self, name: str, made: FileBytes) -> PartFile:
-        path = self.folder / f"{name}.{made.format}"
-        path.write_bytes(made.data)
-        low, high = (tuple(round(v, _DIGITS) + 0.0 for v in corner) for corner in made.box_mm)
-        deviation_mm = made.deviation_mm
-        return PartFile(
-            part=name,
-            file=path.name,
-            material="",
-            process="wired" if name == WIRING else "assembled",
-            quantity=1,
-            volume_mm3=round(made.volume_mm3, _DIGITS),
-            bounding_box_mm=(low, high),
-            mesh_deviation_mm=None if deviation_mm is None else round(deviation_mm, _DIGITS),
-            sha256=hashlib.sha256(made.data).hexdigest(),
-        )
-
-    def files(self) -> list[PartFile]:
-        """Entries in an order of their own: that of asking or making does not count."""
-
-        def rank(entry: PartFile) -> tuple[bool, str, int]:
-            kind = entry.file.removeprefix(f"{entry.part}.")
-            return entry.part != ASSEMBLY, entry.part, FORMATS.index(kind)
-
-        return sorted(self._entries, key=rank)
-
-
-def _make(
-    batch: _Batch,
-    units: Sequence[tuple[Part | None, tuple[str, ...]]],
-    dimensions: tuple[Design, float],
-    jobs: int | None,
-    executor: Executor | None,
-    tell: Progress,
-) -> None:
-    """Everything but assembly.glb, from the cache or from the kernel, into the folder."""
-    tasks = [
-        Task(part, absent, *dimensions, () if part else batch.sensor)
-        for part, kinds in units
-        if (absent := batch.missing(part, kinds))
-    ]
-    names = [task.part.name if task.part else ASSEMBLY for task in tasks]
-    done = len(units) - len(tasks)
-    tell(done, len(units), names[0] if names else "cache")
-
-    def arrived(index: int, made: list[FileBytes]) -> None:
+    def arrived(index: int, made: list[Made]) -> None:
         nonlocal done
-        for one in made:
-            batch.add(tasks[index].part, one)
+        for entry, data in made if cached else ():
+            key = stored_by(missing[index], _kind(entry))
+            cache.put(CACHED, key, {"entry": asdict(entry), "data": data}, LIMIT_BYTES)
+        found.extend(made)
         done += 1
-        tell(done, len(units), names[index])
+        tell(done, len(tasks), missing[index].name)
 
-    arrivals(make, tasks, arrived, executor, workers=_jobs(jobs, len(tasks)))
-
-
-def _jobs(asked: int | None, tasks: int) -> int:
-    """Processes: as many as asked for, else several when the work is worth it."""
-    if asked is not None:
-        return asked
-    return min(processors(), MAX_JOBS) if tasks >= SHARED_FROM else 1
+    # Several processes where the work is worth it.
+    shared = min(processors(), MAX_JOBS) if len(missing) >= SHARED_FROM else 1
+    arrivals(make, missing, arrived, executor, workers=jobs or shared)
+    return found
 
 
-def _assembly_glb(batch: _Batch, design: Design) -> FileBytes:
+def stored_by(task: Task, kind: str) -> dict[str, Any]:
+    """Everything that a file is made from: its key in the cache."""
+    design, alone = task.design, len(task.parts) == 1
+    beside: Any = None if alone else [part.places(design) for part in task.parts]
+    if kind in DRAWN:
+        # The wiring is drawn of the whole design.
+        sections = {name: getattr(design, name) for name in BESIDE_DRAWINGS}
+        beside = [sections, design.unverified()] if alone else design
+    return made_by(
+        "cad.export.part_files",
+        parts=[part_key(part, design) for part in task.parts],
+        beside=beside,
+        format=kind,
+        tolerance_mm=task.tolerance_mm if kind in MESHED else None,
+    )
+
+
+def _stored(task: Task, kind: str) -> Made | None:
+    """A file as it was made before."""
+    held = cache.get(CACHED, stored_by(task, kind))
+    if held is None:
+        return None
+    return PartFile(**{key: _tuples(value) for key, value in held["entry"].items()}), held["data"]
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def _assembly_glb(sensor: Sequence[Part], design: Design, made: Sequence[Made]) -> Made:
     """The parts' own GLB files put in their places."""
-    drawn, sizes, deviations_mm = [], [], []
-    for part in batch.sensor:
-        where, data = part.places(design), (batch.folder / f"{part.name}.glb").read_bytes()
-        drawn.append(glb.read_part(data, part.colour, where))
-        held = batch.held[part.name, "glb"]
-        sizes.append((held.volume_mm3, held.box_mm, where))
-        deviations_mm.append(held.deviation_mm or 0.0)
-    return FileBytes("glb", glb.glb_bytes(drawn), *whole(sizes), max(deviations_mm))
+    held = {entry.file: (entry, data) for entry, data in made}
+    bodies, sizes, deviations_mm = {}, [], []
+    for part in sensor:
+        where, (entry, data) = part.places(design), held[f"{part.name}.glb"]
+        bodies[part.name] = meshes.read_part(data), where
+        sizes.append((entry.volume_mm3, entry.bounding_box_mm, where))
+        deviations_mm.append(entry.mesh_deviation_mm or 0.0)
+    return whole(ASSEMBLY, "glb", meshes.glb_bytes(bodies), sizes, max(deviations_mm))
+
+
+def _kind(entry: PartFile) -> str:
+    return entry.file.rpartition(".")[2]
+
+
+def _rounded(entry: PartFile) -> PartFile:
+    """Without the digits that tell nothing."""
+    box_mm: Any = tuple(tuple(round(v, DIGITS) + 0.0 for v in c) for c in entry.bounding_box_mm)
+    off_mm = entry.mesh_deviation_mm
+    return replace(
+        entry, volume_mm3=round(entry.volume_mm3, DIGITS), bounding_box_mm=box_mm,
+        mesh_deviation_mm=None if off_mm is None else round(off_mm, DIGITS),
+    )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,10 +16,10 @@ from ..drafting.page import DrawingPage
 from ..drafting.wiring import wiring
 from ..kernel import guarded
 from ..mesh import Mesh, mesh_solid
-from ..overhangs import laid
 from ..part import BOUGHT, LASER_CUT, Part
+from ..print_orientation import Matrix, laid
 from ..solid_gate import Box, SolidProperties, enclosing, shifted
-from .formats import dxf, glb, step, stl, threemf
+from .formats import dxf, meshes, step
 
 ASSEMBLY, WIRING = "assembly", "wiring"
 FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
@@ -28,33 +29,44 @@ TO_PRINT = ("stl", "3mf")
 
 
 @dataclass(frozen=True)
-class FileBytes:
-    """The bytes of one file. volume and box are the exact solid's, also for a mesh; the box of a
-    file to print is the mesh's, as it lies on the platform.
+class PartFile:
+    """One file. volume and box are the exact solid's, also for a mesh.
 
-    deviation_mm: measured distance of the mesh from the surface; None where there is no mesh.
+    mesh_deviation_mm: measured distance of the mesh from the surface; None where there is no mesh.
+    turned: rotation from the part's frame to the printer's, of a file as it is printed; its box is
+    the mesh's, which stands on z = 0, its middle at x = y = 0.
     """
 
-    format: str
-    data: bytes
+    part: str
+    file: str
+    material: str
+    process: str
+    quantity: int
     volume_mm3: float
-    box_mm: Box
-    deviation_mm: float | None
+    bounding_box_mm: Box
+    mesh_deviation_mm: float | None
+    sha256: str
+    turned: Matrix | None = None
+
+
+Made = tuple[PartFile, bytes]
 
 
 @dataclass(frozen=True)
 class Task:
-    """What one worker makes at a time: a part in some formats, or (part None) the assembly as STEP
-    and the wiring drawing.
-
-    sensor: the parts of the assembly.
+    """What one worker makes at a time: one part in some formats, or of all the sensor's parts the
+    assembly as STEP and the wiring drawing.
     """
 
-    part: Part | None
+    parts: tuple[Part, ...]
     formats: tuple[str, ...]
     design: Design
     tolerance_mm: float
-    sensor: tuple[Part, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """What it is called on the way."""
+        return self.parts[0].name if len(self.parts) == 1 else ASSEMBLY
 
 
 def checked_formats(formats: Sequence[str]) -> tuple[str, ...]:
@@ -80,97 +92,94 @@ def applicable(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
     return tuple(f for f in formats if apply[f])
 
 
-def on_platform(part: Part, kind: str) -> bool:
-    """Whether that file of a part has it as it is printed, not in the frame of the design."""
-    return part.printed and kind in TO_PRINT
-
-
-def make(task: Task) -> list[FileBytes]:
+def make(task: Task) -> list[Made]:
     """Build, gate and write to memory. Raises RunFailed naming the part."""
-    if task.part is None:
-        return [_of_sensor(task.design, task.sensor, kind) for kind in task.formats]
-    part = task.part
+    if len(task.parts) > 1:
+        return [_of_sensor(task, kind) for kind in task.formats]
+    (part,) = task.parts
     solid, measured = build_part(part, task.design)
     made = []
     mesh: Mesh | None = None
-    lying: Mesh | None = None
     page: DrawingPage | None = None
     # Meshes last: they leave triangles on the solid.
     for kind in sorted(task.formats, key=lambda f: (f in MESHED, FORMATS.index(f))):
+        box_mm, deviation_mm, turned = measured.box_mm, None, None
         with guarded(part.name):
             if kind in MESHED:
                 mesh = mesh or _mesh(solid, measured, task)
-                if on_platform(part, kind):
-                    lying = lying or laid(mesh, part.lies)
-                    data, box_mm = _mesh_bytes(lying, part, kind), lying.box_mm
-                else:
-                    data, box_mm = _mesh_bytes(mesh, part, kind), measured.box_mm
+                deviation_mm, written = mesh.deviation_mm, mesh
+                if part.printed and kind in TO_PRINT:
+                    written, turned = laid(mesh, part.lies), part.lies.turn
+                    box_mm = written.box_mm
+                data = _mesh_bytes(written, part, kind)
             elif kind in DRAWN:
                 page = page or drawing(part, task.design, solid)
-                data = page.svg().encode() if kind == "svg" else page.pdf()
-                box_mm = measured.box_mm
+                data = _page_bytes(page, kind)
+            elif kind == "step":
+                data = step.part_bytes(solid, part.name)
             else:
-                data, box_mm = _solid_bytes(solid, part, task.design, kind), measured.box_mm
-        deviation_mm = mesh.deviation_mm if mesh and kind in MESHED else None
-        made.append(FileBytes(kind, data, measured.volume_mm3, box_mm, deviation_mm))
+                laser = task.design.laser
+                kerf_mm = laser.kerf_mm if laser.compensate else 0.0
+                data = dxf.dxf_bytes(solid, part.name, kerf_mm / 2)
+        entry = PartFile(
+            part.name, f"{part.name}.{kind}", part.material, part.process, part.quantity,
+            measured.volume_mm3, box_mm, deviation_mm, hashlib.sha256(data).hexdigest(), turned,
+        )  # fmt: skip
+        made.append((entry, data))
     return made
 
 
-def whole(parts: Sequence[tuple[float, Box, Sequence[Point]]]) -> tuple[float, Box]:
-    """Volume and box of an assembly of (volume, box, places), one place a copy."""
+def whole(
+    name: str, kind: str, data: bytes, parts: Sequence[tuple[float, Box, Sequence[Point]]],
+    deviation_mm: float | None = None,
+) -> Made:  # fmt: skip
+    """A file of an assembly of (volume, box, places), one place a copy."""
     volume_mm3 = sum(volume * len(places) for volume, _, places in parts)
-    return volume_mm3, enclosing(shifted(box, at) for _, box, places in parts for at in places)
+    box_mm = enclosing(shifted(box, at) for _, box, places in parts for at in places)
+    entry = PartFile(
+        name, f"{name}.{kind}", "", "wired" if name == WIRING else "assembled", 1,
+        volume_mm3, box_mm, deviation_mm, hashlib.sha256(data).hexdigest(),
+    )  # fmt: skip
+    return entry, data
 
 
-def whole_name(kind: str) -> str:
-    """What a file of the whole sensor is called."""
-    return WIRING if kind in DRAWN else ASSEMBLY
-
-
-def _of_sensor(design: Design, parts: Sequence[Part], kind: str) -> FileBytes:
-    if kind == "step":
-        return _assembly_step(design, parts)
-    page = wiring(design)
-    data = page.svg().encode() if kind == "svg" else page.pdf()
-    return FileBytes(kind, data, 0.0, ((0.0, 0.0, 0.0), (*page.size_mm, 0.0)), None)
-
-
-def _assembly_step(design: Design, parts: Sequence[Part]) -> FileBytes:
-    products = []
-    sizes = []
-    for part in parts:
-        solid, measured = build_part(part, design)
-        where = part.places(design)
+def _of_sensor(task: Task, kind: str) -> Made:
+    if kind in DRAWN:
+        page = wiring(task.design)
+        sheet: Box = ((0.0, 0.0, 0.0), (*page.size_mm, 0.0))
+        return whole(WIRING, kind, _page_bytes(page, kind), [(0.0, sheet, meshes.ORIGIN)])
+    products, sizes = [], []
+    for part in task.parts:
+        solid, measured = build_part(part, task.design)
+        where = part.places(task.design)
         products.append((part.name, solid, where))
         sizes.append((measured.volume_mm3, measured.box_mm, where))
     with guarded(ASSEMBLY):
         data = step.assembly_bytes(products, ASSEMBLY)
-    return FileBytes("step", data, *whole(sizes), None)
+    return whole(ASSEMBLY, kind, data, sizes)
 
 
-def _solid_bytes(solid: Any, part: Part, design: Design, kind: str) -> bytes:
-    if kind == "step":
-        return step.part_bytes(solid, part.name)
-    laser = design.laser
-    return dxf.dxf_bytes(solid, part.name, laser.kerf_mm / 2 if laser.compensate else 0.0)
+def _page_bytes(page: DrawingPage, kind: str) -> bytes:
+    return page.svg().encode() if kind == "svg" else page.pdf()
 
 
 def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:
     if kind == "stl":
-        return stl.stl_bytes(mesh, part.name)
+        return meshes.stl_bytes(mesh, part.name)
     if kind == "3mf":
-        return threemf.threemf_bytes(mesh, part.name, part.material, part.colour)
-    return glb.glb_bytes([glb.drawn(mesh, part.name, part.colour)])
+        return meshes.threemf_bytes(mesh, part.name, part.material, part.colour)
+    return meshes.glb_bytes(
+        {part.name: (meshes.drawn(mesh, part.name, part.colour), meshes.ORIGIN)}
+    )
 
 
 def _mesh(solid: Any, measured: SolidProperties, task: Task) -> Mesh:
     """A mesh within d of a surface of area A holds the volume to A d, if it looks outwards."""
-    assert task.part is not None
-    mesh = mesh_solid(solid, task.tolerance_mm, task.part.name)
+    mesh = mesh_solid(solid, task.tolerance_mm, task.name)
     slack_mm3 = measured.area_mm2 * mesh.deviation_mm + 1e-6 * measured.volume_mm3
     if not abs(mesh.volume_mm3 - measured.volume_mm3) <= slack_mm3:
         raise RunFailed(
-            f"{task.part.name}: the mesh encloses {mesh.volume_mm3:.3f} mm3, "
+            f"{task.name}: the mesh encloses {mesh.volume_mm3:.3f} mm3, "
             f"the solid {measured.volume_mm3:.3f}"
         )
     return mesh

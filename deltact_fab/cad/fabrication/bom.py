@@ -1,17 +1,17 @@
 """The bill of materials, from the registry and the dimensions. Imports no CAD kernel.
 
-What is ordered besides the parts stands in bom.toml; here are the figures in it.
+What is ordered besides the parts stands in bom.toml; here are the figures in it. Where what is
+bought is ordered stands in cad/parts.toml, a lab's own list.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
+from ... import catalog
 from ...errors import InputError
 from .. import feasibility
 from ..design import IndenterList
@@ -21,13 +21,69 @@ from ..parts.camera import COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
 from ..registry import listed
 from . import quantities
-from .bought import BoughtPart, load_bought
 from .paper_gaps import filled_in
 from .quantities import DEFAULT, WASTE
 
 PIECES = "pcs"
 MADE = (PRINT, LASER_CUT, MACHINED, "cast in the mold")  # of what the other lines bring
+UNKNOWN = "not looked up"
 JETSON_PIN_MA = 500.0  # ours, cautious: the pins share the board's supply
+
+
+@dataclass(frozen=True)
+class BoughtPart:
+    """One line that is bought, and where."""
+
+    line: str
+    """Name of the line in `cad bom`."""
+    when: str = ""
+    """Words that the line must hold, as a screw's size; none: any."""
+    maker: str = UNKNOWN
+    """Maker and product."""
+    order_number: str = UNKNOWN
+    """Number to order it by, of the maker or of the shop that is named."""
+    second_source: str = UNKNOWN
+    """Who else sells it."""
+    sold_by: str = UNKNOWN
+    """Unit in which it is sold."""
+    price: str = UNKNOWN
+    """Of one such unit, with its currency."""
+    priced_on: str = UNKNOWN
+    """The day of that price."""
+    instead: str = UNKNOWN
+    """What may replace it, or must not."""
+    found_in: str = UNKNOWN
+    """What says so."""
+
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+
+    def __str__(self) -> str:
+        """Maker and number, as short as they can be said."""
+        if self.maker == self.order_number:
+            return self.maker
+        return f"{self.maker}: {self.order_number}"
+
+
+@dataclass(frozen=True)
+class BoughtParts:
+    """cad/parts.toml."""
+
+    bought: tuple[BoughtPart, ...] = field(default=())
+    """One `[[bought]]` table each."""
+
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+
+    def of(self, line: str, *texts: str) -> BoughtPart:
+        """The first source of a line whose texts hold its words; one of marks where none is."""
+        said = " ".join(texts)
+        fits = (one for one in self.bought if one.line == line and one.when in said)
+        return next(fits, BoughtPart(line))
+
+
+def load_bought() -> BoughtParts:
+    """The lab's list. Raises InputError naming file and key."""
+    path = catalog.find("cad", "parts")
+    return catalog.validate(BoughtParts, catalog.read(path), str(path))
 
 
 @dataclass(frozen=True)
@@ -83,15 +139,15 @@ def lines(design: Design, sensors: int = 1, indenters: IndenterList | None = Non
 
 def csv_text(bom: Sequence[BomLine]) -> str:
     """The lines as CSV with a header; numbers without rounding noise."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
+    import pandas as pd
+
     ordered = [f.name for f in fields(BoughtPart) if f.name not in ("line", "when")]
-    writer.writerow([f.name for f in fields(BomLine)[:-1]] + ordered)
+    rows = []
     for line in bom:
-        values = astuple(line)[:-1]
-        source = [getattr(line.source, name) for name in ordered] if line.source else []
-        writer.writerow([f"{v:.6g}" if isinstance(v, float) else v for v in values] + source)
-    return out.getvalue()
+        row = asdict(line)
+        source = row.pop("source") or {}
+        rows.append(row | {name: source.get(name) for name in ordered})
+    return pd.DataFrame(rows).to_csv(index=False, float_format="%.6g", lineterminator="\n")
 
 
 def _figures(d: Design, sensors: int) -> dict[str, Any]:

@@ -1,14 +1,16 @@
 """Figures of the fabrication: silicone to weigh, coats, cure, light. No CAD kernel.
 
-Every figure says on what it rests: `paper` (Fabrication Process, Hardware Design), `maker` (what
-the maker states) or `assumed` (ours: check it before relying on it).
+The figures that no design has stand in quantities.toml, each with what it rests on.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Literal
+import tomllib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 from ...errors import InputError
 from ...shapes.sensor import FILM_MARGIN_MM
@@ -16,60 +18,12 @@ from ..dimensions import Design
 from ..sensor_sections import LightDimensions
 from ..standards import next_e24
 
-Basis = Literal["paper", "maker", "assumed"]
-
-
-def _figure(value: float, unit: str, meaning: str, basis: Basis) -> Any:
-    return field(default=value, metadata={"unit": unit, "meaning": meaning, "basis": basis})
-
-
-@dataclass(frozen=True)
-class Process:
-    """What chemistry and electricity add to the dimensions."""
-
-    density_g_cm3: float = _figure(
-        1.0, "g/cm³", "density of Solaris, both parts; read the label", "assumed"
-    )
-    cure_room_h: float = _figure(16, "h", "cure of Solaris at 23 °C", "paper")
-    cure_warm_low_h: float = _figure(8, "h", "cure of Solaris at 65 °C, shortest", "paper")
-    cure_warm_h: float = _figure(10, "h", "cure of Solaris at 65 °C, longest", "paper")
-    cure_room_c: float = _figure(23, "°C", "room temperature", "paper")
-    cure_warm_c: float = _figure(65, "°C", "cabinet", "paper")
-    work_min: float = _figure(
-        30, "min", "Solaris, first stir to last plate; read the pot life", "assumed"
-    )
-    stir_min: float = _figure(3, "min", "stirring, walls and bottom scraped", "assumed")
-    degas_min: float = _figure(5, "min", "under vacuum after the foam has collapsed", "assumed")
-    degas_mbar: float = _figure(50, "mbar", "absolute pressure for degassing, or lower", "assumed")
-    foam_factor: float = _figure(4, "×", "volume of the cup over that of the mixture", "assumed")
-    expansion_per_k: float = _figure(3e-4, "1/K", "linear expansion of silicone", "assumed")
-    primer_dry_min: float = _figure(
-        60, "min", "PR-1200 in open air before silicone meets it; read its sheet", "assumed"
-    )
-    primer_ml_per_cm2: float = _figure(0.005, "ml/cm²", "PR-1200, a wet film of 0.05 mm", "assumed")
-    film_dry_h: float = _figure(12, "h", "water transfer film, drying", "assumed")
-    film_margin_mm: float = _figure(
-        FILM_MARGIN_MM, "mm", "film beyond the face, on each side", "assumed"
-    )
-    coat_mm: float = _figure(0.3, "mm", "each of the two Dragon Skin layers", "assumed")
-    coat_density_g_cm3: float = _figure(1.07, "g/cm³", "density of Dragon Skin 10", "assumed")
-    coat_pigment: float = _figure(0.03, "g/g", "pigment in Dragon Skin, by weight", "assumed")
-    coat_work_min: float = _figure(8, "min", "pot life of Dragon Skin 10 FAST", "maker")
-    coat_cure_min: float = _figure(75, "min", "cure of Dragon Skin 10 FAST at 23 °C", "maker")
-    coat_batch_g: float = _figure(
-        10, "g", "least batch that a 0.1 g balance divides to 2 %", "assumed"
-    )
-    screw_torque_nm: float = _figure(
-        0.05, "N m", "M1.6 cutting its own thread in resin, at most", "assumed"
-    )
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Every figure with unit, meaning and basis, as a table shows it."""
-        values = asdict(self)
-        return [{"key": f.name, "value": values[f.name], **f.metadata} for f in fields(self)]
-
-
-DEFAULT = Process()
+_READ = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+_READ["film_margin_mm"]["value"] = FILM_MARGIN_MM
+FIGURES: list[dict[str, Any]] = [{"key": key, **row} for key, row in _READ.items()]
+"""What chemistry and electricity add to the dimensions: key, value, unit, meaning, basis."""
+DEFAULT = SimpleNamespace(**{row["key"]: row["value"] for row in FIGURES})
+"""The values by key."""
 WASTE = 0.1
 """Share of silicone on top that stays in cup and on spatula."""
 
@@ -99,13 +53,13 @@ def pours(design: Design, sensors: int) -> int:
     return math.ceil(sensors / cavities(design))
 
 
-def skins_batch(design: Design, skins: int, waste: float = WASTE) -> Batch:
+def skins_batch(design: Design, skins: int) -> Batch:
     """Solaris for a number of skins.
 
     The paper says 1:1 and not by what: both parts are taken to be equally dense, so that equal
     masses are equal volumes.
     """
-    volume_cm3 = skins * design.skin_volume_mm3 / 1000 * (1 + waste)
+    volume_cm3 = skins * design.skin_volume_mm3 / 1000 * (1 + WASTE)
     half_g = volume_cm3 * DEFAULT.density_g_cm3 / 2
     return Batch(volume_cm3, half_g, half_g)
 

@@ -18,6 +18,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import Literal
 
@@ -114,47 +115,43 @@ def estimates(readings: Sequence[Reading], design: Design) -> list[MeasuredKey]:
     t s sqrt(1 + 1 / n), Student's t with n - 1 degrees of freedom (ISO 16269-8). Raises InputError
     where a group has too few readings.
     """
-    found: list[MeasuredKey] = []
-
-    def tell(key: str, value: float, count: int, bias_mm: float, spread_mm: float) -> None:
-        section, _, name = key.partition(".")
-        before = getattr(getattr(design, section), name)
-        found.append(MeasuredKey(key, value, before, count, bias_mm, spread_mm))
+    # What a key becomes, readings, bias and spread.
+    found: dict[str, tuple[float, int, float, float]] = {}
 
     def off(*features: str) -> list[float]:
         return [r.off_mm for r in readings if r.feature in features]
 
     spreads = []
-    for key, name, plan in (
-        ("hole_bias_mm", "hole and slot", off("hole", "slot")),
-        ("outside_bias_mm", "outside", off("outside")),
-    ):
-        if plan:
-            bias, spread = _of(plan, name)
+    for key, features in (("hole", ("hole", "slot")), ("outside", ("outside",))):
+        if plan := off(*features):
+            bias, spread = _of(plan, " and ".join(features))
             spreads.append((spread, len(plan)))
-            tell(f"resin_printer.{key}", round(bias, 3), len(plan), bias, spread)
+            found[f"resin_printer.{key}_bias_mm"] = round(bias, 3), len(plan), bias, spread
     if spreads:
         spread, count = max(spreads)
-        tell("resin_printer.plane_mm", _least(spread), count, 0.0, spread)
+        found["resin_printer.plane_mm"] = _least(spread), count, 0.0, spread
     if heights := off("height"):
         bias, spread = _of(heights, "height")
         # Heights go both ways in a stack: their bias counts as spread.
         value = _least(abs(bias) + spread)
-        tell("resin_printer.height_mm", value, len(heights), bias, spread)
+        found["resin_printer.height_mm"] = value, len(heights), bias, spread
     if strips := [r for r in readings if r.feature == "strip"]:
         pieces = sum(r.pieces for r in strips)
         short = sum(r.nominal_mm - r.measured_mm for r in strips) / pieces
         kerf = max(short + (design.laser.kerf_mm if design.laser.compensate else 0.0), 0.0)
         single = [r.off_mm for r in strips if r.pieces == 1]
         spread = _of(single, "strip of one piece")[1] if single else math.nan
-        tell("laser.kerf_mm", round(kerf, 3), pieces, -short, spread)
+        found["laser.kerf_mm"] = round(kerf, 3), pieces, -short, spread
         if single:
-            tell("laser.tolerance_mm", _least(spread), len(single), 0.0, spread)
+            found["laser.tolerance_mm"] = _least(spread), len(single), 0.0, spread
     if sheets := off("thickness"):
         bias, spread = _of(sheets, "thickness")
         share = max(_up((abs(bias) + spread) / design.optics.acrylic_mm), 0.001)
-        tell("laser.sheet_tolerance", share, len(sheets), bias, spread)
-    return found
+        found["laser.sheet_tolerance"] = share, len(sheets), bias, spread
+    return [
+        MeasuredKey(key, value, attrgetter(key)(design), count, bias, spread)
+        for key, (value, count, bias, spread) in found.items()
+    ]
 
 
 def _of(off_mm: Sequence[float], name: str) -> tuple[float, float]:

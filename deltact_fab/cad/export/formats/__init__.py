@@ -1,4 +1,4 @@
 """One file a format: a solid or its mesh to bytes, the same bytes every time.
 
-step.py and dxf.py read the exact solid; stl.py, threemf.py and glb.py its one closed mesh.
+step.py and dxf.py read the exact solid, meshes.py (STL, 3MF, GLB) its one closed mesh.
 """

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable
 from typing import Any
 
 from ....errors import RunFailed
-from ...kernel import ordered
 
 LAYER = "CUT"
 _MILLIMETRES = 4
@@ -29,12 +27,15 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
     path of a laser that knows of none. Raises RunFailed when the solid is no plate along z, or an
     edge is neither line nor arc.
     """
-    return _document(lambda document: _draw(document, solid, name, outwards_mm))
-
-
-def _document(draw: Callable[[Any], None]) -> bytes:
     import ezdxf
 
+    face, thickness_mm = _plate(solid, name)
+    held_mm3 = face.Area() * thickness_mm
+    if not math.isclose(held_mm3, solid.Volume(), rel_tol=_SAME):
+        raise RunFailed(
+            f"{name}: no plate to cut: its outline holds {held_mm3:.3f} mm3 over the thickness, "
+            f"the solid {solid.Volume():.3f}"
+        )
     fixed = ezdxf.options.write_fixed_meta_data_for_testing
     # Dates and identifiers of the file are the library's own inventions, new every time.
     ezdxf.options.write_fixed_meta_data_for_testing = True
@@ -42,31 +43,18 @@ def _document(draw: Callable[[Any], None]) -> bytes:
         document = ezdxf.new("R2000", units=_MILLIMETRES)
         document.header["$INSUNITS"] = _MILLIMETRES
         document.header["$MEASUREMENT"] = _METRIC
-        draw(document)
+        document.layers.add(LAYER, color=1)
+        for wire in _moved(face, outwards_mm):
+            edges = list(wire)
+            _check_closed(edges, name)
+            corners = [corner for edge in edges for corner in _corners(edge, name)]
+            shape = {"close": True, "dxfattribs": {"layer": LAYER}}
+            document.modelspace().add_lwpolyline(corners, "xyb", **shape)
         stream = io.StringIO()
         document.write(stream)
     finally:
         ezdxf.options.write_fixed_meta_data_for_testing = fixed
     return stream.getvalue().encode("utf-8")
-
-
-def _draw(document: Any, solid: Any, name: str, outwards_mm: float) -> None:
-    from cadquery import Edge
-
-    face, thickness_mm = _plate(solid, name)
-    document.layers.add(LAYER, color=1)
-    space = document.modelspace()
-    for wire in _moved(face, outwards_mm):
-        edges = [Edge(edge) for edge in ordered(wire)]
-        _check_closed(edges, name)
-        corners = [corner for edge in edges for corner in _corners(edge, name)]
-        space.add_lwpolyline(corners, "xyb", close=True, dxfattribs={"layer": LAYER})
-    held_mm3 = face.Area() * thickness_mm
-    if not math.isclose(held_mm3, solid.Volume(), rel_tol=_SAME):
-        raise RunFailed(
-            f"{name}: no plate to cut: its outline holds {held_mm3:.3f} mm3 over the thickness, "
-            f"the solid {solid.Volume():.3f}"
-        )
 
 
 def _moved(face: Any, outwards_mm: float) -> list[Any]:
