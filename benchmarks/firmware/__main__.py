@@ -18,7 +18,7 @@ from pathlib import Path
 
 from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
-from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.interface import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.rig.stage.settings import Needs
 

@@ -223,7 +223,7 @@ COMMANDS = (status, home, jog, goto, reset)
 def _stage(name: str) -> tuple[GrblConfig, GrblStage]:
     """The stage of a rig file, its port not yet open. Raises InputError for a virtual one."""
     from ..rig import config
-    from ..rig.clock import WallClock
+    from ..rig.interface import WallClock
     from ..rig.stage.grbl import GrblStage
 
     found, path = config.load(name)

@@ -19,7 +19,7 @@ from ..protocols.motion import LOCKSTEP, WALL_CLOCK
 from ..protocols.plan import Protocol, Step
 from ..rig import config as rig_config
 from ..rig.config import RigConfig
-from ..rig.job import RigKind, RigSetup
+from ..rig.interface import RigKind, RigSetup
 from ..rig.tool import requirements
 
 if TYPE_CHECKING:

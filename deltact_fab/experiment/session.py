@@ -20,7 +20,7 @@ from ..protocols.plan import Step
 from ..record import RunWriter
 from ..record import open as open_run
 from ..rig.config import RigConfig, VirtualConfig
-from ..rig.job import Devices, Rig, RigSetup
+from ..rig.interface import Devices, Rig, RigSetup
 from ..rig.run.live import Live
 from ..rig.run.runner import Runner
 from ..rig.weights import WeightsBench

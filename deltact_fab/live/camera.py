@@ -9,8 +9,7 @@ from .. import catalog
 from ..rig.camera.config import CameraConfig
 from ..rig.camera.files import Images
 from ..rig.camera.open import open_camera
-from ..rig.clock import WallClock
-from ..rig.interface import CameraFrame
+from ..rig.interface import CameraFrame, WallClock
 from .source import NOTHING, KnownSensor
 
 

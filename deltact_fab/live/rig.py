@@ -19,8 +19,7 @@ from ..protocols import limits
 from ..protocols.plan import Step
 from ..rig import config
 from ..rig.camera.model import flat_field, tracked_view
-from ..rig.interface import CameraFrame
-from ..rig.job import Devices
+from ..rig.interface import CameraFrame, Devices
 from .camera import CameraSource
 from .source import KnownSensor, Source
 

@@ -15,10 +15,8 @@ from ..errors import InputError
 from ..optics import CameraModel, FlatField
 from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
-from .clock import WallClock
 from .config import GrblConfig
-from .interface import Camera, ForceSensor, Guard
-from .job import Devices, RigSetup
+from .interface import Camera, Devices, ForceSensor, Guard, RigSetup, WallClock
 from .stage.grbl import GrblStage
 from .tool.tooling import Tooling
 from .tool.touch import change_s

@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import DeltactFabError
-from .clock import WallClock
 from .config import GrblConfig
-from .interface import DeviceRow
+from .interface import DeviceRow, WallClock
 
 
 def check(config: GrblConfig, folder: Path, seconds: float) -> Iterator[DeviceRow]:

@@ -19,9 +19,7 @@ from ..record import Chunk, RunWriter
 from ..record.streams import FORCE_COLUMNS
 from ..units import to_ns
 from .bench import GrblKind
-from .clock import WallClock
-from .interface import Camera, CameraFrame
-from .job import RigSetup
+from .interface import Camera, CameraFrame, RigSetup, WallClock
 from .tool.operator import TerminalOperator
 
 if TYPE_CHECKING:
@@ -31,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class WeightsKind:
-    """A real bench's camera, and a hand. As rig.job.RigKind, but for what it builds."""
+    """A real bench's camera, and a hand. As rig.interface.RigKind, but for what it builds."""
 
     part = GrblKind.part
 

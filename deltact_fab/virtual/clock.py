@@ -13,7 +13,7 @@ from ..units import NS_PER_S, to_ns
 
 
 class NsClock(Protocol):
-    """What the simulated devices need of a clock: `VirtualClock` and `rig.clock.WallClock`."""
+    """What the simulated devices need of a clock: `VirtualClock` and `rig.interface.WallClock`."""
 
     def now_ns(self) -> int:
         """Nanoseconds since an arbitrary, fixed origin; never goes back."""

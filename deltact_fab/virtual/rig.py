@@ -13,8 +13,7 @@ from ..protocols.plan import Protocol
 from ..rig.camera.model import flat_field
 from ..rig.config import VirtualConfig
 from ..rig.force.netft import NetFTSensor
-from ..rig.interface import Camera
-from ..rig.job import Devices, RigSetup
+from ..rig.interface import Camera, Devices, RigSetup
 from ..rig.stage.grbl import GrblStage
 from ..shapes import SensorDimensions
 from ..units import stream_number

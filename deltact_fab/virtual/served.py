@@ -24,9 +24,9 @@ from ..files import making, write_whole
 from ..optics import as_toml as camera_toml
 from ..patterns.recipe import PatternRecipe
 from ..record import encode_png
-from ..rig.clock import WallClock
 from ..rig.config import RigConfig
 from ..rig.force.config import ForceConfig
+from ..rig.interface import WallClock
 from ..rig.simulator import SimulatorConfig
 from ..shapes import SensorDimensions
 from .bench_face import BenchFace

@@ -32,7 +32,7 @@ from deltact_fab.errors import DeltactFabError
 from deltact_fab.rig.camera.config import CameraConfig
 from deltact_fab.rig.camera.open import open_camera
 from deltact_fab.rig.camera.probe import probe
-from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.interface import WallClock
 
 def look(n, options):
     told, frames = {}, []

@@ -22,8 +22,8 @@ from deltact_fab.rig.camera.model import flat_field, tracked_view, view_notes
 from deltact_fab.rig.camera.open import open_camera
 from deltact_fab.rig.camera.photograph import photograph
 from deltact_fab.rig.camera.probe import probe
-from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.devices import FoundDevice, cameras
+from deltact_fab.rig.interface import WallClock
 from deltact_fab.shapes import SensorDimensions
 
 W, H = 64, 48

@@ -17,7 +17,7 @@ from deltact_fab.experiment import kind_of
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config
-from deltact_fab.rig.job import Devices, RigSetup
+from deltact_fab.rig.interface import Devices, RigSetup
 from deltact_fab.shapes import SensorDimensions
 
 

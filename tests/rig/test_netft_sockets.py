@@ -13,14 +13,13 @@ import pytest
 from numpy.typing import NDArray
 
 from deltact_fab.errors import InputError, SensorError
-from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.config import ForceConfig, GuardConfig
 from deltact_fab.rig.force.config import NetFTConfig
 from deltact_fab.rig.force.netft import NetFTSensor
 from deltact_fab.rig.force.open import open_force
 from deltact_fab.rig.force.page import fetch
 from deltact_fab.rig.force.probe import probe
-from deltact_fab.rig.interface import ForceSamples
+from deltact_fab.rig.interface import ForceSamples, WallClock
 from deltact_fab.virtual.netft import BoxFaults
 from deltact_fab.virtual.netft_server import NetFTServer
 

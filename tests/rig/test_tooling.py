@@ -24,7 +24,7 @@ from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
 from deltact_fab.record import RunWriter
 from deltact_fab.rig.config import ToolConfig
-from deltact_fab.rig.job import Devices, RigSetup
+from deltact_fab.rig.interface import Devices, RigSetup
 from deltact_fab.rig.run.runner import Runner
 from deltact_fab.rig.tool.config import TouchConfig
 from deltact_fab.rig.tool.feeler import ForceProbe

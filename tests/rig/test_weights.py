@@ -26,8 +26,7 @@ from deltact_fab.protocols.plan import DeadWeights, Protocol
 from deltact_fab.rig import config, weights
 from deltact_fab.rig.camera import open as opening
 from deltact_fab.rig.camera.config import CameraConfig
-from deltact_fab.rig.interface import Camera, CameraFrame, go
-from deltact_fab.rig.job import Devices, RigSetup
+from deltact_fab.rig.interface import Camera, CameraFrame, Devices, RigSetup, go
 from deltact_fab.virtual.rig import VirtualKind, VirtualRig
 
 SEEN = CameraConfig(source=0, width_px=640, height_px=480)

@@ -20,8 +20,7 @@ from ...errors import SensorError
 from ...record import RunWriter
 from ...rig.camera.stream import ArrivedImage, StreamCamera
 from ...rig.force.guard import ForceGuard
-from ...rig.interface import CameraFrame
-from ...rig.job import Devices
+from ...rig.interface import CameraFrame, Devices
 from ...rig.run.runner import Runner
 from ...rig.stage.grbl import GrblStage
 from ...units import stream_number

@@ -9,7 +9,7 @@ from pathlib import Path
 from ...errors import InputError
 from ...files import making, write_whole
 from ...record import encode_png
-from ..clock import WallClock
+from ..interface import WallClock
 from .config import CameraConfig
 from .open import open_camera
 

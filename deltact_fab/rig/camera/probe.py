@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, SensorError
-from ..clock import WallClock
-from ..interface import Camera, DeviceRow
+from ..interface import Camera, DeviceRow, WallClock
 from .config import CameraConfig
 from .model import calibrated, raw_size_px
 from .open import open_camera

@@ -9,8 +9,7 @@ from contextlib import closing
 import numpy as np
 
 from ...errors import DeltactFabError
-from ..clock import WallClock
-from ..interface import DeviceRow, ForceSensor
+from ..interface import DeviceRow, ForceSensor, WallClock
 from .config import ForceConfig, GuardConfig
 from .guard import GuardLimits
 from .open import open_force

@@ -32,7 +32,7 @@ STAMP, COUNT = struct.Struct("@ll"), struct.Struct("@I")
 
 
 class RdtLink:
-    """Implements rig.force.netft.BoxLink. Stamps are CLOCK_MONOTONIC, as of `rig.clock.WallClock`.
+    """Implements rig.force.netft.BoxLink. Stamps are CLOCK_MONOTONIC, as of `rig.interface.WallClock`.
 
     Where the kernel stamps nothing (not Linux) a record has the time at which it was read.
     """

@@ -25,8 +25,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import DeltactFabError, SensorError
-from ..clock import WallClock
-from ..interface import ForceSamples, ForceSensor, Stage
+from ..interface import ForceSamples, ForceSensor, Stage, WallClock
 from .config import ForceConfig, GuardConfig
 from .guard import ForceGuard, GuardLimits, Trip
 from .netft import SILENT_S

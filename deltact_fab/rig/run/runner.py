@@ -15,7 +15,7 @@ from ...aliases import Progress
 from ...errors import DeltactFabError, StageError, Stopped
 from ...protocols.plan import Step
 from ...record import RunWriter
-from ..job import Devices
+from ..interface import Devices
 from .interrupt import interruptible
 from .live import Live, Remaining
 from .lockstep import Lockstep

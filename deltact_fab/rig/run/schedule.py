@@ -12,8 +12,7 @@ from ...protocols.motion import LOOK_S
 from ...protocols.plan import Step
 from ...record import Chunk, RunWriter
 from ...units import to_ns
-from ..interface import CameraFrame
-from ..job import Devices
+from ..interface import CameraFrame, Devices
 from .streams import ForceStream, FrameRequest, FrameStream, PoseStream
 
 LOOK_NS = to_ns(LOOK_S)

@@ -18,7 +18,7 @@ from ...errors import DeltactFabError, RunFailed, SensorError
 from ...protocols.plan import Step
 from ...record import RunWriter
 from ...units import to_ns
-from ..job import Devices
+from ..interface import Devices
 from .loop import Loop
 from .schedule import LOOK_NS, Schedule
 from .streams import FrameRequest

@@ -12,9 +12,8 @@ from ...errors import DeltactFabError, InputError, StageError, Stopped
 from ...files import write_whole
 from ...shapes import Indenter, SensorDimensions
 from ...shapes.indenter import parse as parse_indenter
-from ..clock import WallClock
 from ..config import GrblConfig
-from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Guard, Stage
+from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Guard, Stage, WallClock
 from ..run.interrupt import interruptible
 from ..stage.grbl import GrblStage
 from .config import TouchConfig

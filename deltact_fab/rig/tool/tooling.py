@@ -17,8 +17,7 @@ from ... import reading
 from ...errors import InputError, RunFailed
 from ...files import write_whole
 from ...shapes.indenter import parse as parse_indenter
-from ..interface import Clock, ForceSensor, Guard, Stage, go
-from ..job import RigSetup
+from ..interface import Clock, ForceSensor, Guard, RigSetup, Stage, go
 from .config import ToolConfig, TouchConfig
 from .feeler import ForceProbe
 from .homing import clear_the_face
