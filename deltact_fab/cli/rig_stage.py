@@ -56,9 +56,8 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
     --tip-is-clear must confirm that the tip is not in the gel. The force sensor of the rig file is
     watched meanwhile, and its guard stops the stage as in a run.
     """
-    from ..rig.stage.by_hand import stopped_by_ctrl_c
-    from ..rig.tool.homing import home_safely
-    from ..rig.tool.operator import TerminalOperator
+    from ..rig.tool.hand import stopped_by_ctrl_c
+    from ..rig.tool.operator import TerminalOperator, home_safely
 
     config, stage = _stage(rig)
     question = "homing moves every axis to its end switch; is the path clear?"
@@ -101,17 +100,17 @@ def jog(
     it, in one session on one open port: homing, origin and registration (written beside the rig
     file) as well, with the force on the screen.
     """
-    from ..rig.run.guard_thread import watched
-    from ..rig.stage import by_hand
+    from ..rig.run.loop import watched
+    from ..rig.tool import hand
 
     config, stage = _stage(rig)
     if by_mm is None:
         return _by_keys(rig, config, stage, into_gel, indenter, design)
-    by_hand.require_short(by_mm, most)  # before a port is opened, which may restart the board
+    hand.require_short(by_mm, most)  # before a port is opened, which may restart the board
     with _connected(stage), _felt(stage, config) as (force, guard):
         _count(stage)
-        with by_hand.stopped_by_ctrl_c(stage), watched(stage, stage.clock, force, guard):
-            by_hand.jog(stage, by_mm, feed, most_mm=most, clearance_mm=clearance, into_gel=into_gel)
+        with hand.stopped_by_ctrl_c(stage), watched(stage, stage.clock, force, guard):
+            hand.jog(stage, by_mm, feed, most_mm=most, clearance_mm=clearance, into_gel=into_gel)
         return _now(stage, config)
 
 
@@ -122,11 +121,9 @@ def _by_keys(
 
     from ..cad.design import load_design
     from ..rig import config as rigs
-    from ..rig.stage.by_hand import stopped_by_ctrl_c
     from ..rig.tool import session
-    from ..rig.tool.hand import HandSession
-    from ..rig.tool.homing import home_safely
-    from ..rig.tool.operator import TerminalOperator
+    from ..rig.tool.hand import HandSession, stopped_by_ctrl_c
+    from ..rig.tool.operator import TerminalOperator, home_safely
     from .keys import keys, whole_lines
 
     if not sys.stdin.isatty():
@@ -182,22 +179,22 @@ def goto(
     It goes up, then sideways, then down. Give --home or --as-counted, as the stage must know where
     it is. Ctrl-C stops it, and the guard on the force sensor of the rig file as in a run.
     """
-    from ..rig.run.guard_thread import watched
-    from ..rig.stage import by_hand
-    from ..rig.tool.homing import home_safely
+    from ..rig.run.loop import watched
+    from ..rig.tool import hand
+    from ..rig.tool.operator import home_safely
 
     config, stage = _stage(rig)
     if home_first == as_counted:
         raise InputError("give either --home or --as-counted: the stage must know where it is")
     with _connected(stage):
-        with by_hand.stopped_by_ctrl_c(stage):
+        with hand.stopped_by_ctrl_c(stage):
             if home_first:
                 with _felt(stage, config) as (force, guard):
                     home_safely(stage, stage.clock, force, None, tip_is_clear=True, guard=guard)
             else:
                 _count(stage)
             with _felt(stage, config) as (force, guard), watched(stage, stage.clock, force, guard):
-                by_hand.goto(stage, target_mm, feed, clearance_mm=clearance, into_gel=into_gel)
+                hand.goto(stage, target_mm, feed, clearance_mm=clearance, into_gel=into_gel)
         return _now(stage, config)
 
 
@@ -263,8 +260,8 @@ def _count(stage: GrblStage) -> None:
 
 def _now(stage: GrblStage, config: GrblConfig) -> Answer:
     """State and position, as the controller says them; sensor_mm: None where it is locked."""
-    from ..rig.stage.by_hand import in_words
-    from ..rig.stage.grbl_messages import state_in_words
+    from ..rig.stage.exchange import state_in_words
+    from ..rig.tool.hand import in_words
 
     seen = stage.look()
     known = seen.state.partition(":")[0] not in ("Alarm", "Sleep")

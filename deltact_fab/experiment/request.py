@@ -20,7 +20,6 @@ from ..protocols.plan import Protocol, Step
 from ..rig import config as rig_config
 from ..rig.config import RigConfig
 from ..rig.interface import RigKind, RigSetup
-from ..rig.tool import requirements
 
 if TYPE_CHECKING:
     from ..optics import CameraModel
@@ -136,7 +135,9 @@ class RunRequest:
         """
         rows = self._rows()
         if self.rig.kind == "grbl" and self._touches:
-            unknown = requirements.undeclared_lengths(self.rig, self.protocol)
+            from ..rig.bench import undeclared_lengths
+
+            unknown = undeclared_lengths(self.rig, self.protocol)
             what, where = "unknown", "; ".join(unknown)
             rows.append(
                 limits.LimitCheck("tool lengths", True, what, len(unknown), 0, where, bool(unknown))
@@ -176,8 +177,10 @@ class RunRequest:
         rows.append(limits.refusals("pattern", self._pattern()))
         rows.append(limits.refusals("image format", self._format()))
         if rig.kind == "grbl" and self._touches:
-            unmet = requirements.unmet(rig, protocol, design, self.unattended)
-            rows.append(limits.refusals("contact", [f"{self.rig_path}: {line}" for line in unmet]))
+            from ..rig.bench import unmet
+
+            lines = unmet(rig, protocol, design, self.unattended)
+            rows.append(limits.refusals("contact", [f"{self.rig_path}: {line}" for line in lines]))
         return rows
 
     def _pattern(self) -> list[str]:

@@ -21,8 +21,7 @@ from ..record import RunWriter
 from ..record import open as open_run
 from ..rig.config import RigConfig, VirtualConfig
 from ..rig.interface import Devices, Rig, RigSetup
-from ..rig.run.live import Live
-from ..rig.run.runner import Runner
+from ..rig.run.runner import Live, Runner
 from ..rig.weights import WeightsBench
 from ..shapes import indenter
 from ..version import VERSION

@@ -19,8 +19,7 @@ from ..shapes import SensorDimensions
 from ..units import stream_number
 from .clock import VirtualClock
 from .controller import GrblController
-from .feasibility import unanswered
-from .gel_summary import gel_left_out, gel_notes
+from .feasibility import gel_left_out, gel_notes, unanswered
 from .netft import LockstepLink, NetFTBox
 from .presses import Presses
 from .scene import GelScene, LatticeCrop
@@ -28,7 +27,7 @@ from .wire import SerialLink
 
 if TYPE_CHECKING:
     from ..gel.level import Choice
-    from .devices import VirtualCamera
+    from .drawing import VirtualCamera
     from .picture import FrameRenderer
 
 
@@ -118,7 +117,7 @@ class VirtualRig:
         self._open.callback(self.stage.close)
         self.camera: VirtualCamera | None = None
         if self._crop is not None:
-            from .devices import TruthWriter, VirtualCamera
+            from .drawing import TruthWriter, VirtualCamera
 
             picture, lens = self._picture(self._crop)
             truth = TruthWriter(job.folder, self.scene, self._crop.lattice, lens)

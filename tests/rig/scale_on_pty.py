@@ -12,7 +12,7 @@ from typing import Any
 
 from deltact_fab.rig.config import ForceConfig
 from deltact_fab.rig.force.config import SerialScaleConfig
-from deltact_fab.rig.force.open import open_force
+from deltact_fab.rig.force.watchdog import open_force
 from deltact_fab.rig.interface import ForceSensor, WallClock
 
 

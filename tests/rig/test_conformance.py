@@ -79,7 +79,7 @@ def test_a_rig_whose_last_device_fails_closes_the_others(
     def broken(*args: Any) -> None:
         raise SensorError("no power")
 
-    camera = importlib.import_module("deltact_fab.virtual.devices").VirtualCamera
+    camera = importlib.import_module("deltact_fab.virtual.drawing").VirtualCamera
     for kind in (GrblStage, camera):
         monkeypatch.setattr(kind, "close", lambda self, kind=kind: closed.append(kind.__name__))
     monkeypatch.setattr(virtual_rig, "VirtualForce", broken)

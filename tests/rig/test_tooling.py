@@ -28,9 +28,8 @@ from deltact_fab.rig.interface import Devices, RigSetup
 from deltact_fab.rig.run.runner import Runner
 from deltact_fab.rig.tool.config import TouchConfig
 from deltact_fab.rig.tool.feeler import ForceProbe
-from deltact_fab.rig.tool.homing import clear_the_face
-from deltact_fab.rig.tool.operator import Operator, TerminalOperator, confirm
-from deltact_fab.rig.tool.register import places_for, register, require_fit
+from deltact_fab.rig.tool.operator import Operator, TerminalOperator, clear_the_face, confirm
+from deltact_fab.rig.tool.session import places_for, register, require_fit
 from deltact_fab.rig.tool.tooling import KEPT, Tooling
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse

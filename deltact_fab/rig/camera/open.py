@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
-from ..interface import Camera, Clock
+from ...errors import InputError
+from ...files import making, write_whole
+from ...record import encode_png
+from ..interface import Camera, Clock, WallClock
 from .config import CameraConfig
 from .stream import Feed, StreamCamera
 
@@ -34,7 +39,7 @@ def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
         feed = device = DeviceFeed(config, clock)
         rate_hz = rate_hz or device.rate_hz
     else:
-        from .network import UrlFeed
+        from .files import UrlFeed
 
         feed = url = UrlFeed(str(config.source), clock)
         rate_hz = rate_hz or url.rate_hz
@@ -51,3 +56,32 @@ def _with_size(config: CameraConfig, folder: Path) -> CameraConfig:
 
     w, h = raw_size_px(calibrated(folder / config.model))
     return config.model_copy(update={"width_px": w, "height_px": h})
+
+
+def photograph(
+    config: CameraConfig,
+    folder: Path,
+    out: Path,
+    count: int,
+    before: Callable[[int], None] = lambda number: None,
+) -> list[Path]:
+    """Write out/contact/1.png and on, raw as the camera gives them, and return the files.
+
+    folder: of the rig file. before: called with the number of an image; it is exposed afterwards.
+    Raises InputError for an `out` that is there already or a camera that cannot be opened, and
+    SensorError when that gives no images.
+    """
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise InputError(f"{out}: is there already; name a new folder")
+    files = []
+    with closing(open_camera(config, folder, WallClock())) as camera:
+        camera.capture()  # it runs, and has the settings of the rig file
+        with making(out):
+            (out / "contact").mkdir(parents=True, exist_ok=True)
+        for number in range(1, count + 1):
+            before(number)
+            camera.begin("photograph")
+            file = out / "contact" / f"{number}.png"
+            write_whole(file, encode_png(camera.capture().image))
+            files.append(file)
+    return files

@@ -14,7 +14,7 @@ from ...aliases import Vector
 from ...errors import InputError
 from ..interface import Clock, ForceSamples
 from .config import ForceConfig, GuardConfig
-from .notes import NoteCounts
+from .netft import NoteCounts
 
 SHARE = 0.8  # of the sensor's range, where the rig file sets no limit
 AGAIN_NS = (

@@ -24,12 +24,11 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import DeltactFabError, SensorError
-from ..interface import ForceSamples, ForceSensor, Stage, WallClock
+from ...errors import DeltactFabError, InputError, SensorError
+from ..interface import Clock, ForceSamples, ForceSensor, Stage, WallClock
 from .config import ForceConfig, GuardConfig
 from .guard import ForceGuard, GuardLimits, Trip
-from .netft import SILENT_S
-from .open import open_force
+from .netft import SILENT_S, NetFTSensor
 
 ANSWER_S = 10.0
 END_S = 2.0
@@ -326,3 +325,23 @@ if __name__ == "__main__":
         signal.signal(number, signal.SIG_IGN)
     with socket.socket(fileno=int(sys.argv[1])) as channel:
         _Server(channel, run_first()).run()
+
+
+def open_force(config: ForceConfig, clock: Clock) -> ForceSensor:
+    """The sensor, reached and not streaming yet.
+
+    Raises InputError where the table names no way to it, SensorError where it cannot be reached,
+    MissingLibrary.
+    """
+    if config.netft is not None:
+        from .rdt import RdtLink, fetch
+
+        return NetFTSensor(RdtLink(config.netft, fetch(config.netft)), clock, config.netft.silent_s)
+    if config.serial is not None:
+        from .scale import SerialScale
+
+        return SerialScale(config, clock)
+    raise InputError(
+        "force: no way to the sensor; add [force.netft] with its host, or [force.serial] with its "
+        "port, to the rig file"
+    )

@@ -14,11 +14,10 @@ from typing import NoReturn
 from ...aliases import Vector
 from ...errors import StageError
 from ..interface import Clock, StageState
-from .exchange import BANNER_S, RESET, Talk, TalkFault
-from .grbl_messages import ALARMS, explain, state_in_words
-from .limits import Limits
-from .move import Move
+from .exchange import ALARMS, BANNER_S, RESET, Talk, TalkFault, explain, state_in_words
+from .jogs import Move
 from .port import Cable, LinkLost, Port
+from .settings import Limits
 
 JOG_CANCEL, HOLD = b"\x85", b"!"
 POLL_END_S = 0.02

@@ -30,11 +30,9 @@ from ...units import to_ns
 from ..interface import Clock, DeviceRow, StageState
 from . import jogs
 from .controller import JOG_CANCEL, Controller
-from .exchange import RESET, TalkFault
-from .grbl_messages import BANNER, SETTING, state_in_words
-from .limits import Limits
+from .exchange import BANNER, RESET, SETTING, TalkFault, state_in_words
 from .port import Cable
-from .settings import Needs, judge, refusal
+from .settings import Limits, Needs, judge, refusal
 
 RESCUE_S = 10.0  # so long after a fault a controller may answer again
 CLEAR_MM = 1.0  # over the face, where the gel is expected: nothing is touched

@@ -20,8 +20,7 @@ from ...shapes.indenter import parse as parse_indenter
 from ..interface import Clock, ForceSensor, Guard, RigSetup, Stage, go
 from .config import ToolConfig, TouchConfig
 from .feeler import ForceProbe
-from .homing import clear_the_face
-from .operator import Operator, TerminalOperator, confirm
+from .operator import Operator, TerminalOperator, clear_the_face, confirm
 from .touch import TRAVEL_FEED_MM_MIN, FaceTouch, ForceTouch
 
 if TYPE_CHECKING:
