@@ -165,10 +165,10 @@ def measure(
     """
     from deltact_fab.optics import StageFrame
     from deltact_fab.rig.config import ForceConfig
-    from deltact_fab.rig.force.config import GuardConfig, NetFTConfig
     from deltact_fab.rig.force.watchdog import open_guarded
     from deltact_fab.rig.interface import ForceSamples, WallClock
     from deltact_fab.rig.stage.grbl import GrblStage
+    from deltact_fab.rig.tables import GuardConfig, NetFTConfig
 
     clock, draw = WallClock(), random.Random(seed)
     whole, decided = [], []

@@ -1,7 +1,8 @@
 """The real bench of kind `grbl`: stage, camera and force sensor, at the wall clock.
 
 Only what the protocol's channels ask for is opened; the force sensor always where the rig file says
-how it is reached, for the guard lives on it, and a tip also meets things in the air.
+how it is reached, for the guard lives on it, and a tip also meets things in the air. `unmet` tells
+what a rig must have before it presses, and before it is left alone.
 """
 
 from __future__ import annotations

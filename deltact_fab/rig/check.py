@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 
 from ..errors import DeltactFabError, InputError, SensorError
-from .camera.config import CameraConfig
 from .camera.model import calibrated, raw_size_px
 from .camera.open import open_camera
 from .config import GrblConfig
-from .force.config import ForceConfig, GuardConfig
 from .force.guard import GuardLimits
 from .force.watchdog import open_force
 from .interface import Camera, DeviceRow, ForceSensor, WallClock
 from .stage.grbl import GrblStage
+from .tables import CameraConfig, ForceConfig, GuardConfig
 
 SLOW = 0.95
 """Of the nominal rate; below, something holds the camera back."""

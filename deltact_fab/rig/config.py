@@ -17,10 +17,8 @@ from pydantic import AfterValidator, Field, model_validator
 from .. import catalog, reading
 from ..configuration import Table
 from ..errors import InputError, did_you_mean
-from .camera.config import CameraConfig, CameraFile
-from .force.config import ForceConfig, GuardConfig
 from .simulator import SimulatorConfig
-from .stage.config import StageConfig
+from .tables import CameraConfig, CameraFile, ForceConfig, GuardConfig, StageConfig
 from .tool.config import RegistrationFile, ToolConfig, TouchConfig, named_tools
 
 Tools = Annotated[dict[str, ToolConfig], AfterValidator(named_tools)]

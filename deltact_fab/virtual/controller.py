@@ -23,7 +23,7 @@ from collections.abc import Callable, Generator, Mapping
 from typing import Literal
 
 from ..aliases import Vector
-from ..rig.stage.config import StageConfig
+from ..rig.tables import StageConfig
 from ..units import NS_PER_S, to_ns
 from .carriage import PLANNER_BLOCKS, Carriage
 from .clock import NsClock

@@ -1,4 +1,4 @@
-"""How a bench draws: the cut of the face that the camera sees, its geometry, and a printed gel."""
+"""The simulated camera: what it sees of the face, its geometry, a printed gel, and its truth."""
 
 from __future__ import annotations
 

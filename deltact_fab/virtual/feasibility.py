@@ -1,4 +1,4 @@
-"""What the simulated gel cannot compute, reported before a run begins."""
+"""The simulated gel in words: what it cannot compute, before a run; what it solved and left out."""
 
 from __future__ import annotations
 

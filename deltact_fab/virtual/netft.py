@@ -212,7 +212,7 @@ class NetFTBox:
 
 
 class LockstepLink:
-    """Implements rig.force.netft.Link: datagrams to and from a box in virtual time."""
+    """Implements rig.force.netft.BoxLink: datagrams to and from a box in virtual time."""
 
     def __init__(self, box: NetFTBox) -> None:
         self._box = box

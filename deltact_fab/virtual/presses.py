@@ -1,4 +1,8 @@
-"""One press of a protocol as the stage drives it, and the solver of its path."""
+"""The planned ways of a protocol's presses, known before anything moves, and the solvers of them.
+
+Straight lines between the tip points of the protocol's steps, each cut into increments; the poses
+at their ends are the knots that `gel.path` solves.
+"""
 
 from __future__ import annotations
 

@@ -25,9 +25,9 @@ from ..optics import as_toml as camera_toml
 from ..patterns.recipe import PatternRecipe
 from ..record import encode_png
 from ..rig.config import RigConfig
-from ..rig.force.config import ForceConfig
 from ..rig.interface import WallClock
 from ..rig.simulator import SimulatorConfig
+from ..rig.tables import ForceConfig
 from ..shapes import SensorDimensions
 from .bench_face import BenchFace
 from .controller import GrblController

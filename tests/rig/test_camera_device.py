@@ -29,7 +29,7 @@ LOOK = """
 import json, os, sys, time
 from pathlib import Path
 from deltact_fab.errors import DeltactFabError
-from deltact_fab.rig.camera.config import CameraConfig
+from deltact_fab.rig.tables import CameraConfig
 from deltact_fab.rig.camera.open import open_camera
 from deltact_fab.rig.check import camera_rows
 from deltact_fab.rig.interface import WallClock

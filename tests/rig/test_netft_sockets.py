@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.rig.check import force_rows
 from deltact_fab.rig.config import ForceConfig, GuardConfig
-from deltact_fab.rig.force.config import NetFTConfig
 from deltact_fab.rig.force.netft import NetFTSensor
 from deltact_fab.rig.force.rdt import fetch
 from deltact_fab.rig.force.watchdog import open_force
 from deltact_fab.rig.interface import ForceSamples, WallClock
+from deltact_fab.rig.tables import NetFTConfig
 from deltact_fab.virtual.netft import BoxFaults
 from deltact_fab.virtual.netft_server import NetFTServer
 

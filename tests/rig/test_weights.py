@@ -25,8 +25,8 @@ from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols.plan import DeadWeights, Protocol
 from deltact_fab.rig import config, weights
 from deltact_fab.rig.camera import open as opening
-from deltact_fab.rig.camera.config import CameraConfig
 from deltact_fab.rig.interface import Camera, CameraFrame, Devices, RigSetup, go
+from deltact_fab.rig.tables import CameraConfig
 from deltact_fab.virtual.rig import VirtualKind, VirtualRig
 
 SEEN = CameraConfig(source=0, width_px=640, height_px=480)

@@ -1,4 +1,7 @@
-"""Images of a V4L2 device, with the driver's numbers and stamps."""
+"""Images of a V4L2 device, with the driver's numbers and stamps; settings locked and read back.
+
+The automatic of a setting is switched off before it is set, or the driver refuses it.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from numpy.typing import NDArray
 from ...aliases import Image
 from ...errors import InputError, SensorError
 from ..interface import Clock
-from .config import CameraConfig
+from ..tables import CameraConfig
 from .stream import ArrivedImage
 from .v4l2 import FilledBuffer, V4l2Device
 

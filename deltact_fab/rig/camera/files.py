@@ -1,4 +1,4 @@
-"""Images from the disk: a folder of them, or a video. Every image counts."""
+"""Images from the disk, of which every one counts, and those that come from an address."""
 
 from __future__ import annotations
 

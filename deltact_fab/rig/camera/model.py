@@ -23,7 +23,7 @@ from ...optics import (
 from ...optics.rectified import MIN_PX
 from ...reading import is_file
 from ...shapes import SensorDimensions
-from .config import CameraConfig
+from ..tables import CameraConfig
 
 NOTICED = 0.005
 """Share of the view that may alias without a word."""

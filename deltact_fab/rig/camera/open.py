@@ -1,4 +1,4 @@
-"""From a rig file's [camera] to a camera."""
+"""From a rig file's [camera] to a camera, and photographs by it, to calibrate it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...errors import InputError
 from ...files import making, write_whole
 from ...record import encode_png
 from ..interface import Camera, Clock, WallClock
-from .config import CameraConfig
+from ..tables import CameraConfig
 from .stream import Feed, StreamCamera
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ...aliases import Vector
 from ...errors import InputError
 from ..interface import Clock, ForceSamples
-from .config import ForceConfig, GuardConfig
+from ..tables import ForceConfig, GuardConfig
 from .netft import NoteCounts
 
 SHARE = 0.8  # of the sensor's range, where the rig file sets no limit

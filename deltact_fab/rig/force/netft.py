@@ -57,7 +57,7 @@ class BoxLink(Protocol):
         """(n,) ARRIVAL: all that came; waits for one, empty when the time-out has passed."""
 
     def troubles(self) -> dict[str, int]:
-        """What did not become a record since the last call: counts by a name of `notes.TEXTS`."""
+        """What did not become a record since the last call: counts by a name of `TEXTS`."""
 
     def close(self) -> None: ...
 

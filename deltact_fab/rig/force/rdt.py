@@ -18,7 +18,7 @@ from select import select
 import numpy as np
 
 from ...errors import InputError, SensorError
-from .config import NetFTConfig
+from ..tables import NetFTConfig
 from .netft import ARRIVAL, Arrivals, NetFTSettings
 
 HEADER, START, STOP, BIAS = 0x1234, 2, 0, 0x42  # ATI 9610-05-1022, table 9.1

@@ -16,7 +16,7 @@ import serial
 from ...errors import InputError, SensorError
 from ...units import to_ns
 from ..interface import Clock, ForceSamples
-from .config import ForceConfig, SerialScaleConfig
+from ..tables import ForceConfig, SerialScaleConfig
 from .netft import NoteCounts
 
 NUMBER = re.compile(rb"[-+]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")

@@ -26,7 +26,7 @@ import numpy as np
 
 from ...errors import DeltactFabError, InputError, SensorError
 from ..interface import Clock, ForceSamples, ForceSensor, Stage, WallClock
-from .config import ForceConfig, GuardConfig
+from ..tables import ForceConfig, GuardConfig
 from .guard import ForceGuard, GuardLimits, Trip
 from .netft import SILENT_S, NetFTSensor
 

@@ -1,4 +1,5 @@
-"""A thread that steps one stream over and over, and does what it is asked in between."""
+"""A thread that steps one stream over and over, and does what it is asked in between; the guard
+armed by one where there is no run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What is said to a GRBL controller and heard from it: one line outstanding, every line answered.
+"""What is said to a GRBL controller and heard from it: one line outstanding, every line answered;
+errors, alarms and states in plain words.
 
 Nothing here knows of moves. What a host must react to is a `TalkFault`.
 """

@@ -38,7 +38,7 @@ RESCUE_S = 10.0  # so long after a fault a controller may answer again
 CLEAR_MM = 1.0  # over the face, where the gel is expected: nothing is touched
 
 if TYPE_CHECKING:
-    from .config import StageConfig
+    from ..tables import StageConfig
 
 
 class GrblStage:

@@ -1,6 +1,7 @@
 """The `$` settings of a GRBL controller against what a rig file says of the stage, before motion.
 
-A row for each rule that does not hold says what was found and what to type.
+A row for each rule that does not hold says what was found and what to type. What the settings allow
+a move is judged before a byte of it is sent (`Limits`).
 """
 
 from __future__ import annotations

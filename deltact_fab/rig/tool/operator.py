@@ -1,4 +1,9 @@
-"""The operator: who is asked, what counts as a confirmation, and nobody."""
+"""The operator: who is asked, and what counts as a confirmation; homing, which may need his word.
+
+A session begins at a stage that somebody left somewhere, after a failure with the tip in the gel as
+likely as not. Homing goes up first (GRBL homes z before x and y), but fast, and a firmware that was
+built with another order drags the tip through the gel.
+"""
 
 from __future__ import annotations
 

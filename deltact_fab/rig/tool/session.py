@@ -1,4 +1,8 @@
-"""A bench for a few minutes: what `rig register` and its kin drive, without a run or a record."""
+"""A bench for a few minutes, without a run or a record, and where the face lies on it.
+
+A ball touches a tilted face in the same way everywhere, so the plane of its touches is parallel to
+the face. Three touches give a plane, and only the fourth says how far from flat it is.
+"""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from .config import TouchConfig
 from .feeler import LOOK_S, MEAN_S, SETTLE_S, TARE_S, ForceProbe
 
 if TYPE_CHECKING:
-    from ..stage.config import StageConfig
+    from ..tables import StageConfig
 
 
 STRIDE_MM = 0.5
