@@ -52,6 +52,26 @@ def run_first() -> str:
     return ""
 
 
+def open_force(config: ForceConfig, clock: Clock) -> ForceSensor:
+    """The sensor, reached and not streaming yet.
+
+    Raises InputError where the table names no way to it, SensorError where it cannot be reached,
+    MissingLibrary.
+    """
+    if config.netft is not None:
+        from .rdt import RdtLink, fetch
+
+        return NetFTSensor(RdtLink(config.netft, fetch(config.netft)), clock, config.netft.silent_s)
+    if config.serial is not None:
+        from .scale import SerialScale
+
+        return SerialScale(config, clock)
+    raise InputError(
+        "force: no way to the sensor; add [force.netft] with its host, or [force.serial] with its "
+        "port, to the rig file"
+    )
+
+
 # ---- in the program -----------------------------------------------------------------------------
 
 
@@ -325,23 +345,3 @@ if __name__ == "__main__":
         signal.signal(number, signal.SIG_IGN)
     with socket.socket(fileno=int(sys.argv[1])) as channel:
         _Server(channel, run_first()).run()
-
-
-def open_force(config: ForceConfig, clock: Clock) -> ForceSensor:
-    """The sensor, reached and not streaming yet.
-
-    Raises InputError where the table names no way to it, SensorError where it cannot be reached,
-    MissingLibrary.
-    """
-    if config.netft is not None:
-        from .rdt import RdtLink, fetch
-
-        return NetFTSensor(RdtLink(config.netft, fetch(config.netft)), clock, config.netft.silent_s)
-    if config.serial is not None:
-        from .scale import SerialScale
-
-        return SerialScale(config, clock)
-    raise InputError(
-        "force: no way to the sensor; add [force.netft] with its host, or [force.serial] with its "
-        "port, to the rig file"
-    )
