@@ -48,8 +48,8 @@ def serve(rate_hz: float) -> None:
     from deltact_fab.rig.force.watchdog import run_first
     from deltact_fab.rig.interface import WallClock
     from deltact_fab.virtual.controller import GrblController
-    from deltact_fab.virtual.netft_server import NetFTServer
     from deltact_fab.virtual.pty import PtyCable
+    from deltact_fab.virtual.served import NetFTServer
 
     over = threading.Event()
     stopped = threading.Event()

@@ -103,7 +103,7 @@ def photograph(
 
     bench, path = config.load(name)
     if isinstance(bench, config.GrblConfig):
-        from ..rig.camera.open import photograph as by_camera
+        from ..rig.camera.model import photograph as by_camera
 
         def ask(number: int) -> None:
             if sys.stdin.isatty():

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from .. import catalog
 from ..rig.camera.files import Images
-from ..rig.camera.open import open_camera
+from ..rig.camera.model import open_camera
 from ..rig.interface import CameraFrame, WallClock
 from ..rig.tables import CameraConfig
 from .source import NOTHING, KnownSensor

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import DeltactFabError, InputError, SensorError
-from .camera.model import calibrated, raw_size_px
-from .camera.open import open_camera
+from .camera.model import calibrated, open_camera, raw_size_px
 from .config import GrblConfig
 from .force.guard import GuardLimits
 from .force.watchdog import open_force
@@ -210,13 +209,12 @@ def _page(config: ForceConfig) -> Iterator[DeviceRow]:
         return
     from .force.rdt import fetch
 
-    page = fetch(config.netft)
-    s = page.settings
+    s = fetch(config.netft)
     about = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in s.about)
     yield _row("force", True, f"{config.netft.host}: transducer {s.serial}, {about}")
     text = f"{s.counts_per_n:g} counts a newton, {s.counts_per_nmm:g} a newton millimetre"
     yield _row("force", True, text)
-    for key, told in (("range_n", page.range_n), ("range_nmm", page.range_nmm)):
+    for key, told in (("range_n", s.range_n), ("range_nmm", s.range_nmm)):
         written = getattr(config, key)
         if told is None:
             yield _row("force", True, f"force.{key}: {written}, which the box does not tell")

@@ -63,7 +63,7 @@ class WeightsBench:
         self.camera: Camera | None = None
         self.force = None
         if "image" in job.protocol.channels:
-            from .camera.open import open_camera
+            from .camera.model import open_camera
 
             assert config.camera is not None, "refused without one"
             self.camera = open_camera(config.camera, folder, self.clock)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -98,62 +97,25 @@ def noise_of(seed: int, stream: int) -> np.random.Generator:
 Seen = tuple[int, int, float]  # between which knots, and how far from the first
 
 
-@dataclass(frozen=True)
-class TruthWriter:
-    """Writes the truth of a run. lattice: where the scene's knots have their displacements.
-
-    lens: what the picture is drawn through; None: a pinhole.
-    """
-
-    folder: Path
-    scene: GelScene
-    lattice: SurfaceLattice
-    lens: Fisheye | None = None
-
-    def write(self, press: str, frame_ids: Sequence[str], seen: Sequence[Seen]) -> None:
-        """The knots of the scene's press, and where each of these frames stands between which.
-
-        Raises RunFailed.
-        """
-        path = truth_file(self.folder, press)
-        try:
-            path.parent.mkdir(exist_ok=True)
-        except OSError as why:
-            raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
-        about: dict[Path, SurfaceLattice | Fisheye] = {lattice_file(self.folder): self.lattice}
-        if self.lens is not None:
-            about[lens_file(self.folder)] = self.lens
-        for where, what in about.items():
-            write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
-        knots = self.scene.knots
-        fields = [k.displacement_mm for k in knots if k.displacement_mm is not None]
-        tractions = [k.traction_mpa for k in knots if k.traction_mpa is not None]
-        x_mm, y_mm = self.scene.axes_mm
-        more: dict[str, Any] = {"traction_mpa": np.stack(tractions)} if tractions else {}
-        more["zone_map"] = np.stack([k.zone_map for k in knots if k.zone_map is not None])
-        for name in vars(knots[0].zones):
-            more[name] = [vars(k.zones)[name] for k in knots]
-        packed = io.BytesIO()
-        np.savez(
-            packed,
-            displacement_mm=np.stack(fields),
-            frame_id=np.asarray(frame_ids, dtype=np.str_),
-            knots=np.asarray([(a, b) for a, b, _ in seen], dtype=np.int64).reshape(-1, 2),
-            fraction=np.asarray([f for _, _, f in seen], dtype=float),
-            x_mm=x_mm,
-            y_mm=y_mm,
-            **more,
-        )
-        write_whole(path, packed.getvalue())
-
-
 class VirtualCamera:
     """Implements rig.interface.Camera; at the end of a press it stores the truth of its frames."""
 
-    def __init__(self, picture: FrameRenderer, clock: Clock, seed: int, truth: TruthWriter) -> None:
-        """truth: its scene is what is drawn."""
+    def __init__(
+        self,
+        picture: FrameRenderer,
+        clock: Clock,
+        seed: int,
+        scene: GelScene,
+        lattice: SurfaceLattice,
+        lens: Fisheye | None,
+        folder: Path,
+    ) -> None:
+        """scene: what is drawn. lattice: where its knots have their displacements.
+
+        lens: what the picture is drawn through; None: a pinhole. folder: of the run.
+        """
         self._picture, self._clock, self._seed = picture, clock, seed
-        self._truth, self._scene = truth, truth.scene
+        self._scene, self._lattice, self._lens, self._folder = scene, lattice, lens, folder
         self._stream: str | None = None
         self._seen: list[Seen] = []
         self._rng = np.random.default_rng(0)
@@ -177,11 +139,40 @@ class VirtualCamera:
         """Store the press's knots and where each of its frames stands between which of them."""
         assert self._stream is not None, "begin() comes before end()"
         assert len(frames) == len(self._seen), "one id a frame"
-        self._truth.write(self._stream, list(frames), self._seen)
+        path = truth_file(self._folder, self._stream)
+        try:
+            path.parent.mkdir(exist_ok=True)
+        except OSError as why:
+            raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
+        about: dict[Path, SurfaceLattice | Fisheye] = {lattice_file(self._folder): self._lattice}
+        if self._lens is not None:
+            about[lens_file(self._folder)] = self._lens
+        for where, what in about.items():
+            write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
+        knots = self._scene.knots
+        fields = [k.displacement_mm for k in knots if k.displacement_mm is not None]
+        tractions = [k.traction_mpa for k in knots if k.traction_mpa is not None]
+        x_mm, y_mm = self._scene.axes_mm
+        more: dict[str, Any] = {"traction_mpa": np.stack(tractions)} if tractions else {}
+        more["zone_map"] = np.stack([k.zone_map for k in knots if k.zone_map is not None])
+        for name in vars(knots[0].zones):
+            more[name] = [vars(k.zones)[name] for k in knots]
+        packed = io.BytesIO()
+        np.savez(
+            packed,
+            displacement_mm=np.stack(fields),
+            frame_id=np.asarray(list(frames), dtype=np.str_),
+            knots=np.asarray([(a, b) for a, b, _ in self._seen], dtype=np.int64).reshape(-1, 2),
+            fraction=np.asarray([f for _, _, f in self._seen], dtype=float),
+            x_mm=x_mm,
+            y_mm=y_mm,
+            **more,
+        )
+        write_whole(path, packed.getvalue())
         self._stream = None
 
     def identity(self) -> dict[str, Any]:
-        projection = "pinhole" if self._truth.lens is None else "fisheye"
+        projection = "pinhole" if self._lens is None else "fisheye"
         return {"kind": "virtual", "projection": projection}
 
     def close(self) -> None:

@@ -117,11 +117,12 @@ class VirtualRig:
         self._open.callback(self.stage.close)
         self.camera: VirtualCamera | None = None
         if self._crop is not None:
-            from .drawing import TruthWriter, VirtualCamera
+            from .drawing import VirtualCamera
 
             picture, lens = self._picture(self._crop)
-            truth = TruthWriter(job.folder, self.scene, self._crop.lattice, lens)
-            self.camera = VirtualCamera(picture, self.clock, job.seed, truth)
+            self.camera = VirtualCamera(
+                picture, self.clock, job.seed, self.scene, self._crop.lattice, lens, job.folder
+            )
             self._open.callback(self.camera.close)
         self.force: VirtualForce | None = None
         if "force" in job.protocol.channels:

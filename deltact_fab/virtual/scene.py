@@ -19,8 +19,8 @@ from ..aliases import Point
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, SolvedKnot, divide
 from ..gel.zones import ZoneMap, Zones
 from ..optics import StageFrame, SurfaceLattice
+from ..rig.interface import Clock
 from ..units import NS_PER_S
-from .clock import NsClock
 from .controller import GrblController
 from .motion import Segment
 from .presses import PlannedPress
@@ -133,7 +133,7 @@ class GelScene:
     def __init__(
         self,
         controller: GrblController,
-        clock: NsClock,
+        clock: Clock,
         frame: StageFrame,
         increments: Increments,
         presses: Callable[[str, tuple[float, float]], PlannedPress],

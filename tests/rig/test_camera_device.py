@@ -30,7 +30,7 @@ import json, os, sys, time
 from pathlib import Path
 from deltact_fab.errors import DeltactFabError
 from deltact_fab.rig.tables import CameraConfig
-from deltact_fab.rig.camera.open import open_camera
+from deltact_fab.rig.camera.model import open_camera
 from deltact_fab.rig.check import camera_rows
 from deltact_fab.rig.interface import WallClock
 

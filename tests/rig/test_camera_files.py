@@ -17,8 +17,13 @@ from looked import to_the_end
 
 from deltact_fab.errors import InputError
 from deltact_fab.optics import Fisheye, FlatField, Pinhole, Rectified, as_toml
-from deltact_fab.rig.camera.model import flat_field, tracked_view, view_notes
-from deltact_fab.rig.camera.open import open_camera, photograph
+from deltact_fab.rig.camera.model import (
+    flat_field,
+    open_camera,
+    photograph,
+    tracked_view,
+    view_notes,
+)
 from deltact_fab.rig.check import camera_rows
 from deltact_fab.rig.devices import FoundDevice, cameras
 from deltact_fab.rig.interface import WallClock

@@ -18,7 +18,7 @@ from deltact_fab.rig.interface import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.rig.tables import ForceConfig, GuardConfig, NetFTConfig
 from deltact_fab.rig.tool.hand import HandSession
-from deltact_fab.virtual.netft_server import NetFTServer
+from deltact_fab.virtual.served import NetFTServer
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals"),

@@ -21,7 +21,7 @@ from deltact_fab.rig.force.watchdog import open_force
 from deltact_fab.rig.interface import ForceSamples, WallClock
 from deltact_fab.rig.tables import NetFTConfig
 from deltact_fab.virtual.netft import BoxFaults
-from deltact_fab.virtual.netft_server import NetFTServer
+from deltact_fab.virtual.served import NetFTServer
 
 WAIT_S = 2.0  # silence that this busy machine may make by itself
 

@@ -24,7 +24,7 @@ from deltact_fab.experiment import RunRequest
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols.plan import DeadWeights, Protocol
 from deltact_fab.rig import config, weights
-from deltact_fab.rig.camera import open as opening
+from deltact_fab.rig.camera import model as opening
 from deltact_fab.rig.interface import Camera, CameraFrame, Devices, RigSetup, go
 from deltact_fab.rig.tables import CameraConfig
 from deltact_fab.virtual.rig import VirtualKind, VirtualRig

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ...aliases import Vector
 from ...errors import SensorError
 from ...units import to_ns
 from ..interface import Clock, ForceSamples
@@ -38,6 +39,9 @@ class NetFTSettings:
     serial: str
     about: tuple[tuple[str, str], ...] = ()
     """More that the record keeps of the box: name and value."""
+    range_n: Vector | None = None
+    range_nmm: Vector | None = None
+    """Rated maximum of the transducer, where the box tells it."""
 
 
 class BoxLink(Protocol):

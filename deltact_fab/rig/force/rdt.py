@@ -12,7 +12,6 @@ import urllib.error
 import urllib.request
 import xml.etree.ElementTree as ET
 from contextlib import suppress
-from dataclasses import dataclass
 from select import select
 
 import numpy as np
@@ -42,11 +41,11 @@ class RdtLink:
     Where the kernel stamps nothing (not Linux) a record has the time at which it was read.
     """
 
-    def __init__(self, config: NetFTConfig, page: NetFTPage) -> None:
-        self._settings = s = page.settings
+    def __init__(self, config: NetFTConfig, settings: NetFTSettings) -> None:
+        self._settings = s = settings
         self._to = config.host, config.rdt_port
         self._where = f"{config.host}:{config.rdt_port}: force sensor"
-        ranges = [*(page.range_n or [DEFAULT_N] * 3), *(page.range_nmm or [DEFAULT_NMM] * 3)]
+        ranges = [*(s.range_n or [DEFAULT_N] * 3), *(s.range_nmm or [DEFAULT_NMM] * 3)]
         per_unit = np.repeat([s.counts_per_n, s.counts_per_nmm], 3)
         self._bias_most = BIAS_SHARE * np.array(ranges) * per_unit
         self._bias_due = False
@@ -190,16 +189,7 @@ TORQUE_NMM = {"Nmm": 1.0, "Nm": 1e3, "kNm": 1e6, "kgcm": 98.0665, "kgfcm": 98.06
 TORQUE_NMM |= {"lbfin": 112.9848290276167, "lbfft": 1355.8179483314004}
 
 
-@dataclass(frozen=True)
-class NetFTPage:
-    """What the box says of itself. range: rated maximum of the transducer, N and N mm, or None."""
-
-    settings: NetFTSettings
-    range_n: tuple[float, float, float] | None
-    range_nmm: tuple[float, float, float] | None
-
-
-def fetch(config: NetFTConfig) -> NetFTPage:
+def fetch(config: NetFTConfig) -> NetFTSettings:
     """Read the page of a box. Raises SensorError: out of reach, no such page, unknown units."""
     where = f"http://{config.host}:{config.http_port}/netftapi2.xml"
     # A box on the bench is never behind the institute's proxy.
@@ -215,16 +205,16 @@ def fetch(config: NetFTConfig) -> NetFTPage:
             "[force.netft] host of the rig file"
         ) from why
     page = parse(text, where)
-    if config.serial is not None and page.settings.serial != config.serial:
+    if config.serial is not None and page.serial != config.serial:
         raise InputError(
-            f"{where}: the transducer has serial number {page.settings.serial!r}, and the rig file "
+            f"{where}: the transducer has serial number {page.serial!r}, and the rig file "
             f"[force.netft] serial = {config.serial!r}: another sensor, or another calibration is "
             "active in the box"
         )
     return page
 
 
-def parse(text: bytes, where: str) -> NetFTPage:
+def parse(text: bytes, where: str) -> NetFTSettings:
     """Read the page. Raises SensorError naming the element that cannot be used."""
     try:
         root = ET.fromstring(text)
@@ -259,19 +249,19 @@ def parse(text: bytes, where: str) -> NetFTPage:
         )
     newtons, newton_mm = scale("scfgfu", FORCE_N), scale("scfgtu", TORQUE_NMM)
     about = [("product", "prodname"), ("box_serial", "mfgdigsn"), ("firmware", "mfgdigver")]
-    settings = NetFTSettings(
+    ratings, range_n, range_nmm = _numbers(word("cfgmr")), None, None
+    if len(ratings) == 6:
+        range_n = (ratings[0] * newtons, ratings[1] * newtons, ratings[2] * newtons)
+        range_nmm = (ratings[3] * newton_mm, ratings[4] * newton_mm, ratings[5] * newton_mm)
+    return NetFTSettings(
         number("cfgcpf") / newtons,
         number("cfgcpt") / newton_mm,
         number("comrdtrate"),
         word("cfgcalsn") or word("setserial") or "unknown",
         tuple((name, word(tag)) for name, tag in about if word(tag)),
+        range_n,
+        range_nmm,
     )
-    ratings = _numbers(word("cfgmr"))
-    range_n = range_nmm = None
-    if len(ratings) == 6:
-        range_n = (ratings[0] * newtons, ratings[1] * newtons, ratings[2] * newtons)
-        range_nmm = (ratings[3] * newton_mm, ratings[4] * newton_mm, ratings[5] * newton_mm)
-    return NetFTPage(settings, range_n, range_nmm)
 
 
 def _numbers(text: str) -> list[float]:

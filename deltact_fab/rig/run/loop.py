@@ -4,11 +4,11 @@ armed by one where there is no run."""
 from __future__ import annotations
 
 import threading
-from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from queue import Empty, SimpleQueue
 
 from ...errors import DeltactFabError, SensorError
 from ..interface import Clock, ForceSensor, Guard, Stage
@@ -31,8 +31,7 @@ class Loop:
         self.name = name
         self._step = step
         self._failed = failed
-        self._changed = threading.Condition()
-        self._asked: deque[tuple[Callable[[], None], Future[None]]] = deque()
+        self._asked: SimpleQueue[tuple[Callable[[], None], Future[None]]] = SimpleQueue()
         self._going = self._ending = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -49,11 +48,9 @@ class Loop:
             if going is not None:
                 self._going = going
 
-        with self._changed:
-            if self._ending:
-                raise SensorError(f"{self.name}: it has ended")
-            self._asked.append((both, done))
-            self._changed.notify_all()
+        if self._ending:
+            raise SensorError(f"{self.name}: it has ended")
+        self._asked.put((both, done))
         try:
             done.result(limit_s)
         except (TimeoutError, CancelledError) as why:
@@ -62,40 +59,30 @@ class Loop:
 
     def end(self, limit_s: float) -> bool:
         """End it after the step under way; False when that takes longer than limit_s."""
-        with self._changed:
-            self._ending = True
-            self._changed.notify_all()
+        self._ending = True
+        self._asked.put((lambda: None, Future()))  # wakes one that rests
         self._thread.join(limit_s)
         return not self._thread.is_alive()
 
     def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._asked or self._going or self._ending)
-                if self._ending:
-                    break
-                asked = self._asked.popleft() if self._asked else None
-            if asked is not None:
-                _answer(*asked)
+        while not self._ending:
+            try:
+                what, done = self._asked.get(block=not self._going)
+            except Empty:
+                try:
+                    self._step()
+                except BaseException as why:
+                    self._going = False
+                    self._failed(why)
+                continue
+            if self._ending or not done.set_running_or_notify_cancel():
+                done.cancel()
                 continue
             try:
-                self._step()
+                what()
+                done.set_result(None)
             except BaseException as why:
-                self._going = False
-                self._failed(why)
-
-        while self._asked:
-            self._asked.popleft()[1].cancel()
-
-
-def _answer(what: Callable[[], None], done: Future[None]) -> None:
-    if not done.set_running_or_notify_cancel():
-        return
-    try:
-        what()
-        done.set_result(None)
-    except BaseException as why:
-        done.set_exception(why)
+                done.set_exception(why)
 
 
 NAME = "force sensor"

@@ -8,7 +8,6 @@ built with another order drags the tip through the gel.
 from __future__ import annotations
 
 import sys
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +19,6 @@ from ..run.loop import watched
 TRIES = 5
 
 
-class Operator(Protocol):
-    """Whoever stands at the bench."""
-
-    def tell(self, text: str) -> None:
-        """Let them read a line."""
-
-    def ask(self, text: str) -> str:
-        """Wait for a line, without blanks at its ends. Raises RunFailed when none can come."""
-
-
 class TerminalOperator:
     """Asks on standard error and reads lines of standard input."""
 
@@ -38,6 +27,7 @@ class TerminalOperator:
         print(text, file=sys.stderr, flush=True)
 
     def ask(self, text: str) -> str:
+        """Wait for a line, without blanks at its ends. Raises RunFailed when none can come."""
         print(f"{text}: ", end="", file=sys.stderr, flush=True)
         line = sys.stdin.readline()
         if not line:
@@ -45,7 +35,7 @@ class TerminalOperator:
         return line.strip()
 
 
-def confirm(operator: Operator, name: str, what: str) -> None:
+def confirm(operator: TerminalOperator, name: str, what: str) -> None:
     """Wait until somebody types the name of what they mounted; another name is asked again.
 
     what: ends "type NAME to confirm that". Raises RunFailed after TRIES other answers.
@@ -70,7 +60,7 @@ def clear_the_face(
     stage: Stage,
     clock: Clock,
     force: ForceSensor | None,
-    operator: Operator | None,
+    operator: TerminalOperator | None,
     *,
     tip_is_clear: bool = False,
     air: bool = False,
@@ -112,7 +102,7 @@ def home_safely(
     stage: Stage,
     clock: Clock,
     force: ForceSensor | None,
-    operator: Operator | None,
+    operator: TerminalOperator | None,
     *,
     tip_is_clear: bool = False,
     guard: Guard | None = None,

@@ -28,7 +28,7 @@ from ..run.interrupt import interruptible
 from ..stage.grbl import GrblStage
 from .config import TouchConfig
 from .feeler import ForceProbe
-from .operator import LIFT_MM, Operator, confirm, home_safely
+from .operator import LIFT_MM, TerminalOperator, confirm, home_safely
 from .tooling import raised
 from .touch import FaceTouch, ForceTouch, powers_of
 
@@ -45,7 +45,7 @@ class GuardedStage:
 
 @contextmanager
 def homed(
-    config: GrblConfig, source: Path, operator: Operator, tip_is_clear: bool = False
+    config: GrblConfig, source: Path, operator: TerminalOperator, tip_is_clear: bool = False
 ) -> Iterator[GuardedStage]:
     """Open and home the bench of a rig file; lift the tip and close all, however it ends.
 
@@ -114,7 +114,7 @@ def wanted(
 
 
 def register_face(
-    bench: GuardedStage, asked: RegistrationRequest, operator: Operator
+    bench: GuardedStage, asked: RegistrationRequest, operator: TerminalOperator
 ) -> Registration:
     """Have the ball mounted, touch the face at each place, and fit where it lies.
 

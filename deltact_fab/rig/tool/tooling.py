@@ -20,7 +20,7 @@ from ...shapes.indenter import parse as parse_indenter
 from ..interface import Clock, ForceSensor, Guard, RigSetup, Stage, go
 from .config import ToolConfig, TouchConfig
 from .feeler import ForceProbe
-from .operator import Operator, TerminalOperator, clear_the_face, confirm
+from .operator import TerminalOperator, clear_the_face, confirm
 from .touch import TRAVEL_FEED_MM_MIN, FaceTouch, ForceTouch
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class Tooling:
         guard: Guard | None = None,
         touch: TouchConfig | None = None,
         tools: Mapping[str, ToolConfig] | None = None,
-        operator: Operator | None = None,
+        operator: TerminalOperator | None = None,
     ) -> None:
         self._job = job
         self._stage = stage
