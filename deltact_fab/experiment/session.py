@@ -20,7 +20,7 @@ from ..protocols.plan import Step
 from ..record import RunWriter
 from ..record import open as open_run
 from ..rig.config import RigConfig, VirtualConfig
-from ..rig.interface import Devices, Rig, RigSetup
+from ..rig.interface import Rig, RigSetup
 from ..rig.run.runner import Live, Runner
 from ..rig.weights import WeightsBench
 from ..shapes import indenter
@@ -114,15 +114,14 @@ def _carry_out(
 
     Raises RunFailed and its kin.
     """
-    devices = bench if isinstance(bench, WeightsBench) else bench.devices()
-    start_s, counts = devices.clock.now_s(), dict[str, int]()
-    if isinstance(devices, WeightsBench):
-        devices.run(steps, writer, progress)
+    start_s, counts = bench.clock.now_s(), dict[str, int]()
+    if isinstance(bench, WeightsBench):
+        bench.run(steps, writer, progress)
     else:
-        runner = Runner(devices, writer, progress, live)
+        runner = Runner(bench, writer, progress, live)
         runner.run(steps)
         counts = runner.counts()
-    return counts, devices.clock.now_s() - start_s
+    return counts, bench.clock.now_s() - start_s
 
 
 def dry_run(request: RunRequest) -> dict[str, Any]:
@@ -141,14 +140,13 @@ def dry_run(request: RunRequest) -> dict[str, Any]:
     return {**asdict(request.estimate()), "devices": lines, "notes": notes}
 
 
-def _answers(found: Rig | WeightsBench) -> Iterator[str]:
+def _answers(seen: Rig | WeightsBench) -> Iterator[str]:
     """A line a device: that it answers, and how. Raises InputError, StageError, SensorError.
 
     The stage is connected, its settings are judged; the camera gives an image, the force sensor
     a reading.
     """
-    seen = found if isinstance(found, WeightsBench) else found.devices()
-    if isinstance(seen, Devices):
+    if isinstance(seen, Rig):
         seen.stage.connect()
         yield f"stage: {_identity(seen.stage.identity(), 'banner', 'port')}"
     if seen.camera is not None:
@@ -206,7 +204,7 @@ def run_presses(
     writer = RunWriter.create(job.folder, meta, text, pattern_of(job.recipe), steps, flat)
     try:
         with closing(kind.build(job)) as bench:
-            Runner(bench.devices(), writer, progress).run(steps)
+            Runner(bench, writer, progress).run(steps)
         writer.close({"presses": sorted(presses)})
     except BaseException:
         writer.abandon()

@@ -96,7 +96,7 @@ class RigSource:
             job = request.setup(Path(folder))
             with closing(request.kind.build(job)) as rig:
                 assert isinstance(rig, VirtualRig), "a real one has another source"
-                yield from _carried_out(request.steps, rig.devices(), at_rest)
+                yield from _carried_out(request.steps, rig, at_rest)
 
     def at_rest(self) -> Iterator[CameraFrame]:
         """As Source, before the first press, without end."""

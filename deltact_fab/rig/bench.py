@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..aliases import Progress
 from ..errors import InputError
@@ -18,11 +18,14 @@ from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
 from .config import GrblConfig
-from .interface import Camera, Devices, ForceSensor, Guard, RigSetup, WallClock
+from .interface import Camera, Rig, RigSetup, WallClock
 from .stage.grbl import GrblStage
 from .tool.config import TouchConfig
 from .tool.tooling import Tooling
 from .tool.touch import MOST, change_s
+
+if TYPE_CHECKING:
+    from .force.watchdog import Watchdog
 
 KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
@@ -75,8 +78,8 @@ class GrblKind:
         return GrblRig(self._config, self._source.parent, job)
 
 
-class GrblRig:
-    """Implements rig.interface.Rig. What was opened is closed, however building it ends."""
+class GrblRig(Rig):
+    """What was opened is closed, however building it ends."""
 
     def __init__(self, config: GrblConfig, folder: Path, job: RigSetup) -> None:
         """folder: of the rig file."""
@@ -89,45 +92,38 @@ class GrblRig:
             raise
 
     def _build(self, config: GrblConfig, folder: Path) -> None:
-        job = self._job
-        self.clock = WallClock()
-        self.stage = GrblStage.of(config.stage, self.clock)
-        self._open.callback(self.stage.close)
-        self.force: ForceSensor | None = None
-        self.guard: Guard | None = None
+        job, clock = self._job, WallClock()
+        stage = GrblStage.of(config.stage, clock)
+        self._open.callback(stage.close)
+        force: Watchdog | None = None
         if config.force is not None and config.force.reachable:
             from .force.watchdog import open_guarded
 
-            self.force = self.guard = open_guarded(config.force, config.guard, self.stage)
-            self._open.callback(self.force.close)
+            force = open_guarded(config.force, config.guard, stage)
+            self._open.callback(force.close)
         elif not job.air:
             raise InputError(
                 "force: nothing guards a press without a force sensor; add [force.netft] or "
                 "[force.serial] to the rig file, or give --air"
             )
-        park_mm = job.protocol.motion.park_mm
-        self._change_s = 0.0 if job.air else change_s(config.stage, config.touch, park_mm)
-        self.tooling = Tooling(
-            job, self.stage, self.clock, self.force, self.guard, config.touch, config.tools
-        )
-        self.camera: Camera | None = None
+        self._tooling = Tooling(job, stage, clock, force, force, config.touch, config.tools)
+        camera: Camera | None = None
         if "image" in job.protocol.channels:
             from .camera.model import open_camera
 
             assert config.camera is not None, "refused without one"
-            self.camera = open_camera(config.camera, folder, self.clock)
-            self._open.callback(self.camera.close)
-
-    def devices(self) -> Devices:
-        return Devices(
-            self.clock,
-            self.stage,
-            self.camera,
-            self.force,
-            change_indenter=self.tooling.change_indenter,
-            guard=self.guard,
-            begin=self.tooling.begin,
-            change_s=self._change_s,
+            camera = open_camera(config.camera, folder, clock)
+            self._open.callback(camera.close)
+        park_mm = job.protocol.motion.park_mm
+        super().__init__(
+            clock,
+            stage,
+            camera,
+            force,
+            change_indenter=self._tooling.change_indenter,
+            guard=force,
+            begin=self._tooling.begin,
+            change_s=0.0 if job.air else change_s(config.stage, config.touch, park_mm),
             wall_clock=True,
         )
 
@@ -156,7 +152,7 @@ class GrblRig:
             "stage": self.stage.identity(),
             "camera": self.camera.identity() if self.camera is not None else None,
             "force": self.force.identity() if self.force is not None else None,
-            "tool": self.tooling.identity(),
+            "tool": self._tooling.identity(),
         }
 
     def close(self) -> None:

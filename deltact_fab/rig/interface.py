@@ -7,6 +7,7 @@ of the sensor, z = 0 at the resting face; a depth d is z = -d. Times are seconds
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -317,19 +318,22 @@ class RigSetup:
     """The operator's word that the tip touches nothing when the session begins."""
 
 
-class Rig(Protocol):
+class Rig(Devices, ABC):
     """All devices of one run. Whoever builds it closes it, however the run ends."""
 
-    def devices(self) -> Devices: ...
+    @abstractmethod
     def identity(self) -> dict[str, Any]:
         """What the summary keeps of each device; None for one that is not there."""
 
+    @abstractmethod
     def notes(self) -> list[str]:
         """What a reader of the results must know, once the run is over."""
 
+    @abstractmethod
     def left_out(self) -> list[str]:
         """What was not built, driven or solved, and why."""
 
+    @abstractmethod
     def close(self) -> None:
         """Close every device, also after one that fails to; again does nothing."""
 

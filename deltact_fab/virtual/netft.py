@@ -1,7 +1,7 @@
 """Faults of a simulated Net F/T box and its network, switched on by a test.
 
 A record is 36 bytes, big-endian: three sequence and status words, then six signed counts (Net F/T
-manual, RDT protocol). `netft_server` puts the box on sockets, `LockstepLink` is the way to it in
+manual, RDT protocol). `served` puts the box on sockets, `LockstepLink` is the way to it in
 virtual time.
 """
 

@@ -32,7 +32,7 @@ def build(mini: tuple[Path, Path], tmp_path: Path) -> Iterator[Callable[[], Devi
         def built() -> Devices:
             rig = of.build(RigSetup(protocol, sensor, recipe, view, 3, tmp_path / "run"))
             held.callback(rig.close)
-            return rig.devices()
+            return rig
 
         yield built
 

@@ -220,7 +220,7 @@ def test_a_calibration_of_weights_knows_the_normal_force_and_no_shear(
     view = VirtualKind(bench, path).camera(by_stage, load_design("deltact"))
     job = RigSetup(by_stage, load_design("deltact"), load_recipe("dense"), view, 0, tmp_path / "v")
     with closing(VirtualRig(bench, job)) as rig:
-        devices = rig.devices()
+        devices = rig
         devices.stage.connect()
         devices.stage.home()
         devices.change_indenter("sphere:15")
