@@ -69,7 +69,9 @@ def job(folder: Path, **more: Any) -> RigSetup:
     return RigSetup(PROTOCOL, design, load_recipe("dense-with-dots"), None, 1, folder, **more)
 
 
-def tooling(it: Bench, folder: Path, operator: TerminalOperator | None = None, **more: Any) -> Tooling:
+def tooling(
+    it: Bench, folder: Path, operator: TerminalOperator | None = None, **more: Any
+) -> Tooling:
     return Tooling(
         job(folder, **more), it.stage, it.clock, it.force, it.guard, TOUCH,
         {"sphere:10": ToolConfig(length_mm=1.0)}, operator,

@@ -21,7 +21,6 @@ from ...record import RunWriter
 from ...units import duration, to_ns
 from ..interface import LIFT_FEED_MM_MIN, Devices, Stage, rise
 from .interrupt import interruptible
-from .lockstep import Lockstep
 from .schedule import DROPPED, LATE, MISSED, TAKEN, UNWRITTEN, Schedule
 from .streams import FrameRequest
 from .wallclock import ThreadedSchedule
@@ -46,7 +45,7 @@ class Runner:
         self._writer = writer
         self._progress = progress or (lambda done, total, what: None)
         self._live = live
-        kind = ThreadedSchedule if devices.wall_clock else Lockstep
+        kind = ThreadedSchedule if devices.wall_clock else Schedule
         self._streams: Schedule = kind(devices, writer, self._tell)
         self._motion = StageMotion(devices.stage, self._streams)
         self._kept = self._total = 0  # frames

@@ -79,6 +79,9 @@ class ThreadedSchedule(Schedule):
         self._d.stage.wait()
         self.check()
 
+    def arrive(self, step: Step, end_ns: int) -> None:
+        self.reach(end_ns)
+
     def complete(self, step: Step) -> None:
         """Wait for the frames, for the force at the last of them, and ask for the pose at its end.
 
