@@ -18,9 +18,8 @@ from ..optics import Fisheye, Pinhole, Rectified, SurfaceLattice
 from ..patterns.raster import albedo
 from ..patterns.recipe import PatternRecipe
 from ..record import lattice_file, lens_file, truth_file
-from ..rig.config import VirtualConfig
+from ..rig.config import SimulatorConfig, VirtualConfig
 from ..rig.interface import CameraFrame, Clock
-from ..rig.simulator import SimulatorConfig
 from ..shapes import SensorDimensions
 from ..units import stream_number
 from .picture import MARGIN_PX, FrameRenderer, Geometry, Texture

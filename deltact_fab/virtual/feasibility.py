@@ -13,7 +13,7 @@ from ..gel.linear.contact import SMALL_STRAIN
 from ..gel.linear.validity import linear_refusal
 from ..levels import LINEAR
 from ..protocols.plan import Protocol
-from ..rig.simulator import GelConfig
+from ..rig.config import GelConfig
 from ..shapes import SensorDimensions, SkinDimensions
 from ..shapes.indenter import parse as parse_indenter
 from .presses import Presses

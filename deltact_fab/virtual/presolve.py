@@ -15,7 +15,7 @@ from ..errors import DeltactFabError
 from ..gel.zones import Zones
 from ..jobs import JobOutcome, run, tell
 from ..protocols.plan import Protocol
-from ..rig.simulator import GelConfig
+from ..rig.config import GelConfig
 from ..shapes import SkinDimensions
 from .presses import PlannedPress, Presses, PressPath, path_of, stored_files
 

@@ -23,7 +23,7 @@ from ..gel.path.open import choose, open_path
 from ..gel.path.solver import PathSolver
 from ..levels import LINEAR
 from ..protocols.plan import Protocol, expand
-from ..rig.simulator import GelConfig
+from ..rig.config import GelConfig
 from ..shapes import SkinDimensions
 from ..shapes.indenter import parse as parse_indenter
 

@@ -30,9 +30,8 @@ from ..files import making, write_whole
 from ..optics import as_toml as camera_toml
 from ..patterns.recipe import PatternRecipe
 from ..record import encode_png
-from ..rig.config import RigConfig
+from ..rig.config import RigConfig, SimulatorConfig
 from ..rig.interface import WallClock
-from ..rig.simulator import SimulatorConfig
 from ..rig.tables import ForceConfig
 from ..shapes import SensorDimensions
 from .bench_face import BenchFace

@@ -13,7 +13,7 @@ from deltact_fab.gel.path.knots import Increments, KnotPose, SolvedKnot
 from deltact_fab.gel.path.mirror import Mirror, to_solved
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.protocols.plan import Protocol
-from deltact_fab.rig.simulator import FiniteGelConfig, GelConfig
+from deltact_fab.rig.config import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 from deltact_fab.virtual.presolve import solve_ahead
