@@ -109,7 +109,7 @@ class RunRequest:
             from ..rig.tool.touch import change_s
 
             change = change_s(rig.stage, rig.touch, self.protocol.motion.park_mm)
-        return limits.estimate(self.protocol, image_px, rig.stage.box, self.steps, pace, change)
+        return limits.estimate(self.protocol, image_px, rig.stage, self.steps, pace, change)
 
     def require(self) -> list[str]:
         """Raise InputError for all that a run is refused for.
@@ -170,7 +170,7 @@ class RunRequest:
         """Every check but that of the forces; check and run ask it alone."""
         protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
         by_stage = protocol.weights is None
-        rows = limits.check(protocol, design, rig.stage.box, self.steps) if by_stage else []
+        rows = limits.check(protocol, design, rig.stage, self.steps) if by_stage else []
         rows += preflight.needs(protocol, self.steps, rig, self.view, self.out)
         refused = kind.refusals(protocol, design, str(self.source))
         rows.append(limits.refusals(kind.part, refused))

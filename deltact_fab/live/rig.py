@@ -70,7 +70,7 @@ class RigSource:
         wanted = protocol.channels & {"image", "shear"}
         request.protocol = protocol = protocol.model_copy(update={"channels": wanted})
         sensor, kind = request.design, request.kind
-        rows = limits.check(protocol, sensor, request.rig.stage.box, request.steps)
+        rows = limits.check(protocol, sensor, request.rig.stage, request.steps)
         rows.append(limits.refusals(kind.part, kind.refusals(protocol, sensor, source)))
         limits.require(rows, source)
         view, flat = request.view, kind.flat(protocol)

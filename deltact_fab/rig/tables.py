@@ -11,7 +11,6 @@ from .tool.config import Tilt
 
 if TYPE_CHECKING:
     from ..optics import StageFrame
-    from ..protocols.limits import StageBox
 
 
 Pixels = Annotated[int, Field(ge=8, le=20_000)]
@@ -295,20 +294,10 @@ class StageConfig(Table):
         return StageFrame(self.origin_machine_mm, self.angle_deg, self.tilt_deg)
 
     @property
-    def box(self) -> StageBox:
-        """What the static checks need to know of this stage."""
-        from ..protocols.limits import StageBox
-
+    def homed_mm(self) -> tuple[float, float, float]:
+        """The ends that it homes to, in machine coordinates."""
         x, y, z = (
             -travel if self.homing_direction_mask >> axis & 1 else 0.0
             for axis, travel in enumerate(self.travel_mm)
         )
-        return StageBox(
-            self.frame,
-            self.travel_mm,
-            self.max_feed_mm_min,
-            self.acceleration_mm_s2,
-            (x, y, z),
-            self.homing_s,
-            self.pull_off_mm,
-        )
+        return x, y, z
