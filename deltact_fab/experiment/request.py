@@ -23,7 +23,6 @@ from ..rig.interface import RigKind, RigSetup
 
 if TYPE_CHECKING:
     from ..optics import CameraModel
-    from ..rig.weights import WeightsKind
 
 _LOG = logging.getLogger(__name__)
 
@@ -57,7 +56,7 @@ class RunRequest:
     rig_path: Path = field(init=False)
     design: Design = field(init=False)
     steps: list[Step] = field(init=False)
-    kind: RigKind | WeightsKind = field(init=False)
+    kind: RigKind = field(init=False)
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -68,12 +67,9 @@ class RunRequest:
         self.steps = plan.expand(self.protocol, self.air)
         self.kind = kind_of(self.rig, self.rig_path)
         if self.protocol.weights is not None and self.rig.kind == "grbl":
-            from ..rig.weights import WeightsKind
-
             for option in ("unattended", "air"):
                 if getattr(self, option):
                     raise InputError(f"--{option}: does not go with weights, which a hand lays on")
-            self.kind = WeightsKind(self.rig, self.rig_path)
 
     @cached_property
     def recipe(self) -> PatternRecipe:

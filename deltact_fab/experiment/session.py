@@ -20,7 +20,7 @@ from ..protocols.plan import Step
 from ..record import RunWriter
 from ..record import open as open_run
 from ..rig.config import RigConfig, VirtualConfig
-from ..rig.interface import Rig, RigSetup
+from ..rig.interface import OpenBench, Rig, RigSetup
 from ..rig.run.runner import Live, Runner
 from ..rig.weights import WeightsBench
 from ..shapes import indenter
@@ -107,7 +107,7 @@ def run(
 
 
 def _carry_out(
-    bench: Rig | WeightsBench, steps: Sequence[Step], writer: RunWriter, progress: Progress | None,
+    bench: OpenBench, steps: Sequence[Step], writer: RunWriter, progress: Progress | None,
     live: Callable[[Live], None] | None,
 ) -> tuple[dict[str, int], float]:  # fmt: skip
     """By the stage, or by a hand that lays weights on: frames late or lost, and the rig's seconds.
@@ -118,6 +118,7 @@ def _carry_out(
     if isinstance(bench, WeightsBench):
         bench.run(steps, writer, progress)
     else:
+        assert isinstance(bench, Rig), "what a hand does not do, a stage does"
         runner = Runner(bench, writer, progress, live)
         runner.run(steps)
         counts = runner.counts()
@@ -140,7 +141,7 @@ def dry_run(request: RunRequest) -> dict[str, Any]:
     return {**asdict(request.estimate()), "devices": lines, "notes": notes}
 
 
-def _answers(seen: Rig | WeightsBench) -> Iterator[str]:
+def _answers(seen: OpenBench) -> Iterator[str]:
     """A line a device: that it answers, and how. Raises InputError, StageError, SensorError.
 
     The stage is connected, its settings are judged; the camera gives an image, the force sensor

@@ -18,7 +18,7 @@ from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
 from .config import GrblConfig
-from .interface import Camera, Rig, RigSetup, WallClock
+from .interface import Camera, OpenBench, Rig, RigSetup, WallClock
 from .stage.grbl import GrblStage
 from .tool.config import TouchConfig
 from .tool.tooling import Tooling
@@ -42,7 +42,9 @@ class GrblKind:
 
     def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """A line for each device that the protocol asks for and the rig has not."""
-        asked, config = protocol.channels, self._config
+        config = self._config
+        # Weights are the force.
+        asked = protocol.channels - ({"force"} if protocol.weights is not None else set())
         lines = [
             f"{source}: channels: {name!r} asked for, and only a virtual rig knows it; remove it"
             for name in sorted(asked & KNOWN_ONLY_SIMULATED)
@@ -74,8 +76,13 @@ class GrblKind:
 
         return flat_field(self._config.camera.model, self._source)
 
-    def build(self, job: RigSetup, progress: Progress | None = None) -> GrblRig:
-        return GrblRig(self._config, self._source.parent, job)
+    def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
+        """A hand lays weights on; a stage does all else."""
+        if job.protocol.weights is None:
+            return GrblRig(self._config, self._source.parent, job)
+        from .weights import WeightsBench
+
+        return WeightsBench(self._config, self._source.parent, job)
 
 
 class GrblRig(Rig):

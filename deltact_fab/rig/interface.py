@@ -318,8 +318,12 @@ class RigSetup:
     """The operator's word that the tip touches nothing when the session begins."""
 
 
-class Rig(Devices, ABC):
+class OpenBench(ABC):
     """All devices of one run. Whoever builds it closes it, however the run ends."""
+
+    clock: Clock
+    camera: Camera | None
+    force: ForceSensor | None
 
     @abstractmethod
     def identity(self) -> dict[str, Any]:
@@ -336,6 +340,10 @@ class Rig(Devices, ABC):
     @abstractmethod
     def close(self) -> None:
         """Close every device, also after one that fails to; again does nothing."""
+
+
+class Rig(Devices, OpenBench):
+    """A bench whose stage carries out the run."""
 
 
 class RigKind(Protocol):
@@ -356,7 +364,7 @@ class RigKind(Protocol):
     def flat(self, protocol: plan.Protocol) -> FlatField | None:
         """How the light falls off in that camera's images, where it is known. Raises InputError."""
 
-    def build(self, job: RigSetup, progress: Progress | None = None) -> Rig:
+    def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
         """Every device of the run, or none: what was opened is closed when another fails.
 
         progress: told of what has to be solved first.

@@ -18,37 +18,14 @@ from ..protocols.plan import Step
 from ..record import Chunk, RunWriter
 from ..record.streams import FORCE_COLUMNS
 from ..units import to_ns
-from .bench import GrblKind
-from .interface import Camera, CameraFrame, RigSetup, WallClock
+from .interface import Camera, CameraFrame, OpenBench, RigSetup, WallClock
 from .tool.operator import TerminalOperator
 
 if TYPE_CHECKING:
-    from ..protocols.plan import Protocol
-    from ..shapes import SensorDimensions
     from .config import GrblConfig
 
 
-class WeightsKind:
-    """A real bench's camera, and a hand. As rig.interface.RigKind, but for what it builds."""
-
-    part = GrblKind.part
-
-    def __init__(self, config: GrblConfig, source: Path) -> None:
-        """source: of the rig file."""
-        self._config, self._source = config, source
-        kind = GrblKind(config, source)
-        self.camera, self.flat, self._refusals = kind.camera, kind.flat, kind.refusals
-
-    def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
-        """As of the bench; the weights are the force."""
-        asked = protocol.model_copy(update={"channels": protocol.channels - {"force"}})
-        return self._refusals(asked, sensor, source)
-
-    def build(self, job: RigSetup, progress: Progress | None = None) -> WeightsBench:
-        return WeightsBench(self._config, self._source.parent, job)
-
-
-class WeightsBench:
+class WeightsBench(OpenBench):
     """Has one weight after the other laid on, and records what is seen of it.
 
     Whoever builds it closes it.

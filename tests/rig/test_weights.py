@@ -24,6 +24,7 @@ from deltact_fab.experiment import RunRequest
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols.plan import DeadWeights, Protocol
 from deltact_fab.rig import config, weights
+from deltact_fab.rig.bench import GrblKind
 from deltact_fab.rig.camera import model as opening
 from deltact_fab.rig.interface import Camera, CameraFrame, Devices, RigSetup, go
 from deltact_fab.rig.tables import CameraConfig
@@ -73,7 +74,7 @@ def weigh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list
         request = RunRequest(str(file), "grbl-bench", tmp_path / "r")
         assert isinstance(request.rig, config.GrblConfig)
         request.rig = request.rig.model_copy(update=own)
-        request.kind = weights.WeightsKind(request.rig, request.rig_path)
+        request.kind = GrblKind(request.rig, request.rig_path)
         request.__dict__["view"] = view
         notes: list[str] = experiment.run(request, resume=True)["notes"]
         return notes
