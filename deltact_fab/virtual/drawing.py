@@ -22,8 +22,7 @@ from ..rig.config import SimulatorConfig, VirtualConfig
 from ..rig.interface import CameraFrame, Clock
 from ..shapes import SensorDimensions
 from ..units import stream_number
-from .picture import MARGIN_PX, FrameRenderer, Geometry, Texture
-from .raw_view import BAND_PX, RawView
+from .picture import BAND_PX, MARGIN_PX, FrameRenderer, Geometry, RawView, Texture
 from .scene import GelScene, LatticeCrop
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..optics import Fisheye, Rectified, camera_from_dict
 from ..rig.camera.model import calibrated, view_notes
 from ..shapes import SensorDimensions
-from .raw_view import BAND_PX
+from .picture import BAND_PX
 
 if TYPE_CHECKING:
     from ..rig.config import VirtualConfig

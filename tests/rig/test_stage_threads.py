@@ -191,7 +191,7 @@ import sys
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.interface import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.rig.run.interrupt import interruptible
+from deltact_fab.rig.run.loop import interruptible
 
 stage = GrblStage(sys.argv[1], WallClock(), StageFrame((0.0, 0.0, 0.0)))
 with interruptible(stage.abort):

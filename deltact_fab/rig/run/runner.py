@@ -20,7 +20,7 @@ from ...protocols.plan import Step
 from ...record import RunWriter
 from ...units import duration, to_ns
 from ..interface import LIFT_FEED_MM_MIN, Devices, Stage, rise
-from .interrupt import interruptible
+from .loop import interruptible
 from .schedule import DROPPED, LATE, MISSED, TAKEN, UNWRITTEN, Schedule
 from .streams import FrameRequest
 from .wallclock import ThreadedSchedule

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 from ...aliases import Vector
 from ...protocols.limits import ends_mm
 from ..interface import DeviceRow
+from ..tables import StageConfig
 from .exchange import OPTIONS
 
 AXES = "XYZ"
@@ -31,20 +31,13 @@ SWITCHES = (  # setting, its lowest bit, what another one means, what to set
 AGAIN = "and connect again"
 
 
-@dataclass(frozen=True)
-class Needs:
-    """What a rig file says of its stage; None: nothing."""
+def judge(
+    settings: Mapping[int, float], info: list[str], stage: StageConfig | None
+) -> list[DeviceRow]:
+    """What is wrong, FAIL or WARN. settings: `$` numbers to values. info: the answer to `$I`.
 
-    travel_mm: Vector | None = None
-    max_feed_mm_min: Vector | None = None
-    acceleration_mm_s2: Vector | None = None
-    direction_mask: int = 0
-    homing_direction_mask: int = 0
-    pull_off_mm: float | None = None
-
-
-def judge(settings: Mapping[int, float], info: list[str], needs: Needs) -> list[DeviceRow]:
-    """What is wrong, FAIL or WARN. settings: `$` numbers to values. info: the answer to `$I`."""
+    stage: as the rig file has it; None: nothing is known of it.
+    """
     wanted = (*WHOLE, *(first + axis for first in BY_AXIS for axis in range(3)))
     missing = [f"${n}" for n in wanted if n not in settings]
     if missing:
@@ -52,8 +45,8 @@ def judge(settings: Mapping[int, float], info: list[str], needs: Needs) -> list[
     options = next((found[1] for line in info if (found := OPTIONS.match(line))), "")
     hal = any("grblHAL" in line for line in info)
     wrong = (
-        *_switches(settings, needs), *_homing(settings, options, hal),
-        *_pull_off(settings, needs), *_numbers(settings, needs),
+        *_switches(settings, stage), *_homing(settings, options, hal),
+        *_pull_off(settings, stage), *_numbers(settings, stage),
     )  # fmt: skip
     return [DeviceRow("stage", "FAIL", text) for text in wrong] + _held(settings)
 
@@ -65,16 +58,15 @@ def refusal(rows: list[DeviceRow]) -> str:
     return failed[0] + more if failed else ""
 
 
-def _switches(s: Mapping[int, float], needs: Needs) -> Iterator[str]:
+def _switches(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[str]:
     for n, bit, wrong, remedy in SWITCHES:
         if int(s[n]) & 1 != bit:
             yield f"${n}={s[n]:g} ({wrong}); set {remedy} {AGAIN}"
-    for n, mask, what, key in (
-        (3, needs.direction_mask, "axes turned round", "direction_mask"),
-        (23, needs.homing_direction_mask, "axes that home at their negative end",
-         "homing_direction_mask"),
-    ):  # fmt: skip
-        found = int(s[n])
+    for n, what, key in (
+        (3, "axes turned round", "direction_mask"),
+        (23, "axes that home at their negative end", "homing_direction_mask"),
+    ):
+        found, mask = int(s[n]), getattr(stage, key, 0)
         if found & 7 != mask:
             yield (
                 f"${n}={found} ({what}: {_axes(found)}), and the rig file says {mask} "
@@ -113,9 +105,9 @@ def _homing(s: Mapping[int, float], options: str, hal: bool) -> Iterator[str]:
         )
 
 
-def _pull_off(s: Mapping[int, float], needs: Needs) -> Iterator[str]:
+def _pull_off(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[str]:
     """A switch trips at the end of the travel: homing must leave the carriage off it."""
-    found, told = s[27], needs.pull_off_mm
+    found, told = s[27], None if stage is None else stage.pull_off_mm
     if not found > 0:
         yield f"$27={found:g} mm; not > 0: homing ends on its switch"
     elif told is not None and found > told + HALF_DIGIT:
@@ -125,17 +117,14 @@ def _pull_off(s: Mapping[int, float], needs: Needs) -> Iterator[str]:
         )
 
 
-def _numbers(s: Mapping[int, float], needs: Needs) -> Iterator[str]:
-    needed = {
-        110: ("max_feed_mm_min", needs.max_feed_mm_min),
-        120: ("acceleration_mm_s2", needs.acceleration_mm_s2),
-        130: ("travel_mm", needs.travel_mm),
-    }
+def _numbers(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[str]:
+    needed = {110: "max_feed_mm_min", 120: "acceleration_mm_s2", 130: "travel_mm"}
     for first, unit in BY_AXIS.items():
-        key, need = needed.get(first, ("", None))
+        key = needed.get(first, "")
+        need: Vector = getattr(stage, key, (0.0, 0.0, 0.0))
         for axis, letter in enumerate(AXES):
             n, found = first + axis, s[first + axis]
-            least = need[axis] if need is not None else 0.0
+            least = need[axis]
             if not found > 0:
                 yield f"${n}={found:g} {unit}; not > 0"
             elif found < least - HALF_DIGIT:

@@ -16,8 +16,7 @@ from ...aliases import Vector
 from ...errors import DeltactFabError, InputError, SensorError, StageError, Stopped
 from ...protocols.motion import plus
 from ..interface import LIFT_FEED_MM_MIN, ForceSensor, Guard, Stage, go
-from ..run.interrupt import interruptible
-from ..run.loop import Watch, watched
+from ..run.loop import Watch, interruptible, watched
 from ..stage.grbl import GrblStage
 
 CLEARANCE_MM = 5.0

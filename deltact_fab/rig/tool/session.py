@@ -24,7 +24,7 @@ from ...shapes import Indenter, SensorDimensions, SkinDimensions
 from ...shapes.indenter import parse as parse_indenter
 from ..config import GrblConfig
 from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Guard, Stage, WallClock
-from ..run.interrupt import interruptible
+from ..run.loop import interruptible
 from ..stage.grbl import GrblStage
 from .config import TouchConfig
 from .feeler import ForceProbe
