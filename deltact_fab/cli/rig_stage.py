@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from typing import TYPE_CHECKING
 
 import click
@@ -16,7 +16,7 @@ from .output import Answer, answers
 
 if TYPE_CHECKING:
     from ..rig.config import GrblConfig
-    from ..rig.interface import ForceSensor, Guard
+    from ..rig.force.watchdog import Watchdog
     from ..rig.stage.grbl import GrblStage
 
 RIG = click.argument("rig", type=NAME_OR_PATH)
@@ -40,7 +40,8 @@ NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
 def status(rig: str) -> Answer:
     """Say what the stage is doing and where it is. Nothing moves."""
     config, stage = _stage(rig)
-    with _connected(stage):
+    with closing(stage):
+        stage.connect()
         return _now(stage, config)
 
 
@@ -63,14 +64,13 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
     question = "homing moves every axis to its end switch; is the path clear?"
     if not (yes or click.confirm(question, err=True)):
         raise RunFailed("not homed")
-    with _connected(stage):
-        with _felt(stage, config) as (force, guard):
-            start_s = time.monotonic()
-            with stopped_by_ctrl_c(stage):
-                how = home_safely(
-                    stage, stage.clock, force, None if yes else TerminalOperator(),
-                    tip_is_clear=tip_is_clear, guard=guard,
-                )  # fmt: skip
+    with _driven(config, stage) as guard:
+        start_s = time.monotonic()
+        with stopped_by_ctrl_c(stage):
+            how = home_safely(
+                stage, stage.clock, guard, None if yes else TerminalOperator(),
+                tip_is_clear=tip_is_clear, guard=guard,
+            )  # fmt: skip
         seconds = time.monotonic() - start_s
         now = _now(stage, config)
     told = [f"{how}; homed in {seconds:.1f} s", *now.lines]
@@ -107,9 +107,9 @@ def jog(
     if by_mm is None:
         return _by_keys(rig, config, stage, into_gel, indenter, design)
     hand.require_short(by_mm, most)  # before a port is opened, which may restart the board
-    with _connected(stage), _felt(stage, config) as (force, guard):
+    with _driven(config, stage) as guard:
         _count(stage)
-        with hand.stopped_by_ctrl_c(stage), watched(stage, stage.clock, force, guard):
+        with hand.stopped_by_ctrl_c(stage), watched(stage, stage.clock, guard, guard):
             hand.jog(stage, by_mm, feed, most_mm=most, clearance_mm=clearance, into_gel=into_gel)
         return _now(stage, config)
 
@@ -131,16 +131,16 @@ def _by_keys(
     source = rigs.load(rig)[1]
     out, operator = Path(f"{source.stem}-registration.toml"), TerminalOperator()
     asked = session.wanted(config, source, load_design(design), indenter)
-    with _connected(stage), _felt(stage, config) as (force, guard), keys() as key:
+    with _driven(config, stage) as guard, keys() as key:
 
         def home() -> str:
             with whole_lines():
-                return home_safely(stage, stage.clock, force, operator, guard=guard) + "; homed"
+                return home_safely(stage, stage.clock, guard, operator, guard=guard) + "; homed"
 
         def register() -> str:
-            if force is None or guard is None:
+            if guard is None:
                 return "registration needs a force sensor"
-            bench = session.GuardedStage(stage.clock, stage, force, guard)
+            bench = session.GuardedStage(stage.clock, stage, guard, guard)
             with whole_lines():
                 found = session.register_face(bench, asked, operator)
             session.write(found, source, out)
@@ -154,7 +154,7 @@ def _by_keys(
 
         others = {"h": home, "r": register}
         with stopped_by_ctrl_c(stage):
-            HandSession(stage, force, guard, key, tell, show, into_gel, others).run()
+            HandSession(stage, guard, guard, key, tell, show, into_gel, others).run()
         click.echo("", err=True)
         return _now(stage, config)
 
@@ -186,14 +186,13 @@ def goto(
     config, stage = _stage(rig)
     if home_first == as_counted:
         raise InputError("give either --home or --as-counted: the stage must know where it is")
-    with _connected(stage):
+    with _driven(config, stage) as guard:
         with hand.stopped_by_ctrl_c(stage):
             if home_first:
-                with _felt(stage, config) as (force, guard):
-                    home_safely(stage, stage.clock, force, None, tip_is_clear=True, guard=guard)
+                home_safely(stage, stage.clock, guard, None, tip_is_clear=True, guard=guard)
             else:
                 _count(stage)
-            with _felt(stage, config) as (force, guard), watched(stage, stage.clock, force, guard):
+            with watched(stage, stage.clock, guard, guard):
                 hand.goto(stage, target_mm, feed, clearance_mm=clearance, into_gel=into_gel)
         return _now(stage, config)
 
@@ -230,27 +229,18 @@ def _stage(name: str) -> tuple[GrblConfig, GrblStage]:
 
 
 @contextmanager
-def _connected(stage: GrblStage) -> Iterator[None]:
-    with closing(stage):
-        stage.connect()
-        yield
-
-
-@contextmanager
-def _felt(
-    stage: GrblStage, config: GrblConfig
-) -> Iterator[tuple[ForceSensor | None, Guard | None]]:
-    """The force sensor of the rig file and the guard on it; None where it names no way to one."""
+def _driven(config: GrblConfig, stage: GrblStage) -> Iterator[Watchdog | None]:
+    """The stage connected, and the guard on the force sensor; None where the file names none."""
     from ..rig.force.watchdog import open_guarded
 
-    if config.force is None or not config.force.reachable:
-        yield None, None
-        return
-    force = open_guarded(config.force, config.guard, stage)
-    try:
-        yield force, force
-    finally:
-        force.close()
+    with ExitStack() as opened:
+        opened.callback(stage.close)
+        stage.connect()
+        guard = None
+        if config.force is not None and config.force.reachable:
+            guard = open_guarded(config.force, config.guard, stage)
+            opened.callback(guard.close)
+        yield guard
 
 
 def _count(stage: GrblStage) -> None:
