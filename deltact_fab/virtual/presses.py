@@ -78,18 +78,10 @@ class Presses:
         self.paths = paths(protocol)
         self.opened: list[PlannedPress] = []
         self._skin = skin
-        finite = config.hyperelastic
-        lattice_mm, self.increments = (
-            (
-                config.spacing_mm or finite.lattice_mm,
-                Increments(config.press_increment_mm, config.shear_increment_mm),
-            )
-            if self.level == LINEAR
-            else (
-                finite.lattice_mm,
-                Increments(finite.press_increment_mm, finite.shear_increment_mm),
-            )
-        )
+        finite, linear = config.hyperelastic, self.level == LINEAR
+        of = config if linear else finite
+        self.increments = Increments(of.press_increment_mm, of.shear_increment_mm)
+        lattice_mm = (config.spacing_mm if linear else None) or finite.lattice_mm
         self._shown = ObservedChannels(
             "all" if self.fields else "none",
             traction=self.tractions,
@@ -99,7 +91,7 @@ class Presses:
             "tolerance": finite.tolerance,
             "level": self.level,
             "observe_shear": self.shears,
-            "spacing_mm": config.spacing_mm if self.level == LINEAR else finite.cell_mm,
+            "spacing_mm": config.spacing_mm if linear else finite.cell_mm,
             "most_unknowns": finite.most_unknowns,
         }
         self._waiting: dict[str, PlannedPress] = {}
