@@ -25,11 +25,7 @@ FEED = click.option(
 )  # fmt: skip
 INTO_GEL = click.option(
     "--into-gel", is_flag=True,
-    help="Allow heights below --clearance; the stage moves slowly there.",
-)  # fmt: skip
-CLEARANCE = click.option(
-    "--clearance", type=Finite(0), default=5.0, metavar="MM",
-    help="Height above the face that is safe.",
+    help="Allow heights below 5 mm over the face; the stage moves slowly there.",
 )  # fmt: skip
 NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
 
@@ -83,7 +79,6 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
 @FEED
 @click.option("--most", type=Finite(0), default=10.0, metavar="MM",
               help="Longest move that is allowed.")  # fmt: skip
-@CLEARANCE
 @INTO_GEL
 @click.option("--indenter", default="sphere:10", metavar="sphere:MM",
               help="The ball that the key r registers with.")  # fmt: skip
@@ -91,7 +86,7 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
 @answers
 def jog(
     rig: str, by_mm: tuple[float, float, float] | None, feed: float, most: float,
-    clearance: float, into_gel: bool, indenter: str, design: str,
+    into_gel: bool, indenter: str, design: str,
 ) -> Answer:  # fmt: skip
     """Move the tip by DX DY DZ mm in the sensor frame, whose z is up, out of the gel.
 
@@ -110,7 +105,7 @@ def jog(
     with _driven(config, stage) as guard:
         _count(stage)
         with hand.stopped_by_ctrl_c(stage), watched(stage, stage.clock, guard, guard):
-            hand.jog(stage, by_mm, feed, most_mm=most, clearance_mm=clearance, into_gel=into_gel)
+            hand.jog(stage, by_mm, feed, most_mm=most, into_gel=into_gel)
         return _now(stage, config)
 
 
@@ -163,7 +158,6 @@ def _by_keys(
 @RIG
 @click.argument("target_mm", type=Finite(), nargs=3, metavar="X Y Z")
 @FEED
-@CLEARANCE
 @INTO_GEL
 @click.option("--as-counted", is_flag=True,
               help="The stage was homed, and not unlocked by $X since.")  # fmt: skip
@@ -171,8 +165,8 @@ def _by_keys(
               help="Home first; you confirm that the tip touches nothing.")  # fmt: skip
 @answers
 def goto(
-    rig: str, target_mm: tuple[float, float, float], feed: float, clearance: float,
-    into_gel: bool, as_counted: bool, home_first: bool,
+    rig: str, target_mm: tuple[float, float, float], feed: float, into_gel: bool,
+    as_counted: bool, home_first: bool,
 ) -> Answer:  # fmt: skip
     """Move the tip to X Y Z mm in the sensor frame, whose z = 0 is the resting face.
 
@@ -193,7 +187,7 @@ def goto(
             else:
                 _count(stage)
             with watched(stage, stage.clock, guard, guard):
-                hand.goto(stage, target_mm, feed, clearance_mm=clearance, into_gel=into_gel)
+                hand.goto(stage, target_mm, feed, into_gel=into_gel)
         return _now(stage, config)
 
 

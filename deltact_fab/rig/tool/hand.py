@@ -45,15 +45,14 @@ def jog(
     feed_mm_min: float = FEED_MM_MIN,
     *,
     most_mm: float = MAX_MM,
-    clearance_mm: float = CLEARANCE_MM,
     into_gel: bool = False,
 ) -> Vector:
     """One straight move by so much (sensor frame); returns where the tip is then.
 
     Raises InputError, with nothing sent, for one that is longer than most_mm or, without into_gel,
-    ends below clearance_mm or goes sideways there; straight up is always allowed.
+    ends below CLEARANCE_MM or goes sideways there; straight up is always allowed.
     """
-    go(stage, *wanted(stage, by_mm, feed_mm_min, most_mm, clearance_mm, into_gel))
+    go(stage, *wanted(stage, by_mm, feed_mm_min, most_mm, into_gel))
     return stage.position_mm()
 
 
@@ -62,7 +61,6 @@ def wanted(
     by_mm: Vector,
     feed_mm_min: float,
     most_mm: float,
-    clearance_mm: float,
     into_gel: bool,
 ) -> tuple[Vector, float]:
     """Where such a jog leads, and how fast; nothing moves. Raises as `jog`."""
@@ -70,9 +68,9 @@ def wanted(
     here = stage.position_mm()
     there = plus(here, by_mm)
     low_mm, up = min(here[2], there[2]), by_mm[0] == by_mm[1] == 0 and by_mm[2] >= 0
-    near = low_mm < clearance_mm and not up
+    near = low_mm < CLEARANCE_MM and not up
     if near and not into_gel:
-        raise InputError(_too_low(low_mm, clearance_mm))
+        raise InputError(_too_low(low_mm))
     return there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
 
 
@@ -91,26 +89,25 @@ def goto(
     target_mm: Vector,
     feed_mm_min: float = FEED_MM_MIN,
     *,
-    clearance_mm: float = CLEARANCE_MM,
     into_gel: bool = False,
 ) -> Vector:
     """To a place (sensor frame): up to the clearance height, sideways, then down.
 
-    Raises InputError, with nothing sent, for one below clearance_mm without into_gel.
+    Raises InputError, with nothing sent, for one below CLEARANCE_MM without into_gel.
     """
     if not all(map(math.isfinite, target_mm)):
         raise InputError(f"X Y Z: {target_mm} mm is not a place")
     x, y, z = target_mm
-    if z < clearance_mm and not into_gel:
-        raise InputError(_too_low(z, clearance_mm))
+    if z < CLEARANCE_MM and not into_gel:
+        raise InputError(_too_low(z))
     here = stage.position_mm()
     if math.dist(here[:2], (x, y)) > SAME_MM:
-        high_mm = max(here[2], clearance_mm)
+        high_mm = max(here[2], CLEARANCE_MM)
         for place in ((here[0], here[1], high_mm), (x, y, high_mm)):
             go(stage, place, feed_mm_min)
-    if z < clearance_mm:
-        if stage.position_mm()[2] > clearance_mm:
-            go(stage, (x, y, clearance_mm), feed_mm_min)
+    if z < CLEARANCE_MM:
+        if stage.position_mm()[2] > CLEARANCE_MM:
+            go(stage, (x, y, CLEARANCE_MM), feed_mm_min)
         feed_mm_min = min(feed_mm_min, NEAR_FEED_MM_MIN)
     go(stage, target_mm, feed_mm_min)
     return stage.position_mm()
@@ -122,9 +119,9 @@ def in_words(position_mm: Vector) -> str:
     return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (sensor)"
 
 
-def _too_low(z_mm: float, clearance_mm: float) -> str:
+def _too_low(z_mm: float) -> str:
     return (
-        f"z = {z_mm:g} mm is below {clearance_mm:g} mm over the face, where the tip may touch the "
+        f"z = {z_mm:g} mm is below {CLEARANCE_MM:g} mm over the face, where the tip may touch the "
         "gel: give --into-gel (slow), or go up first"
     )
 
@@ -206,9 +203,7 @@ class HandSession:
         x, y, z = (self.step_mm * part for part in way)
         stage, clock = self._stage, self._stage.clock
         try:
-            target_mm, feed = wanted(
-                stage, (x, y, z), FEED_MM_MIN, self.step_mm, CLEARANCE_MM, self._into_gel
-            )
+            target_mm, feed = wanted(stage, (x, y, z), FEED_MM_MIN, self.step_mm, self._into_gel)
             end_s = clock.now_s() + stage.start_move(target_mm, feed)
             while clock.now_s() < end_s and not watch.trouble:
                 self._show(self._line(watch, asks=False))
