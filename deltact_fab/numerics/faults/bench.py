@@ -10,6 +10,7 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partialmethod
 from pathlib import Path
 from typing import Any
 
@@ -64,15 +65,8 @@ class NoisyController(GrblController):
         from_ns = to_ns(at_s)
         self._rules += (_Rule(begins, change, from_ns, from_ns + for_s * 1e9, most),)
 
-    def lose(
-        self,
-        begins: bytes = b"",
-        at_s: float = 0.0,
-        for_s: float = math.inf,
-        most: float = math.inf,
-    ) -> None:
-        """The same, and the line is lost."""
-        self.change(lambda line: b"", begins, at_s, for_s, most)
+    lose = partialmethod(change, lambda line: b"")
+    """The same, and the line is lost."""
 
     def invent(self, words: bytes, at_s: float) -> None:
         """At that time the host receives what the controller never sent."""
