@@ -18,8 +18,10 @@ from ..protocols import limits, plan
 from ..protocols.motion import LOCKSTEP, WALL_CLOCK
 from ..protocols.plan import Protocol, Step
 from ..rig import config as rig_config
+from ..rig.bench import GrblKind, undeclared_lengths, unmet
 from ..rig.config import RigConfig
 from ..rig.interface import RigKind, RigSetup
+from ..rig.tool.touch import change_s
 
 if TYPE_CHECKING:
     from ..optics import CameraModel
@@ -102,8 +104,6 @@ class RunRequest:
         image_px = preflight.image_px(self.view, self.rig)
         rig, change = self.rig, 0.0
         if rig.kind == "grbl" and self._touches:
-            from ..rig.tool.touch import change_s
-
             change = change_s(rig.stage, rig.touch, self.protocol.motion.park_mm)
         return limits.estimate(self.protocol, image_px, rig.stage, self.steps, pace, change)
 
@@ -131,8 +131,6 @@ class RunRequest:
         """
         rows = self._rows()
         if self.rig.kind == "grbl" and self._touches:
-            from ..rig.bench import undeclared_lengths
-
             unknown = undeclared_lengths(self.rig, self.protocol)
             what, where = "unknown", "; ".join(unknown)
             rows.append(
@@ -173,8 +171,6 @@ class RunRequest:
         rows.append(limits.refusals("pattern", self._pattern()))
         rows.append(limits.refusals("image format", self._format()))
         if rig.kind == "grbl" and self._touches:
-            from ..rig.bench import unmet
-
             lines = unmet(rig, protocol, design, self.unattended)
             rows.append(limits.refusals("contact", [f"{self.rig_path}: {line}" for line in lines]))
         return rows
@@ -213,8 +209,6 @@ def kind_of(rig: RigConfig, source: Path) -> RigKind:
     source: of the rig file, from which the paths in it count. Raises InputError.
     """
     if rig.kind == "grbl":
-        from ..rig.bench import GrblKind
-
         return GrblKind(rig, source)
     from ..virtual.rig import VirtualKind
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..aliases import Progress
 from ..errors import InputError
@@ -17,15 +17,15 @@ from ..optics import CameraModel, FlatField
 from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
+from .camera.model import flat_field, open_camera, tracked_view, view_notes
 from .config import GrblConfig
+from .force.guard import GuardLimits
+from .force.watchdog import Watchdog, open_guarded
 from .interface import Camera, OpenBench, Rig, RigSetup, WallClock
 from .stage.grbl import GrblStage
 from .tool.config import TouchConfig
 from .tool.tooling import Tooling
 from .tool.touch import MOST, change_s
-
-if TYPE_CHECKING:
-    from .force.watchdog import Watchdog
 
 KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
@@ -65,15 +65,11 @@ class GrblKind:
     def camera(self, protocol: Protocol, sensor: SensorDimensions) -> CameraModel | None:
         if self._config.camera is None or "image" not in protocol.channels:
             return None
-        from .camera.model import tracked_view
-
         return tracked_view(self._config.camera, sensor, self._source)
 
     def flat(self, protocol: Protocol) -> FlatField | None:
         if self._config.camera is None or "image" not in protocol.channels:
             return None
-        from .camera.model import flat_field
-
         return flat_field(self._config.camera.model, self._source)
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
@@ -104,8 +100,6 @@ class GrblRig(Rig):
         self._open.callback(stage.close)
         force: Watchdog | None = None
         if config.force is not None and config.force.reachable:
-            from .force.watchdog import open_guarded
-
             force = open_guarded(config.force, config.guard, stage)
             self._open.callback(force.close)
         elif not job.air:
@@ -116,8 +110,6 @@ class GrblRig(Rig):
         self._tooling = Tooling(job, stage, clock, force, force, config.touch, config.tools)
         camera: Camera | None = None
         if "image" in job.protocol.channels:
-            from .camera.model import open_camera
-
             assert config.camera is not None, "refused without one"
             camera = open_camera(config.camera, folder, clock)
             self._open.callback(camera.close)
@@ -147,8 +139,6 @@ class GrblRig(Rig):
     def notes(self) -> list[str]:
         lines = []
         if self.camera is not None:
-            from .camera.model import view_notes
-
             lines += view_notes(self._job.view, self._job.recipe.patch_mm)
         if self._job.air and len(self._job.protocol.indenters) > 1:
             lines.append("no indenter was changed: nothing was touched")
@@ -233,8 +223,6 @@ def _outside(touch: TouchConfig, protocol: Protocol, sensor: SensorDimensions) -
 
 
 def _above_the_guard(config: GrblConfig, touch: TouchConfig) -> list[str]:
-    from .force.guard import GuardLimits
-
     assert config.force is not None
     try:
         limits = GuardLimits.of(config.guard, config.force)

@@ -18,6 +18,7 @@ from ..protocols.plan import Step
 from ..record import Chunk, RunWriter
 from ..record.streams import FORCE_COLUMNS
 from ..units import to_ns
+from .camera.model import open_camera
 from .interface import Camera, CameraFrame, OpenBench, RigSetup, WallClock
 from .tool.operator import TerminalOperator
 
@@ -40,8 +41,6 @@ class WeightsBench(OpenBench):
         self.camera: Camera | None = None
         self.force = None
         if "image" in job.protocol.channels:
-            from .camera.model import open_camera
-
             assert config.camera is not None, "refused without one"
             self.camera = open_camera(config.camera, folder, self.clock)
 

@@ -25,7 +25,6 @@ from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols.plan import DeadWeights, Protocol
 from deltact_fab.rig import config, weights
 from deltact_fab.rig.bench import GrblKind
-from deltact_fab.rig.camera import model as opening
 from deltact_fab.rig.interface import Camera, CameraFrame, Devices, RigSetup, go
 from deltact_fab.rig.tables import CameraConfig
 from deltact_fab.virtual.rig import VirtualKind, VirtualRig
@@ -67,7 +66,7 @@ def weigh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list
     ) -> list[str]:
         """A run of it by this hand, taken up where there is one; its notes."""
         monkeypatch.setattr(weights, "TerminalOperator", lambda: hand)
-        monkeypatch.setattr(opening, "open_camera", lambda *about: lens)
+        monkeypatch.setattr(weights, "open_camera", lambda *about: lens)
         file = tmp_path / "w.toml"
         if not file.exists():
             file.write_text(as_toml(of.model_dump(mode="json", exclude_unset=True)))

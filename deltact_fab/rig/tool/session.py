@@ -23,6 +23,7 @@ from ...optics import StageFrame
 from ...shapes import Indenter, SensorDimensions, SkinDimensions
 from ...shapes.indenter import parse as parse_indenter
 from ..config import GrblConfig
+from ..force.watchdog import open_guarded
 from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Guard, Stage, WallClock
 from ..run.loop import interruptible
 from ..stage.grbl import GrblStage
@@ -52,8 +53,6 @@ def homed(
     Raises InputError for a rig without a force sensor, and whatever the devices raise; Stopped
     when the operator interrupts.
     """
-    from ..force.watchdog import open_guarded
-
     if config.force is None or not config.force.reachable:
         raise InputError(
             f"{source}: force: no way to a force sensor, and nothing else keeps the tip from "
