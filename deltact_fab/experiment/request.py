@@ -6,13 +6,13 @@ import logging
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .. import preflight, record
 from ..aliases import Progress
 from ..cad.design import load_design
 from ..cad.dimensions import Design
 from ..errors import InputError, MissingLibrary
+from ..optics import CameraModel
 from ..patterns.recipe import PatternRecipe, load_recipe
 from ..protocols import limits, plan
 from ..protocols.motion import LOCKSTEP, WALL_CLOCK
@@ -22,9 +22,6 @@ from ..rig.bench import GrblKind, undeclared_lengths, unmet
 from ..rig.config import RigConfig
 from ..rig.interface import RigKind, RigSetup
 from ..rig.tool.touch import change_s
-
-if TYPE_CHECKING:
-    from ..optics import CameraModel
 
 _LOG = logging.getLogger(__name__)
 

@@ -14,6 +14,7 @@ from ..errors import DeltactFabError, InputError, SensorError
 from .camera.model import calibrated, open_camera, raw_size_px
 from .config import GrblConfig
 from .force.guard import GuardLimits
+from .force.rdt import fetch
 from .force.watchdog import open_force
 from .interface import Camera, DeviceRow, ForceSensor, WallClock
 from .stage.grbl import GrblStage
@@ -207,8 +208,6 @@ def _page(config: ForceConfig) -> Iterator[DeviceRow]:
     """What the box says of itself, against the rig file. Raises SensorError, InputError."""
     if config.netft is None:
         return
-    from .force.rdt import fetch
-
     s = fetch(config.netft)
     about = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in s.about)
     yield _row("force", True, f"{config.netft.host}: transducer {s.serial}, {about}")

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from ..configuration import Place, Table
+from ..optics import StageFrame
 from .tool.config import Tilt
-
-if TYPE_CHECKING:
-    from ..optics import StageFrame
-
 
 Pixels = Annotated[int, Field(ge=8, le=20_000)]
 Control = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]
@@ -289,8 +286,6 @@ class StageConfig(Table):
 
     @property
     def frame(self) -> StageFrame:
-        from ..optics import StageFrame
-
         return StageFrame(self.origin_machine_mm, self.angle_deg, self.tilt_deg)
 
     @property

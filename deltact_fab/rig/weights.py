@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,11 +19,9 @@ from ..record import Chunk, RunWriter
 from ..record.streams import FORCE_COLUMNS
 from ..units import to_ns
 from .camera.model import open_camera
+from .config import GrblConfig
 from .interface import Camera, CameraFrame, OpenBench, RigSetup, WallClock
 from .tool.operator import TerminalOperator
-
-if TYPE_CHECKING:
-    from .config import GrblConfig
 
 
 class WeightsBench(OpenBench):

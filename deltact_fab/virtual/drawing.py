@@ -7,10 +7,11 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..aliases import Field
 from ..errors import RunFailed
 from ..files import write_whole
 from ..imaging import ImageSensor, Printer
@@ -24,10 +25,6 @@ from ..shapes import SensorDimensions
 from ..units import stream_number
 from .picture import BAND_PX, MARGIN_PX, FrameRenderer, Geometry, RawView, Texture
 from .scene import GelScene, LatticeCrop
-
-if TYPE_CHECKING:
-    from ..aliases import Field
-
 
 RESTING_MM = 1.0  # between the nodes of a face that does not move
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from ..elasticity import edge_compliance
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..gel.finite.material import MAX_POISSON
+from ..gel.level import Choice
 from ..gel.linear.contact import SMALL_STRAIN
 from ..gel.linear.validity import linear_refusal
 from ..levels import LINEAR
@@ -17,9 +17,6 @@ from ..rig.config import GelConfig
 from ..shapes import SensorDimensions, SkinDimensions
 from ..shapes.indenter import parse as parse_indenter
 from .presses import Presses
-
-if TYPE_CHECKING:
-    from ..gel.level import Choice
 
 
 def unanswered(

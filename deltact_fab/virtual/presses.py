@@ -11,12 +11,13 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .. import cache
 from ..aliases import Field, Point
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
+from ..gel.level import Choice, Level
 from ..gel.path import store
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, KnotPose, ObservedChannels, divide
 from ..gel.path.open import choose, open_path
@@ -26,10 +27,6 @@ from ..protocols.plan import Protocol, expand
 from ..rig.config import GelConfig
 from ..shapes import SkinDimensions
 from ..shapes.indenter import parse as parse_indenter
-
-if TYPE_CHECKING:
-    from ..gel.level import Choice, Level
-
 
 SAME_MM = 2e-3  # a point of the stage is the plan's within a motor step and its rounding
 

@@ -29,6 +29,7 @@ from ..interface import Clock, ForceSamples, ForceSensor, Stage, WallClock
 from ..tables import ForceConfig, GuardConfig
 from .guard import ForceGuard, GuardLimits, Trip
 from .netft import SILENT_S, NetFTSensor
+from .rdt import RdtLink, fetch
 
 ANSWER_S = 10.0
 END_S = 2.0
@@ -59,8 +60,6 @@ def open_force(config: ForceConfig, clock: Clock) -> ForceSensor:
     MissingLibrary.
     """
     if config.netft is not None:
-        from .rdt import RdtLink, fetch
-
         return NetFTSensor(RdtLink(config.netft, fetch(config.netft)), clock, config.netft.silent_s)
     if config.serial is not None:
         from .scale import SerialScale

@@ -22,12 +22,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...aliases import Vector
 from ...optics import StageFrame
 from ...units import to_ns
 from ..interface import Clock, DeviceRow, StageState
+from ..tables import StageConfig
 from . import jogs
 from .controller import JOG_CANCEL, Controller
 from .exchange import BANNER, RESET, SETTING, TalkFault, state_in_words
@@ -36,9 +37,6 @@ from .settings import Limits, judge, refusal
 
 RESCUE_S = 10.0  # so long after a fault a controller may answer again
 CLEAR_MM = 1.0  # over the face, where the gel is expected: nothing is touched
-
-if TYPE_CHECKING:
-    from ..tables import StageConfig
 
 
 class GrblStage:

@@ -11,22 +11,19 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from ... import reading
 from ...errors import InputError, RunFailed
 from ...files import write_whole
+from ...optics import StageFrame
 from ...shapes.indenter import parse as parse_indenter
 from ..interface import Clock, ForceSensor, Guard, RigSetup, Stage, go
 from .config import ToolConfig, TouchConfig
 from .feeler import ForceProbe
 from .operator import TerminalOperator, clear_the_face, confirm
 from .touch import TRAVEL_FEED_MM_MIN, FaceTouch, ForceTouch
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from ...optics import StageFrame
 
 KEPT = "tool.json"
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +21,9 @@ from ...protocols.motion import WALL_CLOCK, move_duration_s
 from ...shapes import Indenter
 from ...shapes.tips import EllipsoidTip, SphereTip
 from ..interface import go, rise
+from ..tables import StageConfig
 from .config import TouchConfig
 from .feeler import LOOK_S, MEAN_S, SETTLE_S, TARE_S, ForceProbe
-
-if TYPE_CHECKING:
-    from ..tables import StageConfig
-
 
 STRIDE_MM = 0.5
 STEP_MM = 0.01
