@@ -24,6 +24,8 @@ from .tool.config import RegistrationFile, ToolConfig, TouchConfig, named_tools
 
 Off = Annotated[float, Field(ge=-20, le=20)]  # mm
 Askew = Annotated[float, Field(ge=-5, le=5)]
+Tools = Annotated[dict[str, ToolConfig], AfterValidator(named_tools)]
+TOOLS = {"sphere:10": {"length_mm": 0.0}}
 
 
 class SimulatedCameraConfig(Table):
@@ -168,10 +170,6 @@ class SimulatorConfig(Table):
     gel: GelConfig = GelConfig()
     mount: MountConfig = MountConfig()
     realtime: GoneConfig = GoneConfig()
-
-
-Tools = Annotated[dict[str, ToolConfig], AfterValidator(named_tools)]
-TOOLS = {"sphere:10": {"length_mm": 0.0}}
 
 
 class VirtualConfig(Table):

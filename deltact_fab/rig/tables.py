@@ -16,6 +16,11 @@ Word = Annotated[str, Field(min_length=1, max_length=4096)]
 DEVICE_FOLDER = "/dev/"
 COMMAND = ["gst-launch-1.0", "-q", "nvarguscamerasrc", "!", "...", "!", "fdsink"]
 LOCKS = ("exposure", "gain", "white_balance_k", "autofocus")
+Force = Annotated[float, Field(gt=0, le=100_000)]  # N
+Torque = Annotated[float, Field(gt=0, le=10_000_000)]  # N mm
+Travel = Annotated[float, Field(ge=1, le=10_000)]  # mm
+Feed = Annotated[float, Field(ge=1, le=100_000)]  # mm/min
+Acceleration = Annotated[float, Field(ge=0.1, le=100_000)]  # mm/s2
 
 
 class CameraFile(Table):
@@ -110,10 +115,6 @@ class CameraConfig(Table):
                     "set it where the images come from"
                 )
         return self
-
-
-Force = Annotated[float, Field(gt=0, le=100_000)]  # N
-Torque = Annotated[float, Field(gt=0, le=10_000_000)]  # N mm
 
 
 class NetFTConfig(Table):
@@ -224,11 +225,6 @@ class GuardConfig(Table):
         if self.force_n is not None and self.axes_n is not None:
             raise ValueError("force_n is for all axes, axes_n for each: give one of them")
         return self
-
-
-Travel = Annotated[float, Field(ge=1, le=10_000)]  # mm
-Feed = Annotated[float, Field(ge=1, le=100_000)]  # mm/min
-Acceleration = Annotated[float, Field(ge=0.1, le=100_000)]  # mm/s2
 
 
 class StageConfig(Table):

@@ -27,6 +27,7 @@ from .picture import BAND_PX, MARGIN_PX, FrameRenderer, Geometry, RawView, Textu
 from .scene import GelScene, LatticeCrop
 
 RESTING_MM = 1.0  # between the nodes of a face that does not move
+Seen = tuple[int, int, float]  # between which knots, and how far from the first
 
 
 def crop_of(
@@ -87,9 +88,6 @@ def printed(
 def noise_of(seed: int, stream: int) -> np.random.Generator:
     """The camera's noise in one press, by the number of its name: it does not know the others."""
     return np.random.default_rng(np.random.SeedSequence([seed, 2, stream]))
-
-
-Seen = tuple[int, int, float]  # between which knots, and how far from the first
 
 
 class VirtualCamera:

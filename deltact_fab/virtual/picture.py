@@ -30,6 +30,11 @@ from ..optics import (
 
 BAND_PX = 40
 """Drawn around the tracked view, for a calibration that is a little off; the rest stays dark."""
+MARGIN_PX = 64
+TOLERANCE_PX = 2e-3
+FIXED_POINT_ITERATIONS = 6
+NEWTON_ITERATIONS = 40
+MAX_STEP_PX = 8.0
 
 
 class RawView:
@@ -78,13 +83,6 @@ class RawView:
         )
         whole[at] = radiance * self._seen
         return whole
-
-
-MARGIN_PX = 64
-TOLERANCE_PX = 2e-3
-FIXED_POINT_ITERATIONS = 6
-NEWTON_ITERATIONS = 40
-MAX_STEP_PX = 8.0
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from ..shapes import SkinDimensions
 from ..shapes.indenter import parse as parse_indenter
 
 SAME_MM = 2e-3  # a point of the stage is the plan's within a motor step and its rounding
+REST_GROWTH = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,9 +149,6 @@ def path_of(presses: Presses, name: str) -> PressPath:
             return path
     known = ", ".join(path.press for path in presses.paths)
     raise InputError(f"no press {name!r}; valid: {known}")
-
-
-REST_GROWTH = 1.5
 
 
 @dataclass(frozen=True)

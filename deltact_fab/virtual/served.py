@@ -42,6 +42,9 @@ from .netft import BoxFaults, NetFTBox, Wrenches
 from .pty import PtyCable
 
 WAKE_S = 0.05  # how long a command or the end of the server may wait at most
+RIG, CAMERA, IMAGES = "rig.toml", "camera.toml", "images"
+RATE_HZ = 10.0
+SILENT_S = 1.0  # a busy computer keeps the simulated box from running for a while
 
 
 class NetFTServer(AbstractContextManager["NetFTServer"]):
@@ -167,11 +170,6 @@ def _page(box: NetFTBox, serial: str) -> dict[str, str]:
         "mfgdigsn": "SIM1",
         "mfgdigver": "2.2.59",
     }
-
-
-RIG, CAMERA, IMAGES = "rig.toml", "camera.toml", "images"
-RATE_HZ = 10.0
-SILENT_S = 1.0  # a busy computer keeps the simulated box from running for a while
 
 
 @contextmanager

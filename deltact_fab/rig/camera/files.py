@@ -19,6 +19,8 @@ from .stream import ArrivedImage
 IMAGE_NAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 ASSUMED_HZ = 30.0
 """Of images that come without times."""
+OPEN_MS = 10_000
+READ_MS = 2_000
 
 
 class Folder:
@@ -127,10 +129,6 @@ def images_of(path: Path) -> Images:
     if path.is_dir():
         return Folder(path)
     return Stack(path) if path.suffix == ".npy" else Video(path)
-
-
-OPEN_MS = 10_000
-READ_MS = 2_000
 
 
 class UrlFeed:

@@ -27,6 +27,20 @@ ERROR = 1 << 31  # status word, bit 31: any error of the unit
 SILENT_S = 0.05  # a sensor that says nothing for so long has failed
 LATE_NS = 20_000_000  # a record so much later than its number says is told of
 DRIFT = 2e-4  # the box's clock and the host's differ by less: two quartzes of 100 ppm
+TELL_NS = 1_000_000_000  # a box that repeats every record must not fill the journal
+TEXTS = {
+    "gap": "{n} force samples are missing",
+    "late": "{n} force samples came late, by up to {worst:.0f} ms",
+    "duplicate": "{n} force records came twice",
+    "order": "{n} force records came after younger ones and were left out",
+    "garbage": "{n} pieces of garbage came instead of force records",
+    "overrun": "{n} force records were thrown away unread: the host was too slow",
+    "saturation": "{n} force samples are saturated",
+    "error": "{n} force records carried the error bit: no readings",
+    "behind": "{n} times the newest force sample was old when it was looked at, by up to "
+    "{worst:.0f} ms",
+    "silence": "no force sample came in time, {n} times",
+}
 
 
 @dataclass(frozen=True)
@@ -207,22 +221,6 @@ class NetFTSensor:
         t_ns = np.maximum(t_ns, self._last_ns + 1 + np.arange(len(t_ns)))
         self._last_ns = int(t_ns[-1])
         return t_ns, late_ns
-
-
-TELL_NS = 1_000_000_000  # a box that repeats every record must not fill the journal
-TEXTS = {
-    "gap": "{n} force samples are missing",
-    "late": "{n} force samples came late, by up to {worst:.0f} ms",
-    "duplicate": "{n} force records came twice",
-    "order": "{n} force records came after younger ones and were left out",
-    "garbage": "{n} pieces of garbage came instead of force records",
-    "overrun": "{n} force records were thrown away unread: the host was too slow",
-    "saturation": "{n} force samples are saturated",
-    "error": "{n} force records carried the error bit: no readings",
-    "behind": "{n} times the newest force sample was old when it was looked at, by up to "
-    "{worst:.0f} ms",
-    "silence": "no force sample came in time, {n} times",
-}
 
 
 class NoteCounts:

@@ -33,6 +33,11 @@ MOST = 1000  # records that are taken at once: the guard looks in between
 # Of Linux; the same numbers on x86 and ARM, and in what comes with a record.
 STAMPED, DROPPED = 35, 40  # SO_TIMESTAMPNS, SO_RXQ_OVFL
 STAMP, COUNT = struct.Struct("@ll"), struct.Struct("@I")
+MAX_BYTES = 1 << 18
+ANSWER_S = 3.0
+# Newtons in a unit of force, newton millimetres in a unit of torque, as the box writes them.
+FORCE_N = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605}
+TORQUE_NMM = {"Nmm": 1.0, "Nm": 1e3, "kNm": 1e6, "kgcm": 98.0665, "kgfcm": 98.0665}
 
 
 class RdtLink:
@@ -180,12 +185,7 @@ class RdtLink:
             raise SensorError(f"{self._where}: {why}") from why
 
 
-MAX_BYTES = 1 << 18
-ANSWER_S = 3.0
-# Newtons in a unit of force, newton millimetres in a unit of torque, as the box writes them.
-FORCE_N = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605}
 FORCE_N |= {"kg": 9.80665, "kgf": 9.80665}
-TORQUE_NMM = {"Nmm": 1.0, "Nm": 1e3, "kNm": 1e6, "kgcm": 98.0665, "kgfcm": 98.0665}
 TORQUE_NMM |= {"lbfin": 112.9848290276167, "lbfft": 1355.8179483314004}
 
 

@@ -24,6 +24,9 @@ _LAST_WORDS = (
     b"is lost; the tip may be in the gel\n"
 )
 _SHOW_CURSOR = b"\x1b[?25h\n"  # a progress bar hides it
+NAME = "force sensor"
+ANSWER_S = 10.0
+END_S = 5.0
 
 
 @contextmanager
@@ -127,11 +130,6 @@ class Loop:
                 done.set_result(None)
             except BaseException as why:
                 done.set_exception(why)
-
-
-NAME = "force sensor"
-ANSWER_S = 10.0
-END_S = 5.0
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,8 @@ from .streams import FrameRequest
 from .wallclock import ThreadedSchedule
 
 GO_ON = "complete presses are kept: go on with --resume"
+PRIOR_S = 10.0  # so much of the plan is believed before anything was measured
+START_MM = 0.5  # a simulated step in the gel takes as long as so much more way: measured
 
 
 class Runner:
@@ -153,10 +155,6 @@ class Runner:
         ):
             with suppress(DeltactFabError):
                 keep()
-
-
-PRIOR_S = 10.0  # so much of the plan is believed before anything was measured
-START_MM = 0.5  # a simulated step in the gel takes as long as so much more way: measured
 
 
 @dataclass(frozen=True)

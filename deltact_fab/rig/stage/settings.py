@@ -29,6 +29,8 @@ SWITCHES = (  # setting, its lowest bit, what another one means, what to set
     (22, 1, "homing is off", "$22=1"),
 )
 AGAIN = "and connect again"
+HOMING_MARGIN_S = 10.0
+ROUNDING_MM = 0.002  # of a step and of three decimals
 
 
 def judge(
@@ -148,10 +150,6 @@ def _held(s: Mapping[int, float]) -> list[DeviceRow]:
 
 def _axes(mask: int) -> str:
     return ", ".join(letter for axis, letter in enumerate(AXES) if mask >> axis & 1) or "none"
-
-
-HOMING_MARGIN_S = 10.0
-ROUNDING_MM = 0.002  # of a step and of three decimals
 
 
 class Limits:

@@ -25,6 +25,15 @@ FEED_MM_MIN = 300.0
 NEAR_FEED_MM_MIN = 30.0
 """Below the clearance height."""
 SAME_MM = 2e-3
+STEPS_MM = (0.02, 0.1, 1.0, 10.0)
+EASE_MM = 2.0  # up, after the guard has stopped it
+TELL_S = 0.2
+HELP = (
+    "arrows: x and y   page up, u / page down, d: z   1 2 3 4: steps of .02, .1, 1, 10 mm   "
+    "space: stop\nh: home   o: the tip stands at the origin   r: register the face   q: end"
+)
+Key = Callable[[float], str]
+"""Waits so long (s) for a key: its name, "" where none came."""
 
 
 @contextmanager
@@ -126,19 +135,10 @@ def _too_low(z_mm: float) -> str:
     )
 
 
-STEPS_MM = (0.02, 0.1, 1.0, 10.0)
-EASE_MM = 2.0  # up, after the guard has stopped it
-TELL_S = 0.2
 MOVES: dict[str, Vector] = {
     "left": (-1, 0, 0), "right": (1, 0, 0), "down": (0, -1, 0), "up": (0, 1, 0),
     "page up": (0, 0, 1), "page down": (0, 0, -1), "u": (0, 0, 1), "d": (0, 0, -1),
 }  # fmt: skip
-HELP = (
-    "arrows: x and y   page up, u / page down, d: z   1 2 3 4: steps of .02, .1, 1, 10 mm   "
-    "space: stop\nh: home   o: the tip stands at the origin   r: register the face   q: end"
-)
-Key = Callable[[float], str]
-"""Waits so long (s) for a key: its name, "" where none came."""
 
 
 class HandSession:

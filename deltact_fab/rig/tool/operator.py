@@ -17,6 +17,12 @@ from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Guard, Stage
 from ..run.loop import watched
 
 TRIES = 5
+LIFT_MM = 25.0
+STANDING_S = 0.1
+CONTACT_N = 0.3
+"""More than this, on the tare of whoever measured last, is a tip that touches or a sensor that was
+never tared: both are for the operator to see."""
+CLEAR = "clear"
 
 
 class TerminalOperator:
@@ -46,14 +52,6 @@ def confirm(operator: TerminalOperator, name: str, what: str) -> None:
             return
         operator.tell(f"that was {answer!r}, not {name!r}")
     raise RunFailed(f"{name}: not confirmed in {TRIES} answers")
-
-
-LIFT_MM = 25.0
-STANDING_S = 0.1
-CONTACT_N = 0.3
-"""More than this, on the tare of whoever measured last, is a tip that touches or a sensor that was
-never tared: both are for the operator to see."""
-CLEAR = "clear"
 
 
 def clear_the_face(

@@ -33,6 +33,12 @@ from .operator import LIFT_MM, TerminalOperator, confirm, home_safely
 from .tooling import raised
 from .touch import FaceTouch, ForceTouch, powers_of
 
+MAX_TILT_DEG = 2.0
+MAX_RESIDUAL_MM = 0.1
+REACH = 0.7  # of what the face leaves to the indenter's middle
+MIN_AREA = 0.05  # of the face, of the largest triangle among the places
+Place = tuple[float, float]
+
 
 @dataclass
 class GuardedStage:
@@ -135,14 +141,6 @@ def write(registration: Registration, rig: Path, out: Path) -> None:
     """Keep it in a file. Raises RunFailed when the disk refuses."""
     date = datetime.now(UTC).isoformat(timespec="seconds")
     write_whole(out, registration.toml(rig.name, date).encode())
-
-
-MAX_TILT_DEG = 2.0
-MAX_RESIDUAL_MM = 0.1
-REACH = 0.7  # of what the face leaves to the indenter's middle
-MIN_AREA = 0.05  # of the face, of the largest triangle among the places
-
-Place = tuple[float, float]
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,8 @@ TRAVEL_FEED_MM_MIN = 300.0
 NOISES = 5.0  # of the sensor, below the threshold
 ENOUGH = 3  # poses below the face
 MOST = 5.0  # times the threshold: no deeper, however few the poses
+CANDIDATES = 200
+ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -244,10 +246,6 @@ class ForceTouch:
         except DeltactFabError as why:
             return f"the tip could NOT be lifted: {why}"
         return "the tip was lifted"
-
-
-CANDIDATES = 200
-ROUNDS = 4
 
 
 @dataclass(frozen=True)
