@@ -44,12 +44,12 @@ SETTINGS |= {110: 6000, 111: 6000, 112: 6000}
 
 def serve(rate_hz: float) -> None:
     """Print the ports, then for every line "over" what became of it: ns of record and byte."""
-    from deltact_fab.rig.clock import WallClock
     from deltact_fab.rig.config import ForceConfig
     from deltact_fab.rig.force.watchdog import run_first
+    from deltact_fab.rig.interface import WallClock
     from deltact_fab.virtual.controller import GrblController
-    from deltact_fab.virtual.netft_server import NetFTServer
     from deltact_fab.virtual.pty import PtyCable
+    from deltact_fab.virtual.served import NetFTServer
 
     over = threading.Event()
     stopped = threading.Event()
@@ -164,12 +164,11 @@ def measure(
     silent_s: see `NetFTConfig`.
     """
     from deltact_fab.optics import StageFrame
-    from deltact_fab.rig.clock import WallClock
     from deltact_fab.rig.config import ForceConfig
-    from deltact_fab.rig.force.config import GuardConfig, NetFTConfig
     from deltact_fab.rig.force.watchdog import open_guarded
-    from deltact_fab.rig.interface import ForceSamples
+    from deltact_fab.rig.interface import ForceSamples, WallClock
     from deltact_fab.rig.stage.grbl import GrblStage
+    from deltact_fab.rig.tables import GuardConfig, NetFTConfig
 
     clock, draw = WallClock(), random.Random(seed)
     whole, decided = [], []

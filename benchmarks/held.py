@@ -14,7 +14,7 @@ from deltact_fab.gel.level import Reach
 from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.open import contact_of
 from deltact_fab.numerics.engines.gel_press import rms_mm
-from deltact_fab.rig.simulator import FiniteGelConfig
+from deltact_fab.rig.config import FiniteGelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 

@@ -40,7 +40,7 @@ PACED_HZ = 60.0
 PROTOCOL, RIG = "deep-drag", "fisheye"
 RATE_HZ = 3.0  # enough frames of the shipped protocol
 PATTERNS = {"0.15/0.1": (0.15, 0.1), "0.075/0.6": (0.075, 0.6)}
-DRAWN_BY = ("virtual.devices", "virtual.presses", "imaging", "patterns.raster")
+DRAWN_BY = ("virtual.drawing", "virtual.presses", "imaging", "patterns.raster")
 # case: outputs, goal in images a second
 CASES: dict[str, tuple[tuple[str, ...], float]] = {
     "everything": (("flow", "shape", "contacts", "force", "traction"), 60.0),

@@ -13,7 +13,7 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.patterns import load_recipe
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config
-from deltact_fab.rig.run import live
+from deltact_fab.rig.run import runner
 from deltact_fab.virtual.served import served
 
 STEPS = """
@@ -71,8 +71,8 @@ def test_what_is_left_of_a_simulated_run_is_told_within_a_factor_of_two(
         wall_s.append(solved_s * (1 + (presses[step.indenter] == step.press)) + 0.1 * step.frames)
         at_mm = step.target_mm
     now_s, end_s = 0.0, sum(wall_s)
-    monkeypatch.setattr(live.time, "monotonic", lambda: now_s)
-    left = live.Remaining(steps, range(len(steps)), wall_clock=False)
+    monkeypatch.setattr(runner.time, "monotonic", lambda: now_s)
+    left = runner.Remaining(steps, range(len(steps)), wall_clock=False)
     looked = 0
     for i, took_s in enumerate(wall_s):
         now_s += took_s

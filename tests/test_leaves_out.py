@@ -46,7 +46,7 @@ LENS = """
 [virtual.lens]
 f_px = 390.0
 """
-THROUGH = ("deltact_fab.virtual.lens", "deltact_fab.virtual.raw_view")
+THROUGH = ("deltact_fab.virtual.lens", "deltact_fab.virtual.picture")
 SCENES = {
     "force": ('["force"]', ""),
     "force and shear": ('["force", "shear"]', SHEAR),
@@ -120,13 +120,13 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     from deltact_fab.gel.linear import contact
     from deltact_fab.measure.dots import DotTracker
     from deltact_fab.rig.force import netft as force
-    from deltact_fab.virtual import netft, picture, raw_view
+    from deltact_fab.virtual import netft, picture
 
     calls: Counter[str] = Counter()
     for owner, name, label in (
         (picture.FrameRenderer, "render", "render"),
         (picture.FrameRenderer, "__init__", "picture"),
-        (raw_view.RawView, "__init__", "raw view"),
+        (picture.RawView, "__init__", "raw view"),
         (optics.Rectified, "maps", "maps"),
         (imaging.Printer, "print_", "print"),
         (imaging.Exposure, "expose", "expose"),
@@ -227,7 +227,7 @@ write("run", Path("page.html"), result)
 """,
         cwd=tmp_path,
     )
-    assert run == {"cv2", "scipy.interpolate", "deltact_fab.virtual.raw_view"}
+    assert run == {"cv2", "scipy.interpolate", "deltact_fab.virtual.picture"}
     assert not analysed & {*CAD, *PAGES}
     assert {"matplotlib", "jinja2"} <= reported
     assert not reported & {*CAD}

@@ -18,9 +18,9 @@ from pathlib import Path
 
 from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
-from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.interface import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.rig.stage.settings import Needs
+from deltact_fab.rig.tables import StageConfig
 
 from . import dead_man
 
@@ -30,7 +30,10 @@ SETTINGS = {
     111: 1500, 112: 1200, 120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60, 23: 0,
 }  # fmt: skip
 LAST = {21: 1, 20: 1}  # they need homing
-NEEDS = Needs((120.0,) * 2 + (60.0,), (1500.0, 1500.0, 1200.0), (50.0,) * 3, 0, 0, 1.0)
+NEEDS = StageConfig(
+    origin_machine_mm=(0.0,) * 3, travel_mm=(120.0, 120.0, 60.0),
+    max_feed_mm_min=(1500.0, 1500.0, 1200.0), acceleration_mm_s2=(50.0,) * 3,
+)  # fmt: skip
 EDITS = (
     ("src/grbl_interface.c", "    print_steps(0);",
      "    extern void carriage_tick (void);\n    carriage_tick();\n    print_steps(0);"),
@@ -147,7 +150,7 @@ def beliefs(program: list[Path | str], folder: Path) -> Iterator[tuple[str, str]
 
     def look(what: Callable[[GrblStage], str]) -> str:
         with board(program, folder) as url:
-            stage = GrblStage(url, WallClock(), StageFrame((-60.0, -60.0, -40.0)), needs=NEEDS)
+            stage = GrblStage(url, WallClock(), StageFrame((-60.0, -60.0, -40.0)), config=NEEDS)
             with closing(stage):
                 try:
                     return what(stage)

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
-from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.interface import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
 
 FACE_MM = -6.0  # of the machine's z

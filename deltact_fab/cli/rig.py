@@ -103,7 +103,7 @@ def photograph(
 
     bench, path = config.load(name)
     if isinstance(bench, config.GrblConfig):
-        from ..rig.camera.photograph import photograph as by_camera
+        from ..rig.camera.model import photograph as by_camera
 
         def ask(number: int) -> None:
             if sys.stdin.isatty():
@@ -344,7 +344,7 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
     if out is not None:
         require_pages()
     design, steps = load_design(declared.specimen.design), plan.expand(declared)
-    limits.require(limits.check(declared, design, bench.stage.box, steps), str(path))
+    limits.require(limits.check(declared, design, bench.stage, steps), str(path))
     scenario = of_lab(declared, path.read_bytes(), bench)
     with progress("rehearse") as report:
         found = rehearse(scenario, thorough, report)

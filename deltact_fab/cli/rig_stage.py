@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from typing import TYPE_CHECKING
 
 import click
@@ -16,7 +16,7 @@ from .output import Answer, answers
 
 if TYPE_CHECKING:
     from ..rig.config import GrblConfig
-    from ..rig.interface import ForceSensor, Guard
+    from ..rig.force.watchdog import Watchdog
     from ..rig.stage.grbl import GrblStage
 
 RIG = click.argument("rig", type=NAME_OR_PATH)
@@ -25,11 +25,7 @@ FEED = click.option(
 )  # fmt: skip
 INTO_GEL = click.option(
     "--into-gel", is_flag=True,
-    help="Allow heights below --clearance; the stage moves slowly there.",
-)  # fmt: skip
-CLEARANCE = click.option(
-    "--clearance", type=Finite(0), default=5.0, metavar="MM",
-    help="Height above the face that is safe.",
+    help="Allow heights below 5 mm over the face; the stage moves slowly there.",
 )  # fmt: skip
 NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
 
@@ -40,7 +36,8 @@ NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
 def status(rig: str) -> Answer:
     """Say what the stage is doing and where it is. Nothing moves."""
     config, stage = _stage(rig)
-    with _connected(stage):
+    with closing(stage):
+        stage.connect()
         return _now(stage, config)
 
 
@@ -56,22 +53,20 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
     --tip-is-clear must confirm that the tip is not in the gel. The force sensor of the rig file is
     watched meanwhile, and its guard stops the stage as in a run.
     """
-    from ..rig.stage.by_hand import stopped_by_ctrl_c
-    from ..rig.tool.homing import home_safely
-    from ..rig.tool.operator import TerminalOperator
+    from ..rig.tool.hand import stopped_by_ctrl_c
+    from ..rig.tool.operator import TerminalOperator, home_safely
 
     config, stage = _stage(rig)
     question = "homing moves every axis to its end switch; is the path clear?"
     if not (yes or click.confirm(question, err=True)):
         raise RunFailed("not homed")
-    with _connected(stage):
-        with _felt(stage, config) as (force, guard):
-            start_s = time.monotonic()
-            with stopped_by_ctrl_c(stage):
-                how = home_safely(
-                    stage, stage.clock, force, None if yes else TerminalOperator(),
-                    tip_is_clear=tip_is_clear, guard=guard,
-                )  # fmt: skip
+    with _driven(config, stage) as guard:
+        start_s = time.monotonic()
+        with stopped_by_ctrl_c(stage):
+            how = home_safely(
+                stage, stage.clock, guard, None if yes else TerminalOperator(),
+                tip_is_clear=tip_is_clear, guard=guard,
+            )  # fmt: skip
         seconds = time.monotonic() - start_s
         now = _now(stage, config)
     told = [f"{how}; homed in {seconds:.1f} s", *now.lines]
@@ -84,7 +79,6 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
 @FEED
 @click.option("--most", type=Finite(0), default=10.0, metavar="MM",
               help="Longest move that is allowed.")  # fmt: skip
-@CLEARANCE
 @INTO_GEL
 @click.option("--indenter", default="sphere:10", metavar="sphere:MM",
               help="The ball that the key r registers with.")  # fmt: skip
@@ -92,7 +86,7 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
 @answers
 def jog(
     rig: str, by_mm: tuple[float, float, float] | None, feed: float, most: float,
-    clearance: float, into_gel: bool, indenter: str, design: str,
+    into_gel: bool, indenter: str, design: str,
 ) -> Answer:  # fmt: skip
     """Move the tip by DX DY DZ mm in the sensor frame, whose z is up, out of the gel.
 
@@ -101,17 +95,17 @@ def jog(
     it, in one session on one open port: homing, origin and registration (written beside the rig
     file) as well, with the force on the screen.
     """
-    from ..rig.run.guard_thread import watched
-    from ..rig.stage import by_hand
+    from ..rig.run.loop import watched
+    from ..rig.tool import hand
 
     config, stage = _stage(rig)
     if by_mm is None:
         return _by_keys(rig, config, stage, into_gel, indenter, design)
-    by_hand.require_short(by_mm, most)  # before a port is opened, which may restart the board
-    with _connected(stage), _felt(stage, config) as (force, guard):
+    hand.require_short(by_mm, most)  # before a port is opened, which may restart the board
+    with _driven(config, stage) as guard:
         _count(stage)
-        with by_hand.stopped_by_ctrl_c(stage), watched(stage, stage.clock, force, guard):
-            by_hand.jog(stage, by_mm, feed, most_mm=most, clearance_mm=clearance, into_gel=into_gel)
+        with hand.stopped_by_ctrl_c(stage), watched(stage, stage.clock, guard, guard):
+            hand.jog(stage, by_mm, feed, most_mm=most, into_gel=into_gel)
         return _now(stage, config)
 
 
@@ -122,11 +116,9 @@ def _by_keys(
 
     from ..cad.design import load_design
     from ..rig import config as rigs
-    from ..rig.stage.by_hand import stopped_by_ctrl_c
     from ..rig.tool import session
-    from ..rig.tool.hand import HandSession
-    from ..rig.tool.homing import home_safely
-    from ..rig.tool.operator import TerminalOperator
+    from ..rig.tool.hand import HandSession, stopped_by_ctrl_c
+    from ..rig.tool.operator import TerminalOperator, home_safely
     from .keys import keys, whole_lines
 
     if not sys.stdin.isatty():
@@ -134,16 +126,16 @@ def _by_keys(
     source = rigs.load(rig)[1]
     out, operator = Path(f"{source.stem}-registration.toml"), TerminalOperator()
     asked = session.wanted(config, source, load_design(design), indenter)
-    with _connected(stage), _felt(stage, config) as (force, guard), keys() as key:
+    with _driven(config, stage) as guard, keys() as key:
 
         def home() -> str:
             with whole_lines():
-                return home_safely(stage, stage.clock, force, operator, guard=guard) + "; homed"
+                return home_safely(stage, stage.clock, guard, operator, guard=guard) + "; homed"
 
         def register() -> str:
-            if force is None or guard is None:
+            if guard is None:
                 return "registration needs a force sensor"
-            bench = session.GuardedStage(stage.clock, stage, force, guard)
+            bench = session.GuardedStage(stage.clock, stage, guard, guard)
             with whole_lines():
                 found = session.register_face(bench, asked, operator)
             session.write(found, source, out)
@@ -157,7 +149,7 @@ def _by_keys(
 
         others = {"h": home, "r": register}
         with stopped_by_ctrl_c(stage):
-            HandSession(stage, force, guard, key, tell, show, into_gel, others).run()
+            HandSession(stage, guard, guard, key, tell, show, into_gel, others).run()
         click.echo("", err=True)
         return _now(stage, config)
 
@@ -166,7 +158,6 @@ def _by_keys(
 @RIG
 @click.argument("target_mm", type=Finite(), nargs=3, metavar="X Y Z")
 @FEED
-@CLEARANCE
 @INTO_GEL
 @click.option("--as-counted", is_flag=True,
               help="The stage was homed, and not unlocked by $X since.")  # fmt: skip
@@ -174,30 +165,29 @@ def _by_keys(
               help="Home first; you confirm that the tip touches nothing.")  # fmt: skip
 @answers
 def goto(
-    rig: str, target_mm: tuple[float, float, float], feed: float, clearance: float,
-    into_gel: bool, as_counted: bool, home_first: bool,
+    rig: str, target_mm: tuple[float, float, float], feed: float, into_gel: bool,
+    as_counted: bool, home_first: bool,
 ) -> Answer:  # fmt: skip
     """Move the tip to X Y Z mm in the sensor frame, whose z = 0 is the resting face.
 
     It goes up, then sideways, then down. Give --home or --as-counted, as the stage must know where
     it is. Ctrl-C stops it, and the guard on the force sensor of the rig file as in a run.
     """
-    from ..rig.run.guard_thread import watched
-    from ..rig.stage import by_hand
-    from ..rig.tool.homing import home_safely
+    from ..rig.run.loop import watched
+    from ..rig.tool import hand
+    from ..rig.tool.operator import home_safely
 
     config, stage = _stage(rig)
     if home_first == as_counted:
         raise InputError("give either --home or --as-counted: the stage must know where it is")
-    with _connected(stage):
-        with by_hand.stopped_by_ctrl_c(stage):
+    with _driven(config, stage) as guard:
+        with hand.stopped_by_ctrl_c(stage):
             if home_first:
-                with _felt(stage, config) as (force, guard):
-                    home_safely(stage, stage.clock, force, None, tip_is_clear=True, guard=guard)
+                home_safely(stage, stage.clock, guard, None, tip_is_clear=True, guard=guard)
             else:
                 _count(stage)
-            with _felt(stage, config) as (force, guard), watched(stage, stage.clock, force, guard):
-                by_hand.goto(stage, target_mm, feed, clearance_mm=clearance, into_gel=into_gel)
+            with watched(stage, stage.clock, guard, guard):
+                hand.goto(stage, target_mm, feed, into_gel=into_gel)
         return _now(stage, config)
 
 
@@ -223,7 +213,7 @@ COMMANDS = (status, home, jog, goto, reset)
 def _stage(name: str) -> tuple[GrblConfig, GrblStage]:
     """The stage of a rig file, its port not yet open. Raises InputError for a virtual one."""
     from ..rig import config
-    from ..rig.clock import WallClock
+    from ..rig.interface import WallClock
     from ..rig.stage.grbl import GrblStage
 
     found, path = config.load(name)
@@ -233,27 +223,18 @@ def _stage(name: str) -> tuple[GrblConfig, GrblStage]:
 
 
 @contextmanager
-def _connected(stage: GrblStage) -> Iterator[None]:
-    with closing(stage):
-        stage.connect()
-        yield
-
-
-@contextmanager
-def _felt(
-    stage: GrblStage, config: GrblConfig
-) -> Iterator[tuple[ForceSensor | None, Guard | None]]:
-    """The force sensor of the rig file and the guard on it; None where it names no way to one."""
+def _driven(config: GrblConfig, stage: GrblStage) -> Iterator[Watchdog | None]:
+    """The stage connected, and the guard on the force sensor; None where the file names none."""
     from ..rig.force.watchdog import open_guarded
 
-    if config.force is None or not config.force.reachable:
-        yield None, None
-        return
-    force = open_guarded(config.force, config.guard, stage)
-    try:
-        yield force, force
-    finally:
-        force.close()
+    with ExitStack() as opened:
+        opened.callback(stage.close)
+        stage.connect()
+        guard = None
+        if config.force is not None and config.force.reachable:
+            guard = open_guarded(config.force, config.guard, stage)
+            opened.callback(guard.close)
+        yield guard
 
 
 def _count(stage: GrblStage) -> None:
@@ -263,8 +244,8 @@ def _count(stage: GrblStage) -> None:
 
 def _now(stage: GrblStage, config: GrblConfig) -> Answer:
     """State and position, as the controller says them; sensor_mm: None where it is locked."""
-    from ..rig.stage.by_hand import in_words
-    from ..rig.stage.grbl_messages import state_in_words
+    from ..rig.stage.exchange import state_in_words
+    from ..rig.tool.hand import in_words
 
     seen = stage.look()
     known = seen.state.partition(":")[0] not in ("Alarm", "Sleep")

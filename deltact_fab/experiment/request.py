@@ -6,25 +6,22 @@ import logging
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .. import preflight, record
 from ..aliases import Progress
 from ..cad.design import load_design
 from ..cad.dimensions import Design
 from ..errors import InputError, MissingLibrary
+from ..optics import CameraModel
 from ..patterns.recipe import PatternRecipe, load_recipe
 from ..protocols import limits, plan
 from ..protocols.motion import LOCKSTEP, WALL_CLOCK
 from ..protocols.plan import Protocol, Step
 from ..rig import config as rig_config
+from ..rig.bench import GrblKind, undeclared_lengths, unmet
 from ..rig.config import RigConfig
-from ..rig.job import RigKind, RigSetup
-from ..rig.tool import requirements
-
-if TYPE_CHECKING:
-    from ..optics import CameraModel
-    from ..rig.weights import WeightsKind
+from ..rig.interface import RigKind, RigSetup
+from ..rig.tool.touch import change_s
 
 _LOG = logging.getLogger(__name__)
 
@@ -58,7 +55,7 @@ class RunRequest:
     rig_path: Path = field(init=False)
     design: Design = field(init=False)
     steps: list[Step] = field(init=False)
-    kind: RigKind | WeightsKind = field(init=False)
+    kind: RigKind = field(init=False)
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -69,12 +66,9 @@ class RunRequest:
         self.steps = plan.expand(self.protocol, self.air)
         self.kind = kind_of(self.rig, self.rig_path)
         if self.protocol.weights is not None and self.rig.kind == "grbl":
-            from ..rig.weights import WeightsKind
-
             for option in ("unattended", "air"):
                 if getattr(self, option):
                     raise InputError(f"--{option}: does not go with weights, which a hand lays on")
-            self.kind = WeightsKind(self.rig, self.rig_path)
 
     @cached_property
     def recipe(self) -> PatternRecipe:
@@ -107,10 +101,8 @@ class RunRequest:
         image_px = preflight.image_px(self.view, self.rig)
         rig, change = self.rig, 0.0
         if rig.kind == "grbl" and self._touches:
-            from ..rig.tool.touch import change_s
-
             change = change_s(rig.stage, rig.touch, self.protocol.motion.park_mm)
-        return limits.estimate(self.protocol, image_px, rig.stage.box, self.steps, pace, change)
+        return limits.estimate(self.protocol, image_px, rig.stage, self.steps, pace, change)
 
     def require(self) -> list[str]:
         """Raise InputError for all that a run is refused for.
@@ -136,7 +128,7 @@ class RunRequest:
         """
         rows = self._rows()
         if self.rig.kind == "grbl" and self._touches:
-            unknown = requirements.undeclared_lengths(self.rig, self.protocol)
+            unknown = undeclared_lengths(self.rig, self.protocol)
             what, where = "unknown", "; ".join(unknown)
             rows.append(
                 limits.LimitCheck("tool lengths", True, what, len(unknown), 0, where, bool(unknown))
@@ -169,15 +161,15 @@ class RunRequest:
         """Every check but that of the forces; check and run ask it alone."""
         protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
         by_stage = protocol.weights is None
-        rows = limits.check(protocol, design, rig.stage.box, self.steps) if by_stage else []
+        rows = limits.check(protocol, design, rig.stage, self.steps) if by_stage else []
         rows += preflight.needs(protocol, self.steps, rig, self.view, self.out)
         refused = kind.refusals(protocol, design, str(self.source))
         rows.append(limits.refusals(kind.part, refused))
         rows.append(limits.refusals("pattern", self._pattern()))
         rows.append(limits.refusals("image format", self._format()))
         if rig.kind == "grbl" and self._touches:
-            unmet = requirements.unmet(rig, protocol, design, self.unattended)
-            rows.append(limits.refusals("contact", [f"{self.rig_path}: {line}" for line in unmet]))
+            lines = unmet(rig, protocol, design, self.unattended)
+            rows.append(limits.refusals("contact", [f"{self.rig_path}: {line}" for line in lines]))
         return rows
 
     def _pattern(self) -> list[str]:
@@ -214,8 +206,6 @@ def kind_of(rig: RigConfig, source: Path) -> RigKind:
     source: of the rig file, from which the paths in it count. Raises InputError.
     """
     if rig.kind == "grbl":
-        from ..rig.bench import GrblKind
-
         return GrblKind(rig, source)
     from ..virtual.rig import VirtualKind
 

@@ -20,9 +20,8 @@ from ..protocols.plan import Step
 from ..record import RunWriter
 from ..record import open as open_run
 from ..rig.config import RigConfig, VirtualConfig
-from ..rig.job import Devices, Rig, RigSetup
-from ..rig.run.live import Live
-from ..rig.run.runner import Runner
+from ..rig.interface import OpenBench, Rig, RigSetup
+from ..rig.run.runner import Live, Runner
 from ..rig.weights import WeightsBench
 from ..shapes import indenter
 from ..version import VERSION
@@ -108,22 +107,22 @@ def run(
 
 
 def _carry_out(
-    bench: Rig | WeightsBench, steps: Sequence[Step], writer: RunWriter, progress: Progress | None,
+    bench: OpenBench, steps: Sequence[Step], writer: RunWriter, progress: Progress | None,
     live: Callable[[Live], None] | None,
 ) -> tuple[dict[str, int], float]:  # fmt: skip
     """By the stage, or by a hand that lays weights on: frames late or lost, and the rig's seconds.
 
     Raises RunFailed and its kin.
     """
-    devices = bench if isinstance(bench, WeightsBench) else bench.devices()
-    start_s, counts = devices.clock.now_s(), dict[str, int]()
-    if isinstance(devices, WeightsBench):
-        devices.run(steps, writer, progress)
+    start_s, counts = bench.clock.now_s(), dict[str, int]()
+    if isinstance(bench, WeightsBench):
+        bench.run(steps, writer, progress)
     else:
-        runner = Runner(devices, writer, progress, live)
+        assert isinstance(bench, Rig), "what a hand does not do, a stage does"
+        runner = Runner(bench, writer, progress, live)
         runner.run(steps)
         counts = runner.counts()
-    return counts, devices.clock.now_s() - start_s
+    return counts, bench.clock.now_s() - start_s
 
 
 def dry_run(request: RunRequest) -> dict[str, Any]:
@@ -142,14 +141,13 @@ def dry_run(request: RunRequest) -> dict[str, Any]:
     return {**asdict(request.estimate()), "devices": lines, "notes": notes}
 
 
-def _answers(found: Rig | WeightsBench) -> Iterator[str]:
+def _answers(seen: OpenBench) -> Iterator[str]:
     """A line a device: that it answers, and how. Raises InputError, StageError, SensorError.
 
     The stage is connected, its settings are judged; the camera gives an image, the force sensor
     a reading.
     """
-    seen = found if isinstance(found, WeightsBench) else found.devices()
-    if isinstance(seen, Devices):
+    if isinstance(seen, Rig):
         seen.stage.connect()
         yield f"stage: {_identity(seen.stage.identity(), 'banner', 'port')}"
     if seen.camera is not None:
@@ -207,7 +205,7 @@ def run_presses(
     writer = RunWriter.create(job.folder, meta, text, pattern_of(job.recipe), steps, flat)
     try:
         with closing(kind.build(job)) as bench:
-            Runner(bench.devices(), writer, progress).run(steps)
+            Runner(bench, writer, progress).run(steps)
         writer.close({"presses": sorted(presses)})
     except BaseException:
         writer.abandon()

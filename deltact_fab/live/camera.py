@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from .. import catalog
-from ..rig.camera.config import CameraConfig
 from ..rig.camera.files import Images
-from ..rig.camera.open import open_camera
-from ..rig.clock import WallClock
-from ..rig.interface import CameraFrame
+from ..rig.camera.model import open_camera
+from ..rig.interface import CameraFrame, WallClock
+from ..rig.tables import CameraConfig
 from .source import NOTHING, KnownSensor
 
 

@@ -19,8 +19,7 @@ from ..protocols import limits
 from ..protocols.plan import Step
 from ..rig import config
 from ..rig.camera.model import flat_field, tracked_view
-from ..rig.interface import CameraFrame
-from ..rig.job import Devices
+from ..rig.interface import CameraFrame, Devices
 from .camera import CameraSource
 from .source import KnownSensor, Source
 
@@ -71,7 +70,7 @@ class RigSource:
         wanted = protocol.channels & {"image", "shear"}
         request.protocol = protocol = protocol.model_copy(update={"channels": wanted})
         sensor, kind = request.design, request.kind
-        rows = limits.check(protocol, sensor, request.rig.stage.box, request.steps)
+        rows = limits.check(protocol, sensor, request.rig.stage, request.steps)
         rows.append(limits.refusals(kind.part, kind.refusals(protocol, sensor, source)))
         limits.require(rows, source)
         view, flat = request.view, kind.flat(protocol)
@@ -97,7 +96,7 @@ class RigSource:
             job = request.setup(Path(folder))
             with closing(request.kind.build(job)) as rig:
                 assert isinstance(rig, VirtualRig), "a real one has another source"
-                yield from _carried_out(request.steps, rig.devices(), at_rest)
+                yield from _carried_out(request.steps, rig, at_rest)
 
     def at_rest(self) -> Iterator[CameraFrame]:
         """As Source, before the first press, without end."""

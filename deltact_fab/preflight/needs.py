@@ -35,7 +35,7 @@ def needs(
     px = image_px(view, rig)
     held_hz = record.rate_held_hz(record.image_format({"rig": rig.recorded()}), px)
     camera_hz = getattr(rig.camera, "rate_hz", None)
-    estimate = limits.estimate(protocol, px, rig.stage.box, steps)
+    estimate = limits.estimate(protocol, px, rig.stage, steps)
     kept_mb = size_mb(out) if (out / "run.json").is_file() else 0.0
     most_hz = held_hz if camera_hz is None else min(held_hz, camera_hz)
     return budget(protocol, steps, estimate, out, most_hz, not rig.simulated, kept_mb)

@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Protocol as Structure
 
 from ..aliases import Point
 from ..errors import InputError
@@ -28,21 +29,21 @@ REFUSALS = "refusals"
 MAX_BETWEEN_FRAMES_MM = 0.25  # up to 7 pixels: as in `deep-drag`, which is followed throughout
 
 
-@dataclass(frozen=True)
-class StageBox:
-    """What a stage can do: machine travel (0 at the top, negative below), feeds, its frame.
-
-    homed_mm: the ends that it homes to. homing_s: how long that takes; None: see `pace.homing_s`.
-    pull_off_mm: so far from those ends it stays.
+class StageBox(Structure):
+    """What a stage can do, as `[stage]` of a rig file has it: travel of the machine (0 at the top,
+    negative below), feeds, its frame; `homed_mm`: the ends that it homes to.
     """
 
-    frame: StageFrame
     travel_mm: Point
     max_feed_mm_min: Point
     acceleration_mm_s2: Point
-    homed_mm: Point = (0.0, 0.0, 0.0)
-    homing_s: float | None = None
-    pull_off_mm: float = 0.0
+    homing_s: float | None
+    pull_off_mm: float
+
+    @property
+    def frame(self) -> StageFrame: ...
+    @property
+    def homed_mm(self) -> Point: ...
 
 
 def ends_mm(travel_mm: float, at_top: bool, pull_off_mm: float) -> tuple[float, float]:
@@ -173,11 +174,12 @@ def _worst(pairs: Iterable[tuple[float, str]]) -> tuple[float, str]:
 
 
 def _travel(steps: list[Step], stage: StageBox) -> Iterable[LimitCheck]:
+    frame = stage.frame
     for axis, letter in enumerate("xyz"):
         at_top = stage.homed_mm[axis] == 0
         bottom_mm, top_mm = ends_mm(stage.travel_mm[axis], at_top, stage.pull_off_mm)
-        high, at_high = _worst((stage.frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
-        low, at_low = _worst((-stage.frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
+        high, at_high = _worst((frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
+        low, at_low = _worst((-frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
         for way, far, most_mm, at in (("", high, top_mm, at_high), ("-", low, -bottom_mm, at_low)):
             what = f"machine {way}{letter} (mm)"
             yield LimitCheck("travel", far <= most_mm + EPS_MM, what, far, most_mm, at)

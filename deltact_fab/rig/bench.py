@@ -1,7 +1,8 @@
 """The real bench of kind `grbl`: stage, camera and force sensor, at the wall clock.
 
 Only what the protocol's channels ask for is opened; the force sensor always where the rig file says
-how it is reached, for the guard lives on it, and a tip also meets things in the air.
+how it is reached, for the guard lives on it, and a tip also meets things in the air. `unmet` tells
+what a rig must have before it presses, and before it is left alone.
 """
 
 from __future__ import annotations
@@ -15,13 +16,16 @@ from ..errors import InputError
 from ..optics import CameraModel, FlatField
 from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
-from .clock import WallClock
+from ..shapes.indenter import parse as parse_indenter
+from .camera.model import flat_field, open_camera, tracked_view, view_notes
 from .config import GrblConfig
-from .interface import Camera, ForceSensor, Guard
-from .job import Devices, RigSetup
+from .force.guard import GuardLimits
+from .force.watchdog import Watchdog, open_guarded
+from .interface import Camera, OpenBench, Rig, RigSetup, WallClock
 from .stage.grbl import GrblStage
+from .tool.config import TouchConfig
 from .tool.tooling import Tooling
-from .tool.touch import change_s
+from .tool.touch import MOST, change_s
 
 KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
@@ -38,7 +42,9 @@ class GrblKind:
 
     def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """A line for each device that the protocol asks for and the rig has not."""
-        asked, config = protocol.channels, self._config
+        config = self._config
+        # Weights are the force.
+        asked = protocol.channels - ({"force"} if protocol.weights is not None else set())
         lines = [
             f"{source}: channels: {name!r} asked for, and only a virtual rig knows it; remove it"
             for name in sorted(asked & KNOWN_ONLY_SIMULATED)
@@ -59,23 +65,24 @@ class GrblKind:
     def camera(self, protocol: Protocol, sensor: SensorDimensions) -> CameraModel | None:
         if self._config.camera is None or "image" not in protocol.channels:
             return None
-        from .camera.model import tracked_view
-
         return tracked_view(self._config.camera, sensor, self._source)
 
     def flat(self, protocol: Protocol) -> FlatField | None:
         if self._config.camera is None or "image" not in protocol.channels:
             return None
-        from .camera.model import flat_field
-
         return flat_field(self._config.camera.model, self._source)
 
-    def build(self, job: RigSetup, progress: Progress | None = None) -> GrblRig:
-        return GrblRig(self._config, self._source.parent, job)
+    def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
+        """A hand lays weights on; a stage does all else."""
+        if job.protocol.weights is None:
+            return GrblRig(self._config, self._source.parent, job)
+        from .weights import WeightsBench
+
+        return WeightsBench(self._config, self._source.parent, job)
 
 
-class GrblRig:
-    """Implements rig.interface.Rig. What was opened is closed, however building it ends."""
+class GrblRig(Rig):
+    """What was opened is closed, however building it ends."""
 
     def __init__(self, config: GrblConfig, folder: Path, job: RigSetup) -> None:
         """folder: of the rig file."""
@@ -88,45 +95,34 @@ class GrblRig:
             raise
 
     def _build(self, config: GrblConfig, folder: Path) -> None:
-        job = self._job
-        self.clock = WallClock()
-        self.stage = GrblStage.of(config.stage, self.clock)
-        self._open.callback(self.stage.close)
-        self.force: ForceSensor | None = None
-        self.guard: Guard | None = None
+        job, clock = self._job, WallClock()
+        stage = GrblStage.of(config.stage, clock)
+        self._open.callback(stage.close)
+        force: Watchdog | None = None
         if config.force is not None and config.force.reachable:
-            from .force.watchdog import open_guarded
-
-            self.force = self.guard = open_guarded(config.force, config.guard, self.stage)
-            self._open.callback(self.force.close)
+            force = open_guarded(config.force, config.guard, stage)
+            self._open.callback(force.close)
         elif not job.air:
             raise InputError(
                 "force: nothing guards a press without a force sensor; add [force.netft] or "
                 "[force.serial] to the rig file, or give --air"
             )
-        park_mm = job.protocol.motion.park_mm
-        self._change_s = 0.0 if job.air else change_s(config.stage, config.touch, park_mm)
-        self.tooling = Tooling(
-            job, self.stage, self.clock, self.force, self.guard, config.touch, config.tools
-        )
-        self.camera: Camera | None = None
+        self._tooling = Tooling(job, stage, clock, force, force, config.touch, config.tools)
+        camera: Camera | None = None
         if "image" in job.protocol.channels:
-            from .camera.open import open_camera
-
             assert config.camera is not None, "refused without one"
-            self.camera = open_camera(config.camera, folder, self.clock)
-            self._open.callback(self.camera.close)
-
-    def devices(self) -> Devices:
-        return Devices(
-            self.clock,
-            self.stage,
-            self.camera,
-            self.force,
-            change_indenter=self.tooling.change_indenter,
-            guard=self.guard,
-            begin=self.tooling.begin,
-            change_s=self._change_s,
+            camera = open_camera(config.camera, folder, clock)
+            self._open.callback(camera.close)
+        park_mm = job.protocol.motion.park_mm
+        super().__init__(
+            clock,
+            stage,
+            camera,
+            force,
+            change_indenter=self._tooling.change_indenter,
+            guard=force,
+            begin=self._tooling.begin,
+            change_s=0.0 if job.air else change_s(config.stage, config.touch, park_mm),
             wall_clock=True,
         )
 
@@ -143,8 +139,6 @@ class GrblRig:
     def notes(self) -> list[str]:
         lines = []
         if self.camera is not None:
-            from .camera.model import view_notes
-
             lines += view_notes(self._job.view, self._job.recipe.patch_mm)
         if self._job.air and len(self._job.protocol.indenters) > 1:
             lines.append("no indenter was changed: nothing was touched")
@@ -155,8 +149,89 @@ class GrblRig:
             "stage": self.stage.identity(),
             "camera": self.camera.identity() if self.camera is not None else None,
             "force": self.force.identity() if self.force is not None else None,
-            "tool": self.tooling.identity(),
+            "tool": self._tooling.identity(),
         }
 
     def close(self) -> None:
         self._open.close()
+
+
+def unmet(
+    config: GrblConfig, protocol: Protocol, sensor: SensorDimensions, unattended: bool
+) -> list[str]:
+    """Why this rig must not press, or not alone, a line each, to follow the rig file's name.
+
+    Forces that are predicted against what the stage and the sensor bear are `preflight`'s affair.
+    """
+    force, touch = config.force, config.touch
+    lines = []
+    if force is None or not force.reachable:
+        lines.append(
+            "force: a press on a real rig needs a force sensor, for the guard and to find the "
+            "face: add [force.netft] or [force.serial], or give --air, and nothing goes below the "
+            "clearance plane"
+        )
+    elif "force" not in protocol.channels:
+        lines.append(
+            f"channels of {protocol.name!r}: a press on a real rig records the force that its "
+            'guard watches: add "force", or give --air'
+        )
+    if touch is None:
+        lines.append(
+            "touch: missing table; a press on a real rig needs to know where the face is: add "
+            "[touch], or give --air"
+        )
+    else:
+        lines += _outside(touch, protocol, sensor)
+        if force is not None:
+            lines += _above_the_guard(config, touch)
+    if unattended and len(protocol.indenters) > 1:
+        lines.append(
+            f"--unattended: {protocol.name!r} holds {len(protocol.indenters)} indenters, and "
+            "nobody is there to change them: a protocol of one"
+        )
+    return lines
+
+
+def undeclared_lengths(config: GrblConfig, protocol: Protocol) -> list[str]:
+    """Indenters of unknown length, where there is more than one: what is searched has to do."""
+    missing = [name for name in protocol.indenters if name not in config.tools]
+    if len(protocol.indenters) < 2 or not missing or config.touch is None:
+        return []
+    return [
+        f'[tools."{missing[0]}"] length_mm is not declared'
+        + (f" (nor {len(missing) - 1} more)" if len(missing) > 1 else "")
+        + f": its tip is looked for within touch.search_mm = {config.touch.search_mm:g} mm of "
+        "where that of the reference is"
+    ]
+
+
+def _outside(touch: TouchConfig, protocol: Protocol, sensor: SensorDimensions) -> list[str]:
+    """The place of the touch-off, with the indenter around it, lies on the face."""
+    lines = []
+    for name in protocol.indenters:
+        reach = parse_indenter(name).footprint_half_mm
+        for axis, (at, half, most) in enumerate(
+            zip(touch.at_mm, reach, sensor.skin.opening_half_mm, strict=True)
+        ):
+            if abs(at) + half > most:
+                lines.append(
+                    f"touch.at_mm: {'xy'[axis]} = {at:g} mm: {name} reaches {abs(at) + half:g} mm "
+                    f"out there, and the face ends at {most:g}"
+                )
+    return lines[:1]
+
+
+def _above_the_guard(config: GrblConfig, touch: TouchConfig) -> list[str]:
+    assert config.force is not None
+    try:
+        limits = GuardLimits.of(config.guard, config.force)
+    except InputError as why:
+        return [str(why)]
+    least_n = min(*limits.force_n, limits.resultant_n)
+    if MOST * touch.force_n < least_n:
+        return []
+    return [
+        f"touch.force_n: {touch.force_n:g} N: a touch-off goes up to {MOST:g} times that, and the "
+        f"guard trips at {least_n:g} N"
+    ]

@@ -2,13 +2,38 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
-from ..errors import DeltactFabError
-from .clock import WallClock
+import numpy as np
+
+from ..errors import DeltactFabError, InputError, SensorError
+from .camera.model import calibrated, open_camera, raw_size_px
 from .config import GrblConfig
-from .interface import DeviceRow
+from .force.guard import GuardLimits
+from .force.rdt import fetch
+from .force.watchdog import open_force
+from .interface import Camera, DeviceRow, ForceSensor, WallClock
+from .stage.grbl import GrblStage
+from .tables import CameraConfig, ForceConfig, GuardConfig
+
+SLOW = 0.95
+"""Of the nominal rate; below, something holds the camera back."""
+BRIGHT = 0.01
+"""Share of an image that may be at the end of its scale."""
+DARK = 16
+SLOW_DEVICE = "a shorter exposure, another fourcc or a faster port would help"
+SLOW_SENDER = "what sends them is slow, or this computer is busy"
+HOLDS = {"exposure": "auto_exposure", "gain": None, "white_balance_k": "auto_white_balance"}
+SLOW_SENSOR = 0.98
+"""Of the rate that the box tells; below, records are lost."""
+NOISY = 0.01
+"""Of the range, one deviation at rest."""
+NEAR = 0.02
+"""Ranges of the box and of the rig file that differ by less are the same."""
 
 
 def check(config: GrblConfig, folder: Path, seconds: float) -> Iterator[DeviceRow]:
@@ -19,13 +44,9 @@ def check(config: GrblConfig, folder: Path, seconds: float) -> Iterator[DeviceRo
     """
     yield from _stage(config)
     if config.force is not None and config.force.reachable:
-        from .force.probe import probe as listen
-
-        yield from listen(config.force, config.guard, seconds)
+        yield from force_rows(config.force, config.guard, seconds)
     if config.camera is not None:
-        from .camera.probe import probe as look
-
-        yield from look(config.camera, folder, seconds)
+        yield from camera_rows(config.camera, folder, seconds)
     else:
         text = "no [camera]: a protocol with the channel image is refused"
         yield DeviceRow("camera", "WARN", text)
@@ -33,8 +54,6 @@ def check(config: GrblConfig, folder: Path, seconds: float) -> Iterator[DeviceRo
 
 
 def _stage(config: GrblConfig) -> Iterator[DeviceRow]:
-    from .stage.grbl import GrblStage
-
     stage = GrblStage.of(config.stage, WallClock())
     refused = ""
     try:
@@ -78,3 +97,163 @@ def _presses(config: GrblConfig) -> Iterator[DeviceRow]:
         yield DeviceRow("presses", "FAIL", text)
     if not missing:
         yield DeviceRow("presses", "pass", "the rig file has all that a press needs")
+
+
+def _row(device: str, passed: bool, text: str, otherwise: str = "FAIL") -> DeviceRow:
+    return DeviceRow(device, "pass" if passed else otherwise, text)
+
+
+def camera_rows(config: CameraConfig, folder: Path, seconds: float) -> Iterator[DeviceRow]:
+    """Open the camera of a rig file, look through it for so long, and judge what comes.
+
+    folder: of the rig file. Raises nothing that a camera can cause: that is a row.
+    """
+    yield _calibration(config, folder)
+    try:
+        with closing(open_camera(config, folder, WallClock())) as camera:
+            rows = list(_camera_images(camera, config, seconds))
+            told = camera.identity()
+    except (InputError, SensorError) as why:
+        yield _row("camera", False, str(why))
+        return
+    yield from rows
+    yield from _locks(config, told)
+
+
+def _calibration(config: CameraConfig, folder: Path) -> DeviceRow:
+    if config.model is None:
+        return _row(
+            "camera",
+            False,
+            "camera.model: not calibrated, nothing can be tracked; `deltact-fab calibrate lens` "
+            "makes the file",
+            "WARN",
+        )
+    path = folder / config.model
+    try:
+        size_px = raw_size_px(calibrated(path))
+    except InputError as why:
+        return _row("camera", False, str(why))
+    asked = (config.width_px, config.height_px)
+    if config.width_px is not None and asked != size_px:
+        return _row("camera", False, f"camera.model: of images of {size_px[0]} x {size_px[1]} px")
+    return _row("camera", True, f"calibrated: {path}")
+
+
+def _camera_images(camera: Camera, config: CameraConfig, seconds: float) -> Iterator[DeviceRow]:
+    """What at least two images tell. The first says nothing of what was lost before it."""
+    camera.begin("probe")
+    first_s = camera.capture().t_s
+    n = dropped = repeated = 0
+    until_s = time.monotonic() + seconds
+    while n == 0 or time.monotonic() < until_s:
+        last = camera.capture()
+        n += 1
+        dropped += last.dropped
+        repeated += last.repeated
+    image, took_s, told = last.image, last.t_s - first_s, camera.identity()
+    h, w = image.shape[:2]
+    stamped = told["stamped_by"]
+    after = f", {config.latency_ms:g} ms after its exposure" if stamped == "arrival" else ""
+    yield _row("camera", True, f"images of {w} x {h} px, stamped by {stamped}{after}")
+    nominal, hz = told["rate_hz"], n / took_s if took_s > 0 else 0.0
+    slow = nominal is not None and hz < SLOW * nominal
+    asked = "" if nominal is None else f" of {nominal:g}"
+    why = f"; {SLOW_DEVICE if config.is_device else SLOW_SENDER}" if slow else ""
+    yield _row("camera", not slow, f"{hz:.1f} images a second{asked}{why}")
+    yield _row("camera", not (dropped or repeated), f"{dropped} lost, {repeated} repeated")
+    bright = float(np.mean(image == 255))
+    if bright > BRIGHT:
+        text = f"{bright:.0%} of the image is over-exposed; less light or a shorter exposure"
+        yield _row("camera", False, text)
+    elif image.mean() < DARK:
+        yield _row("camera", False, "the image is dark; is the light on, the lens uncovered?")
+
+
+def _locks(config: CameraConfig, told: dict[str, Any]) -> Iterator[DeviceRow]:
+    """Of a V4L2 device: what it would change by itself."""
+    controls: dict[str, Any] = told.get("controls", {})
+    for key, automatic in HOLDS.items() if controls else ():
+        has = controls[key]
+        if getattr(config, key) is not None:
+            yield _row("camera", True, f"{key} locked at {has:g}")
+        elif has is not None and (automatic is None or controls[automatic] is not None):
+            yield _row(
+                "camera", False, f"camera.{key}: not locked; `{key} = {has:.0f}` keeps what it has"
+            )
+
+
+def force_rows(
+    config: ForceConfig, guard: GuardConfig | None, seconds: float
+) -> Iterator[DeviceRow]:
+    """Open the sensor, tare it with nothing touching, listen for so long, and judge what it says.
+
+    Raises nothing that a sensor can cause: that is a row.
+    """
+    try:
+        yield from _page(config)
+        with closing(open_force(config, WallClock())) as sensor:
+            heard = list(_heard(sensor, config, seconds))
+        yield from heard
+        limits = GuardLimits.of(guard, config)
+    except DeltactFabError as why:
+        yield _row("force", False, str(why))
+        return
+    force = ", ".join(f"{value:g}" for value in limits.force_n)
+    torque = ", ".join(f"{value:g}" for value in limits.torque_nmm)
+    yield _row("force", True, f"the guard stops the stage at {force} N and {torque} N mm")
+
+
+def _page(config: ForceConfig) -> Iterator[DeviceRow]:
+    """What the box says of itself, against the rig file. Raises SensorError, InputError."""
+    if config.netft is None:
+        return
+    s = fetch(config.netft)
+    about = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in s.about)
+    yield _row("force", True, f"{config.netft.host}: transducer {s.serial}, {about}")
+    text = f"{s.counts_per_n:g} counts a newton, {s.counts_per_nmm:g} a newton millimetre"
+    yield _row("force", True, text)
+    for key, told in (("range_n", s.range_n), ("range_nmm", s.range_nmm)):
+        written = getattr(config, key)
+        if told is None:
+            yield _row("force", True, f"force.{key}: {written}, which the box does not tell")
+            continue
+        right = [round(value, 3) for value in told]
+        if np.allclose(written, told, rtol=NEAR):
+            yield _row("force", True, f"force.{key} = {right}, as the transducer's")
+        else:
+            wrong = f"force.{key}: {list(written)}; the transducer's is {right}: write that"
+            yield _row("force", False, wrong)
+
+
+def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> Iterator[DeviceRow]:
+    """Rate, losses, tare and noise. Raises SensorError."""
+    sensor.begin("probe")
+    until_s = time.monotonic() + seconds
+    parts = [sensor.read()]
+    while time.monotonic() < until_s:
+        parts.append(sensor.read())
+    t_ns = np.concatenate([part.t_ns for part in parts])
+    values = np.concatenate([np.hstack([part.force_n, part.torque_nmm]) for part in parts])
+    told_hz = float(sensor.identity()["rate_hz"] or 0)
+    hz = (len(t_ns) - 1) / max((t_ns[-1] - t_ns[0]) / 1e9, 1e-9)
+    slow = config.netft is not None and hz < SLOW_SENSOR * told_hz
+    of = f" of {told_hz:g}" if config.netft is not None else ""
+    lost, late = sum(part.lost for part in parts), sum(part.late for part in parts)
+    yield _row("force", not slow, f"{hz:.0f}{of} samples a second")
+    text = f"{lost} samples lost, {late} late"
+    yield _row("force", not lost and not late, text, "FAIL" if lost else "WARN")
+    if any(part.saturated.any() for part in parts):
+        yield _row("force", False, "saturated with nothing touching: is the tip free?")
+    ranges = np.array([*config.range_n, *config.range_nmm])
+    mean, noise = np.abs(values.mean(axis=0)), values.std(axis=0)
+    text = f"{mean[:3].max():.3f} N and {mean[3:].max():.2f} N mm are left after the tare"
+    yield _row("force", bool((mean <= NOISY * ranges).all()), text)
+    if config.netft is not None and not noise.any():
+        yield _row(
+            "force", False, "the readings do not change at all: is the transducer plugged in?"
+        )
+        return
+    quiet = bool((noise <= NOISY * ranges).all())
+    text = f"noise at rest {noise[:3].max():.4f} N, {noise[3:].max():.3f} N mm (one deviation)"
+    yield _row("force", quiet, text if quiet else f"{text}: does something touch or shake it?")

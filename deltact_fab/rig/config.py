@@ -9,22 +9,167 @@ its simulators under `[virtual]`; `grbl` drives a real controller on `stage.port
 from __future__ import annotations
 
 import hashlib
+from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_type_hints
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, create_model, model_validator
 
 from .. import catalog, reading
 from ..configuration import Table
 from ..errors import InputError, did_you_mean
-from .camera.config import CameraConfig, CameraFile
-from .force.config import ForceConfig, GuardConfig
-from .simulator import SimulatorConfig
-from .stage.config import StageConfig
+from ..optics import Fisheye
+from .tables import CameraConfig, CameraFile, ForceConfig, GuardConfig, StageConfig
 from .tool.config import RegistrationFile, ToolConfig, TouchConfig, named_tools
 
+Off = Annotated[float, Field(ge=-20, le=20)]  # mm
+Askew = Annotated[float, Field(ge=-5, le=5)]
 Tools = Annotated[dict[str, ToolConfig], AfterValidator(named_tools)]
 TOOLS = {"sphere:10": {"length_mm": 0.0}}
+
+
+class SimulatedCameraConfig(Table):
+    """The simulated camera's sensor and lens faults."""
+
+    blur_px: float = Field(default=0.6, ge=0.01, le=50)
+    """Standard deviation of the blur of lens and sensor together."""
+    shading: float = Field(default=0.35, ge=0, lt=1)
+    """Share of the light that is lost in the corner of the view."""
+    full_well_electrons: float = Field(default=8000.0, ge=1, le=10_000_000)
+    """What a pixel holds when it is white; sets the shot noise."""
+    read_noise_electrons: float = Field(default=6.0, ge=0, le=100_000)
+    """Standard deviation of the noise of reading a pixel."""
+    corner_blur_px: float = Field(default=0.0, ge=0, le=50)
+    """Standard deviation of the blur in the corner of the view, where it is more than blur_px."""
+    led_gradient: float = Field(default=1.0, ge=0.1, le=10)
+    """Light at the edge of the view over light in its middle: 1 to 6 where LEDs stand around it."""
+    highlight: float = Field(default=0.0, ge=0, le=10)
+    """Light of the reflection of one LED, at its middle; 1 is white."""
+    contact_glow_per_mm: float = Field(default=0.0, ge=0, le=10)
+    """How much brighter the face gets a millimetre of depth, until it saturates to white."""
+    gamma: float = Field(default=2.2, ge=1, le=4)
+    """Of the camera's processor: a pixel's value is its light to the power of 1 / gamma."""
+    demosaic: Literal["edge-aware", "bilinear", "gradients"] = "edge-aware"
+    """How the processor makes three colours of the one that each pixel saw."""
+    sharpening: float = Field(default=0.0, ge=0, le=3)
+    """Share of what an image has over its own blur of 1 px that the processor adds to it."""
+    format: Literal["raw", "yuyv", "nv12", "mjpeg-422", "mjpeg-420"] = "raw"
+    """What goes over the cable: raw keeps all; yuyv and mjpeg-422 halve the colour's columns, nv12
+    and mjpeg-420 its rows too; mjpeg compresses."""
+    jpeg_quality: int = Field(default=85, ge=10, le=100)
+    """Of the mjpeg formats."""
+
+
+class PrinterConfig(Table):
+    """The printer that made the sticker."""
+
+    dpi: int = Field(default=1200, ge=72, le=9600)
+    """Resolution."""
+    levels: int = Field(default=4, ge=2, le=256)
+    """Levels of each ink at a printed dot."""
+    misregistration_um: float = Field(default=15.0, ge=0, le=1000)
+    """How far the colours lie beside each other."""
+    spread_um: float = Field(default=20.0, ge=0, le=500)
+    """How far ink runs."""
+
+
+class NoiseConfig(Table):
+    """What the simulated force box adds to a reading."""
+
+    noise_n: float = Field(default=0.01, ge=0, le=100)
+    """Standard deviation of a force reading."""
+
+
+class FiniteGelConfig(Table):
+    """Resolution of the simulated gel at the level 'hyperelastic'."""
+
+    cell_mm: float | None = Field(default=None, ge=0.1, le=12.0)
+    """Cells below the indenter; None: chosen from its shape and the tolerance."""
+    tolerance: float = Field(default=0.03, ge=0.001, le=0.5)
+    """Of force, for that choice."""
+    most_unknowns: int = Field(default=8_000, ge=500, le=1_000_000)
+    """Of a mesh chosen so: thousands of knots are solved on it. Larger cells are flagged."""
+    lattice_mm: float = Field(default=0.5, ge=0.05, le=2.0)
+    """Lattice on which displacements are kept."""
+    press_increment_mm: float = Field(default=0.5, ge=0.001, le=5.0)
+    """Way of a press between two solutions."""
+    shear_increment_mm: float = Field(default=1.0, ge=0.001, le=5.0)
+    """Way of a drag between two solutions."""
+
+
+class GelConfig(Table):
+    """Resolution of the simulated gel: at the linear level, and apart from it at finite strain.
+
+    One solve per increment of motion; between them displacements and forces are interpolated.
+    """
+
+    spacing_mm: float | None = Field(default=None, ge=0.05, le=2.0)
+    """Between the points at which the linear gel is solved and shown; None: chosen from the contact
+    and `hyperelastic.lattice_mm`."""
+    press_increment_mm: float = Field(default=0.1, ge=0.001, le=1.0)
+    """Way of a press between two solutions at the linear level."""
+    shear_increment_mm: float = Field(default=0.25, ge=0.001, le=2.0)
+    """Way of a drag between two solutions at the linear level."""
+    hyperelastic: FiniteGelConfig = FiniteGelConfig()
+
+
+class GoneConfig(Table):
+    """Of `run --realtime` of version 0.2, which is gone: read, and not used."""
+
+    camera_rate_hz: float = Field(default=5.0, ge=0.1, le=240)
+    """Not used."""
+
+
+class MountConfig(Table):
+    """How the bench truly stands beside what its rig file says, for a touch-off to find.
+
+    Only `rig simulate` has it: on a virtual rig the rig file is right.
+    """
+
+    offset_mm: tuple[Off, Off, Off] = (0.0, 0.0, 0.0)
+    """Of the face's middle from `[stage] origin_machine_mm`."""
+    tilt_deg: tuple[Askew, Askew] = (0.0, 0.0)
+    """Of the face, about the sensor's x, then about y."""
+    longer_mm: dict[str, Off] = Field(default_factory=dict)
+    """By indenter: how much longer than the one that the origin was measured with."""
+
+
+class _LensChanges(Table):
+    """The true lens of a simulated camera: what differs from the design's."""
+
+    design: str | None = None
+    """Name or path of the design that these numbers are of; on another design what differs from it
+    counts. Without it they must be near those of every design that the rig is used with."""
+
+    def numbers(self) -> dict[str, float]:
+        """What is given, without the design."""
+        return self.model_dump(exclude={"design"}, exclude_none=True)
+
+
+if TYPE_CHECKING:
+    LensConfig = _LensChanges
+else:  # every key of the lens, with the limits and the meaning that it has there
+    LensConfig = create_model(
+        "LensConfig",
+        __base__=_LensChanges,
+        **{
+            f.name: (get_type_hints(Fisheye)[f.name] | None, Field(None, **f.metadata))
+            for f in fields(Fisheye)
+        },
+    )
+
+
+class SimulatorConfig(Table):
+    """All that only a virtual rig has."""
+
+    camera: SimulatedCameraConfig = SimulatedCameraConfig()
+    lens: LensConfig | None = None
+    """Without it the camera is a pinhole."""
+    printer: PrinterConfig = PrinterConfig()
+    force: NoiseConfig = NoiseConfig()
+    gel: GelConfig = GelConfig()
+    mount: MountConfig = MountConfig()
+    realtime: GoneConfig = GoneConfig()
 
 
 class VirtualConfig(Table):

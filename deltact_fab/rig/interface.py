@@ -6,18 +6,24 @@ of the sensor, z = 0 at the resting face; a depth d is z = -d. Times are seconds
 
 from __future__ import annotations
 
+import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..aliases import Image, Vector
+from ..aliases import Image, Progress, Vector
 
 if TYPE_CHECKING:
-    from ..optics import StageFrame
+    from ..optics import CameraModel, FlatField, StageFrame
+    from ..patterns.recipe import PatternRecipe
+    from ..protocols import plan
+    from ..shapes import SensorDimensions
 
 
 class Clock(Protocol):
@@ -258,3 +264,108 @@ class DeviceRow(NamedTuple):
     def line(self) -> str:
         """One line for a person."""
         return f"{self.verdict}  {self.device}: {self.text}"
+
+
+class WallClock:
+    """Monotonic wall time. One instance is shared by host, runner, camera and force sensor."""
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns()
+
+    def now_s(self) -> float:
+        return self.now_ns() / 1e9
+
+    def sleep_s(self, seconds: float) -> None:
+        time.sleep(seconds)
+
+
+@dataclass
+class Devices:
+    """What a run drives. A camera or force sensor that the protocol does not ask for is None."""
+
+    clock: Clock
+    stage: Stage
+    camera: Camera | None
+    force: ForceSensor | None
+    change_indenter: Callable[[str], str | None]
+    """Has an indenter mounted and finds its tip; returns what the record is to keep of it."""
+    guard: Guard | None = None
+    begin: Callable[[], str] | None = None
+    """Before a session's homing, the stage connected: asks, lifts a tip out of the gel, or raises;
+    returns what the record is to keep of it."""
+    change_s: float = 0.0
+    """What `change_indenter` takes by plan."""
+    wall_clock: bool = False
+    """Time passes by itself: every device has a thread of its own; else one scheduler steps all."""
+
+
+@dataclass(frozen=True)
+class RigSetup:
+    """One run as it was asked for: what a rig is built from. folder: of the run."""
+
+    protocol: plan.Protocol
+    sensor: SensorDimensions
+    recipe: PatternRecipe
+    view: CameraModel | None
+    """Of the images that are tracked, see `RigKind.camera`."""
+    seed: int
+    folder: Path
+    air: bool = False
+    """Nothing is touched, see `protocols.plan.expand`."""
+    unattended: bool = False
+    """Run without prompts: nobody changes an indenter or answers."""
+    tip_is_clear: bool = False
+    """The operator's word that the tip touches nothing when the session begins."""
+
+
+class OpenBench(ABC):
+    """All devices of one run. Whoever builds it closes it, however the run ends."""
+
+    clock: Clock
+    camera: Camera | None
+    force: ForceSensor | None
+
+    @abstractmethod
+    def identity(self) -> dict[str, Any]:
+        """What the summary keeps of each device; None for one that is not there."""
+
+    @abstractmethod
+    def notes(self) -> list[str]:
+        """What a reader of the results must know, once the run is over."""
+
+    @abstractmethod
+    def left_out(self) -> list[str]:
+        """What was not built, driven or solved, and why."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close every device, also after one that fails to; again does nothing."""
+
+
+class Rig(Devices, OpenBench):
+    """A bench whose stage carries out the run."""
+
+
+class RigKind(Protocol):
+    """What one kind of rig says before any device is opened, and how it is built."""
+
+    part: str
+    """What `refusals` speaks of, for a table of checks."""
+
+    def refusals(self, protocol: plan.Protocol, sensor: SensorDimensions, source: str) -> list[str]:
+        """Why a protocol cannot be carried out on it, a line each; source: of the protocol."""
+
+    def camera(self, protocol: plan.Protocol, sensor: SensorDimensions) -> CameraModel | None:
+        """The projection of the images that are tracked; None without a camera.
+
+        Raises InputError for a calibration that cannot be read, or not serve here.
+        """
+
+    def flat(self, protocol: plan.Protocol) -> FlatField | None:
+        """How the light falls off in that camera's images, where it is known. Raises InputError."""
+
+    def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
+        """Every device of the run, or none: what was opened is closed when another fails.
+
+        progress: told of what has to be solved first.
+        """

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,39 +18,13 @@ from ..protocols.plan import Step
 from ..record import Chunk, RunWriter
 from ..record.streams import FORCE_COLUMNS
 from ..units import to_ns
-from .bench import GrblKind
-from .clock import WallClock
-from .interface import Camera, CameraFrame
-from .job import RigSetup
+from .camera.model import open_camera
+from .config import GrblConfig
+from .interface import Camera, CameraFrame, OpenBench, RigSetup, WallClock
 from .tool.operator import TerminalOperator
 
-if TYPE_CHECKING:
-    from ..protocols.plan import Protocol
-    from ..shapes import SensorDimensions
-    from .config import GrblConfig
 
-
-class WeightsKind:
-    """A real bench's camera, and a hand. As rig.job.RigKind, but for what it builds."""
-
-    part = GrblKind.part
-
-    def __init__(self, config: GrblConfig, source: Path) -> None:
-        """source: of the rig file."""
-        self._config, self._source = config, source
-        kind = GrblKind(config, source)
-        self.camera, self.flat, self._refusals = kind.camera, kind.flat, kind.refusals
-
-    def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
-        """As of the bench; the weights are the force."""
-        asked = protocol.model_copy(update={"channels": protocol.channels - {"force"}})
-        return self._refusals(asked, sensor, source)
-
-    def build(self, job: RigSetup, progress: Progress | None = None) -> WeightsBench:
-        return WeightsBench(self._config, self._source.parent, job)
-
-
-class WeightsBench:
+class WeightsBench(OpenBench):
     """Has one weight after the other laid on, and records what is seen of it.
 
     Whoever builds it closes it.
@@ -65,8 +39,6 @@ class WeightsBench:
         self.camera: Camera | None = None
         self.force = None
         if "image" in job.protocol.channels:
-            from .camera.open import open_camera
-
             assert config.camera is not None, "refused without one"
             self.camera = open_camera(config.camera, folder, self.clock)
 

@@ -24,8 +24,7 @@ from ..protocols.plan import Protocol, expand
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
-from ..virtual.paths import paths
-from ..virtual.presses import Presses
+from ..virtual.presses import Presses, paths
 from . import press_jobs
 from .grid import GridJob
 from .pattern_errors import METHODS

@@ -22,7 +22,7 @@ from ..patterns.recipe import PatternRecipe
 from ..protocols.plan import Protocol
 from ..report.result import GEL_FLAGS
 from ..rig.config import VirtualConfig
-from ..rig.job import RigSetup as RigJob
+from ..rig.interface import RigSetup as RigJob
 from ..shapes import SensorDimensions
 from ..virtual.presses import Presses, path_of, stored_files
 from ..virtual.rig import VirtualKind

@@ -62,7 +62,7 @@ class PressScene:
                 )
         sensor, kind = load_design(specimen.design), VirtualKind(rig, source)
         for protocol, file in loaded.values():
-            limits.require(limits.check(protocol, sensor, rig.stage.box), str(file))
+            limits.require(limits.check(protocol, sensor, rig.stage), str(file))
             if refused := kind.refusals(protocol, sensor, str(file)):
                 raise InputError(refused[0])
         protocols = {key: protocol for key, (protocol, _) in loaded.items()}

@@ -31,9 +31,8 @@ from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..units import stream_number
 from ..virtual.drawing import crop_of, geometry_of, noise_of, printed
-from ..virtual.paths import PressPath
 from ..virtual.picture import FrameRenderer
-from ..virtual.presses import Presses, path_of
+from ..virtual.presses import Presses, PressPath, path_of
 from ..virtual.rig import VirtualKind
 
 

@@ -4,19 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..units import NS_PER_S, to_ns
-
-
-class NsClock(Protocol):
-    """What the simulated devices need of a clock: `VirtualClock` and `rig.clock.WallClock`."""
-
-    def now_ns(self) -> int:
-        """Nanoseconds since an arbitrary, fixed origin; never goes back."""
 
 
 class Ticks:

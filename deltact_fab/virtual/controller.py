@@ -23,10 +23,10 @@ from collections.abc import Callable, Generator, Mapping
 from typing import Literal
 
 from ..aliases import Vector
-from ..rig.stage.config import StageConfig
+from ..rig.interface import Clock
+from ..rig.tables import StageConfig
 from ..units import NS_PER_S, to_ns
 from .carriage import PLANNER_BLOCKS, Carriage
-from .clock import NsClock
 from .grbl_lines import SETTINGS, GrblError, change, coordinates, jog_of, listed, settings_for
 from .motion import Segment
 
@@ -63,7 +63,7 @@ class GrblController:
     def __init__(
         self,
         settings: Mapping[int, float] | None,
-        clock: NsClock,
+        clock: Clock,
         *,
         start_mm: Vector = (-20.0, -20.0, -10.0),
         boot_s: float = 1.0,
@@ -86,7 +86,7 @@ class GrblController:
         self._power_on()
 
     @classmethod
-    def of(cls, stage: StageConfig, clock: NsClock) -> GrblController:
+    def of(cls, stage: StageConfig, clock: Clock) -> GrblController:
         """With the limits of a rig file's stage; all else as a bench usually has it."""
         limits = stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2
         return cls(settings_for(*limits), clock)

@@ -1,27 +1,33 @@
-"""How a bench draws: the cut of the face that the camera sees, its geometry, and a printed gel."""
+"""The simulated camera: what it sees of the face, its geometry, a printed gel, and its truth."""
 
 from __future__ import annotations
 
+import io
+import json
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ..aliases import Field
+from ..errors import RunFailed
+from ..files import write_whole
 from ..imaging import ImageSensor, Printer
 from ..optics import Fisheye, Pinhole, Rectified, SurfaceLattice
 from ..patterns.raster import albedo
 from ..patterns.recipe import PatternRecipe
-from ..rig.config import VirtualConfig
-from ..rig.simulator import SimulatorConfig
+from ..record import lattice_file, lens_file, truth_file
+from ..rig.config import SimulatorConfig, VirtualConfig
+from ..rig.interface import CameraFrame, Clock
 from ..shapes import SensorDimensions
-from .picture import MARGIN_PX, FrameRenderer, Geometry, Texture
-from .raw_view import BAND_PX, RawView
-from .scene import LatticeCrop
-
-if TYPE_CHECKING:
-    from ..aliases import Field
+from ..units import stream_number
+from .picture import BAND_PX, MARGIN_PX, FrameRenderer, Geometry, RawView, Texture
+from .scene import GelScene, LatticeCrop
 
 RESTING_MM = 1.0  # between the nodes of a face that does not move
+Seen = tuple[int, int, float]  # between which knots, and how far from the first
 
 
 def crop_of(
@@ -82,3 +88,85 @@ def printed(
 def noise_of(seed: int, stream: int) -> np.random.Generator:
     """The camera's noise in one press, by the number of its name: it does not know the others."""
     return np.random.default_rng(np.random.SeedSequence([seed, 2, stream]))
+
+
+class VirtualCamera:
+    """Implements rig.interface.Camera; at the end of a press it stores the truth of its frames."""
+
+    def __init__(
+        self,
+        picture: FrameRenderer,
+        clock: Clock,
+        seed: int,
+        scene: GelScene,
+        lattice: SurfaceLattice,
+        lens: Fisheye | None,
+        folder: Path,
+    ) -> None:
+        """scene: what is drawn. lattice: where its knots have their displacements.
+
+        lens: what the picture is drawn through; None: a pinhole. folder: of the run.
+        """
+        self._picture, self._clock, self._seed = picture, clock, seed
+        self._scene, self._lattice, self._lens, self._folder = scene, lattice, lens, folder
+        self._stream: str | None = None
+        self._seen: list[Seen] = []
+        self._rng = np.random.default_rng(0)
+
+    def begin(self, stream: str) -> None:
+        """A new press: its noise depends on the seed and its name, not on what came before."""
+        self._stream = stream
+        self._seen = []
+        self._scene.begin()
+        self._rng = noise_of(self._seed, stream_number(stream))
+
+    def capture(self) -> CameraFrame:
+        assert self._stream is not None, "begin() comes before the first frame"
+        seen = self._scene.observe()
+        self._seen.append((seen.a.index, seen.b.index, seen.fraction))
+        return CameraFrame(
+            self._picture.render(seen.displacement_mm(), self._rng), self._clock.now_s()
+        )
+
+    def end(self, frames: Mapping[str, float]) -> None:
+        """Store the press's knots and where each of its frames stands between which of them."""
+        assert self._stream is not None, "begin() comes before end()"
+        assert len(frames) == len(self._seen), "one id a frame"
+        path = truth_file(self._folder, self._stream)
+        try:
+            path.parent.mkdir(exist_ok=True)
+        except OSError as why:
+            raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
+        about: dict[Path, SurfaceLattice | Fisheye] = {lattice_file(self._folder): self._lattice}
+        if self._lens is not None:
+            about[lens_file(self._folder)] = self._lens
+        for where, what in about.items():
+            write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
+        knots = self._scene.knots
+        fields = [k.displacement_mm for k in knots if k.displacement_mm is not None]
+        tractions = [k.traction_mpa for k in knots if k.traction_mpa is not None]
+        x_mm, y_mm = self._scene.axes_mm
+        more: dict[str, Any] = {"traction_mpa": np.stack(tractions)} if tractions else {}
+        more["zone_map"] = np.stack([k.zone_map for k in knots if k.zone_map is not None])
+        for name in vars(knots[0].zones):
+            more[name] = [vars(k.zones)[name] for k in knots]
+        packed = io.BytesIO()
+        np.savez(
+            packed,
+            displacement_mm=np.stack(fields),
+            frame_id=np.asarray(list(frames), dtype=np.str_),
+            knots=np.asarray([(a, b) for a, b, _ in self._seen], dtype=np.int64).reshape(-1, 2),
+            fraction=np.asarray([f for _, _, f in self._seen], dtype=float),
+            x_mm=x_mm,
+            y_mm=y_mm,
+            **more,
+        )
+        write_whole(path, packed.getvalue())
+        self._stream = None
+
+    def identity(self) -> dict[str, Any]:
+        projection = "pinhole" if self._lens is None else "fisheye"
+        return {"kind": "virtual", "projection": projection}
+
+    def close(self) -> None:
+        """Nothing is held open."""

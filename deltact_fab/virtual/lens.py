@@ -7,7 +7,6 @@ one is in the rig file's `[virtual.lens]` and goes to the run's `truth/`, nowher
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,12 +14,9 @@ from ..cad.design import load_design
 from ..errors import InputError
 from ..optics import Fisheye, Rectified, camera_from_dict
 from ..rig.camera.model import calibrated, view_notes
+from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
-from .raw_view import BAND_PX
-
-if TYPE_CHECKING:
-    from ..rig.config import VirtualConfig
-
+from .picture import BAND_PX
 
 NEAR_MM = {"air_gap_mm": 1.0, "acrylic_mm": 0.5, "gel_mm": 1.0}
 """How far what was put together by hand may be from its design; more is another sensor's."""

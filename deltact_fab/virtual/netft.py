@@ -1,7 +1,7 @@
 """Faults of a simulated Net F/T box and its network, switched on by a test.
 
 A record is 36 bytes, big-endian: three sequence and status words, then six signed counts (Net F/T
-manual, RDT protocol). `netft_server` puts the box on sockets, `LockstepLink` is the way to it in
+manual, RDT protocol). `served` puts the box on sockets, `LockstepLink` is the way to it in
 virtual time.
 """
 
@@ -212,7 +212,7 @@ class NetFTBox:
 
 
 class LockstepLink:
-    """Implements rig.force.netft.Link: datagrams to and from a box in virtual time."""
+    """Implements rig.force.netft.BoxLink: datagrams to and from a box in virtual time."""
 
     def __init__(self, box: NetFTBox) -> None:
         self._box = box

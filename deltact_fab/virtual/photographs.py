@@ -33,7 +33,7 @@ from ..record.files import json_bytes
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from .lens import true_lens
-from .raw_view import RawView
+from .picture import RawView
 
 BLACK, WHITE, BACKGROUND, BLANK = 0.04, 0.85, 0.25, 0.6
 """Reflectances; a blank skin is lit so that no pixel is full."""

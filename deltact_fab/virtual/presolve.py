@@ -15,10 +15,9 @@ from ..errors import DeltactFabError
 from ..gel.zones import Zones
 from ..jobs import JobOutcome, run, tell
 from ..protocols.plan import Protocol
-from ..rig.simulator import GelConfig
+from ..rig.config import GelConfig
 from ..shapes import SkinDimensions
-from .paths import PressPath
-from .presses import PlannedPress, Presses, path_of, stored_files
+from .presses import PlannedPress, Presses, PressPath, path_of, stored_files
 
 
 @dataclass

@@ -17,8 +17,8 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
+from ..rig.interface import Clock
 from ..units import NS_PER_S
-from .clock import NsClock
 from .controller import GrblController
 
 IDLE_MS = 20  # between two looks when nothing is to happen
@@ -35,7 +35,7 @@ class PtyCable(AbstractContextManager["PtyCable"]):
     def __init__(
         self,
         controller: GrblController,
-        clock: NsClock,
+        clock: Clock,
         *,
         resets_on_open: bool = False,
         heard: Callable[[float, bytes], None] | None = None,

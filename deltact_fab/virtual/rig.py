@@ -13,15 +13,13 @@ from ..protocols.plan import Protocol
 from ..rig.camera.model import flat_field
 from ..rig.config import VirtualConfig
 from ..rig.force.netft import NetFTSensor
-from ..rig.interface import Camera
-from ..rig.job import Devices, RigSetup
+from ..rig.interface import Rig, RigSetup
 from ..rig.stage.grbl import GrblStage
 from ..shapes import SensorDimensions
 from ..units import stream_number
 from .clock import VirtualClock
 from .controller import GrblController
-from .feasibility import unanswered
-from .gel_summary import gel_left_out, gel_notes
+from .feasibility import gel_left_out, gel_notes, unanswered
 from .netft import LockstepLink, NetFTBox
 from .presses import Presses
 from .scene import GelScene, LatticeCrop
@@ -29,7 +27,7 @@ from .wire import SerialLink
 
 if TYPE_CHECKING:
     from ..gel.level import Choice
-    from .devices import VirtualCamera
+    from .drawing import VirtualCamera
     from .picture import FrameRenderer
 
 
@@ -84,7 +82,7 @@ class VirtualForce(NetFTSensor):
         super().begin(stream)
 
 
-class VirtualRig:
+class VirtualRig(Rig):
     """Clock, controller behind its wire, gel, camera and force box of one run."""
 
     def __init__(self, config: VirtualConfig, job: RigSetup) -> None:
@@ -100,9 +98,9 @@ class VirtualRig:
     def _build(self) -> None:
         """Each device that is built is closed with the rig, the last one first."""
         job, stage = self._job, self._config.stage
-        self.clock = VirtualClock()
+        clock = VirtualClock()
         simulator = self._config.virtual
-        controller = GrblController.of(stage, self.clock)
+        controller = GrblController.of(stage, clock)
         self.presses = presses = Presses(job.protocol, job.sensor.skin, simulator.gel)
         self._crop: LatticeCrop | None = None
         if "image" in job.protocol.channels:
@@ -110,40 +108,32 @@ class VirtualRig:
 
             self._crop = crop_of(self._config, job.sensor, presses.axes_mm())
         self.scene = GelScene(
-            controller, self.clock, stage.frame, presses.increments, presses.open, self._crop,
+            controller, clock, stage.frame, presses.increments, presses.open, self._crop,
             presses.modulus_mpa,
         )  # fmt: skip
-        self._link = SerialLink(controller, self.clock, baud=stage.baud)
-        self.stage = GrblStage.of(stage, self.clock, self._link)
-        self.stage.whole_moves = True  # the gel is solved along the lines of the plan
-        self._open.callback(self.stage.close)
-        self.camera: VirtualCamera | None = None
+        link = SerialLink(controller, clock, baud=stage.baud)
+        host = GrblStage.of(stage, clock, link)
+        host.whole_moves = True  # the gel is solved along the lines of the plan
+        self._open.callback(host.close)
+        camera: VirtualCamera | None = None
         if self._crop is not None:
-            from .devices import TruthWriter, VirtualCamera
+            from .drawing import VirtualCamera
 
             picture, lens = self._picture(self._crop)
-            truth = TruthWriter(job.folder, self.scene, self._crop.lattice, lens)
-            self.camera = VirtualCamera(picture, self.clock, job.seed, truth)
-            self._open.callback(self.camera.close)
-        self.force: VirtualForce | None = None
+            camera = VirtualCamera(
+                picture, clock, job.seed, self.scene, self._crop.lattice, lens, job.folder
+            )
+            self._open.callback(camera.close)
+        force: VirtualForce | None = None
         if "force" in job.protocol.channels:
             scene = self.scene if self._crop is None else None
             box = NetFTBox(
-                self._config.force, self.clock, job.seed, self.scene.wrenches,
+                self._config.force, clock, job.seed, self.scene.wrenches,
                 simulator.force.noise_n,
             )  # fmt: skip
-            self.force = VirtualForce(box, self.clock, scene)
-            self._open.callback(self.force.close)
-
-    def devices(self) -> Devices:
-        camera: Camera | None = self.camera
-        return Devices(
-            clock=self.clock,
-            stage=self.stage,
-            camera=camera,
-            force=self.force,
-            change_indenter=self.scene.mount,
-        )
+            force = VirtualForce(box, clock, scene)
+            self._open.callback(force.close)
+        super().__init__(clock, host, camera, force, self.scene.mount)
 
     def identity(self) -> dict[str, Any]:
         return {

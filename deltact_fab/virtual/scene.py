@@ -19,8 +19,8 @@ from ..aliases import Point
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, SolvedKnot, divide
 from ..gel.zones import ZoneMap, Zones
 from ..optics import StageFrame, SurfaceLattice
+from ..rig.interface import Clock
 from ..units import NS_PER_S
-from .clock import NsClock
 from .controller import GrblController
 from .motion import Segment
 from .presses import PlannedPress
@@ -133,7 +133,7 @@ class GelScene:
     def __init__(
         self,
         controller: GrblController,
-        clock: NsClock,
+        clock: Clock,
         frame: StageFrame,
         increments: Increments,
         presses: Callable[[str, tuple[float, float]], PlannedPress],
@@ -249,18 +249,13 @@ class GelScene:
     def _still(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Wrenches (n, 6) at times (n,) of a rest, which may have several knots."""
         found = np.empty((len(t_ns), 6))
-        k = 0
-        while k < len(t_ns):
-            at = self._resting(int(t_ns[k]))
+        for k, now_ns in enumerate(t_ns.tolist()):
+            at = self._resting(now_ns)
             a, b = np.array(at.a.wrench), np.array(at.b.wrench)
-            rest_s, since_ns = self._rest_s(), self._arrived_ns
-            if rest_s is None:
+            found[k] = a + at.fraction * (b - a)
+            if at.a is at.b:  # nothing creeps
                 found[k:] = a
                 break
-            share = (t_ns[k:] - since_ns) / NS_PER_S / rest_s
-            share = share[share < 1.0]
-            found[k : k + len(share)] = a + share[:, None] * (b - a)
-            k += len(share)
         return found
 
     def _resting(self, now_ns: float) -> Observation:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import Literal
 
 import serial
@@ -21,15 +20,6 @@ from .controller import GrblController
 
 _BITS_PER_BYTE = 10
 Exchange = tuple[int, Literal["host", "controller"], bytes]
-
-
-@dataclass
-class _Chunk:
-    """Bytes that arrive one after the other from start_ns on; those before `taken` are read."""
-
-    start_ns: int
-    data: bytes
-    taken: int = 0
 
 
 class SerialLink:
@@ -54,7 +44,7 @@ class SerialLink:
         self.timeout: float | None = None
         self._resets_on_open = resets_on_open
         self._trace = trace
-        self._arriving: deque[_Chunk] = deque()
+        self._arriving: deque[tuple[int, int]] = deque()  # when each byte is through, and it
         self._free_ns = clock.now_ns()
         self._out_ns: tuple[float, float] = (0, 0)  # the cable is out from then till then
 
@@ -103,8 +93,8 @@ class SerialLink:
         """Bytes that have arrived and can be read without any wait."""
         self._require_cable()
         self._collect()
-        now = self._clock.now_ns()
-        return sum(self._arrived(chunk, now) for chunk in self._arriving)
+        now_ns = self._clock.now_ns()
+        return sum(through_ns <= now_ns for through_ns, _ in self._arriving)
 
     def read_until(self, end: bytes = b"\n") -> bytes:
         """Up to that byte, or less at the time-out."""
@@ -118,39 +108,24 @@ class SerialLink:
         self._require_cable()
         deadline = None if self.timeout is None else self._clock.now_ns() + to_ns(self.timeout)
         got = bytearray()
-        while len(got) < size:
+        over = False
+        while len(got) < size and not over:
             self._collect()
-            if self._arriving:
-                complete = self._take(got, size, deadline, until)
-            else:
-                complete = self._wait_for_speech(deadline)
-            if complete:
-                break
+            if not self._arriving:
+                over = self._wait_for_speech(deadline)
+            through_ns = 0
+            while self._arriving and len(got) < size and not over:
+                next_ns = self._arriving[0][0]
+                if deadline is not None and next_ns > max(deadline, self._clock.now_ns()):
+                    through_ns, over = deadline, True
+                else:
+                    through_ns, byte = self._arriving.popleft()
+                    got.append(byte)
+                    over = until == bytes((byte,))
+            self._clock.advance_to_ns(through_ns)
         if got and self._trace is not None:
             self._trace.append((self._clock.now_ns(), "controller", bytes(got)))
         return bytes(got)
-
-    def _take(self, got: bytearray, size: int, deadline: int | None, until: bytes) -> bool:
-        """Move bytes of the first chunk to `got`; True when the read is over."""
-        chunk = self._arriving[0]
-        end = min(len(chunk.data), chunk.taken + size - len(got))
-        over = False
-        if until:
-            at = chunk.data.find(until, chunk.taken, end)
-            if at >= 0:
-                end, over = at + 1, True
-        if deadline is not None:
-            in_time = chunk.taken + self._arrived(chunk, max(deadline, self._clock.now_ns()))
-            if in_time < end:
-                end, over = in_time, True
-                self._clock.advance_to_ns(deadline)
-        if end > chunk.taken:
-            self._clock.advance_to_ns(chunk.start_ns + self._duration_ns(end))
-            got += chunk.data[chunk.taken : end]
-            chunk.taken = end
-        if end == len(chunk.data):
-            self._arriving.popleft()
-        return over
 
     def _wait_for_speech(self, deadline: int | None) -> bool:
         """Let time pass to the controller's next event or the deadline; True at the deadline."""
@@ -169,16 +144,9 @@ class SerialLink:
         for t_ns, data in self.controller.take_output():
             if not self._out_ns[0] <= t_ns < self._out_ns[1]:
                 start = max(t_ns, self._free_ns)
-                self._arriving.append(_Chunk(start, data))
+                ends = (start + self._duration_ns(k + 1) for k in range(len(data)))
+                self._arriving.extend(zip(ends, data, strict=True))
                 self._free_ns = start + self._duration_ns(len(data))
-
-    def _arrived(self, chunk: _Chunk, t_ns: int) -> int:
-        """Unread bytes of a chunk that are through at a time."""
-        through = (t_ns - chunk.start_ns) * self._baud // (_BITS_PER_BYTE * NS_PER_S)
-        # The byte whose end was rounded up to a whole nanosecond is through at that nanosecond.
-        if through < len(chunk.data) and chunk.start_ns + self._duration_ns(through + 1) <= t_ns:
-            through += 1
-        return max(min(through, len(chunk.data)) - chunk.taken, 0)
 
     def _duration_ns(self, n: int) -> int:
         return n * _BITS_PER_BYTE * NS_PER_S // self._baud

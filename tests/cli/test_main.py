@@ -113,7 +113,6 @@ def test_an_old_form_does_what_the_new_one_does_and_says_so(
         ("rig jog b.toml 0 0 500", "500 mm is more than 10; give --most 500"),
         ("rig jog b.toml 0 0 1 --feed -3", "-3"),
         ("rig goto b.toml 0 0 inf --as-counted", "inf is not a finite number"),
-        ("rig goto b.toml 0 0 9 --as-counted --clearance -1", "-1"),
         ("rig check b.toml --seconds nan", "nan is not a finite number"),
         ("rig register b.toml -o f.toml --indenter 4dots", "registered with a ball"),
         ("rig register b.toml -o f.toml --at nan,0", "two numbers are needed"),

@@ -18,7 +18,7 @@ from click.testing import CliRunner
 
 from deltact_fab.cli.rig import rig
 from deltact_fab.errors import DeltactFabError, InputError, StageError
-from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.interface import WallClock
 from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.pty import PtyCable
 

@@ -9,7 +9,7 @@ from deltact_fab.gel.fit.force_curve import force_curve
 from deltact_fab.gel.press import press
 from deltact_fab.preflight.press import press_curve
 from deltact_fab.protocols.plan import Protocol
-from deltact_fab.rig.simulator import FiniteGelConfig, GelConfig
+from deltact_fab.rig.config import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 from deltact_fab.virtual.presses import Presses

@@ -30,8 +30,7 @@ from deltact_fab.patterns import load_recipe
 from deltact_fab.patterns.raster import albedo
 from deltact_fab.report.first_light import pairs
 from deltact_fab.rig.interface import CameraFrame
-from deltact_fab.virtual.picture import FrameRenderer, Geometry, Texture
-from deltact_fab.virtual.raw_view import RawView
+from deltact_fab.virtual.picture import FrameRenderer, Geometry, RawView, Texture
 
 DESIGN = load_design("deltact")
 LATTICE = SurfaceLattice(-20.0, -17.0, 0.5, 81, 69)

@@ -30,7 +30,7 @@ def declare(**changes: object) -> Protocol:
 
 
 def rows(protocol: Protocol, out: Path, **more: object) -> dict[str, LimitCheck]:
-    box = config.load("virtual")[0].stage.box
+    box = config.load("virtual")[0].stage
     estimate = limits.estimate(protocol, 1280 * 720, box)
     arguments: dict[str, object] = {"held_hz": 50.0, **more}
     found = budget(protocol, plan.expand(protocol), estimate, out, **arguments)  # type: ignore[arg-type]
@@ -50,7 +50,7 @@ def test_days_are_warned_of_and_months_refused(tmp_path: Path) -> None:
     hour = declare(capture={"settle_s": 600.0})
     steps, estimate = (
         plan.expand(hour),
-        limits.estimate(hour, 1, config.load("virtual")[0].stage.box),
+        limits.estimate(hour, 1, config.load("virtual")[0].stage),
     )
     for days, ok, warns in ((0.9, True, False), (2, True, True), (31, False, False)):
         taken = replace(estimate, seconds=days * 86400)
@@ -62,7 +62,7 @@ def test_days_are_warned_of_and_months_refused(tmp_path: Path) -> None:
 def test_the_disk_that_is_judged_is_that_of_the_run(tmp_path: Path) -> None:
     found = rows(SMOKE, tmp_path / "run")["disk"]
     assert str(tmp_path) in found.where
-    box = config.load("virtual")[0].stage.box
+    box = config.load("virtual")[0].stage
     huge = replace(limits.estimate(SMOKE, 1, box), disk_mb=3.5e9)
     found = budget(SMOKE, plan.expand(SMOKE), huge, tmp_path, None)[2]
     assert not found.ok

@@ -19,7 +19,7 @@ NAMES = ("force-calibration", "force-calibration-small", "twist", "ball-press")
 def test_they_pass_every_check_and_are_filmed_without_a_jump(name: str) -> None:
     protocol, _ = plan.load(name)
     rig, _ = config.load("virtual")
-    rows = limits.check(protocol, load_design(protocol.specimen.design), rig.stage.box)
+    rows = limits.check(protocol, load_design(protocol.specimen.design), rig.stage)
     assert [row.line() for row in rows if not row.ok or row.warns] == []
     assert protocol.specimen.gel_model == "hyperelastic"
 

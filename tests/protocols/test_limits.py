@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import pytest
 
 from deltact_fab.errors import InputError
-from deltact_fab.optics import StageFrame
 from deltact_fab.protocols import limits, plan
-from deltact_fab.protocols.limits import LimitCheck, StageBox
+from deltact_fab.protocols.limits import LimitCheck
 from deltact_fab.protocols.plan import Protocol, Step
+from deltact_fab.rig.tables import StageConfig
 from deltact_fab.shapes import SensorDimensions, SkinDimensions
 
 SENSOR = SensorDimensions()
-BOX = StageBox(StageFrame((-60.0, -60.0, -40.0)), (120.0, 120.0, 60.0), (1500.0,) * 3, (50.0,) * 3)
+BOX = StageConfig(
+    origin_machine_mm=(-60.0, -60.0, -40.0), travel_mm=(120.0, 120.0, 60.0),
+    max_feed_mm_min=(1500.0,) * 3, acceleration_mm_s2=(50.0,) * 3,
+)  # fmt: skip
 
 
 def protocol(**changes: object) -> Protocol:
@@ -52,15 +53,15 @@ def test_footprint_and_shear_stay_on_the_skin(x: float, ok: bool) -> None:
 
 
 def test_travel_in_the_machine_frame() -> None:
-    high = dataclasses.replace(BOX, frame=StageFrame((-60.0, -60.0, -19.0)))
+    high = BOX.model_copy(update={"origin_machine_mm": (-60.0, -60.0, -19.0)})
     found = row(limits.check(protocol(), SENSOR, high), "machine z")
     assert not found.ok  # parked 20 mm above a face that is 19 mm below the top
-    low = dataclasses.replace(BOX, frame=StageFrame((-60.0, -60.0, -59.1)))
+    low = BOX.model_copy(update={"origin_machine_mm": (-60.0, -60.0, -59.1)})
     assert not row(limits.check(protocol(), SENSOR, low), "machine -z").ok
 
 
 def test_travel_sees_the_rotation_of_the_stage() -> None:
-    turned = dataclasses.replace(BOX, frame=StageFrame((-2.0, -60.0, -40.0), angle_deg=90.0))
+    turned = BOX.model_copy(update={"origin_machine_mm": (-2.0, -60.0, -40.0), "angle_deg": 90.0})
     rows = limits.check(protocol(), SENSOR, turned)
     assert not row(rows, "machine x").ok  # shear in -y becomes +x there: 3 > 2
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.interface import WallClock
 from deltact_fab.rig.stage.exchange import Talk
 from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.pty import PtyCable

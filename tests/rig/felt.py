@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.config import ForceConfig
-from deltact_fab.rig.force.config import GuardConfig
 from deltact_fab.rig.force.guard import ForceGuard, GuardLimits
 from deltact_fab.rig.force.netft import NetFTSensor
 from deltact_fab.rig.stage.grbl import GrblStage
+from deltact_fab.rig.tables import GuardConfig
 from deltact_fab.rig.tool.config import TouchConfig
 from deltact_fab.rig.tool.feeler import ForceProbe
 from deltact_fab.rig.tool.touch import ForceTouch

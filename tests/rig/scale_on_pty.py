@@ -10,11 +10,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.config import ForceConfig
-from deltact_fab.rig.force.config import SerialScaleConfig
-from deltact_fab.rig.force.open import open_force
-from deltact_fab.rig.interface import ForceSensor
+from deltact_fab.rig.force.watchdog import open_force
+from deltact_fab.rig.interface import ForceSensor, WallClock
+from deltact_fab.rig.tables import SerialScaleConfig
 
 
 class Scale:

@@ -21,10 +21,9 @@ from looked import to_the_end
 from deltact_fab.aliases import Image
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.rig.camera import stream
-from deltact_fab.rig.camera.config import CameraConfig
-from deltact_fab.rig.camera.open import open_camera
-from deltact_fab.rig.clock import WallClock
-from deltact_fab.rig.interface import CameraFrame
+from deltact_fab.rig.camera.model import open_camera
+from deltact_fab.rig.interface import CameraFrame, WallClock
+from deltact_fab.rig.tables import CameraConfig
 
 W, H = 32, 24
 # Carries out a list: send [number, what the image is drawn from], or wait, die, write rubbish.

@@ -29,10 +29,10 @@ LOOK = """
 import json, os, sys, time
 from pathlib import Path
 from deltact_fab.errors import DeltactFabError
-from deltact_fab.rig.camera.config import CameraConfig
-from deltact_fab.rig.camera.open import open_camera
-from deltact_fab.rig.camera.probe import probe
-from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.tables import CameraConfig
+from deltact_fab.rig.camera.model import open_camera
+from deltact_fab.rig.check import camera_rows
+from deltact_fab.rig.interface import WallClock
 
 def look(n, options):
     told, frames = {}, []
@@ -57,7 +57,7 @@ for case in json.loads(sys.argv[1]):
     os.environ.update(driven)
     n, probes = case.get("n", 12), case.get("probes")
     options = {k: v for k, v in case.items() if k not in (*driven, "n", "probes")}
-    told.append(list(probe(CameraConfig(source=77, **options), Path(), 0.3)) if probes else
+    told.append(list(camera_rows(CameraConfig(source=77, **options), Path(), 0.3)) if probes else
                 look(n, options))
     for name in driven:
         del os.environ[name]

@@ -17,13 +17,17 @@ from looked import to_the_end
 
 from deltact_fab.errors import InputError
 from deltact_fab.optics import Fisheye, FlatField, Pinhole, Rectified, as_toml
-from deltact_fab.rig.camera.config import CameraConfig
-from deltact_fab.rig.camera.model import flat_field, tracked_view, view_notes
-from deltact_fab.rig.camera.open import open_camera
-from deltact_fab.rig.camera.photograph import photograph
-from deltact_fab.rig.camera.probe import probe
-from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.camera.model import (
+    flat_field,
+    open_camera,
+    photograph,
+    tracked_view,
+    view_notes,
+)
+from deltact_fab.rig.check import camera_rows
 from deltact_fab.rig.devices import FoundDevice, cameras
+from deltact_fab.rig.interface import WallClock
+from deltact_fab.rig.tables import CameraConfig
 from deltact_fab.shapes import SensorDimensions
 
 W, H = 64, 48
@@ -121,7 +125,7 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(tmp_path: P
         )
         command = (sys.executable, "-c", code)
         config = CameraConfig(command=command, width_px=W, height_px=H, **options)
-        found = list(probe(config, tmp_path, seconds=0.5))
+        found = list(camera_rows(config, tmp_path, seconds=0.5))
         return {
             ok: " | ".join(f.text for f in found if (f.verdict == "pass") is ok)
             for ok in (True, False)
@@ -136,7 +140,7 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(tmp_path: P
     assert "over-exposed" in lines("k[:99] + b'\\xff' * (len(k) - 99)")[False]
     assert "the image is dark" in lines("k[:99] + bytes(len(k) - 99)")[False]
     assert "the same image over and over" in lines("bytes(len(k))")[False]
-    absent = list(probe(CameraConfig(source=63, model="none.toml"), tmp_path, 0.5))
+    absent = list(camera_rows(CameraConfig(source=63, model="none.toml"), tmp_path, 0.5))
     assert [f.verdict for f in absent] == ["FAIL", "FAIL"]
 
 

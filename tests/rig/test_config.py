@@ -43,7 +43,7 @@ def test_each_kind_has_its_own_tables(tmp_path: Path) -> None:
     grbl = loaded(tmp_path, f'kind = "grbl"\n{STAGE}port = "/dev/ttyACM0"\nbaud = 250000\n')
     assert not grbl.simulated
     assert (grbl.stage.port, grbl.stage.baud, grbl.force) == ("/dev/ttyACM0", 250000, None)
-    assert grbl.stage.box == virtual.stage.box
+    assert grbl.stage.frame == virtual.stage.frame
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from deltact_fab.experiment import kind_of
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config
-from deltact_fab.rig.job import Devices, RigSetup
+from deltact_fab.rig.interface import Devices, RigSetup
 from deltact_fab.shapes import SensorDimensions
 
 
@@ -32,7 +32,7 @@ def build(mini: tuple[Path, Path], tmp_path: Path) -> Iterator[Callable[[], Devi
         def built() -> Devices:
             rig = of.build(RigSetup(protocol, sensor, recipe, view, 3, tmp_path / "run"))
             held.callback(rig.close)
-            return rig.devices()
+            return rig
 
         yield built
 
@@ -79,7 +79,7 @@ def test_a_rig_whose_last_device_fails_closes_the_others(
     def broken(*args: Any) -> None:
         raise SensorError("no power")
 
-    camera = importlib.import_module("deltact_fab.virtual.devices").VirtualCamera
+    camera = importlib.import_module("deltact_fab.virtual.drawing").VirtualCamera
     for kind in (GrblStage, camera):
         monkeypatch.setattr(kind, "close", lambda self, kind=kind: closed.append(kind.__name__))
     monkeypatch.setattr(virtual_rig, "VirtualForce", broken)

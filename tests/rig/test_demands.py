@@ -12,8 +12,7 @@ from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig import config
-from deltact_fab.rig.tool.register import Registration
-from deltact_fab.rig.tool.session import write
+from deltact_fab.rig.tool.session import Registration, write
 from deltact_fab.rig.tool.touch import FaceTouch
 
 PROTOCOL = """

@@ -12,11 +12,10 @@ import pytest
 from scale_on_pty import scale
 
 from deltact_fab.errors import InputError, SensorError
-from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.config import ForceConfig
-from deltact_fab.rig.force.config import SerialScaleConfig
-from deltact_fab.rig.force.open import open_force
-from deltact_fab.rig.interface import ForceSamples, ForceSensor
+from deltact_fab.rig.force.watchdog import open_force
+from deltact_fab.rig.interface import ForceSamples, ForceSensor, WallClock
+from deltact_fab.rig.tables import SerialScaleConfig
 
 
 def until(sensor: ForceSensor, what: Callable[[ForceSamples], bool]) -> ForceSamples:

@@ -13,12 +13,12 @@ from board import Board, board
 
 from deltact_fab.cli import keys
 from deltact_fab.optics import StageFrame
-from deltact_fab.rig.clock import WallClock
-from deltact_fab.rig.force.config import ForceConfig, GuardConfig, NetFTConfig
 from deltact_fab.rig.force.watchdog import open_guarded
+from deltact_fab.rig.interface import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
+from deltact_fab.rig.tables import ForceConfig, GuardConfig, NetFTConfig
 from deltact_fab.rig.tool.hand import HandSession
-from deltact_fab.virtual.netft_server import NetFTServer
+from deltact_fab.virtual.served import NetFTServer
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals"),

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from deltact_fab.rig.interface import StageState
-from deltact_fab.rig.stage.move import AHEAD_S, PIECE_S, SHORTEST_MM, Move
+from deltact_fab.rig.stage.controller import AHEAD_S, PIECE_S, SHORTEST_MM, Move
 
 
 @settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)  # on a busy machine

@@ -13,16 +13,15 @@ import pytest
 from numpy.typing import NDArray
 
 from deltact_fab.errors import InputError, SensorError
-from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.check import force_rows
 from deltact_fab.rig.config import ForceConfig, GuardConfig
-from deltact_fab.rig.force.config import NetFTConfig
 from deltact_fab.rig.force.netft import NetFTSensor
-from deltact_fab.rig.force.open import open_force
-from deltact_fab.rig.force.page import fetch
-from deltact_fab.rig.force.probe import probe
-from deltact_fab.rig.interface import ForceSamples
+from deltact_fab.rig.force.rdt import fetch
+from deltact_fab.rig.force.watchdog import open_force
+from deltact_fab.rig.interface import ForceSamples, WallClock
+from deltact_fab.rig.tables import NetFTConfig
 from deltact_fab.virtual.netft import BoxFaults
-from deltact_fab.virtual.netft_server import NetFTServer
+from deltact_fab.virtual.served import NetFTServer
 
 WAIT_S = 2.0  # silence that this busy machine may make by itself
 
@@ -230,7 +229,7 @@ def test_other_units_of_the_box_come_out_as_newtons(
 
 def found(box: NetFTServer, guard: GuardConfig | None = None, **own: object) -> dict[str, bool]:
     config = ForceConfig(netft=way(box, silent_s=2), **own)  # type: ignore[arg-type]
-    return {row.text: row.verdict == "pass" for row in probe(config, guard, 0.3)}
+    return {row.text: row.verdict == "pass" for row in force_rows(config, guard, 0.3)}
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from click.testing import CliRunner, Result
 from deltact_fab import record
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
-from deltact_fab.virtual.netft_server import NetFTServer
+from deltact_fab.virtual.served import NetFTServer
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals"),

@@ -11,7 +11,7 @@ from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig import config
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.rig.stage.settings import Needs, judge
+from deltact_fab.rig.stage.settings import judge
 from deltact_fab.virtual import wire
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
@@ -94,10 +94,10 @@ def test_a_board_that_would_move_unhomed() -> None:
     with pytest.raises(StageError, match=r"\[OPT:VL\.\.\.\] .*HOMING_INIT_LOCK.*; flash"):
         connected(options="L")
     said = ["[OPT:V,15,128]", "[FIRMWARE:grblHAL]"]
-    (row,) = judge({**SETTINGS, 1: 255, 22: 1}, said, Needs())
+    (row,) = judge({**SETTINGS, 1: 255, 22: 1}, said, None)
     assert row.line().startswith("FAIL  stage: $22=1 (not locked at its start")
     assert "set $22=5" in row.text
-    assert not judge({**SETTINGS, 1: 255, 22: 5}, said, Needs())
+    assert not judge({**SETTINGS, 1: 255, 22: 5}, said, None)
 
 
 def test_what_is_not_said() -> None:
@@ -129,9 +129,8 @@ def test_motors_that_are_off_at_rest_are_a_warning() -> None:
 @pytest.mark.parametrize("name", catalog.names("protocols/rigs"))
 def test_what_ships_passes(name: str) -> None:
     stage = config.load(name)[0].stage
-    needs = Needs(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2)
     own = settings_for(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2)
-    assert {row.verdict for row in judge(own, [], needs)} == {"WARN"}  # of motors that rest
+    assert {row.verdict for row in judge(own, [], stage)} == {"WARN"}  # of motors that rest
 
 
 # A position's time: when the controller read it, not when the host came to hear of it.

@@ -18,7 +18,7 @@ from called import started
 
 from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
-from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.interface import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
 
 pytestmark = [
@@ -189,9 +189,9 @@ DOWN, UP = b"$J=", b"Z-2.0000"  # in the first line of the press, in that of the
 HOST = """
 import sys
 from deltact_fab.optics import StageFrame
-from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.interface import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.rig.run.interrupt import interruptible
+from deltact_fab.rig.run.loop import interruptible
 
 stage = GrblStage(sys.argv[1], WallClock(), StageFrame((0.0, 0.0, 0.0)))
 with interruptible(stage.abort):

@@ -24,13 +24,12 @@ from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
 from deltact_fab.record import RunWriter
 from deltact_fab.rig.config import ToolConfig
-from deltact_fab.rig.job import Devices, RigSetup
+from deltact_fab.rig.interface import Devices, RigSetup
 from deltact_fab.rig.run.runner import Runner
 from deltact_fab.rig.tool.config import TouchConfig
 from deltact_fab.rig.tool.feeler import ForceProbe
-from deltact_fab.rig.tool.homing import clear_the_face
-from deltact_fab.rig.tool.operator import Operator, TerminalOperator, confirm
-from deltact_fab.rig.tool.register import places_for, register, require_fit
+from deltact_fab.rig.tool.operator import TerminalOperator, clear_the_face, confirm
+from deltact_fab.rig.tool.session import places_for, register, require_fit
 from deltact_fab.rig.tool.tooling import KEPT, Tooling
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
@@ -70,7 +69,9 @@ def job(folder: Path, **more: Any) -> RigSetup:
     return RigSetup(PROTOCOL, design, load_recipe("dense-with-dots"), None, 1, folder, **more)
 
 
-def tooling(it: Bench, folder: Path, operator: Operator | None = None, **more: Any) -> Tooling:
+def tooling(
+    it: Bench, folder: Path, operator: TerminalOperator | None = None, **more: Any
+) -> Tooling:
     return Tooling(
         job(folder, **more), it.stage, it.clock, it.force, it.guard, TOUCH,
         {"sphere:10": ToolConfig(length_mm=1.0)}, operator,

@@ -10,8 +10,7 @@ from deltact_fab.errors import SensorError
 from deltact_fab.rig.config import load
 from deltact_fab.rig.interface import go
 from deltact_fab.rig.tool.config import TouchConfig
-from deltact_fab.rig.tool.contact import fit
-from deltact_fab.rig.tool.touch import FaceTouch, change_s
+from deltact_fab.rig.tool.touch import FaceTouch, change_s, fit
 from deltact_fab.shapes.indenter import parse
 
 HOST_MM = 0.5 / 60 * 30 * 0.03  # at the feed of the approach, in the time that a host takes

@@ -21,9 +21,8 @@ from wall_bench import N_PER_MM, ORIGIN_MM, WallBench, sine_n, wall_bench
 
 from deltact_fab import record
 from deltact_fab.errors import RunFailed, SensorError, StageError
-from deltact_fab.rig.clock import WallClock
-from deltact_fab.rig.job import Devices
-from deltact_fab.rig.run.live import Live
+from deltact_fab.rig.interface import Devices, WallClock
+from deltact_fab.rig.run.runner import Live
 from deltact_fab.rig.run.wallclock import ThreadedSchedule
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")

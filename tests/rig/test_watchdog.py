@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from deltact_fab.errors import SensorError
 from deltact_fab.rig.config import ForceConfig
-from deltact_fab.rig.force.config import NetFTConfig
 from deltact_fab.rig.force.guard import GuardLimits
 from deltact_fab.rig.force.watchdog import Watchdog
-from deltact_fab.virtual.netft_server import NetFTServer
+from deltact_fab.rig.tables import NetFTConfig
+from deltact_fab.virtual.served import NetFTServer
 
 LIMITS = GuardLimits((5.0, 5.0, 5.0))
 

@@ -24,10 +24,9 @@ from deltact_fab.experiment import RunRequest
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols.plan import DeadWeights, Protocol
 from deltact_fab.rig import config, weights
-from deltact_fab.rig.camera import open as opening
-from deltact_fab.rig.camera.config import CameraConfig
-from deltact_fab.rig.interface import Camera, CameraFrame, go
-from deltact_fab.rig.job import Devices, RigSetup
+from deltact_fab.rig.bench import GrblKind
+from deltact_fab.rig.interface import Camera, CameraFrame, Devices, RigSetup, go
+from deltact_fab.rig.tables import CameraConfig
 from deltact_fab.virtual.rig import VirtualKind, VirtualRig
 
 SEEN = CameraConfig(source=0, width_px=640, height_px=480)
@@ -67,14 +66,14 @@ def weigh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list
     ) -> list[str]:
         """A run of it by this hand, taken up where there is one; its notes."""
         monkeypatch.setattr(weights, "TerminalOperator", lambda: hand)
-        monkeypatch.setattr(opening, "open_camera", lambda *about: lens)
+        monkeypatch.setattr(weights, "open_camera", lambda *about: lens)
         file = tmp_path / "w.toml"
         if not file.exists():
             file.write_text(as_toml(of.model_dump(mode="json", exclude_unset=True)))
         request = RunRequest(str(file), "grbl-bench", tmp_path / "r")
         assert isinstance(request.rig, config.GrblConfig)
         request.rig = request.rig.model_copy(update=own)
-        request.kind = weights.WeightsKind(request.rig, request.rig_path)
+        request.kind = GrblKind(request.rig, request.rig_path)
         request.__dict__["view"] = view
         notes: list[str] = experiment.run(request, resume=True)["notes"]
         return notes
@@ -221,7 +220,7 @@ def test_a_calibration_of_weights_knows_the_normal_force_and_no_shear(
     view = VirtualKind(bench, path).camera(by_stage, load_design("deltact"))
     job = RigSetup(by_stage, load_design("deltact"), load_recipe("dense"), view, 0, tmp_path / "v")
     with closing(VirtualRig(bench, job)) as rig:
-        devices = rig.devices()
+        devices = rig
         devices.stage.connect()
         devices.stage.home()
         devices.change_indenter("sphere:15")

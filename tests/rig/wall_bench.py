@@ -15,17 +15,15 @@ from deltact_fab.optics import StageFrame
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Step
 from deltact_fab.record import RunWriter
-from deltact_fab.rig.camera.config import CameraConfig
-from deltact_fab.rig.camera.open import open_camera
-from deltact_fab.rig.clock import WallClock
-from deltact_fab.rig.force.config import ForceConfig, GuardConfig, NetFTConfig
+from deltact_fab.rig.camera.model import open_camera
 from deltact_fab.rig.force.guard import ForceGuard, GuardLimits
-from deltact_fab.rig.force.open import open_force
-from deltact_fab.rig.job import Devices
+from deltact_fab.rig.force.watchdog import open_force
+from deltact_fab.rig.interface import Devices, WallClock
 from deltact_fab.rig.run.runner import Runner
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.rig.tool.homing import home_safely
-from deltact_fab.virtual.netft_server import NetFTServer
+from deltact_fab.rig.tables import CameraConfig, ForceConfig, GuardConfig, NetFTConfig
+from deltact_fab.rig.tool.operator import home_safely
+from deltact_fab.virtual.served import NetFTServer
 
 ORIGIN_MM = (-30.0, -30.0, -20.0)
 N_PER_MM = 2.0  # of depth

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from deltact_fab.optics import StageFrame
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.rig.stage.settings import Needs
+from deltact_fab.rig.tables import StageConfig
 from deltact_fab.virtual import wire
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
@@ -30,10 +29,12 @@ class Bench:
         self.link = wire.SerialLink(
             self.grbl, self.clock, resets_on_open=resets_on_open, trace=self.trace
         )
-        self.stage = GrblStage(
-            self.link, self.clock, StageFrame((-60.0, -50.0, -40.0), angle_deg),
-            needs=Needs(travel_mm=(120.0, 120.0, 60.0)),
+        config = StageConfig(
+            origin_machine_mm=(-60.0, -50.0, -40.0), angle_deg=angle_deg,
+            travel_mm=(120.0, 120.0, 60.0), max_feed_mm_min=(1.0,) * 3,
+            acceleration_mm_s2=(1.0,) * 3,
         )  # fmt: skip
+        self.stage = GrblStage.of(config, self.clock, self.link)
 
     def homed(self, booted_s: float = 0.0) -> Any:
         self.clock.sleep_s(booted_s)

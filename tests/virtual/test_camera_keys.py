@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from deltact_fab.imaging import Exposure, ImageSensor, view_grid
-from deltact_fab.rig.simulator import SimulatedCameraConfig
+from deltact_fab.rig.config import SimulatedCameraConfig
 
 H, W = 240, 320
 EVEN = np.full((H, W, 3), 0.4, np.float32)

@@ -12,9 +12,9 @@ import pytest
 from hosted import FEED_MM_MIN, MACHINE_MM, TARGET_MM
 
 from deltact_fab.errors import StageError
+from deltact_fab.numerics.faults.bench import NoisyController
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.virtual.faulty_controller import NoisyController
 
 
 class Bench(hosted.Bench):

@@ -13,12 +13,11 @@ from deltact_fab.gel.path.knots import Increments, KnotPose, SolvedKnot
 from deltact_fab.gel.path.mirror import Mirror, to_solved
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.protocols.plan import Protocol
-from deltact_fab.rig.simulator import FiniteGelConfig, GelConfig
+from deltact_fab.rig.config import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
-from deltact_fab.virtual.paths import PressPath, paths, poses
 from deltact_fab.virtual.presolve import solve_ahead
-from deltact_fab.virtual.presses import Presses
+from deltact_fab.virtual.presses import Presses, PressPath, paths, poses
 
 GELS = {
     "linear": GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5),

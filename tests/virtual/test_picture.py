@@ -10,11 +10,10 @@ from deltact_fab.errors import SolverError
 from deltact_fab.imaging import GAMMA, ImageSensor
 from deltact_fab.optics import Fisheye, Pinhole, PointSampler, Rectified, SurfaceLattice
 from deltact_fab.patterns import recipe_from_options
-from deltact_fab.rig.simulator import SimulatorConfig
+from deltact_fab.rig.config import SimulatorConfig
 from deltact_fab.shapes import SensorDimensions
 from deltact_fab.virtual.drawing import noise_of, printed, resting
-from deltact_fab.virtual.picture import FrameRenderer, Geometry, Texture
-from deltact_fab.virtual.raw_view import BAND_PX, RawView
+from deltact_fab.virtual.picture import BAND_PX, FrameRenderer, Geometry, RawView, Texture
 
 CAMERA = Pinhole(0.0378, 160, 120, 12.85)
 LATTICE = SurfaceLattice(-7.0, -6.0, 0.25, 57, 49)

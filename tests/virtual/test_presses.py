@@ -14,10 +14,9 @@ from deltact_fab.gel.path.knots import Increments
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.gel.path.store import KIND
 from deltact_fab.protocols.plan import Protocol
-from deltact_fab.rig.simulator import GelConfig
+from deltact_fab.rig.config import GelConfig
 from deltact_fab.shapes import SkinDimensions
-from deltact_fab.virtual.paths import paths, poses, rest_s
-from deltact_fab.virtual.presses import Presses
+from deltact_fab.virtual.presses import Presses, paths, poses, rest_s
 
 COARSE = GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5)
 SKIN = SkinDimensions()

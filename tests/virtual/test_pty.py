@@ -8,7 +8,7 @@ import time
 import pytest
 
 from deltact_fab.optics import StageFrame
-from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.interface import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.pty import PtyCable

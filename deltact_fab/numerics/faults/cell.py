@@ -20,7 +20,7 @@ from typing import Any
 from ...errors import DeltactFabError
 from ...record import CLOCK_COLUMNS, PRESS_TABLES
 from ...record import open as open_run
-from ...rig.stage.move import AHEAD_S, PIECE_S
+from ...rig.stage.controller import AHEAD_S, PIECE_S
 from .bench import FaultBench
 from .kinds import BEFORE, HOMING, FaultKind
 from .scenario import Scenario

@@ -11,8 +11,8 @@ from ...optics import StageFrame
 from ...protocols import plan
 from ...protocols.plan import Protocol, Step
 from ...rig.config import RigConfig
-from ...rig.force.config import ForceConfig
 from ...rig.force.guard import GuardLimits
+from ...rig.tables import ForceConfig
 from ...virtual.grbl_lines import settings_for
 
 DRAGS = 1  # of a press

@@ -47,7 +47,7 @@ class CommandFeed:
         self._command = list(command)
         self._clock = clock
         self._shape = (size_px[1], size_px[0], 3)
-        self._header = memoryview(bytearray(HEADER.size if stamped else 0))
+        self._before = HEADER.size if stamped else 0
         self._said = b""
         try:
             # A group of its own: Ctrl-C is the run's to answer, not the camera's.
@@ -76,18 +76,18 @@ class CommandFeed:
     def next(self, timeout_s: float) -> ArrivedImage | None:
         """As Feed; what has come of an image is kept for the next call."""
         until_s = time.monotonic() + timeout_s
-        while not self._whole():
+        while self._left:
             left_s = until_s - time.monotonic()
             if left_s <= 0:
                 return None
             self._more(left_s)
         t_s, number = self._clock.now_s(), None
-        if self._header:
-            t_ns, number, _ = HEADER.unpack(self._header)
+        if self._before:
+            t_ns, number, _ = HEADER.unpack_from(self._bytes.data)
             t_s = t_ns / 1e9
-        arrived = ArrivedImage(self._image, t_s, number)
+        image = self._bytes[self._before :].reshape(self._shape)
         self._start()
-        return arrived
+        return ArrivedImage(image, t_s, number)
 
     def identity(self) -> dict[str, Any]:
         return {"kind": "command", "command": self._command}
@@ -106,12 +106,8 @@ class CommandFeed:
 
     def _start(self) -> None:
         """Room for the next image, which is its own: nobody else writes to it later."""
-        self._image = np.empty(self._shape, np.uint8)
-        pixels = self._image.reshape(-1).data
-        self._parts = [self._header, pixels] if self._header else [pixels]
-
-    def _whole(self) -> bool:
-        return not self._parts
+        self._bytes = np.empty(self._before + int(np.prod(self._shape)), np.uint8)
+        self._left = self._bytes.data
 
     def _more(self, timeout_s: float) -> None:
         """Read what has come. Raises SensorError at the end."""
@@ -122,13 +118,10 @@ class CommandFeed:
                     self._poll.unregister(fd)
                 self._said = (self._said + (said or b""))[-LAST_WORDS_BYTES:]
                 continue
-            n = os.readv(fd, self._parts)
+            n = os.readv(fd, [self._left])
             if n == 0:
                 raise SensorError(self._end())
-            while self._parts and n >= len(self._parts[0]):
-                n -= len(self._parts.pop(0))
-            if n:
-                self._parts[0] = self._parts[0][n:]
+            self._left = self._left[n:]
 
     def _end(self) -> str:
         """Why there are no more images."""

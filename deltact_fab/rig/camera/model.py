@@ -1,16 +1,19 @@
-"""What is known of a rig's camera from its calibration: the view that is tracked, and the light.
+"""A rig's camera: what is known of it from its calibration, and opened, to record or photograph.
 
-The same for a real camera and a simulated one: both know their lens only as it was calibrated.
+A real camera and a simulated one know their lens only as it was calibrated.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
+from ...files import making, write_whole
 from ...optics import (
     CameraModel,
     Fisheye,
@@ -22,8 +25,11 @@ from ...optics import (
 )
 from ...optics.rectified import MIN_PX
 from ...reading import is_file
+from ...record import encode_png
 from ...shapes import SensorDimensions
-from .config import CameraConfig
+from ..interface import Camera, Clock, WallClock
+from ..tables import CameraConfig
+from .stream import Feed, StreamCamera
 
 NOTICED = 0.005
 """Share of the view that may alias without a word."""
@@ -92,3 +98,75 @@ def view_notes(view: CameraModel | None, patch_mm: float | None) -> list[str]:
             f"has less than {MIN_PX:g} pixels for one there"
         )
     return [*lines, "images are stored raw and rectified when they are read"]
+
+
+def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
+    """The camera that a rig file describes, opened, and reading if it runs by itself.
+
+    folder: of the rig file, from which relative paths count. clock: of all devices; its origin has
+    to be that of `time.monotonic` for a camera that stamps its images itself.
+
+    Raises InputError, one line, for a camera that is not there or keeps other settings.
+    """
+    config = _with_size(config, folder)
+    size_px = None
+    if config.width_px is not None and config.height_px is not None:
+        size_px = (config.width_px, config.height_px)
+    rate_hz = config.rate_hz
+    feed: Feed
+    if config.command is not None:
+        from .command import CommandFeed
+
+        assert size_px is not None, "the configuration of a command has a size"
+        feed = CommandFeed(config.command, size_px, clock, folder, config.stamped)
+    elif config.is_device:
+        from .device import DeviceFeed
+
+        feed = device = DeviceFeed(config, clock)
+        rate_hz = rate_hz or device.rate_hz
+    else:
+        from .files import UrlFeed
+
+        feed = url = UrlFeed(str(config.source), clock)
+        rate_hz = rate_hz or url.rate_hz
+    return StreamCamera(
+        feed, clock, size_px=size_px, rate_hz=rate_hz, latency_s=config.latency_ms / 1e3
+    )
+
+
+def _with_size(config: CameraConfig, folder: Path) -> CameraConfig:
+    """A camera without a size is asked for that of its calibration. Raises InputError."""
+    if config.model is None or config.width_px is not None:
+        return config
+
+    w, h = raw_size_px(calibrated(folder / config.model))
+    return config.model_copy(update={"width_px": w, "height_px": h})
+
+
+def photograph(
+    config: CameraConfig,
+    folder: Path,
+    out: Path,
+    count: int,
+    before: Callable[[int], None] = lambda number: None,
+) -> list[Path]:
+    """Write out/contact/1.png and on, raw as the camera gives them, and return the files.
+
+    folder: of the rig file. before: called with the number of an image; it is exposed afterwards.
+    Raises InputError for an `out` that is there already or a camera that cannot be opened, and
+    SensorError when that gives no images.
+    """
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise InputError(f"{out}: is there already; name a new folder")
+    files = []
+    with closing(open_camera(config, folder, WallClock())) as camera:
+        camera.capture()  # it runs, and has the settings of the rig file
+        with making(out):
+            (out / "contact").mkdir(parents=True, exist_ok=True)
+        for number in range(1, count + 1):
+            before(number)
+            camera.begin("photograph")
+            file = out / "contact" / f"{number}.png"
+            write_whole(file, encode_png(camera.capture().image))
+            files.append(file)
+    return files

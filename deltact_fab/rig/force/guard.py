@@ -10,20 +10,18 @@ from typing import Protocol
 
 import numpy as np
 
-from ...aliases import Vector
+from ...aliases import Field, Vector
 from ...errors import InputError
 from ..interface import Clock, ForceSamples
-from .config import ForceConfig, GuardConfig
-from .notes import NoteCounts
+from ..tables import ForceConfig, GuardConfig
+from .netft import NoteCounts
 
 SHARE = 0.8  # of the sensor's range, where the rig file sets no limit
-AGAIN_NS = (
-    20_000_000  # between two stop bytes; one that comes before its jog has begun does nothing
-)
+# Between two stop bytes; one that comes before its jog has begun does nothing.
+AGAIN_NS = 20_000_000
 SURELY_NS = 100_000_000  # the byte is repeated for so long, whatever the force does meanwhile
-EASE = (
-    1.25  # on the way out the force may rise over the limit, to so much of what tripped the guard
-)
+# On the way out the force may rise over the limit, to so much of what tripped the guard.
+EASE = 1.25
 NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 
@@ -99,9 +97,8 @@ class ForceGuard:
         self._stage = stage
         self._clock = clock
         self.limits = limits
-        self._most = np.array([*limits.force_n, *limits.torque_nmm])
-        self._resultant_n = limits.resultant_n
-        self._peak = np.zeros(7)  # since it tripped: six axes and the resultant
+        self._most = np.array([*limits.force_n, *limits.torque_nmm, limits.resultant_n])
+        self._peak = np.zeros(7)  # since it tripped: six axes and the whole force
         self._easing = False
         self._byte_ns = 0
         self._behind_s = behind_s
@@ -118,14 +115,12 @@ class ForceGuard:
         if not len(samples.t_ns):
             return
         self._look_at_age(int(samples.t_ns[-1]))
-        values = np.abs(samples.counts / samples.per_unit)
-        peak = values.max(axis=0)
-        resultant_n = float(np.sqrt((values[:, :3] ** 2).sum(axis=1).max()))
-        saturated = bool(samples.saturated.any())
-        over = bool((peak > self._most).any()) or resultant_n > self._resultant_n
-        if over or saturated:
-            self._stop_for(samples, saturated)
-            self._peak = np.maximum(self._peak, [*peak, resultant_n])
+        values = samples.counts / samples.per_unit
+        sizes = np.column_stack((np.abs(values), np.sqrt((values[:, :3] ** 2).sum(axis=1))))
+        bad = (sizes > self._most).any(axis=1) | samples.saturated
+        if bad.any():
+            self._stop_for(samples, sizes, int(bad.argmax()))
+            self._peak = np.maximum(self._peak, sizes.max(axis=0))
         elif (
             self.trip is not None
             and not self._easing
@@ -154,15 +149,14 @@ class ForceGuard:
 
         A sensor that is saturated or lost cannot tell, and does not hold the tip in the gel.
         """
-        before = self._most, self._resultant_n
-        self._most = np.maximum(self._most, EASE * self._peak[:6])
-        self._resultant_n = max(self._resultant_n, EASE * float(self._peak[6]))
+        before = self._most
+        self._most = np.maximum(self._most, EASE * self._peak)
         self._easing = True
         try:
             yield
         finally:
             self._easing = False
-            self._most, self._resultant_n = before
+            self._most = before
 
     def _look_at_age(self, newest_ns: int) -> None:
         """Blind is who looks at old samples, and after behind_s of that still does."""
@@ -182,27 +176,22 @@ class ForceGuard:
                 "programs, look at the network, or set a lower rate on the box"
             )
 
-    def _stop_for(self, samples: ForceSamples, saturated: bool) -> None:
-        """The byte first, then the words for it."""
-        if saturated and self._easing:
+    def _stop_for(self, samples: ForceSamples, sizes: Field, k: int) -> None:
+        """The byte first, then the words for it. sizes: (n, 7); k: of the first in excess."""
+        if samples.saturated.any() and self._easing:
             return
         self._write()
         if self.trip is not None:
             return
-        values = samples.counts / samples.per_unit
-        resultant_n = np.sqrt((values[:, :3] ** 2).sum(axis=1))
-        over = (np.abs(values) > self._most).any(axis=1) | (resultant_n > self._resultant_n)
-        k = int((over | samples.saturated).argmax())
-        axis = int((np.abs(values[k]) / self._most).argmax())
+        axis = int((sizes[k, :6] / self._most[:6]).argmax())
+        value, unit = (samples.counts[k] / samples.per_unit)[axis], "N" if axis < 3 else "N mm"
         if samples.saturated[k]:
             why = "the force sensor is saturated"
-        elif abs(values[k, axis]) > self._most[axis]:
-            unit = "N" if axis < 3 else "N mm"
+        elif sizes[k, axis] > self._most[axis]:
             limit = f"the guard's {self._most[axis]:g} {unit}"
-            why = f"{NAMES[axis]} = {values[k, axis]:.2f} {unit}, over {limit}"
+            why = f"{NAMES[axis]} = {value:.2f} {unit}, over {limit}"
         else:
-            limit = f"the guard's {self._resultant_n:g} N"
-            why = f"a force of {resultant_n[k]:.2f} N, over {limit}"
+            why = f"a force of {sizes[k, 6]:.2f} N, over the guard's {self._most[6]:g} N"
         self.trip = Trip(why, int(samples.t_ns[k]), self._byte_ns)
 
     def _write(self) -> None:

@@ -7,16 +7,17 @@ them, and when each was taken.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...aliases import Vector
 from ...errors import SensorError
 from ...units import to_ns
 from ..interface import Clock, ForceSamples
-from .notes import NoteCounts
 
 ARRIVAL = np.dtype([("at_ns", "i8"), ("rdt", "u4"), ("status", "u4"), ("counts", "i4", 6)])
 """A record as it came: at_ns of the host's clock, its number in the stream, status word, counts."""
@@ -26,6 +27,20 @@ ERROR = 1 << 31  # status word, bit 31: any error of the unit
 SILENT_S = 0.05  # a sensor that says nothing for so long has failed
 LATE_NS = 20_000_000  # a record so much later than its number says is told of
 DRIFT = 2e-4  # the box's clock and the host's differ by less: two quartzes of 100 ppm
+TELL_NS = 1_000_000_000  # a box that repeats every record must not fill the journal
+TEXTS = {
+    "gap": "{n} force samples are missing",
+    "late": "{n} force samples came late, by up to {worst:.0f} ms",
+    "duplicate": "{n} force records came twice",
+    "order": "{n} force records came after younger ones and were left out",
+    "garbage": "{n} pieces of garbage came instead of force records",
+    "overrun": "{n} force records were thrown away unread: the host was too slow",
+    "saturation": "{n} force samples are saturated",
+    "error": "{n} force records carried the error bit: no readings",
+    "behind": "{n} times the newest force sample was old when it was looked at, by up to "
+    "{worst:.0f} ms",
+    "silence": "no force sample came in time, {n} times",
+}
 
 
 @dataclass(frozen=True)
@@ -38,6 +53,9 @@ class NetFTSettings:
     serial: str
     about: tuple[tuple[str, str], ...] = ()
     """More that the record keeps of the box: name and value."""
+    range_n: Vector | None = None
+    range_nmm: Vector | None = None
+    """Rated maximum of the transducer, where the box tells it."""
 
 
 class BoxLink(Protocol):
@@ -57,7 +75,7 @@ class BoxLink(Protocol):
         """(n,) ARRIVAL: all that came; waits for one, empty when the time-out has passed."""
 
     def troubles(self) -> dict[str, int]:
-        """What did not become a record since the last call: counts by a name of `notes.TEXTS`."""
+        """What did not become a record since the last call: counts by a name of `TEXTS`."""
 
     def close(self) -> None: ...
 
@@ -203,3 +221,32 @@ class NetFTSensor:
         t_ns = np.maximum(t_ns, self._last_ns + 1 + np.arange(len(t_ns)))
         self._last_ns = int(t_ns[-1])
         return t_ns, late_ns
+
+
+class NoteCounts:
+    """Counts by name, each of `TEXTS`. total: since the sensor was opened."""
+
+    def __init__(self) -> None:
+        self.total: Counter[str] = Counter()
+        self._untold: Counter[str] = Counter()
+        self._worst: dict[str, float] = {}
+        self._told_ns: dict[str, int] = {}
+
+    def add(self, name: str, n: int, worst: float = 0.0) -> None:
+        """Something of that name happened n times; 0 is nothing."""
+        if n > 0:
+            self.total[name] += n
+            self._untold[name] += n
+            self._worst[name] = max(worst, self._worst.get(name, 0.0))
+
+    def tell(self, now_ns: int) -> tuple[str, ...]:
+        """A line "NAME: what" for each that was not told within the last second."""
+        if not self._untold:
+            return ()
+        lines = []
+        for name in [*self._untold]:
+            if now_ns - self._told_ns.get(name, now_ns - TELL_NS) >= TELL_NS:
+                text = TEXTS[name].format(n=self._untold.pop(name), worst=self._worst.pop(name))
+                lines.append(f"{name}: {text}")
+                self._told_ns[name] = now_ns
+        return tuple(lines)

@@ -16,8 +16,8 @@ import serial
 from ...errors import InputError, SensorError
 from ...units import to_ns
 from ..interface import Clock, ForceSamples
-from .config import ForceConfig, SerialScaleConfig
-from .notes import NoteCounts
+from ..tables import ForceConfig, SerialScaleConfig
+from .netft import NoteCounts
 
 NUMBER = re.compile(rb"[-+]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")

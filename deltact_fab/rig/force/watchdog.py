@@ -24,13 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import DeltactFabError, SensorError
-from ..clock import WallClock
-from ..interface import ForceSamples, ForceSensor, Stage
-from .config import ForceConfig, GuardConfig
+from ...errors import DeltactFabError, InputError, SensorError
+from ..interface import Clock, ForceSamples, ForceSensor, Stage, WallClock
+from ..tables import ForceConfig, GuardConfig
 from .guard import ForceGuard, GuardLimits, Trip
-from .netft import SILENT_S
-from .open import open_force
+from .netft import SILENT_S, NetFTSensor
+from .rdt import RdtLink, fetch
 
 ANSWER_S = 10.0
 END_S = 2.0
@@ -52,6 +51,24 @@ def run_first() -> str:
         os.setpriority(os.PRIO_PROCESS, 0, NICE)
         return f"nice {NICE}"
     return ""
+
+
+def open_force(config: ForceConfig, clock: Clock) -> ForceSensor:
+    """The sensor, reached and not streaming yet.
+
+    Raises InputError where the table names no way to it, SensorError where it cannot be reached,
+    MissingLibrary.
+    """
+    if config.netft is not None:
+        return NetFTSensor(RdtLink(config.netft, fetch(config.netft)), clock, config.netft.silent_s)
+    if config.serial is not None:
+        from .scale import SerialScale
+
+        return SerialScale(config, clock)
+    raise InputError(
+        "force: no way to the sensor; add [force.netft] with its host, or [force.serial] with its "
+        "port, to the rig file"
+    )
 
 
 # ---- in the program -----------------------------------------------------------------------------

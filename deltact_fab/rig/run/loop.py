@@ -1,13 +1,65 @@
-"""A thread that steps one stream over and over, and does what it is asked in between."""
+"""Threads and signals of a run: one stream stepped over and over by a thread that does what it is
+asked in between; the guard armed by one where there is no run; the signals that end a run, the
+first in good order, the second at once."""
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from queue import Empty, SimpleQueue
+from types import FrameType
 
-from ...errors import SensorError
+from ...errors import INTERRUPTED, DeltactFabError, SensorError
+from ..interface import Clock, ForceSensor, Guard, Stage
+from .streams import ForceStream
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_LAST_WORDS = (
+    b"deltact-fab: stopped at once by a second signal: the controller was reset and its position "
+    b"is lost; the tip may be in the gel\n"
+)
+_SHOW_CURSOR = b"\x1b[?25h\n"  # a progress bar hides it
+NAME = "force sensor"
+ANSWER_S = 10.0
+END_S = 5.0
+
+
+@contextmanager
+def interruptible(abort: Callable[[], None]) -> Iterator[None]:
+    """Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt; the second calls `abort` and exits.
+
+    abort: called in the signal handler, amid whatever goes on; it may write to the stage and no
+    more. After it the process ends with one line and exit code 130, and nothing is cleaned up: what
+    must not be lost has to be on the disk already. What the parent told us to ignore stays ignored
+    (nohup). Only the main thread may handle signals; in another nothing is changed.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    first = True
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal first
+        if first:
+            first = False
+            raise KeyboardInterrupt
+        abort()
+        with suppress(OSError):
+            os.write(2, (_SHOW_CURSOR if os.isatty(2) else b"") + _LAST_WORDS)
+        os._exit(INTERRUPTED)
+
+    heeded = [n for n in SIGNALS if signal.getsignal(n) is not signal.SIG_IGN]
+    before = {n: signal.signal(n, interrupt) for n in heeded}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 class Loop:
@@ -26,8 +78,7 @@ class Loop:
         self.name = name
         self._step = step
         self._failed = failed
-        self._changed = threading.Condition()
-        self._asked: deque[tuple[Callable[[], None], Future[None]]] = deque()
+        self._asked: SimpleQueue[tuple[Callable[[], None], Future[None]]] = SimpleQueue()
         self._going = self._ending = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -44,11 +95,9 @@ class Loop:
             if going is not None:
                 self._going = going
 
-        with self._changed:
-            if self._ending:
-                raise SensorError(f"{self.name}: it has ended")
-            self._asked.append((both, done))
-            self._changed.notify_all()
+        if self._ending:
+            raise SensorError(f"{self.name}: it has ended")
+        self._asked.put((both, done))
         try:
             done.result(limit_s)
         except (TimeoutError, CancelledError) as why:
@@ -57,37 +106,73 @@ class Loop:
 
     def end(self, limit_s: float) -> bool:
         """End it after the step under way; False when that takes longer than limit_s."""
-        with self._changed:
-            self._ending = True
-            self._changed.notify_all()
+        self._ending = True
+        self._asked.put((lambda: None, Future()))  # wakes one that rests
         self._thread.join(limit_s)
         return not self._thread.is_alive()
 
     def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._asked or self._going or self._ending)
-                if self._ending:
-                    break
-                asked = self._asked.popleft() if self._asked else None
-            if asked is not None:
-                _answer(*asked)
+        while not self._ending:
+            try:
+                what, done = self._asked.get(block=not self._going)
+            except Empty:
+                try:
+                    self._step()
+                except BaseException as why:
+                    self._going = False
+                    self._failed(why)
+                continue
+            if self._ending or not done.set_running_or_notify_cancel():
+                done.cancel()
                 continue
             try:
-                self._step()
+                what()
+                done.set_result(None)
             except BaseException as why:
-                self._going = False
-                self._failed(why)
-
-        while self._asked:
-            self._asked.popleft()[1].cancel()
+                done.set_exception(why)
 
 
-def _answer(what: Callable[[], None], done: Future[None]) -> None:
-    if not done.set_running_or_notify_cancel():
+@dataclass(frozen=True)
+class Watch:
+    """What is felt meanwhile. stream: None where nothing watches. trouble: why it was stopped."""
+
+    stream: ForceStream | None = None
+    trouble: list[BaseException] = field(default_factory=list)
+
+
+@contextmanager
+def watched(
+    stage: Stage, clock: Clock, force: ForceSensor | None, guard: Guard | None
+) -> Iterator[Watch]:
+    """The guard sees every sample until the block ends, as in a run; nothing is kept of them.
+
+    The sensor is the thread's for so long, and stopped after that. Without a sensor or a guard
+    nothing watches. Raises SensorError, the stage stopped, beyond a limit or for a lost sensor.
+    """
+    if force is None or guard is None:
+        yield Watch()
         return
+    stream = ForceStream(force, guard, clock, lambda name, text: None)
+    stream.keeping = False
+    watch = Watch(stream)
+    trouble = watch.trouble
+
+    def failed(why: BaseException) -> None:
+        stage.cancel()
+        trouble.append(why)
+
+    loop = Loop(NAME, stream.step, failed)
     try:
-        what()
-        done.set_result(None)
-    except BaseException as why:
-        done.set_exception(why)
+        loop.ask(force.start, ANSWER_S, going=True)
+        try:
+            yield watch
+        except DeltactFabError as why:
+            if trouble:  # what stopped it, rather than what that came to
+                raise trouble[0] from why
+            raise
+        if trouble:
+            raise trouble[0]
+    finally:
+        with suppress(DeltactFabError):
+            loop.ask(force.stop, ANSWER_S, going=False)
+        loop.end(END_S)

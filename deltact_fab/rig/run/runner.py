@@ -8,22 +8,26 @@ complete are skipped. What was given to the record before a failure is kept.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
 from ...aliases import Progress
 from ...errors import DeltactFabError, StageError, Stopped
 from ...protocols.plan import Step
 from ...record import RunWriter
-from ..job import Devices
-from .interrupt import interruptible
-from .live import Live, Remaining
-from .lockstep import Lockstep
-from .motion import StageMotion
+from ...units import duration, to_ns
+from ..interface import LIFT_FEED_MM_MIN, Devices, Stage, rise
+from .loop import interruptible
 from .schedule import DROPPED, LATE, MISSED, TAKEN, UNWRITTEN, Schedule
+from .streams import FrameRequest
 from .wallclock import ThreadedSchedule
 
 GO_ON = "complete presses are kept: go on with --resume"
+PRIOR_S = 10.0  # so much of the plan is believed before anything was measured
+START_MM = 0.5  # a simulated step in the gel takes as long as so much more way: measured
 
 
 class Runner:
@@ -43,7 +47,7 @@ class Runner:
         self._writer = writer
         self._progress = progress or (lambda done, total, what: None)
         self._live = live
-        kind = ThreadedSchedule if devices.wall_clock else Lockstep
+        kind = ThreadedSchedule if devices.wall_clock else Schedule
         self._streams: Schedule = kind(devices, writer, self._tell)
         self._motion = StageMotion(devices.stage, self._streams)
         self._kept = self._total = 0  # frames
@@ -151,3 +155,179 @@ class Runner:
         ):
             with suppress(DeltactFabError):
                 keep()
+
+
+@dataclass(frozen=True)
+class Live:
+    """One look: where the run is, what the sensor feels, what was lost, what is left."""
+
+    step: str
+    done: int  # frames, of total
+    total: int
+    force_n: tuple[float, float, float] | None
+    late: int
+    lost: int  # frames that will not come, and those that the camera dropped
+    left_s: float | None  # wall time; None before it can be told
+
+    def line(self) -> str:
+        """All of it in a line; force as z of the sensor has it, a press below zero."""
+        parts = [self.step]
+        if self.force_n is not None:
+            parts.append(f"Fz {self.force_n[2]:+.2f} N")
+        if self.late or self.lost:
+            parts.append(f"{self.late} late, {self.lost} lost")
+        if self.left_s is not None:
+            parts.append(f"{duration(self.left_s)} left")
+        return "  ".join(parts)
+
+
+class Remaining:
+    """Wall time that is left: the plan's, times how much longer than planned it took so far.
+
+    In lockstep the plan is the way through the gel, which is solved; one through the air is free.
+    """
+
+    def __init__(
+        self, steps: Sequence[Step], todo: Sequence[int], wall_clock: bool, change_s: float = 0.0
+    ) -> None:
+        """todo: places of the steps that are carried out. wall_clock: the plan's time is real.
+
+        change_s: what another indenter takes beside the way there.
+        """
+        self._planned_s = {
+            i: _planned_s(steps, i) + change_s * (steps[i].kind == "change")
+            if wall_clock else _in_gel_mm(steps, i)
+            for i in todo
+        }  # fmt: skip
+        self._left_s = sum(self._planned_s.values())
+        self._done_s = PRIOR_S if wall_clock else 0.0
+        self._took_s = self._done_s
+        self._since_s = time.monotonic()
+
+    def start(self) -> None:
+        """The first step starts now: what came before it says nothing of the steps."""
+        self._since_s = time.monotonic()
+
+    def finished(self, i: int) -> None:
+        """A step is over."""
+        planned_s, now_s = self._planned_s[i], time.monotonic()
+        if planned_s:
+            self._left_s -= planned_s
+            self._done_s += planned_s
+            self._took_s += now_s - self._since_s
+        self._since_s = now_s
+
+    def left_s(self) -> float | None:
+        """As it is now; what the step under way took is not yet of the measure."""
+        if not self._done_s:
+            return None
+        left_s = self._left_s * self._took_s / self._done_s
+        return max(left_s - (time.monotonic() - self._since_s), 0.0)
+
+
+def _planned_s(steps: Sequence[Step], i: int) -> float:
+    step, before = steps[i], steps[i - 1] if i else steps[i]
+    way_mm = math.dist(before.target_mm, step.target_mm)
+    return way_mm / step.feed_mm_min * 60 + step.hold_s + step.settle_s + 0.1
+
+
+def _in_gel_mm(steps: Sequence[Step], i: int) -> float:
+    """Of a step that ends in the gel, what of its way lies below the face, and START_MM."""
+    here, there = (steps[j].target_mm for j in (max(i - 1, 0), i))
+    if there[2] >= 0:
+        return 0.0
+    share = 1.0 if here[2] <= 0 else -there[2] / (here[2] - there[2])
+    return START_MM + share * math.dist(here, there)
+
+
+class StageMotion:
+    """Moves the stage by the steps of a protocol, and has the streams take what goes with them."""
+
+    def __init__(self, stage: Stage, streams: Schedule) -> None:
+        self._stage = stage
+        self._streams = streams
+        self._mounted = ""
+
+    def take_up(self, steps: Sequence[Step], i: int) -> None:
+        """Before the first step of a press: its indenter, and where the step before it ended.
+
+        So that it is reached by the same move as in an undisturbed run, and takes the same time.
+        What is driven again for that is not journalled again.
+        """
+        step, before = steps[i], steps[i - 1]
+        if step.kind != "change" and step.indenter != self._mounted:
+            change = next(s for s in steps if s.kind == "change" and s.indenter == step.indenter)
+            self._go(change)
+            self._change(change)
+            if change == before:
+                return
+        # Both ends of this move are at or above the clearance plane.
+        self._go(before)
+
+    def step(self, step: Step, last: bool) -> None:
+        """Carry out one step; last: of its press, which it completes."""
+        streams = self._streams
+        streams.enter(step)
+        start_ns = streams.now_ns()
+        planned_s = self._stage.start_move(step.target_mm, step.feed_mm_min)
+        streams.set_out(step)
+        filmed_s = planned_s + step.hold_s
+        filmed_ns = to_ns(filmed_s)
+        for k in range(1, step.frames):
+            # Whole nanoseconds from the start of the move, so that a frame is taken at the same
+            # pose at any time of day.
+            at_ns = start_ns + to_ns(filmed_s * k / step.frames)
+            streams.film(FrameRequest(step, k, at_ns, start_ns, filmed_ns // step.frames))
+        streams.arrive(step, start_ns + filmed_ns)
+        if step.kind == "change":
+            self._change(step)
+        if step.id.endswith("/rest"):
+            streams.begin(step)
+        if step.frames:
+            at_ns = streams.now_ns() + to_ns(step.settle_s)
+            streams.film(FrameRequest(step, step.frames, at_ns, start_ns))
+        streams.complete(step)
+        streams.finish(step, planned_s, start_ns, last)
+
+    def lift(self, height_mm: float) -> str:
+        """Stop, then straight up to the clearance plane; says what came of it.
+
+        Nothing moves where the stage has lost its position, for it refuses to.
+        """
+        stage = self._stage
+        try:
+            stage.stop()
+            with self._streams.lifting():
+                rise(stage, height_mm, LIFT_FEED_MM_MIN)
+        except KeyboardInterrupt:
+            stage.stop()
+            return "the lift was stopped by the operator"
+        except DeltactFabError as why:
+            return f"the tip could NOT be lifted: {why}"
+        return "the tip was lifted"
+
+    def rescue(self, height_mm: float) -> str:
+        """After a fault of the stage: up to the clearance plane, where its count is kept."""
+        try:
+            with self._streams.lifting():
+                if self._stage.rescue(height_mm, LIFT_FEED_MM_MIN):
+                    return "the controller kept its count: the tip was lifted"
+        except KeyboardInterrupt:
+            self._stage.abort()
+            return "the lift was stopped by the operator"
+        except DeltactFabError as why:
+            return f"the tip could NOT be lifted: {why}"
+        return (
+            "the tip was NOT lifted and may be in the gel: switch the motors off and turn z up by "
+            "hand"
+        )
+
+    def _go(self, step: Step) -> None:
+        self._streams.enter(step)
+        planned_s = self._stage.start_move(step.target_mm, step.feed_mm_min)
+        self._streams.reach(self._streams.now_ns() + to_ns(planned_s))
+
+    def _change(self, step: Step) -> None:
+        found = self._streams.change(step.indenter)
+        self._mounted = step.indenter
+        self._streams.event("indenter", found or f"{step.indenter} mounted")

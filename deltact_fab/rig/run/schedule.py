@@ -1,22 +1,29 @@
-"""What keeps the streams of a run going, as the thread that moves the stage sees it."""
+"""What keeps the streams of a run going, as the thread that moves the stage sees it.
+
+In lockstep one scheduler steps all of them, and time passes only when it lets it. From the tare of
+a press to its end it asks the stage ten times a second where it is and takes what the force sensor
+has sent, and both at each frame. A way out of the gel that is not filmed is not felt either: a
+simulated gel would have to be solved for it. Where there is a guard, it sees the force from the
+connection on, every GUARD_NS, in every motion but homing.
+"""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 
-from ...errors import DeltactFabError
-from ...protocols.motion import LOOK_S
+from ...errors import DeltactFabError, SensorError
+from ...protocols.motion import ARRIVAL_S, LOOK_S
 from ...protocols.plan import Step
 from ...record import Chunk, RunWriter
 from ...units import to_ns
-from ..interface import CameraFrame
-from ..job import Devices
+from ..interface import CameraFrame, Devices
 from .streams import ForceStream, FrameRequest, FrameStream, PoseStream
 
 LOOK_NS = to_ns(LOOK_S)
+GUARD_NS = 8_000_000  # between two looks of the guard
+SAMPLE_NS = 1_000_000  # a reading waits for the next sample
 TAKEN = "taken"
 # What became of frames, as the record's events name it.
 LATE, MISSED, UNWRITTEN = "frames late", "frames missed", "frames unwritten"
@@ -30,8 +37,9 @@ FATES = {
 }
 
 
-class Schedule(ABC):
-    """Pose, force and frames of one run. `Lockstep` and `WallClock` differ in who steps them.
+class Schedule:
+    """Pose, force and frames of one run in lockstep: each stream is stepped at a time that the plan
+    gives. Same seed, same bytes. In `wallclock.ThreadedSchedule` streams step themselves.
 
     tell: called when something came that an operator may want to see.
     """
@@ -41,6 +49,7 @@ class Schedule(ABC):
         self._writer = writer
         self._tell = tell
         self._step: Step | None = None  # under way
+        self._felt = False  # the force sensor streams
         self._origin_ns: int | None = None  # of the press under way, from its tare on
         self._kept: dict[str, float] = {}  # frames of the press under way, and their times (s)
         self._of_step: Counter[str] = Counter()  # what became of frames
@@ -54,49 +63,70 @@ class Schedule(ABC):
 
     # ---- what the thread that moves the stage asks for ------------------------------------------
 
-    @abstractmethod
     def open(self) -> None:
-        """The stage is connected, and nothing has moved yet."""
+        """Nothing streams outside of a press but for the guard."""
+        if self._guarded and self.force is not None:
+            self.force.keeping = False
+            self._feel_again()
 
-    @abstractmethod
     def enter(self, step: Step) -> None:
-        """A step is about to start."""
+        """The force sensor rests while the tip leaves the gel, unless that is filmed."""
+        self._step = step
+        if step.kind == "retract" and not step.frames and not self._guarded:
+            self._feel_no_more()
+        elif self.in_press and not self._felt:
+            self._feel_again()
+        self.pose.looked_ns = self.now_ns()
 
-    def set_out(self, step: Step) -> None:  # noqa: B027 - lockstep asks later
+    def set_out(self, step: Step) -> None:
         """Its move has just been sent."""
 
-    @abstractmethod
     def film(self, wanted: FrameRequest) -> None:
-        """Have a frame taken at that moment; in lockstep it is there on return."""
-
-    @abstractmethod
-    def reach(self, end_ns: int) -> None:
-        """Wait for the end of a move, planned for end_ns."""
+        self._until(wanted.t_ns)
+        self.frames.want(wanted)
+        self.frames.step()
+        self.pose.step()
+        self._feel()
+        self._tell(wanted.step)
 
     def arrive(self, step: Step, end_ns: int) -> None:
-        """The same of a step, which streams are kept of."""
-        self.reach(end_ns)
+        """Wait for the end of the move, then for the moment that its plan gives."""
+        self._until(end_ns)
+        self._d.stage.wait()
+        self._sleep_until(end_ns + to_ns(ARRIVAL_S))
 
-    @abstractmethod
+    def reach(self, end_ns: int) -> None:
+        if self._guarded:
+            self._sleep_until(end_ns)
+        self._d.stage.wait()
+
     def complete(self, step: Step) -> None:
-        """Wait until all frames of the step and all that goes with them have come."""
+        """A step goes on for a while after its last frame, so that the next one does not start when
+        the host happens to be ready."""
+        if self.in_press and step.frames:
+            self._until(self.pose.looked_ns + LOOK_NS)
+        self._feel()
 
-    @abstractmethod
     def change(self, name: str) -> str | None:
-        """Mount an indenter: whoever mounts it has stage and force sensor to himself.
+        """Between presses nothing streams."""
+        self._feel_no_more()
+        found = self._d.change_indenter(name)
+        if self._guarded:
+            self._feel_again()
+        return found
 
-        Returns what the record is to keep of it.
-        """
-
-    @abstractmethod
-    def lifting(self) -> AbstractContextManager[None]:
-        """The run ends: the tip goes up, and of all that may fail only the guard stops that."""
+    @contextmanager
+    def lifting(self) -> Iterator[None]:
+        """Nothing is felt. A dead sensor does not leave the tip in the gel."""
+        with suppress(DeltactFabError):
+            self._feel_no_more()
+        yield
 
     def close(self) -> list[str]:
         """End what goes on by itself; names of what did not end within its time."""
         return []
 
-    def check(self) -> None:  # noqa: B027 - lockstep has no other thread
+    def check(self) -> None:
         """Raise the reason for which another thread stopped the stage, if one did."""
 
     # ---- one press -------------------------------------------------------------------------------
@@ -140,17 +170,77 @@ class Schedule(ABC):
     def now_ns(self) -> int:
         return self._d.clock.now_ns()
 
-    # ---- for both ways ---------------------------------------------------------------------------
+    # ---- inside ----------------------------------------------------------------------------------
 
-    @abstractmethod
-    def _begin_devices(self, step: Step) -> None: ...
-    @abstractmethod
-    def _end_camera(self, frames: Mapping[str, float]) -> None: ...
-    @abstractmethod
-    def _end_devices(self) -> None: ...
-    @abstractmethod
+    def _begin_devices(self, step: Step) -> None:
+        if self._d.camera is not None:
+            self._d.camera.begin(step.press)
+        self._feel_no_more()  # what the guard saw was on another tare
+        self._origin_ns = self.pose.looked_ns = self.now_ns()
+        if self._d.force is not None:
+            assert self.force is not None
+            self._felt = self.force.keeping = True
+            self._d.force.begin(step.press)
+
+    def _end_camera(self, frames: Mapping[str, float]) -> None:
+        assert self._d.camera is not None
+        self._d.camera.end(frames)
+
+    def _end_devices(self) -> None:
+        if self._guarded and self.force is not None:
+            self.force.keeping = False
+        else:
+            self._feel_no_more()
+
+    @property
+    def _guarded(self) -> bool:
+        return self._d.guard is not None
+
     def _waits(self, wanted: FrameRequest) -> bool:
-        """Whether a frame waits for room in the queue, or is dropped."""
+        return True
+
+    def _until(self, t_ns: int) -> None:
+        """Let time pass; in a press look at the stage and the force sensor every LOOK_NS.
+
+        Never within LOOK_NS of the end, where a frame may have the stage's position read.
+        """
+        while self.in_press:
+            look_ns = max(self.pose.looked_ns + LOOK_NS, self.now_ns())
+            if look_ns + LOOK_NS > t_ns:
+                break
+            self._sleep_until(look_ns)
+            self.pose.step()
+            self._feel()
+        self._sleep_until(t_ns)
+
+    def _sleep_until(self, t_ns: int) -> None:
+        """Hear the stage meanwhile; where there is a guard, it sees the force every GUARD_NS."""
+        while (left_ns := t_ns - self.now_ns()) > 0:
+            if not (self._guarded and self._felt) or left_ns <= GUARD_NS:
+                self._d.stage.listen(left_ns / 1e9)
+                return
+            self._d.stage.listen((GUARD_NS - SAMPLE_NS) / 1e9)
+            self._feel()
+
+    def _feel(self) -> None:
+        """What the force sensor has sent. Raises SensorError beyond limits."""
+        if self.force is None or not self._felt or not (self.in_press or self._guarded):
+            return
+        try:
+            self.force.step()
+        except SensorError as why:
+            assert self._step is not None
+            raise type(why)(f"{self._step.id}: {why}") from why
+
+    def _feel_again(self) -> None:
+        if self._d.force is not None:
+            self._felt = True
+            self._d.force.start()
+
+    def _feel_no_more(self) -> None:
+        if self._felt and self._d.force is not None:
+            self._felt = False
+            self._d.force.stop()
 
     def _note(self, kind: str, text: str) -> None:
         self.event(kind, text, self._step)
@@ -200,8 +290,3 @@ class Schedule(ABC):
                 self.event(kind, f"{found[kind]} {text}", step)
         self.counts += found
         return found[MISSED] + found[UNWRITTEN]
-
-
-def in_step(step: Step, why: DeltactFabError) -> DeltactFabError:
-    """The same error with the step in which it came."""
-    return type(why)(f"{step.id}: {why}")

@@ -18,7 +18,7 @@ from ...errors import DeltactFabError, RunFailed, SensorError
 from ...protocols.plan import Step
 from ...record import RunWriter
 from ...units import to_ns
-from ..job import Devices
+from ..interface import Devices
 from .loop import Loop
 from .schedule import LOOK_NS, Schedule
 from .streams import FrameRequest
@@ -78,6 +78,9 @@ class ThreadedSchedule(Schedule):
         self._until(end_ns)
         self._d.stage.wait()
         self.check()
+
+    def arrive(self, step: Step, end_ns: int) -> None:
+        self.reach(end_ns)
 
     def complete(self, step: Step) -> None:
         """Wait for the frames, for the force at the last of them, and ask for the pose at its end.

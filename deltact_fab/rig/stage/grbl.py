@@ -22,31 +22,27 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...aliases import Vector
 from ...optics import StageFrame
 from ...units import to_ns
 from ..interface import Clock, DeviceRow, StageState
+from ..tables import StageConfig
 from . import jogs
 from .controller import JOG_CANCEL, Controller
-from .exchange import RESET, TalkFault
-from .grbl_messages import BANNER, SETTING, state_in_words
-from .limits import Limits
+from .exchange import BANNER, RESET, SETTING, TalkFault, state_in_words
 from .port import Cable
-from .settings import Needs, judge, refusal
+from .settings import Limits, judge, refusal
 
 RESCUE_S = 10.0  # so long after a fault a controller may answer again
 CLEAR_MM = 1.0  # over the face, where the gel is expected: nothing is touched
-
-if TYPE_CHECKING:
-    from .config import StageConfig
 
 
 class GrblStage:
     """A `Stage` on a GRBL 1.1 or grblHAL controller.
 
-    url: a serial device, a pyserial URL or a cable. frame: sensor to machine frame. needs: what
+    url: a serial device, a pyserial URL or a cable. frame: sensor to machine frame. config: what
     `connect` judges the controller's settings by. Machine coordinates are 0 at the positive end of
     each axis and negative below.
     """
@@ -58,12 +54,12 @@ class GrblStage:
         frame: StageFrame,
         *,
         baud: int = 115200,
-        needs: Needs | None = None,
+        config: StageConfig | None = None,
     ) -> None:
         self._url = url
         self.clock = clock
         self._frame = frame
-        self._needs = needs or Needs()
+        self._config = config
         self._c = Controller(url, clock, baud)
         self._driver = threading.current_thread()  # who moves it
         self._unfit = "not connected: connect before homing"
@@ -79,15 +75,7 @@ class GrblStage:
         """The stage of a rig file, its port not yet open; url: in place of the file's port."""
         where = url if url is not None else config.port
         assert where is not None, "the configuration has a port"
-        needs = Needs(
-            config.travel_mm,
-            config.max_feed_mm_min,
-            config.acceleration_mm_s2,
-            config.direction_mask,
-            config.homing_direction_mask,
-            config.pull_off_mm,
-        )
-        return cls(where, clock, config.frame, baud=config.baud, needs=needs)
+        return cls(where, clock, config.frame, baud=config.baud, config=config)
 
     # ---- the Stage interface ------------------------------------------------------------------
 
@@ -112,8 +100,10 @@ class GrblStage:
             self._info = [d for d in self._c.talk.command("$I") if d.startswith("[")]
             found = (SETTING.match(d) for d in self._c.talk.command("$$"))
             settings = {int(m[1]): float(m[2]) for m in found if m}
-            self._c.limits = Limits(settings, self._needs.travel_mm)
-            self.judged = judge(settings, self._info, self._needs)
+            self._c.limits = Limits(
+                settings, None if self._config is None else self._config.travel_mm
+            )
+            self.judged = judge(settings, self._info, self._config)
             self._unfit = "its settings were refused: set them right and connect again"
             if why := refusal(self.judged):
                 raise TalkFault(why)

@@ -1,7 +1,7 @@
 """One move of a GRBL controller: sent as jogs, listened to, followed to its end.
 
 Unless it leads away from the face it is sent in pieces, each as late as its speed allows: a host
-that dies, or whose cable is out, leaves a tip that goes on for `move.AHEAD_S` and no further.
+that dies, or whose cable is out, leaves a tip that goes on for `AHEAD_S` and no further.
 """
 
 from __future__ import annotations
@@ -13,10 +13,17 @@ from ...aliases import Vector
 from ...errors import InputError
 from ...protocols.motion import along_line, minus, move_duration_s
 from ..interface import StageState
-from .controller import JOG_CANCEL, MARGIN_S, POLL_END_S, Controller, in_mm
-from .exchange import NoAnswer, TalkFault
-from .grbl_messages import state_in_words
-from .move import AHEAD_CLEAR_S, AHEAD_S, Move
+from .controller import (
+    AHEAD_CLEAR_S,
+    AHEAD_S,
+    JOG_CANCEL,
+    MARGIN_S,
+    POLL_END_S,
+    Controller,
+    Move,
+    in_mm,
+)
+from .exchange import NoAnswer, TalkFault, state_in_words
 from .settings import AXES
 
 ANSWER_S = 0.5  # it comes within .1 s, and without it the carriage may be on its way

@@ -1,16 +1,19 @@
 """The `$` settings of a GRBL controller against what a rig file says of the stage, before motion.
 
-A row for each rule that does not hold says what was found and what to type.
+A row for each rule that does not hold says what was found and what to type. What the settings allow
+a move is judged before a byte of it is sent (`Limits`).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 from ...aliases import Vector
+from ...protocols.limits import ends_mm
 from ..interface import DeviceRow
-from .grbl_messages import OPTIONS
+from ..tables import StageConfig
+from .exchange import OPTIONS
 
 AXES = "XYZ"
 WHOLE = (3, 10, 13, 20, 21, 22, 23, 27, 32)
@@ -26,22 +29,17 @@ SWITCHES = (  # setting, its lowest bit, what another one means, what to set
     (22, 1, "homing is off", "$22=1"),
 )
 AGAIN = "and connect again"
+HOMING_MARGIN_S = 10.0
+ROUNDING_MM = 0.002  # of a step and of three decimals
 
 
-@dataclass(frozen=True)
-class Needs:
-    """What a rig file says of its stage; None: nothing."""
+def judge(
+    settings: Mapping[int, float], info: list[str], stage: StageConfig | None
+) -> list[DeviceRow]:
+    """What is wrong, FAIL or WARN. settings: `$` numbers to values. info: the answer to `$I`.
 
-    travel_mm: Vector | None = None
-    max_feed_mm_min: Vector | None = None
-    acceleration_mm_s2: Vector | None = None
-    direction_mask: int = 0
-    homing_direction_mask: int = 0
-    pull_off_mm: float | None = None
-
-
-def judge(settings: Mapping[int, float], info: list[str], needs: Needs) -> list[DeviceRow]:
-    """What is wrong, FAIL or WARN. settings: `$` numbers to values. info: the answer to `$I`."""
+    stage: as the rig file has it; None: nothing is known of it.
+    """
     wanted = (*WHOLE, *(first + axis for first in BY_AXIS for axis in range(3)))
     missing = [f"${n}" for n in wanted if n not in settings]
     if missing:
@@ -49,8 +47,8 @@ def judge(settings: Mapping[int, float], info: list[str], needs: Needs) -> list[
     options = next((found[1] for line in info if (found := OPTIONS.match(line))), "")
     hal = any("grblHAL" in line for line in info)
     wrong = (
-        *_switches(settings, needs), *_homing(settings, options, hal),
-        *_pull_off(settings, needs), *_numbers(settings, needs),
+        *_switches(settings, stage), *_homing(settings, options, hal),
+        *_pull_off(settings, stage), *_numbers(settings, stage),
     )  # fmt: skip
     return [DeviceRow("stage", "FAIL", text) for text in wrong] + _held(settings)
 
@@ -62,16 +60,15 @@ def refusal(rows: list[DeviceRow]) -> str:
     return failed[0] + more if failed else ""
 
 
-def _switches(s: Mapping[int, float], needs: Needs) -> Iterator[str]:
+def _switches(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[str]:
     for n, bit, wrong, remedy in SWITCHES:
         if int(s[n]) & 1 != bit:
             yield f"${n}={s[n]:g} ({wrong}); set {remedy} {AGAIN}"
-    for n, mask, what, key in (
-        (3, needs.direction_mask, "axes turned round", "direction_mask"),
-        (23, needs.homing_direction_mask, "axes that home at their negative end",
-         "homing_direction_mask"),
-    ):  # fmt: skip
-        found = int(s[n])
+    for n, what, key in (
+        (3, "axes turned round", "direction_mask"),
+        (23, "axes that home at their negative end", "homing_direction_mask"),
+    ):
+        found, mask = int(s[n]), getattr(stage, key, 0)
         if found & 7 != mask:
             yield (
                 f"${n}={found} ({what}: {_axes(found)}), and the rig file says {mask} "
@@ -110,9 +107,9 @@ def _homing(s: Mapping[int, float], options: str, hal: bool) -> Iterator[str]:
         )
 
 
-def _pull_off(s: Mapping[int, float], needs: Needs) -> Iterator[str]:
+def _pull_off(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[str]:
     """A switch trips at the end of the travel: homing must leave the carriage off it."""
-    found, told = s[27], needs.pull_off_mm
+    found, told = s[27], None if stage is None else stage.pull_off_mm
     if not found > 0:
         yield f"$27={found:g} mm; not > 0: homing ends on its switch"
     elif told is not None and found > told + HALF_DIGIT:
@@ -122,17 +119,14 @@ def _pull_off(s: Mapping[int, float], needs: Needs) -> Iterator[str]:
         )
 
 
-def _numbers(s: Mapping[int, float], needs: Needs) -> Iterator[str]:
-    needed = {
-        110: ("max_feed_mm_min", needs.max_feed_mm_min),
-        120: ("acceleration_mm_s2", needs.acceleration_mm_s2),
-        130: ("travel_mm", needs.travel_mm),
-    }
+def _numbers(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[str]:
+    needed = {110: "max_feed_mm_min", 120: "acceleration_mm_s2", 130: "travel_mm"}
     for first, unit in BY_AXIS.items():
-        key, need = needed.get(first, ("", None))
+        key = needed.get(first, "")
+        need: Vector = getattr(stage, key, (0.0, 0.0, 0.0))
         for axis, letter in enumerate(AXES):
             n, found = first + axis, s[first + axis]
-            least = need[axis] if need is not None else 0.0
+            least = need[axis]
             if not found > 0:
                 yield f"${n}={found:g} {unit}; not > 0"
             elif found < least - HALF_DIGIT:
@@ -156,3 +150,78 @@ def _held(s: Mapping[int, float]) -> list[DeviceRow]:
 
 def _axes(mask: int) -> str:
     return ", ".join(letter for axis, letter in enumerate(AXES) if mask >> axis & 1) or "none"
+
+
+class Limits:
+    """Of one controller, and of the rig file where that allows less.
+
+    settings: `$` numbers to values. A refusal is one line of why, "" where there is none.
+    """
+
+    def __init__(self, settings: Mapping[int, float], travel_mm: Vector | None = None) -> None:
+        self.settings = dict(settings)
+        self._travel_mm = travel_mm
+
+    def axes(self, first: int) -> Vector:
+        """A setting of three axes by the number of its first."""
+        s = self.settings
+        return (s[first], s[first + 1], s[first + 2])
+
+    @property
+    def travel_mm(self) -> Vector:
+        """How far each axis goes down from 0."""
+        x, y, z = map(min, self.axes(130), self._travel_mm or self.axes(130))
+        return (x, y, z)
+
+    def ends_mm(self, axis: int) -> tuple[float, float]:
+        """How low and how high an axis may go: homing leaves it $27 off its switch."""
+        at_top = not int(self.settings.get(23, 0)) >> axis & 1
+        return ends_mm(self.travel_mm[axis], at_top, self.settings.get(27, 0.0))
+
+    def target_refusal(self, machine_mm: Vector) -> str:
+        """A target that is no place, or outside of the travel."""
+        if not all(math.isfinite(p) for p in machine_mm):
+            return f"target {machine_mm} mm (machine) is not finite"
+        for axis, p in enumerate(machine_mm):
+            low, high = self.ends_mm(axis)
+            if not low - ROUNDING_MM <= p <= high + ROUNDING_MM:
+                return (
+                    f"target {AXES[axis]} {p:.3f} mm (machine) is outside of {low:g} .. {high:g}, "
+                    f"the travel less {self.settings.get(27, 0.0):g} mm at the switch"
+                )
+        return ""
+
+    def feed_refusal(self, delta_mm: Vector, feed_mm_min: float) -> str:
+        """GRBL clips a feed silently; here it is refused."""
+        if not (math.isfinite(feed_mm_min) and feed_mm_min >= 0.001):
+            return f"feed {feed_mm_min} mm/min; at least 0.001 is needed"
+        length = math.hypot(*delta_mm)
+        for axis, d, limit in zip(AXES, delta_mm, self.axes(110), strict=True):
+            if abs(d) * feed_mm_min > limit * length * (1 + 1e-9):
+                return (
+                    f"feed {feed_mm_min:g} mm/min moves {axis} at "
+                    f"{feed_mm_min * abs(d) / length:g}; its limit is {limit:g}"
+                )
+        return ""
+
+    def same_place(self, a_mm: Vector, b_mm: Vector) -> bool:
+        """Within half a step, and the rounding of the line sent and of the report."""
+        return all(
+            abs(p - t) <= 0.5 / steps + 0.0006
+            for p, t, steps in zip(a_mm, b_mm, self.axes(100), strict=True)
+        )
+
+    def braking_s(self) -> float:
+        """Longest that a stop can take."""
+        feeds, ramps = ([self.settings.get(n + a, 0.0) for a in range(3)] for n in (110, 120))
+        return max(feeds) / 60 / min(ramps) if min(ramps) > 0 else 0.0
+
+    def homing_s(self) -> float:
+        """Longest that the firmware searches: 1.5 travels and back for Z, then X and Y together."""
+        s = self.settings
+        seek, feed, pull = (max(s.get(n, 0.0), 1e-3) for n in (25, 24, 27))
+        travel = 1.5 * (s[132] + max(s[130], s[131]))
+        pause_s = 8 * s.get(26, 0.0) / 1000
+        slow = 2 * 5 * pull / feed + 4 * pull / seek
+        ramps = 16 * seek / 60 / min(self.axes(120))
+        return 60 * (travel / seek + slow) + pause_s + ramps + HOMING_MARGIN_S

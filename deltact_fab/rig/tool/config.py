@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from ...configuration import Place, Table
 from ...errors import InputError
+from ...shapes.indenter import parse
 
 Tilt = Annotated[float, Field(ge=-5, le=5)]  # degrees
 Millimetres = Annotated[float, Field(ge=-100, le=100)]
@@ -84,8 +85,6 @@ class RegistrationFile(Table):
 
 def named_tools(tools: dict[str, ToolConfig]) -> dict[str, ToolConfig]:
     """The same under the indenters' own names. Raises ValueError for a name that is none."""
-    from ...shapes.indenter import parse
-
     try:
         return {parse(name).name: tool for name, tool in tools.items()}
     except InputError as why:

@@ -6,31 +6,139 @@ port stays open.
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 from ...aliases import Vector
-from ...errors import DeltactFabError, InputError, SensorError, StageError
-from ..interface import LIFT_FEED_MM_MIN, ForceSensor, Guard
-from ..run.guard_thread import Watch, watched
-from ..stage import by_hand
+from ...errors import DeltactFabError, InputError, SensorError, StageError, Stopped
+from ...protocols.motion import plus
+from ..interface import LIFT_FEED_MM_MIN, ForceSensor, Guard, Stage, go
+from ..run.loop import Watch, interruptible, watched
 from ..stage.grbl import GrblStage
 
-STEPS_MM = (0.02, 0.1, 1.0, 10.0)
+CLEARANCE_MM = 5.0
+MAX_MM = 10.0
 FEED_MM_MIN = 300.0
+NEAR_FEED_MM_MIN = 30.0
+"""Below the clearance height."""
+SAME_MM = 2e-3
+STEPS_MM = (0.02, 0.1, 1.0, 10.0)
 EASE_MM = 2.0  # up, after the guard has stopped it
 TELL_S = 0.2
-MOVES: dict[str, Vector] = {
-    "left": (-1, 0, 0), "right": (1, 0, 0), "down": (0, -1, 0), "up": (0, 1, 0),
-    "page up": (0, 0, 1), "page down": (0, 0, -1), "u": (0, 0, 1), "d": (0, 0, -1),
-}  # fmt: skip
 HELP = (
     "arrows: x and y   page up, u / page down, d: z   1 2 3 4: steps of .02, .1, 1, 10 mm   "
     "space: stop\nh: home   o: the tip stands at the origin   r: register the face   q: end"
 )
 Key = Callable[[float], str]
 """Waits so long (s) for a key: its name, "" where none came."""
+
+
+@contextmanager
+def stopped_by_ctrl_c(stage: Stage) -> Iterator[None]:
+    """Ctrl-C, SIGTERM and SIGHUP stop the motion, the second one resets; raises Stopped then."""
+    with interruptible(stage.abort):
+        try:
+            yield
+        except KeyboardInterrupt as why:
+            stage.stop()
+            where = f" at {in_words(stage.position_mm())}" if stage.homed else ""
+            raise Stopped(f"stopped by the operator{where}") from why
+
+
+def jog(
+    stage: Stage,
+    by_mm: Vector,
+    feed_mm_min: float = FEED_MM_MIN,
+    *,
+    most_mm: float = MAX_MM,
+    into_gel: bool = False,
+) -> Vector:
+    """One straight move by so much (sensor frame); returns where the tip is then.
+
+    Raises InputError, with nothing sent, for one that is longer than most_mm or, without into_gel,
+    ends below CLEARANCE_MM or goes sideways there; straight up is always allowed.
+    """
+    go(stage, *wanted(stage, by_mm, feed_mm_min, most_mm, into_gel))
+    return stage.position_mm()
+
+
+def wanted(
+    stage: Stage,
+    by_mm: Vector,
+    feed_mm_min: float,
+    most_mm: float,
+    into_gel: bool,
+) -> tuple[Vector, float]:
+    """Where such a jog leads, and how fast; nothing moves. Raises as `jog`."""
+    require_short(by_mm, most_mm)
+    here = stage.position_mm()
+    there = plus(here, by_mm)
+    low_mm, up = min(here[2], there[2]), by_mm[0] == by_mm[1] == 0 and by_mm[2] >= 0
+    near = low_mm < CLEARANCE_MM and not up
+    if near and not into_gel:
+        raise InputError(_too_low(low_mm))
+    return there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
+
+
+def require_short(by_mm: Vector, most_mm: float = MAX_MM) -> None:
+    """Raise InputError for a way that is longer than most_mm, or none."""
+    length_mm = math.hypot(*by_mm)
+    if not length_mm <= most_mm:
+        raise InputError(
+            f"DX DY DZ: {length_mm:g} mm is more than {most_mm:g}; give --most {length_mm:g} if "
+            "that is meant"
+        )
+
+
+def goto(
+    stage: Stage,
+    target_mm: Vector,
+    feed_mm_min: float = FEED_MM_MIN,
+    *,
+    into_gel: bool = False,
+) -> Vector:
+    """To a place (sensor frame): up to the clearance height, sideways, then down.
+
+    Raises InputError, with nothing sent, for one below CLEARANCE_MM without into_gel.
+    """
+    if not all(map(math.isfinite, target_mm)):
+        raise InputError(f"X Y Z: {target_mm} mm is not a place")
+    x, y, z = target_mm
+    if z < CLEARANCE_MM and not into_gel:
+        raise InputError(_too_low(z))
+    here = stage.position_mm()
+    if math.dist(here[:2], (x, y)) > SAME_MM:
+        high_mm = max(here[2], CLEARANCE_MM)
+        for place in ((here[0], here[1], high_mm), (x, y, high_mm)):
+            go(stage, place, feed_mm_min)
+    if z < CLEARANCE_MM:
+        if stage.position_mm()[2] > CLEARANCE_MM:
+            go(stage, (x, y, CLEARANCE_MM), feed_mm_min)
+        feed_mm_min = min(feed_mm_min, NEAR_FEED_MM_MIN)
+    go(stage, target_mm, feed_mm_min)
+    return stage.position_mm()
+
+
+def in_words(position_mm: Vector) -> str:
+    """A tip position for a person."""
+    x, y, z = (round(p, 3) + 0.0 for p in position_mm)
+    return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (sensor)"
+
+
+def _too_low(z_mm: float) -> str:
+    return (
+        f"z = {z_mm:g} mm is below {CLEARANCE_MM:g} mm over the face, where the tip may touch the "
+        "gel: give --into-gel (slow), or go up first"
+    )
+
+
+MOVES: dict[str, Vector] = {
+    "left": (-1, 0, 0), "right": (1, 0, 0), "down": (0, -1, 0), "up": (0, 1, 0),
+    "page up": (0, 0, 1), "page down": (0, 0, -1), "u": (0, 0, 1), "d": (0, 0, -1),
+}  # fmt: skip
 
 
 class HandSession:
@@ -95,9 +203,7 @@ class HandSession:
         x, y, z = (self.step_mm * part for part in way)
         stage, clock = self._stage, self._stage.clock
         try:
-            target_mm, feed = by_hand.wanted(
-                stage, (x, y, z), FEED_MM_MIN, self.step_mm, by_hand.CLEARANCE_MM, self._into_gel
-            )
+            target_mm, feed = wanted(stage, (x, y, z), FEED_MM_MIN, self.step_mm, self._into_gel)
             end_s = clock.now_s() + stage.start_move(target_mm, feed)
             while clock.now_s() < end_s and not watch.trouble:
                 self._show(self._line(watch, asks=False))
@@ -135,7 +241,7 @@ class HandSession:
         where = "moving"
         if asks:
             homed = self._stage.homed
-            where = by_hand.in_words(self._stage.position_mm()) if homed else "not homed"
+            where = in_words(self._stage.position_mm()) if homed else "not homed"
         force_n = None if watch.stream is None else watch.stream.force_n
         felt = "no force sensor: no guard"
         if watch.stream is not None:

@@ -11,24 +11,19 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from ... import reading
 from ...errors import InputError, RunFailed
 from ...files import write_whole
+from ...optics import StageFrame
 from ...shapes.indenter import parse as parse_indenter
-from ..interface import Clock, ForceSensor, Guard, Stage, go
-from ..job import RigSetup
+from ..interface import Clock, ForceSensor, Guard, RigSetup, Stage, go
 from .config import ToolConfig, TouchConfig
 from .feeler import ForceProbe
-from .homing import clear_the_face
-from .operator import Operator, TerminalOperator, confirm
+from .operator import TerminalOperator, clear_the_face, confirm
 from .touch import TRAVEL_FEED_MM_MIN, FaceTouch, ForceTouch
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from ...optics import StageFrame
 
 KEPT = "tool.json"
 
@@ -49,7 +44,7 @@ class Tooling:
         guard: Guard | None = None,
         touch: TouchConfig | None = None,
         tools: Mapping[str, ToolConfig] | None = None,
-        operator: Operator | None = None,
+        operator: TerminalOperator | None = None,
     ) -> None:
         self._job = job
         self._stage = stage

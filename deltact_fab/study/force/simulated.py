@@ -139,7 +139,7 @@ def simulate(asked: StudyRequest) -> SimulatedForces:
 def settings(made: SimulatedForces) -> dict[str, str]:
     """What the points were made with, as a reader is shown it."""
     protocol = made.protocol
-    told = limits.estimate(protocol, 0, made.scene.rig.stage.box)
+    told = limits.estimate(protocol, 0, made.scene.rig.stage)
     deepest, shear = protocol.depths_mm[-1], protocol.shear
     stops = (told.settled // told.presses - 1) // len(protocol.depths_mm) if told.presses else 0
     return {

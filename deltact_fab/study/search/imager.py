@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from ...catalog import validate
 from ...errors import InputError
-from ...rig.config import VirtualConfig
-from ...rig.simulator import PrinterConfig
+from ...rig.config import PrinterConfig, VirtualConfig
 from ...shapes import SensorDimensions
 from ..request import virtual_rig
 

@@ -107,7 +107,7 @@ def _with(protocol: Protocol, changed: dict[str, Any]) -> Protocol:
 
 def settings(made: SimulatedShapes) -> dict[str, str]:
     """What the presses were made with, as a reader is shown it."""
-    of, box = made.scene, made.scene.rig.stage.box
+    of, box = made.scene, made.scene.rig.stage
     first, hat, ball, force, twist = (of.protocols[name] for name in (*OBJECTS, BALL, FORCE, TWIST))
     at = ", ".join(f"({x:g}, {y:g})" for x, y in twist.positions_mm)
     return {
