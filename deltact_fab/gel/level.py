@@ -1,4 +1,4 @@
-"""One gel, two levels of mechanics behind one interface; `open.contact_of` makes one.
+"""One gel, two levels of mechanics behind one interface; `path.open.contact_of` makes one.
 
 linear: small strain (`linear`). hyperelastic: finite strain (`finite`). Both know the free sides,
 press an `Indenter`, keep their history in the state and show the face on one and the same lattice,

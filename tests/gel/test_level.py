@@ -16,7 +16,7 @@ from deltact_fab.gel.level import GelContact, Level, Reach, State, follow
 from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.linear.gel import LinearGel
 from deltact_fab.gel.linear.state import ContactState
-from deltact_fab.gel.open import contact_of
+from deltact_fab.gel.path.open import contact_of
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 

@@ -228,7 +228,7 @@ def test_a_press_that_no_mesh_ends_in_time_is_refused_and_one_is_flagged() -> No
 @pytest.mark.slow
 def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> None:
     from deltact_fab.gel.finite.gel import lacking_n
-    from deltact_fab.gel.open import contact_of
+    from deltact_fab.gel.path.open import contact_of
 
     skin, ball, gel = SkinDimensions(), parse("sphere:8"), GelMaterial(friction=0.0)
     choice = pick(skin, gel, ball, Reach(deepest_mm=2.0), level="hyperelastic", spacing_mm=1.5)

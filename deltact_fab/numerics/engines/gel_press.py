@@ -77,7 +77,7 @@ class GelAnswer:
 
 
 def prepared(run: PressSetup) -> tuple[FinitePress, FaceLattice]:
-    """Its mesh with the solver, and the lattice on it, laid as `open.contact_of` lays it."""
+    """Its mesh with the solver, and the lattice on it, laid as `path.open.contact_of` lays it."""
     press = run.scene.press()
     x, y = (
         np.linspace(-half, half, 2 * math.ceil(half / LATTICE_MM - 1e-9) + 1)

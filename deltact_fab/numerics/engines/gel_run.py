@@ -12,7 +12,7 @@ from ...errors import RunFailed
 from ...gel.level import Reach, follow
 from ...gel.level_selection import pick
 from ...gel.linear.contact import LinearContact
-from ...gel.open import contact_of
+from ...gel.path.open import contact_of
 from ...gel.press import press
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
