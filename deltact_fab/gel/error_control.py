@@ -26,7 +26,7 @@ from ..aliases import Field, Progress
 from ..errors import SolverError, TimeLimit
 from ..levels import FINITE
 from . import time_limit
-from .finite.tip_rounding import BLUNT
+from .finite.distance import BLUNT
 from .level import Choice
 from .level_selection import HIDDEN, IN_PLANE_MM, MAX_DOFS, TOLERANCE
 from .path.knots import SolvedKnot

@@ -7,12 +7,11 @@ import scipy.sparse as sp
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
 from deltact_fab.gel.finite import newton
-from deltact_fab.gel.finite.assembly import BulkAssembly
-from deltact_fab.gel.finite.descent import descend
+from deltact_fab.gel.finite.assembly import BulkAssembly, Pattern
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.mesh import HexMesh, block_mesh
-from deltact_fab.gel.finite.pattern import Pattern
+from deltact_fab.gel.finite.newton import descend
 from deltact_fab.gel.finite.problem import Evaluation
 from deltact_fab.shapes import SkinDimensions
 

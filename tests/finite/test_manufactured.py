@@ -16,10 +16,9 @@ import pytest
 from deltact_fab.aliases import Field
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.finite import HexMesh, block_mesh
-from deltact_fab.gel.finite.assembly import BulkAssembly
+from deltact_fab.gel.finite.assembly import BulkAssembly, Pattern
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
-from deltact_fab.gel.finite.pattern import Pattern
 from deltact_fab.shapes import SkinDimensions
 
 WIDTH, LENGTH, THICKNESS = 8.0, 6.0, 4.0

@@ -16,8 +16,7 @@ from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear import complementarity
 from deltact_fab.gel.linear.complementarity import normal_contact
-from deltact_fab.gel.linear.contact import LinearContact
-from deltact_fab.gel.linear.state import ContactState
+from deltact_fab.gel.linear.contact import ContactState, LinearContact
 from deltact_fab.shapes import Indenter, SkinDimensions, SphereTip
 from deltact_fab.shapes.indenter import parse
 

@@ -19,8 +19,7 @@ from .distance import gap
 from .field import FaceLattice, tractions_mpa, whole_wrench
 from .mesh import block_mesh
 from .press import FinitePress
-from .state import PENETRATION_LIMIT, FiniteState
-from .transfer import Guide
+from .state import PENETRATION_LIMIT, FiniteState, Guide
 
 STEP_MM = 1e-5  # for the difference of contact forces by the depth
 

@@ -15,19 +15,15 @@ from ...shapes import Indenter
 from ...shapes.posed import edge_radius_mm
 from ..level import IncrementDiagnostics
 from . import newton
-from .assembly import BulkAssembly
-from .descent import descend
+from .assembly import BulkAssembly, Pattern
+from .distance import blunted
 from .linear import Name, make_solver
-from .material import NeoHooke
+from .material import Memory, NeoHooke, Viscosity
 from .mesh import HexMesh
-from .pattern import Pattern
-from .predict import start_of
+from .newton import descend
 from .problem import Equilibrium
-from .state import FiniteState
+from .state import FiniteState, Guide, start_of
 from .surface import FrictionGrip, Surface
-from .tip_rounding import blunted
-from .transfer import Guide
-from .viscous import Memory, Viscosity
 
 HIDDEN_LIMIT = 0.75  # of the depth, or of what is inside the resting gel; beyond, a tip hides
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from ...aliases import Field
 from .assembly import BulkAssembly
+from .material import Memory
 from .surface import Coupling, FrictionGrip, Surface
-from .viscous import Memory
 
 
 class Evaluation(NamedTuple):

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from ...aliases import Field
 from ...shapes import Indenter
+from .assembly import FACE_UPPER, Pattern
 from .distance import Gap, gap
 from .mesh import HexMesh
-from .pattern import FACE_UPPER, Pattern
 
 STIFFNESS = 50.0  # k h / E
 GRIP = 10.0  # the same along the face

@@ -14,8 +14,7 @@ from ...shapes import Indenter, SkinDimensions
 from ..lattice import hermite, means
 from ..level import Choice, IncrementDiagnostics, Level, State
 from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, measured
-from .contact import LinearContact
-from .state import ContactState
+from .contact import ContactState, LinearContact
 
 MAX_CUTS = 2  # halvings of an increment
 
