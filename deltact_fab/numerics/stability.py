@@ -8,10 +8,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import DeltactFabError
+from ..errors import DeltactFabError, RunFailed
 from .engine import Case
-from .engines import load
-from .worker import SILENCE_S, WorkerDied, answers
+from .engines import alone, load, on_one_core
+
+# A reference takes a minute on a quiet core and several on a busy one; this ends what hangs.
+SILENCE_S = 600.0
 
 
 def measure(
@@ -22,27 +24,27 @@ def measure(
     quick: bool,
     silence_s: float = SILENCE_S,
 ) -> Iterator[dict[str, Any]]:
-    """Judge the cases in one worker; one that takes the worker down is wrong, the rest go on."""
-    done = 0
-    while done < len(cases):
-        end = "the worker ended early"
-        found = answers(judged, module, str(scratch), quick, done, silence_s=silence_s)
-        try:
-            for row in found:
-                done += 1
-                yield {"engine": name, **row}
-        except WorkerDied as why:
-            end = str(why)
-        if done < len(cases):
-            row = _row(cases[done], "wrong", None, f"the process died: {end}")
-            done += 1
-            yield {"engine": name, **row}
+    """Judge the cases in one process; one that takes it down is wrong, another does the rest."""
+    left = list(range(len(cases)))
+    while left:
+        with alone() as process:
+            while left:
+                k = left.pop(0)
+                try:
+                    yield {"engine": name} | process.submit(
+                        judged, module, scratch, quick, k
+                    ).result(silence_s)
+                except (RunFailed, TimeoutError) as why:
+                    said = str(why) or f"no answer for {silence_s:g} s"
+                    row = _row(cases[k], "wrong", None, f"the process died: {said}")
+                    yield {"engine": name} | row
+                    break
 
 
-def judged(module: str, scratch: str, quick: bool, first: int) -> Iterator[dict[str, Any]]:
-    """The rows of a module's cases from the first on, in the worker."""
-    for case in load(module).cases(quick)[first:]:
-        yield judge(case, Path(scratch))
+def judged(module: str, scratch: Path, quick: bool, k: int) -> dict[str, Any]:
+    """The row of a module's case, in its process."""
+    on_one_core()
+    return judge(load(module).cases(quick)[k], scratch)
 
 
 def judge(case: Case, scratch: Path) -> dict[str, Any]:

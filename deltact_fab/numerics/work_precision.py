@@ -14,9 +14,8 @@ from typing import Any
 
 from ..errors import RunFailed
 from .engine import CurveSetting
-from .engines import load
-from .stability import plain
-from .worker import WorkerDied, answers
+from .engines import alone, load, on_one_core
+from .stability import SILENCE_S, plain
 
 REPEATS = 5
 MAX_REPEATS = 25
@@ -28,23 +27,25 @@ def measure(
 ) -> Iterator[dict[str, Any]]:
     """Time settings one after the other. Raises RunFailed naming a setting that failed."""
     for setting in settings:
-        try:
-            (row,) = answers(timed, module, str(scratch), quick, setting.key)
-        except WorkerDied as why:
-            raise RunFailed(f"numerics: {name}: {setting.key}: {why}") from why
+        with alone() as process:
+            try:
+                row = process.submit(timed, module, scratch, quick, setting.key).result(SILENCE_S)
+            except Exception as why:
+                raise RunFailed(f"numerics: {name}: {setting.key}: {why}") from why
         yield {"engine": name, **row}
 
 
-def timed(module: str, scratch: str, quick: bool, key: str) -> Iterator[dict[str, Any]]:
-    """The row of one setting of a module, in its worker; the warm-up call is apart.
+def timed(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
+    """The row of one setting of a module, in its process; the warm-up call is apart.
 
     cpu_s, cpu_most_s: best and slowest of `repeats`, for whatever else is at work only ever adds.
     wall_s: best. compile_s: CPU time of the warm-up beyond the best (compiling, plans, caches).
     peak_mb: memory above what libraries and inputs hold. error, reference_error: in `unit`. kind:
     of the reference.
     """
+    on_one_core()
     setting = next(s for s in load(module).curves(quick) if s.key == key)
-    work = setting.build(Path(scratch))
+    work = setting.build(scratch)
     before_mb = reset_peak_mb()
     start_s = time.process_time()
     result = work.run()
@@ -57,7 +58,7 @@ def timed(module: str, scratch: str, quick: bool, key: str) -> Iterator[dict[str
         wall_s.append(time.perf_counter() - start_s)
         cpu_s.append(time.process_time() - start_cpu_s)
     peak_mb = peak_resident_mb() - before_mb
-    yield {
+    return {
         "case": setting.case, "series": setting.series, "setting": setting.name,
         "cpu_s": min(cpu_s), "cpu_most_s": max(cpu_s), "wall_s": min(wall_s),
         "compile_s": max(0.0, first_s - min(cpu_s)), "peak_mb": max(0.0, peak_mb),

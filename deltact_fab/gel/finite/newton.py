@@ -210,8 +210,8 @@ def descend(
     rest_data: Field,
     longest_mm: float,
 ) -> NewtonSolution:
-    """Down the energy, for folds where Newton's method fails, from start_mm to a residual of ENOUGH,
-    or as far as the energy's rounding lets see.
+    """Down the energy, for folds where Newton's method fails, to a residual of ENOUGH, or as far
+    as the energy's rounding lets see.
 
     With friction bounded by numbers that are held, an increment has a potential, and a gel that
     jumps comes to rest in a minimum of it. Newton's steps are damped by the stiffness at rest,

@@ -59,9 +59,9 @@ SAME_MM = 1e-6  # tips no further apart are one
 
 
 class Guide:
-    """Increments of a way that a coarser mesh has gone, asked for in its order: a start for Newton's
-    method, which finds the finer mesh's answer, and no other, in about half the factors.
+    """Increments of a way that a coarser mesh has gone, asked for in its order.
 
+    From there Newton's method finds the finer mesh's own answer in about half the factors.
     Both meshes are blocks, so interpolation is the product of three along the axes.
     states: of the coarser mesh, in the order solved.
     """
