@@ -13,7 +13,7 @@ Each depth gets the first answer that holds:
 2. `extrapolated`: from the last depth that could be solved, as F (d/d0)^1.7 (h - d0)/(h - d): a
    sphere's 1.5 and some more, for a layer stiffens, times the thinning of the gel under it; above
    every curve that was solved.
-3. `bound`: a flat punch over the whole footprint (`elasticity.closed_forms`), times h/(h - d);
+3. `bound`: a flat punch over the whole footprint (`elasticity.layer`), times h/(h - d);
    also the ceiling of 2.
 """
 
@@ -193,7 +193,7 @@ def _add(points: list[tuple[float, float]], depth: float, force: float, inside_m
 
 def _punch_n_per_mm(skin: SkinDimensions, unit: GelMaterial, indenter: Indenter) -> float:
     """Stiffness of a flat punch around all of the indenter on the bonded layer."""
-    from ..elasticity.closed_forms import flat_punch_n_per_mm
+    from ..elasticity.layer import flat_punch_n_per_mm
 
     radius = max(math.hypot(t.x_mm, t.y_mm) + max(t.half_mm) for t in indenter.tips)
     return BOUND_MARGIN * flat_punch_n_per_mm(radius, skin.thickness_mm, unit)

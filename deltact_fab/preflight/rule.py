@@ -1,6 +1,7 @@
-"""What a rig allows: a predicted peak over a declared limit, or a limit that is not declared.
+"""What a rig and the plate behind the gel allow.
 
-On a real rig both are errors before anything moves; the simulated one cannot break, and warns.
+On a real rig a predicted peak over a declared limit, and a limit that is not declared, are errors
+before anything moves; the simulated one cannot break, and warns.
 """
 
 from __future__ import annotations
@@ -10,6 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from ..aliases import Vector
+from ..cad.dimensions import Design
+from ..cad.parts.light_holder import below_plate
+from ..cad.stiffness import press
 from ..errors import InputError
 from ..protocols.limits import LimitCheck, refusals
 from ..protocols.plan import Protocol
@@ -154,3 +158,43 @@ def _moments(peaks: Sequence[Peak], limit_nmm: Vector, key: str) -> Iterator[Loa
     if len(moments) == len(peaks):
         for axis, letter in enumerate("xyz"):
             yield f"moment about {letter}", limit_nmm[axis], key, [m[axis] for m in moments]
+
+
+def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list[LimitCheck]:
+    """Stress, room behind the plate and share of the depth, each with its worst press.
+
+    Stress counts with the gel's modulus twice as high, as all that can break does; see
+    `cad.stiffness`. The plate's deflection is part of the depth that the stage counts and the gel
+    does not see; the simulated sensor's plate is rigid and leaves it out.
+    Too much stress fails, on the simulated rig it warns; the other two only warn.
+    """
+    found = [press(design, peak.normal_n, peak.at_mm) for peak in peaks]
+    limit_mpa = design.plate.stress_limit_mpa
+    stress_mpa, where = worst([MODULUS_FACTOR * f.stress_mpa for f in found], peaks)
+    over = stress_mpa > limit_mpa
+    deflects_mm = max(f.deflection_mm for f in found)
+    return [
+        LimitCheck(
+            "plate stress", simulated or not over, f"{HIGH}, plate.stress_limit_mpa (MPa)",
+            round(stress_mpa, 2), limit_mpa, where, over and simulated,
+        ),
+        _warning(
+            "plate clear of the light holder", f"{HIGH}, least play of light.axial_fit_mm (mm)",
+            [MODULUS_FACTOR * f.over_ring_mm for f in found],
+            below_plate(design).range_mm[0], peaks,
+        ),
+        _warning(
+            "plate deflection",
+            f"up to {deflects_mm:.3f} mm as expected, which a simulated press leaves out; "
+            "share of the depth, plate.deflection_share",
+            [f.deflection_mm / p.depth_mm for f, p in zip(found, peaks, strict=True)],
+            design.plate.deflection_share, peaks,
+        ),
+    ]  # fmt: skip
+
+
+def _warning(
+    name: str, what: str, figures: Sequence[float], bound: float, peaks: Sequence[Peak]
+) -> LimitCheck:
+    figure, where = worst(figures, peaks)
+    return LimitCheck(name, True, what, float(f"{figure:.3g}"), bound, where, figure > bound)

@@ -9,8 +9,7 @@ import pytest
 
 from deltact_fab.aliases import Field
 from deltact_fab.elasticity.block import FreeBlock
-from deltact_fab.elasticity.closed_forms import flat_punch_n_per_mm
-from deltact_fab.elasticity.layer import BondedLayer
+from deltact_fab.elasticity.layer import BondedLayer, flat_punch_n_per_mm
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.level import follow

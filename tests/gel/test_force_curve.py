@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltact_fab.elasticity.closed_forms import hertz_force_n
+from deltact_fab.elasticity.layer import hertz_force_n
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
 from deltact_fab.gel.fit.force_curve import ForceCurve, force_curve

@@ -4,7 +4,7 @@ Displacements: a cubic through the four nodes next to a point, along x and then 
 Hermite, slopes of the parabola through three nodes). It is C1, exact for parabolas at any grading,
 and a kink at the contact's edge is felt one cell away at most; a spline would ring.
 Tractions: every contact point stands for a part of its face as large as its weight, and the parts
-go to the nodes by areas (`lattice.means`), so that their sum over the resting face is the force.
+go to the nodes by areas (`zones.means`), so that their sum over the resting face is the force.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...aliases import Field
-from ..lattice import hermite, means
+from ..zones import hermite, means
 from .mesh import HexMesh
 
 if TYPE_CHECKING:

@@ -226,10 +226,7 @@ def span(which: Mask) -> slice:
 
 
 def _widened(within: slice, which: Mask, n: int) -> slice:
-    """The span of `which` inside `within`, with a margin and a size rounded up to 8 nodes.
-
-    Rounded sizes let a sliding contact reuse one window operator.
-    """
+    """The span of `which` inside `within`, with a margin and a size rounded up to 8 nodes."""
     near = span(which)
     start, stop = within.start + near.start - MARGIN, within.start + near.stop + MARGIN
     size = min(n, 8 * math.ceil((stop - start) / 8))

@@ -11,9 +11,8 @@ from ...elasticity.block import FreeBlock
 from ...elasticity.material import GelMaterial
 from ...errors import SolverError
 from ...shapes import Indenter, SkinDimensions
-from ..lattice import hermite, means
 from ..level import Choice, IncrementDiagnostics, Level, State
-from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, measured
+from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, hermite, means, measured
 from .contact import ContactState, LinearContact
 
 MAX_CUTS = 2  # halvings of an increment
