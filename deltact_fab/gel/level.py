@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -154,11 +154,12 @@ class State:
         return np.asarray(self.contact.traction_mpa(self.inner))
 
 
-class GelContact(Protocol):
+class GelContact:
     """One indenter against one gel; holds no history.
 
     x_mm (nx,), y_mm (ny,): the lattice, on the whole face. choice: what was picked and why.
     dofs: unknowns of the deformable body (displacements, or tractions of the linear grid).
+    Of an inner state it tells displacement_mm, traction_mpa and zones, as `State` has them.
     """
 
     level: Level
@@ -169,6 +170,7 @@ class GelContact(Protocol):
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> State:
         """Without contact: nothing displaced, nothing remembered."""
+        raise NotImplementedError
 
     def solve(self, previous: Any, tip_mm: Point, seconds: float = 0.0, guide: Any = None) -> State:
         """One increment, straight from `previous`, which must be of this contact.
@@ -176,21 +178,18 @@ class GelContact(Protocol):
         seconds: that it takes; only a gel with a Prony series minds. guide: see `guide`.
         Raises InputError out of range, SolverError where it is not solved.
         """
+        raise NotImplementedError
 
     def guide(self, states: Sequence[Any]) -> Any:
         """From states of a coarser mesh along the same way, what `solve` then starts from.
 
         It changes the work and not what is solved. None where that does not help.
         """
+        return None
 
     def lacking_rel(self, state: Any) -> float:
         """Of the normal force, what a hard contact would give more."""
-
-    def displacement_mm(self, inner: Any) -> Field: ...
-
-    def traction_mpa(self, inner: Any) -> Field: ...
-
-    def zones(self, inner: Any) -> tuple[Zones, ZoneMap] | None: ...
+        return 0.0
 
 
 def follow(contact: Any, previous: Any, tip_mm: Point, max_step_mm: float) -> Iterator[Any]:

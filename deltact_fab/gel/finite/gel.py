@@ -13,7 +13,7 @@ from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
 from ...shapes.posed import edge_radius_mm
-from ..level import Choice, IncrementDiagnostics, Level, State
+from ..level import Choice, GelContact, IncrementDiagnostics, State
 from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, inside, measured
 from .distance import gap
 from .field import FaceLattice, tractions_mpa, whole_wrench
@@ -52,8 +52,8 @@ NODES, MOST_NODES = 8, 400  # of the lattice for zones: along a cell's side, and
 LONGEST_RUB = 1 / 8  # of the thickness: longest increment with friction, a first-order law
 
 
-class FiniteGel:
-    level: Level = "hyperelastic"
+class FiniteGel(GelContact):
+    level = "hyperelastic"
 
     def __init__(
         self,
