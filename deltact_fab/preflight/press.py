@@ -21,8 +21,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -31,7 +31,13 @@ from ..elasticity.material import GelMaterial
 from ..errors import InputError, SolverError
 from ..shapes import Indenter, SkinDimensions
 
+if TYPE_CHECKING:
+    from ..gel.level import Choice
+    from ..gel.path.solver import PathSolver
+
 Level = Literal["linear", "hyperelastic", "extrapolated", "bound"]
+Points = tuple[tuple[float, float], ...]
+NO_POINTS: Points = ()
 
 TOLERANCE = 0.1  # of the force; the safe side takes it whole
 ATTEMPTS: tuple[tuple[Literal["linear", "hyperelastic"], int | None], ...] = (
@@ -61,7 +67,7 @@ class PressCurve:
 
     thickness_mm: float
     level: Level
-    points: tuple[tuple[float, float], ...]
+    points: Points
     ended: str
     bound_n_per_mm: float
 
@@ -106,6 +112,9 @@ def press_curve(
     solve False: None where finite strain is needed and not in the store; the linear level takes
     about a second. Raises InputError for a depth outside of the gel.
     """
+    from ..gel.path.knots import ObservedChannels, along
+    from ..gel.path.open import choose, open_path
+
     for depth in depths_mm:
         if not 0 < depth < skin.thickness_mm:
             raise InputError(
@@ -114,58 +123,41 @@ def press_curve(
             )
     unit = GelMaterial(1.0, min(material.poisson, STIFFEST_POISSON), material.friction)
     depths = sorted(set(depths_mm))
-    bound = _punch_n_per_mm(skin, unit, indenter)
-    best = PressCurve(skin.thickness_mm, "bound", (), "", bound)
+    best = PressCurve(skin.thickness_mm, "bound", (), "", _punch_n_per_mm(skin, unit, indenter))
+    corners = [(*at_mm, -d) for d in (0.0, *depths)]
+    what = f"{indenter.name} to {depths[-1]:.3g} mm"
     for level, most in ATTEMPTS:
-        found = _attempt(skin, unit, indenter, at_mm, depths, level, most, progress, solve)
-        if found is None:
-            return None
-        points, ended = found
+        try:
+            choice = choose(
+                skin, unit, indenter, along(corners, depths[-1]), TOLERANCE,
+                level=level, observe_shear=False, most_unknowns=most,
+            )  # fmt: skip
+        except InputError as why:
+            points, ended = NO_POINTS, str(why)
+        else:
+            poses = along(corners, choice.step_mm)
+            solver = open_path(skin, unit, indenter, poses, ObservedChannels(), choice)
+            if level == "hyperelastic" and solver.found is None and not solve:
+                return None
+            points, ended = _usable(solver, choice, progress, what)
         if not best.points or (points and points[-1][0] > best.reached_mm):
-            best = PressCurve(skin.thickness_mm, level, points, ended, bound)
+            best = replace(best, level=level, points=points, ended=ended)
         if best.reached_mm >= ENOUGH * depths[-1]:
             break
     return best
 
 
-def _attempt(
-    skin: SkinDimensions,
-    unit: GelMaterial,
-    indenter: Indenter,
-    at_mm: tuple[float, float],
-    depths_mm: Sequence[float],
-    level: Literal["linear", "hyperelastic"],
-    most_unknowns: int | None,
-    progress: Progress | None,
-    solve: bool,
-) -> tuple[tuple[tuple[float, float], ...], str] | None:
-    """Usable points (depth, force on the safe side) and why they end where they do.
-
-    None where finite strain would have to be solved and must not.
-    """
-    from ..gel.path.knots import ObservedChannels, along
-    from ..gel.path.open import choose, open_path
-
-    corners = [(*at_mm, -d) for d in (0.0, *depths_mm)]
+def _usable(
+    solver: PathSolver, choice: Choice, progress: Progress | None, what: str
+) -> tuple[Points, str]:
+    """Points (depth, force on the safe side), and why they end where they do."""
     points: list[tuple[float, float]] = []
-    try:
-        choice = choose(
-            skin, unit, indenter, along(corners, depths_mm[-1]), TOLERANCE,
-            level=level, observe_shear=False, most_unknowns=most_unknowns,
-        )  # fmt: skip
-    except InputError as why:
-        return (), str(why)
-    poses = along(corners, choice.step_mm)
-    solver = open_path(skin, unit, indenter, poses, ObservedChannels(), choice)
-    if level == "hyperelastic" and solver.found is None and not solve:
-        return None
-    what = f"{indenter.name} to {depths_mm[-1]:.3g} mm"
     ended = lost = ""
     try:
         solver.solve_all(progress and (lambda done, of, _: progress(done, of, what)))
     except (InputError, SolverError) as why:
         ended = str(why)
-    for pose, knot in zip(poses, solver.knots, strict=False):
+    for pose, knot in zip(solver.poses, solver.knots, strict=False):
         lost = _add(points, -pose.tip_mm[2], -knot.force_n[2], knot.penetration_mm)
     larger = choice.spacing_mm / choice.asked_mm if choice.asked_mm else 1.0
     margin = 1 + max(TOLERANCE, choice.model_force_rel) * min(max(larger, 1.0), MAX_LARGER)

@@ -178,19 +178,9 @@ class GelFit:
     used: Mask
 
     def as_dict(self) -> dict[str, Any]:
-        return {
-            "modulus_mpa": asdict(self.modulus_mpa),
-            "friction_used": self.friction_used,
-            "offset_mm": asdict(self.offset_mm) if self.offset_mm else None,
-            "rms_n": self.rms_n,
-            "rms_rel": self.rms_rel,
-            "trend_rel": self.trend_rel,
-            "mesh_error_rel": self.mesh_error_rel,
-            "points": self.points,
-            "model": "hyperelastic",
-            "spacing_mm": self.spacing_mm,
-            "notes": list(self.notes),
-        }
+        """Plain data, without the arrays."""
+        plain = {k: v for k, v in asdict(self).items() if not isinstance(v, np.ndarray)}
+        return {**plain, "model": "hyperelastic", "notes": list(self.notes)}
 
 
 def fit_press(
