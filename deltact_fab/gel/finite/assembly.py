@@ -81,18 +81,18 @@ _NO_MEMORY = np.empty((0, POINTS, 6))
 class Bulk(NamedTuple):
     """What one evaluation gives.
 
-    energy_nmm; inf where a cell is turned inside out, and then the rest is None.
+    energy_nmm; inf where a cell is turned inside out, least_j <= 0, and then the rest is nothing.
     force_n (n, 3): derivative of the energy, what holds the nodes there. data: CSR entries of the
-    tangent (N/mm), None if not asked for. least_j: smallest local volume ratio. jbar (m,): mean
+    tangent (N/mm), empty if not asked for. least_j: smallest local volume ratio. jbar (m,): mean
     dilatation of the cells. volume_rate_mm2 (m, 24): derivative of volume x jbar.
     """
 
     energy_nmm: float
-    force_n: Field | None
-    data: Field | None
+    force_n: Field
+    data: Field
     least_j: float
-    jbar: Field | None = None
-    volume_rate_mm2: Field | None = None
+    jbar: Field
+    volume_rate_mm2: Field
 
 
 class BulkAssembly:
@@ -142,9 +142,7 @@ class BulkAssembly:
             _NO_PRESSURE if pressure_mpa is None else pressure_mpa, scale,
             memory_mpa,
         )  # fmt: skip
-        if not least > 0:
-            return Bulk(np.inf, None, None, least)
-        return Bulk(energy, force, data[:-1] if tangent else None, least, jbar, whole)
+        return Bulk(energy, force, data[:-1], least, jbar, whole)
 
     def deformation_gradient(self, displacement_mm: Field) -> Field:
         u = displacement_mm[self.mesh.cells]

@@ -34,10 +34,8 @@ def lacking_n(press: FinitePress, state: FiniteState) -> float:
     low, high = (press.surface.evaluate(u, tip + k * down, tangent=False) for k in (-1, 1))
     by_depth = ((high.force_n - low.force_n) / (2 * STEP_MM))[free]
     bulk = press.bulk.evaluate(u, True, state.cell_pressure_mpa)
-    assert bulk.data is not None
     for curved in (True, False):
         contact = press.surface.evaluate(u, tip, curved=curved)
-        assert contact.data is not None
         press.solver.factorise(press.pattern.matrix(bulk.data + contact.data))
         if not press.solver.negative:
             break

@@ -84,7 +84,6 @@ class _Direction:
             time_limit.check()
             found = self._problem.evaluate(x, self._done.pressure_mpa, True, self.curved)
             assert found is not None
-            assert found.data is not None
             self._solver.factorise(self._pattern.matrix(found.data))
             self._done.factorisations += 1
             if not self._solver.negative or self._done.residual <= NEAR:
@@ -233,7 +232,6 @@ def descend(
                 f"descent: residual {done.residual:.1e} after {done.iterations} iterations, "
                 f"{ENOUGH:.0e} is needed"
             )
-        assert now.data is not None
         data = now.data + eta * rest_data if eta else now.data
         solver.factorise(pattern.matrix(data))
         done.factorisations += 1

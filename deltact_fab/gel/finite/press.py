@@ -98,9 +98,7 @@ class FinitePress:
         felt = blunted(indenter, face_mm)
         self.surface = Surface(mesh, self.pattern, felt, material.modulus_mpa, points)
         self.solver = make_solver(solver)
-        at_rest = self.bulk.evaluate(np.zeros_like(mesh.nodes_mm)).data
-        assert at_rest is not None
-        self._rest_data = at_rest
+        self._rest_data = self.bulk.evaluate(np.zeros_like(mesh.nodes_mm)).data
         cell = self._cell_mm = float(np.sqrt(self.surface.weights_mm2.sum(axis=1).min()))
         self.floor_n = FLOOR * material.modulus_mpa * cell * float(np.ptp(mesh.nodes_mm[:, 2]))
 
@@ -266,8 +264,6 @@ class FinitePress:
     ) -> FiniteState:  # fmt: skip
         tip = np.array(tip_mm)
         bulk = self.bulk.evaluate(u, False, memory=memory)
-        assert bulk.force_n is not None
-        assert bulk.jbar is not None
         pressure = self.law.volumetric(bulk.jbar)[1]
         contact = self.surface.evaluate(u, tip, grip, tangent=False)
         pull = -contact.force_n

@@ -14,12 +14,12 @@ from .surface import Coupling, FrictionGrip, Surface
 
 class Evaluation(NamedTuple):
     """residual_n (size,): unbalanced forces, p = U'(J). scale_n: what they are small to.
-    data: CSR entries of the tangent's symmetric part or None. pressure_mpa (m,): U'(J).
+    data: CSR entries of the tangent's symmetric part, if asked for. pressure_mpa (m,): U'(J).
     energy_nmm: the potential, where friction has one."""
 
     residual_n: Field
     scale_n: float
-    data: Field | None
+    data: Field
     pressure_mpa: Field
     energy_nmm: float
 
@@ -53,19 +53,16 @@ class Equilibrium:
         that may be negative."""
         u = self._bulk.pattern.whole(free_mm)
         bulk = self._bulk.evaluate(u, tangent, pressure_mpa, memory=self._memory)
-        if bulk.force_n is None:
+        if not bulk.least_j > 0:
             return None
-        assert bulk.jbar is not None
-        assert bulk.volume_rate_mm2 is not None
         _, first, second = self._bulk.law.volumetric(bulk.jbar)
         self._seen = bulk.volume_rate_mm2, second
         contact = self._surface.evaluate(u, self._tip, self._grip, tangent, curved)
         residual = (bulk.force_n + contact.force_n)[self._bulk.pattern.free]
         scale = max(float(np.linalg.norm(contact.force_n)), self._floor_n)
-        data = None
-        if bulk.data is not None and contact.data is not None:
-            data = bulk.data + contact.data
+        if tangent:
             self._coupling = contact.coupling
+        data = bulk.data + contact.data
         return Evaluation(residual, scale, data, first, bulk.energy_nmm + contact.energy_nmm)
 
     def pressure_rate(self, step_mm: Field) -> Field:
@@ -78,10 +75,8 @@ class Equilibrium:
         """Norm of the residual with given cell pressures; None if inside out."""
         u = self._bulk.pattern.whole(free_mm)
         bulk = self._bulk.evaluate(u, False, memory=self._memory)
-        if bulk.force_n is None:
+        if not bulk.least_j > 0:
             return None
-        assert bulk.jbar is not None
-        assert bulk.volume_rate_mm2 is not None
         contact = self._surface.evaluate(u, self._tip, self._grip, False)
         own = pressure_mpa - self._bulk.law.volumetric(bulk.jbar)[1]
         force = bulk.force_n + contact.force_n
