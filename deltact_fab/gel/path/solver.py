@@ -19,7 +19,7 @@ from ..zones import Zones
 from .knots import KnotPose, Mirror, ObservedChannels, SolvedKnot, Trajectory
 
 if TYPE_CHECKING:
-    from ..level import GelContact, State
+    from ..level import Choice, GelContact, State
 
 Told = Callable[[int, int, float], None]  # knots done, of all, seconds of the last
 
@@ -37,8 +37,10 @@ class PathSolver:
     the press itself. floor_mm: depth of the gel's floor. solves, seconds: of knots solved here, not
     of those found. A press that cannot be solved to its end is kept as far as it goes, with why:
     the same is not tried twice. like: the solver of the same way on a coarser mesh; where it keeps
-    its states (keeps_states), this one starts from them.
+    its states (keeps_states), this one starts from them. choice: it was opened by, if that was told.
     """
+
+    choice: Choice
 
     def __init__(
         self,
@@ -90,6 +92,10 @@ class PathSolver:
     @property
     def knots(self) -> tuple[SolvedKnot, ...]:
         return tuple(self._knots)
+
+    @property
+    def last(self) -> SolvedKnot:
+        return self._knots[-1]
 
     @property
     def ended(self) -> str:

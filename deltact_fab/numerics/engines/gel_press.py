@@ -23,7 +23,7 @@ from ...elasticity.material import GelMaterial
 from ...gel.finite import FinitePress, FiniteState, block_mesh
 from ...gel.finite.field import FaceLattice, whole_wrench
 from ...gel.finite.linear import Name
-from ...gel.level import Level
+from ...gel.level import IncrementDiagnostics, Level
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
 from ..engine import Flagged
@@ -268,15 +268,8 @@ def solve_finite(run: PressSetup) -> GelAnswer:
     press, lattice = prepared(run)
     states = list(press.path(press.rest(), (0.0, 0.0, run.depth_mm), run.step_mm))
     force, _ = whole_wrench(press.mesh, states[-1])
-    work = [s.diagnostics for s in states]
-    note = {
-        "dofs": press.mesh.free_dofs,
-        "iterations": sum(d.iterations for d in work),
-        "factorisations": sum(d.factorisations for d in work),
-        "cuts": sum(d.cuts for d in work),
-        "penetration_mm": work[-1].penetration_mm,
-        "solver": press.solver.name,
-    }
+    work = IncrementDiagnostics.over([s.diagnostics for s in states])
+    note = {"dofs": press.mesh.free_dofs, "solver": press.solver.name, **vars(work)}
     u = lattice.displacement_mm(states[-1].displacement_mm)[..., :2]
     return GelAnswer(-float(force[2]), u, note)
 
