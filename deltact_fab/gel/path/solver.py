@@ -37,7 +37,7 @@ class PathSolver:
     the press itself. floor_mm: depth of the gel's floor. solves, seconds: of knots solved here, not
     of those found. A press that cannot be solved to its end is kept as far as it goes, with why:
     the same is not tried twice. like: the solver of the same way on a coarser mesh; where it keeps
-    its states (keeps_states), this one starts from them. choice: it was opened by, if that was told.
+    its states (keeps_states), this one starts from them. choice: it was opened by, if told.
     """
 
     choice: Choice
