@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.gel.finite.field import whole_wrench
+from deltact_fab.gel.finite.gel import whole_wrench
 from deltact_fab.numerics.engines.gel_press import (
     GelCase,
     cone_excess,

@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 
 from deltact_fab.errors import SolverError
-from deltact_fab.gel.finite.field import whole_wrench
+from deltact_fab.gel.finite.gel import whole_wrench
 from deltact_fab.gel.finite.state import PENETRATION_LIMIT
 from deltact_fab.numerics.engine import Flagged
 from deltact_fab.numerics.engines.gel_press import GelCase, down

@@ -15,8 +15,7 @@ from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.finite import FinitePress
 from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear.contact import LinearContact
-from deltact_fab.preflight.peaks import Peak, predict
-from deltact_fab.preflight.press import PressCurve, grown_n, press_curve
+from deltact_fab.preflight.peaks import Peak, PressCurve, grown_n, predict, press_curve
 from deltact_fab.preflight.rule import ForceLimits, checks, limits_of
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.limits import LimitCheck, require

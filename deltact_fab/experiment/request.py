@@ -14,7 +14,7 @@ from ..cad.design import load_design
 from ..cad.dimensions import Design
 from ..errors import InputError, MissingLibrary
 from ..patterns.recipe import PatternRecipe, load_recipe
-from ..preflight import needs, peaks, rule
+from ..preflight import peaks, rule
 from ..protocols import limits, plan
 from ..protocols.motion import LOCKSTEP, WALL_CLOCK
 from ..protocols.plan import Protocol, Step
@@ -105,7 +105,7 @@ class RunRequest:
     def estimate(self) -> limits.RunEstimate:
         """Frames, time and disk of the whole run."""
         pace = LOCKSTEP if self.rig.simulated else WALL_CLOCK
-        image_px = needs.image_px(self.view, self.rig)
+        image_px = rule.image_px(self.view, self.rig)
         rig, change = self.rig, 0.0
         if rig.kind == "grbl" and self._touches:
             from ..rig.tool.touch import change_s
@@ -167,7 +167,7 @@ class RunRequest:
         protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
         by_stage = protocol.weights is None
         rows = limits.check(protocol, design, rig.stage.box, self.steps) if by_stage else []
-        rows += needs.needs(protocol, self.steps, rig, self.view, self.out)
+        rows += rule.needs(protocol, self.steps, rig, self.view, self.out)
         refused = kind.refusals(protocol, design, str(self.source))
         rows.append(limits.refusals(kind.part, refused))
         rows.append(limits.refusals("pattern", self._pattern()))

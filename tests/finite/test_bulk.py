@@ -11,8 +11,7 @@ from deltact_fab.gel.finite.assembly import BulkAssembly, Pattern
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.mesh import HexMesh, block_mesh
-from deltact_fab.gel.finite.newton import descend
-from deltact_fab.gel.finite.problem import Evaluation
+from deltact_fab.gel.finite.newton import Evaluation, descend
 from deltact_fab.shapes import SkinDimensions
 
 SKIN = SkinDimensions(8.0, 6.0, 4.0, edge_fillet_mm=0.5, protrusion_mm=2.0)

@@ -20,8 +20,7 @@ from .distance import blunted
 from .linear import Name, make_solver
 from .material import Memory, NeoHooke, Viscosity
 from .mesh import HexMesh
-from .newton import descend
-from .problem import Equilibrium
+from .newton import Equilibrium, descend
 from .state import FiniteState, Guide, start_of
 from .surface import FrictionGrip, Surface
 

@@ -21,7 +21,7 @@ from ... import cache
 from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...gel.finite import FinitePress, FiniteState, block_mesh
-from ...gel.finite.field import FaceLattice, whole_wrench
+from ...gel.finite.gel import FaceLattice, whole_wrench
 from ...gel.finite.linear import Name
 from ...gel.level import IncrementDiagnostics, Level
 from ...shapes import SkinDimensions
