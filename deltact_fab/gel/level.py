@@ -17,6 +17,7 @@ import numpy as np
 
 from ..aliases import Field, Point
 from ..errors import InputError
+from ..shapes import SkinDimensions
 from .zones import ZoneMap, Zones
 
 Level = str
@@ -38,6 +39,25 @@ class Reach:
         return cls(
             (float(x.min()), float(x.max())), (float(y.min()), float(y.max())), float(depth.max())
         )
+
+    @property
+    def moves(self) -> bool:
+        return self.x_mm[0] < self.x_mm[1] or self.y_mm[0] < self.y_mm[1]
+
+    def require_on(self, skin: SkinDimensions) -> None:
+        """Raises InputError for a tip at the gel's base or off the face."""
+        if self.deepest_mm >= skin.thickness_mm:
+            raise InputError(
+                f"gel: depth {self.deepest_mm:g} mm is not below the gel's thickness of "
+                f"{skin.thickness_mm:g} mm"
+            )
+        ways = zip("xy", (self.x_mm, self.y_mm), skin.opening_half_mm, strict=True)
+        for name, (low, high), end in ways:
+            if max(-low, high) > end:
+                raise InputError(
+                    f"gel: a tip from {name} = {low:g} to {high:g} mm leaves the face of "
+                    f"+-{end:g} mm"
+                )
 
 
 @dataclass(frozen=True)

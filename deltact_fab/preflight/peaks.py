@@ -58,7 +58,6 @@ class PressCurve:
 
     @property
     def reached_mm(self) -> float:
-        """The deepest point."""
         return self.points[-1][0] if self.points else 0.0
 
     def normal_n(self, depth_mm: float) -> tuple[float, Level]:

@@ -14,7 +14,7 @@ from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
 from ...shapes.posed import edge_radius_mm
-from ..level import Choice, GelContact, IncrementDiagnostics, State
+from ..level import Choice, GelContact, IncrementDiagnostics, Reach, State
 from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, hermite, inside, means, measured
 from .distance import gap
 from .mesh import HexMesh, block_mesh
@@ -258,16 +258,7 @@ class FiniteGel(GelContact):
 
     def _refuse(self, tip_mm: Point) -> None:
         x, y, depth = tip_mm
-        if depth >= self._skin.thickness_mm:
-            raise InputError(
-                f"gel: depth {depth:g} mm is not below the gel's thickness of "
-                f"{self._skin.thickness_mm:g} mm"
-            )
-        half = self._skin.opening_half_mm
-        if abs(x) > half[0] or abs(y) > half[1]:
-            raise InputError(
-                f"gel: tip at ({x:g}, {y:g}) mm is off the face of +-{half[0]:g} x +-{half[1]:g} mm"
-            )
+        Reach((x, x), (y, y), depth).require_on(self._skin)
         for name, at, mirror in zip("xy", (x, y), self.choice.mirrors, strict=True):
             if mirror and abs(at) > 1e-9:
                 raise InputError(

@@ -63,7 +63,6 @@ class GelCase:
         return FinitePress(mesh, self.material(), parse(self.indenter), solver=self.solver)
 
     def finer(self) -> GelCase:
-        """The same on a finer mesh."""
         return replace(self, spacing_mm=self.spacing_mm / FINER)
 
 
@@ -76,7 +75,6 @@ class FiniteSolution:
 
     @property
     def last(self) -> FiniteState:
-        """The end of the path."""
         return self.states[-1]
 
     @property
@@ -222,20 +220,17 @@ class PressSetup:
 
     @property
     def series(self) -> str:
-        """As the curve is called."""
         told = {"auto": "auto, by tolerance, estimate included",
                 "hyperelastic": "hyperelastic, quarter"}  # fmt: skip
         return told.get(self.level, self.level)
 
     @property
     def name(self) -> str:
-        """As the point on the curve is called."""
         auto = self.level == "auto"
         return f"tolerance {self.tolerance:g}" if auto else f"{self.spacing_mm:g} mm"
 
     @property
     def case(self) -> str:
-        """What is computed."""
         friction = f"friction {self.friction:g}" if self.friction else "no friction"
         return f"{SPHERE} pressed {self.depth_mm:g} mm, {friction}"
 

@@ -121,7 +121,6 @@ def fill_disk() -> None:
 
 
 def free_disk() -> None:
-    """There is room again."""
     resource.setrlimit(resource.RLIMIT_FSIZE, _GROWTH)
 
 
@@ -137,7 +136,6 @@ class WatchedFaults(BoxFaults):
     first_bad_ns = 0
 
     def datagrams(self, t_ns: NDArray[np.int64], records: NDArray[Any]) -> list[Datagram]:
-        """As a box's faults make them."""
         wrong = self.silent or self.error or self.saturated or self.late_s or self.drop_every
         bad = np.abs(records["counts"][:, :3]).max(axis=1) > self.limit_counts
         if (wrong or bad.any()) and not self.first_bad_ns:
@@ -164,7 +162,6 @@ class BenchFeed:
         self.hangs = False
 
     def press(self, name: str) -> None:
-        """Another press begins."""
         self._press, self._k = name, 0
 
     def tell(self, hangs: bool = False) -> None:
@@ -173,7 +170,6 @@ class BenchFeed:
         self._told.release()
 
     def next(self, timeout_s: float) -> ArrivedImage | None:
-        """As rig.camera.stream.Feed."""
         if not self.hangs and not self._told.acquire(timeout=timeout_s):
             return None
         if self.hangs and self._last is not None:
@@ -187,7 +183,6 @@ class BenchFeed:
         return ArrivedImage(image, self._clock.now_s())
 
     def identity(self) -> dict[str, Any]:
-        """As Feed."""
         return {"kind": "bench"}
 
     def close(self) -> None:
@@ -209,7 +204,6 @@ class BenchCamera(StreamCamera):
         super().capture()  # it is up: the first image may take longer than all others
 
     def begin(self, stream: str) -> None:
-        """Of a press."""
         self.feed.press(stream)
         super().begin(stream)
 

@@ -252,11 +252,9 @@ class Rehearsal:
 
     @property
     def wrong(self) -> tuple[FaultOutcome, ...]:
-        """Those that did not end as they must."""
         return tuple(cell for cell in self.cells if cell.wrong)
 
     def verdict(self) -> str:
-        """In one sentence."""
         n = len(self.cells)
         far_mm = max(cell.deeper_mm for cell in self.cells)
         what = (
@@ -267,7 +265,6 @@ class Rehearsal:
         return f"{what}; the tip went {far_mm:.2f} mm lower at most, in air or gel (simulated)"
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
         rows = [{**asdict(cell), "passed": not cell.wrong} for cell in self.cells]
         return {
             "passed": not self.wrong, "verdict": self.verdict(), "simulated": True,
