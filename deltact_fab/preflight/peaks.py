@@ -12,7 +12,7 @@ import numpy as np
 from ..aliases import Progress, Vector
 from ..elasticity.material import GelMaterial
 from ..errors import InputError, SolverError
-from ..protocols.plan import Protocol, Specimen
+from ..protocols.plan import Protocol
 from ..shapes import Indenter, SensorDimensions, SkinDimensions
 from ..shapes.indenter import parse as parse_indenter
 
@@ -310,8 +310,10 @@ def _peak(
     depth_mm: float, curve: PressCurve, origin_mm: Vector | None,
 ) -> Peak:  # fmt: skip
     unit_n, level = curve.normal_n(depth_mm)
-    normal = unit_n * _sudden_mpa(protocol.specimen)
-    friction = protocol.specimen.friction
+    specimen = protocol.specimen
+    # Before any relaxation: a Prony series adds its shares to the long-term modulus.
+    normal = unit_n * (specimen.modulus_mpa * (1.0 + math.fsum(g for g, _ in specimen.prony)))
+    friction = specimen.friction
     side = PRESS_SIDE * normal
     if protocol.shear and level == "linear":
         side = max(side, LINEAR_SHEAR * friction * normal)
@@ -325,11 +327,6 @@ def _peak(
     return Peak(
         indenter.name, number, at_mm, depth_mm, normal, side, moment, level, reason
     )  # fmt: skip
-
-
-def _sudden_mpa(specimen: Specimen) -> float:
-    """The modulus before any relaxation: a Prony series adds its shares to the long-term one."""
-    return specimen.modulus_mpa * (1.0 + math.fsum(g for g, _ in specimen.prony))
 
 
 def _moment(

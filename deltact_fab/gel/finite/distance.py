@@ -63,10 +63,13 @@ class _Profile(NamedTuple):
 
 def gap(indenter: Indenter, points_mm: Field) -> Gap:
     """Distance of points (n, 3) in the indenter's frame (lowest point at z = 0, body above)."""
-    best = _plate(points_mm, indenter.reach_mm)
+    n, z = len(points_mm), points_mm[:, 2]
+    best = Gap(indenter.reach_mm - z, np.tile([0.0, 0.0, -1.0], (n, 1)), np.zeros((n, 3, 3)))
     for tip in indenter.tips:
         if isinstance(tip, PosedTip):
-            here = _turned(tip, points_mm)
+            r = tip.turn  # in its own frame, and turned back
+            own = _tip(tip.tip, (points_mm - tip.origin_mm) @ r)
+            here = Gap(own.distance_mm, own.normal @ r.T, r @ own.curvature_per_mm @ r.T)
         else:
             here = _tip(tip, points_mm - np.array([tip.x_mm, tip.y_mm, 0.0]))
         nearer = here.distance_mm < best.distance_mm
@@ -76,18 +79,6 @@ def gap(indenter: Indenter, points_mm: Field) -> Gap:
             np.where(nearer[:, None, None], here.curvature_per_mm, best.curvature_per_mm),
         )
     return best
-
-
-def _turned(posed: PosedTip, points_mm: Field) -> Gap:
-    """Of a tip that is turned and tilted: in its own frame, turned back."""
-    r = posed.turn
-    own = _tip(posed.tip, (points_mm - posed.origin_mm) @ r)
-    return Gap(own.distance_mm, own.normal @ r.T, r @ own.curvature_per_mm @ r.T)
-
-
-def _plate(p: Field, z_mm: float) -> Gap:
-    n = len(p)
-    return Gap(z_mm - p[:, 2], np.tile([0.0, 0.0, -1.0], (n, 1)), np.zeros((n, 3, 3)))
 
 
 # A profile's start and [(end, centre or None)...], from its innermost point outwards.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -182,7 +182,13 @@ class FiniteGel(GelContact):
         if _rubbed_mm(inner.tip_mm, tip_mm) <= longest_mm:
             found = self.press.solve(inner, tip_mm, seconds, guide)
         else:
-            parts = list(self._parts(inner, tip_mm, longest_mm, seconds, guide))
+            left = _share_below(inner.tip_mm, tip_mm)
+            if left < 1:  # from first touch on
+                start, end = np.array(inner.tip_mm), np.array(tip_mm, dtype=np.float64)
+                at = end + (start - end) * left
+                touch = (float(at[0]), float(at[1]), 0.0)
+                inner = self.press.solve(inner, touch, seconds * (1 - left))
+            parts = list(self.press.path(inner, tip_mm, longest_mm, seconds * left, guide))
             work = IncrementDiagnostics.over([part.diagnostics for part in parts])
             found = replace(parts[-1], diagnostics=work)
         return self._state(found, previous.jumped)
@@ -238,23 +244,6 @@ class FiniteGel(GelContact):
             axes, place[..., :2], inside(gap_mm, near, cell_mm, steps), sticks[tuple(nearest)],
             (off_mm + RIM * cell_mm, off_mm + STICK_RIM * cell_mm), (self.x_mm, self.y_mm),
         )  # fmt: skip
-
-    def _parts(
-        self,
-        inner: FiniteState,
-        tip_mm: Point,
-        step_mm: float,
-        seconds: float,
-        guide: Guide | None = None,
-    ) -> Iterator[FiniteState]:
-        """Equal increments of a way that ends in the gel, from first touch on."""
-        start, end = np.array(inner.tip_mm), np.array(tip_mm, dtype=np.float64)
-        left = _share_below(inner.tip_mm, tip_mm)
-        if left < 1:
-            at = end + (start - end) * left
-            touch = (float(at[0]), float(at[1]), 0.0)
-            inner = self.press.solve(inner, touch, seconds * (1 - left))
-        yield from self.press.path(inner, tip_mm, step_mm, seconds * left, guide)
 
     def _refuse(self, tip_mm: Point) -> None:
         x, y, depth = tip_mm
