@@ -198,9 +198,8 @@ class MeshConvergence:
         force, in_plane = _change(fine, coarse)
         if fine.choice.level != FINITE:
             return (LINEAR_FORCE * _size(force, fine), LINEAR_IN_PLANE * in_plane)
-        left = 1 / (
-            (coarse.choice.spacing_mm / fine.choice.spacing_mm) ** 2 - 1
-        )  # cells are of second order
+        # Cells are of second order.
+        left = 1 / ((coarse.choice.spacing_mm / fine.choice.spacing_mm) ** 2 - 1)
         off = left * force - fine.last.lacking_rel * np.array(fine.last.force_n)
         return (max(edge, _size(off, fine)), MESH_IN_PLANE * left * in_plane)
 

@@ -38,14 +38,12 @@ def case_rows(
         with alone() as process:
             while left:
                 k = left.pop(0)
+                job = process.submit(judged, module, scratch, quick, k)
                 try:
-                    yield {"engine": name} | process.submit(
-                        judged, module, scratch, quick, k
-                    ).result(silence_s)
+                    yield {"engine": name, **job.result(silence_s)}
                 except (RunFailed, TimeoutError) as why:
-                    said = str(why) or f"no answer for {silence_s:g} s"
-                    row = _row(cases[k], "wrong", None, f"the process died: {said}")
-                    yield {"engine": name} | row
+                    said = f"the process died: {str(why) or f'no answer for {silence_s:g} s'}"
+                    yield {"engine": name, **_row(cases[k], "wrong", None, said)}
                     break
 
 

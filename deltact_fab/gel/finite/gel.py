@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,10 +19,6 @@ from .distance import gap
 from .mesh import HexMesh, block_mesh
 from .press import FinitePress
 from .state import PENETRATION_LIMIT, FiniteState, Guide
-
-if TYPE_CHECKING:
-    from .press import FinitePress
-    from .state import FiniteState
 
 
 class FaceLattice:
