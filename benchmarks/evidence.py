@@ -26,9 +26,9 @@ from deltact_fab.gel.finite.linear import Name
 from deltact_fab.jobs import THREAD_VARIABLES
 from deltact_fab.measure.flow import FLOW_METHODS
 from deltact_fab.numerics.engine import Case
-from deltact_fab.numerics.engines import gel, gel_press, gel_run
+from deltact_fab.numerics.engines import gel, gel_press
 from deltact_fab.numerics.engines.gel_press import PressSetup
-from deltact_fab.numerics.work_precision import machine
+from deltact_fab.numerics.tables import machine
 
 from . import felupe, flow_peers, gel_long, store
 from .gel_press import WholePress
@@ -92,7 +92,7 @@ def _of_cases(table: str, cases: list[Case]) -> Iterator[EvidenceRow]:
 def every_run() -> Iterator[tuple[Callable[[Any], Any], PressSetup]]:
     """The points of the curves, each with what solves it; the longest take minutes."""
     solvers: tuple[Name, ...] = ("pardiso", "superlu")
-    finite, linear, auto = gel_press.solve_finite, gel_run.solve_linear, gel_run.solve_auto
+    finite, linear, auto = gel_press.solve_finite, gel.solve_linear, gel.solve_auto
     for depth in (2.0, 5.0):
         for mu in (0.0, 0.5):
             for h in (3.0, 2.0, 1.5, 1.0, 0.75):

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.gel.finite.field import whole_wrench
-from deltact_fab.numerics.engines.gel_scene import (
+from deltact_fab.gel.finite.gel import whole_wrench
+from deltact_fab.numerics.engines.gel_press import (
     GelCase,
     cone_excess,
     down,

@@ -21,7 +21,7 @@ from deltact_fab.aliases import Array, Point
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import Reach, follow
 from deltact_fab.gel.level_selection import pick
-from deltact_fab.gel.open import contact_of
+from deltact_fab.gel.path.open import contact_of
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 

@@ -10,9 +10,9 @@ from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import Reach
 from deltact_fab.gel.level_selection import pick
 from deltact_fab.numerics.engine import Case
-from deltact_fab.numerics.engines import gel_scene as checks
+from deltact_fab.numerics.engines import gel_press as checks
 from deltact_fab.numerics.engines.gel import of_friction, of_nu
-from deltact_fab.numerics.engines.gel_scene import GelCase, down
+from deltact_fab.numerics.engines.gel_press import GelCase, down
 from deltact_fab.shapes.indenter import parse
 
 from . import gel_checks

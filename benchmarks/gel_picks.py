@@ -7,8 +7,8 @@ from pathlib import Path
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import Reach, follow
 from deltact_fab.gel.level_selection import pick
-from deltact_fab.gel.open import contact_of
-from deltact_fab.numerics.engines.gel_scene import SPHERE, down
+from deltact_fab.gel.path.open import contact_of
+from deltact_fab.numerics.engines.gel_press import SPHERE, down
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 

@@ -7,8 +7,13 @@ from typing import Literal
 
 from deltact_fab.gel.finite.linear import Name
 from deltact_fab.numerics.engines import gel_press
-from deltact_fab.numerics.engines.gel_press import PressReference, PressSetup, rms_mm
-from deltact_fab.numerics.engines.gel_scene import SPHERE, GelCase
+from deltact_fab.numerics.engines.gel_press import (
+    SPHERE,
+    GelCase,
+    PressReference,
+    PressSetup,
+    rms_mm,
+)
 
 # With friction: coarser and finer cells, steps, and steps of a second run on the coarser cells:
 # friction remembers its path, and how finely that is cut is a first-order error of its own.
@@ -47,7 +52,7 @@ def reference(depth_mm: float, friction: float) -> PressReference:
         PressSetup("hyperelastic", depth_mm, friction, h, step)
         for h, step in ((FINE[0], STEPS_MM[0]), (FINE[1], STEPS_MM[0]), (FINE[0], STEPS_MM[1]))
     ]
-    force, u = gel_press.solved(runs)
+    force, u = gel_press.kept(runs)
     found = gel_press.extrapolated(force, u, FINE)
     normal_n = found.normal_n + 2 * (force[2] - force[0])
     in_plane_mm = found.in_plane_mm + 2 * (u[2] - u[0])

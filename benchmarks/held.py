@@ -12,7 +12,7 @@ import numpy as np
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import Reach
 from deltact_fab.gel.level_selection import pick
-from deltact_fab.gel.open import contact_of
+from deltact_fab.gel.path.open import contact_of
 from deltact_fab.numerics.engines.gel_press import rms_mm
 from deltact_fab.rig.config import FiniteGelConfig
 from deltact_fab.shapes import SkinDimensions

@@ -30,7 +30,7 @@ from deltact_fab.analysis.view import view_of
 from deltact_fab.measure.flow import FlowState
 from deltact_fab.measure.flow.fused import to_full
 from deltact_fab.measure.pipeline import Measurement, Pipeline
-from deltact_fab.numerics.work_precision import machine
+from deltact_fab.numerics.tables import machine
 from deltact_fab.record import Run
 
 FRAMES = 300

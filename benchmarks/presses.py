@@ -10,7 +10,7 @@ import numpy as np
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import Reach, follow
 from deltact_fab.gel.level_selection import pick
-from deltact_fab.gel.open import contact_of
+from deltact_fab.gel.path.open import contact_of
 from deltact_fab.gel.press import press
 from deltact_fab.numerics.engines.gel_press import rms_mm
 from deltact_fab.shapes import SkinDimensions

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from deltact_fab import experiment, preflight
+from deltact_fab import experiment
 from deltact_fab.cad.design import load_design
 from deltact_fab.elasticity.block import FreeBlock
 from deltact_fab.elasticity.material import GelMaterial
@@ -15,8 +15,8 @@ from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.finite import FinitePress
 from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear.contact import LinearContact
-from deltact_fab.preflight import ForceLimits, checks, limits_of, predict
-from deltact_fab.preflight.press import PressCurve, grown_n, press_curve
+from deltact_fab.preflight.peaks import Peak, PressCurve, grown_n, predict, press_curve
+from deltact_fab.preflight.rule import ForceLimits, checks, limits_of
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.limits import LimitCheck, require
 from deltact_fab.protocols.plan import Protocol
@@ -49,7 +49,7 @@ def deep() -> PressCurve:
     return found
 
 
-def _peaks(protocol: Protocol) -> list[preflight.Peak]:
+def _peaks(protocol: Protocol) -> list[Peak]:
     found = predict(protocol, SENSOR, (0.0, 0.0, 0.0))
     assert found is not None
     return found

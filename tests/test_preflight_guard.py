@@ -10,7 +10,8 @@ import pytest
 from deltact_fab import catalog, experiment
 from deltact_fab.cad.design import load_design
 from deltact_fab.errors import InputError
-from deltact_fab.preflight import ForceLimits, Peak, checks, limits_of, predict
+from deltact_fab.preflight.peaks import Peak, predict
+from deltact_fab.preflight.rule import ForceLimits, checks, limits_of
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.limits import LimitCheck, require
 from deltact_fab.rig import config

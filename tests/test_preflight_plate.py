@@ -6,7 +6,8 @@ import pytest
 
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.stiffness import press
-from deltact_fab.preflight import Peak, plate_checks
+from deltact_fab.preflight.peaks import Peak
+from deltact_fab.preflight.rule import plate_checks
 
 DESIGN = load_design()
 NAMES = ["plate stress", "plate clear of the light holder", "plate deflection"]

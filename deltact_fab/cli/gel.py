@@ -23,15 +23,6 @@ MODELS = ("auto", *LEVELS)
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def _place(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
-    """Checked here, for what is solved before the figure is drawn may take an hour."""
-    if value is not None:
-        from ..gel.figures import require_place
-
-        require_place(value)
-    return value
-
-
 AT = click.option(
     "--at", "at_mm", type=Point(), default="0,0", metavar="X,Y",
     help="Where it presses, mm from the centre of the face.",
@@ -153,13 +144,11 @@ def _or_fit(ctx: click.Context, param: click.Parameter, value: str) -> float | N
               metavar="MM|fit", help="depth_mm at first touch, or fit.")  # fmt: skip
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
               help="Size of the mesh below the indenter.")  # fmt: skip
-@click.option("--plot", "plot_path", type=PATH, callback=_place, metavar="FILE",
-              help="Figure to write: .png, .svg or .pdf.")  # fmt: skip
 @answers
 def fit(
     csv: Path, indenter: str, at_mm: tuple[float, float], thickness_mm: float, width_mm: float,
     length_mm: float, poisson: float, friction: float, offset_mm: float | None,
-    spacing_mm: float | None, plot_path: Path | None,
+    spacing_mm: float | None,
 ) -> Answer:  # fmt: skip
     """Fit the modulus of a gel to a measured press, with a 95 % interval.
 
@@ -186,10 +175,6 @@ def fit(
             fit_offset=offset_mm is None, spacing_mm=spacing_mm, progress=report,
         )  # fmt: skip
     result = found.as_dict()
-    if plot_path is not None:
-        from ..gel.figures import save_fit
-
-        save_fit(found, plot_path, f"{data.name}, {shape.name}, {thickness_mm:g} mm gel")
     told = [*table(("key", "value"), facts({**result, "notes": None})), "\n[specimen]"]
     told.append(f"modulus_mpa = {found.modulus_mpa.value:.4g}")
     return Answer(result, told, asides=result["notes"])

@@ -16,7 +16,7 @@ from .options import NAME_OR_PATH, NEW_FILE, RIG, out_folder
 from .output import Answer, answers, columns_of, listed, progress, written
 
 if TYPE_CHECKING:
-    from ..preflight import Peak
+    from ..preflight.peaks import Peak
 
 
 @click.group(cls=CommandGroup)
@@ -89,7 +89,7 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
     Peak forces of deep presses take a solve at finite strain, done once, with --forces.
     """
     from ..experiment import RunRequest
-    from ..preflight import PAPER_REMARK
+    from ..preflight.peaks import PAPER_REMARK
 
     with progress("peak forces") as report:
         request = RunRequest(name, rig_name, progress=report)

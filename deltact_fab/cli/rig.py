@@ -333,8 +333,8 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
     does not end as it must.
     """
     from ..cad.design import load_design
+    from ..numerics.faults.bench import of_lab
     from ..numerics.faults.rehearsal import rehearse
-    from ..numerics.faults.scenario import of_lab
     from ..protocols import limits, plan
     from ..report.templating import require_pages
     from ..rig import config

@@ -278,16 +278,6 @@ def _free_on_face(row: Index, column: Index, signs: Signs) -> NDArray[np.bool_]:
     return free
 
 
-def _image_signs(signs: Signs, mirror: tuple[bool, bool]) -> Field:
-    """What a vector's components (3,) are multiplied with at an image, mirrored in x and/or y."""
-    factor = np.ones(3)
-    for axis in (0, 1):
-        if mirror[axis]:
-            factor *= signs[axis]
-            factor[axis] *= -1
-    return factor
-
-
 _MIRRORS = ((False, False), (True, False), (False, True), (True, True))
 
 
@@ -299,6 +289,12 @@ def _mirrored(
     for mirror in _MIRRORS:
         x, y = (-column if mirror[0] else column), (-row if mirror[1] else row)
         part = kernel[:, :, row[:, None] - y[None, :], column[:, None] - x[None, :]]
-        part *= _image_signs(signs, mirror)[None, :, None, None]
+        # What a force's components are multiplied with at this image.
+        factor = np.ones(3)
+        for axis in (0, 1):
+            if mirror[axis]:
+                factor *= signs[axis]
+                factor[axis] *= -1
+        part *= factor[None, :, None, None]
         total += np.transpose(part, (2, 0, 3, 1))
     return total[free][:, free]

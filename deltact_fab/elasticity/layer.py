@@ -7,7 +7,7 @@ Poisson's ratio .5. The surface is periodic and knows no sides: `block` adds the
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -99,8 +99,6 @@ class BondedLayer:
         self.x_mm: Field = (np.arange(nx, dtype=np.float64) - (nx - 1) / 2) * self.spacing_mm[0]
         self.y_mm: Field = (np.arange(ny, dtype=np.float64) - (ny - 1) / 2) * self.spacing_mm[1]
         self._symbols = self._build_symbols()
-        self._kernels: Field | None = None
-        self._windows: OrderedDict[tuple[int, int], WindowOperator] = OrderedDict()
 
     def apply(self, tractions_mpa: Field) -> Field:
         """Surface displacement (ny, nx, 3) in mm of tractions (ny, nx, 3) in MPa, all (x, y, z).
@@ -130,17 +128,11 @@ class BondedLayer:
         return np.moveaxis(moved, 0, -1)
 
     def window(self, my: int, mx: int, row: int = 0, column: int = 0) -> WindowOperator:
-        """The operator between tractions and displacements of one my x mx patch, cached.
+        """The operator between tractions and displacements of one my x mx patch.
 
         row, column: of the patch's first node; the layer is the same everywhere.
         """
-        key = (my, mx)
-        if key not in self._windows:
-            if len(self._windows) >= 8:
-                self._windows.popitem(last=False)
-            self._windows[key] = WindowOperator(self._kernel_stack(), my, mx)
-        self._windows.move_to_end(key)
-        return self._windows[key]
+        return WindowOperator(self._kernels, my, mx)
 
     def _build_symbols(self) -> Field:
         """Real symbols (6, ny, nx/2 + 1): xx, yy, xy, zz and the odd xz, yz without their -i."""
@@ -166,13 +158,13 @@ class BondedLayer:
             ]
         )
 
-    def _kernel_stack(self) -> Field:
+    @cached_property
+    def _kernels(self) -> Field:
         """Point responses (6, ny, nx), offset 0 first: xx, yy, xy, zz, xz (u_x of t_z), yz."""
-        if self._kernels is None:
-            spectra = self._symbols.astype(np.complex128)
-            spectra[4:] *= -1j
-            self._kernels = scipy.fft.irfft2(spectra, s=self.shape, axes=(1, 2), workers=1)
-        return self._kernels
+        spectra = self._symbols.astype(np.complex128)
+        spectra[4:] *= -1j
+        found: Field = scipy.fft.irfft2(spectra, s=self.shape, axes=(1, 2), workers=1)
+        return found
 
 
 class WindowOperator:
@@ -231,3 +223,35 @@ class WindowOperator:
 def even_fast_length(least: float) -> int:
     """Smallest even length from `least` that the real transform handles quickly."""
     return 2 * int(scipy.fft.next_fast_len(math.ceil(least / 2 - 1e-9), real=True))
+
+
+NODES = 48  # Gauss points on the radius; the kernel is smooth: ten digits up to radius/h = 2
+
+
+def flat_punch_n_per_mm(radius_mm: float, thickness_mm: float, material: GelMaterial) -> float:
+    """Force over depth of a flat cylinder on the bonded layer.
+
+    A Fredholm equation of the second kind (after Lebedev and Ufliand, J. Appl. Math. Mech. 22,
+    1958): with the layer's compliance written as (1 - nu)/(G k) M(k h) and the pressure's transform
+    as G/(1 - nu) int_0^a phi(t) cos(k t) dt,
+        phi(t) - 2/pi int_0^a phi(s) int_0^inf (1 - M(k h)) cos(k s) cos(k t) dk ds = 2/pi,
+    and F = 2 pi G/(1 - nu) int_0^a phi dt.
+    """
+    stiffness = material.shear_modulus_mpa / (1 - material.poisson)
+    t, weight = np.polynomial.legendre.leggauss(NODES)
+    t, weight = radius_mm * (t + 1) / 2, radius_mm * weight / 2
+    # 1 - M falls off as (k h)^2 exp(-2 k h): at k h = 24 nothing is left.
+    ratio = radius_mm / thickness_mm
+    k, weight_k = np.polynomial.legendre.leggauss(max(96, int(48 * ratio) + 64))
+    k, weight_k = 12 * (k + 1) / thickness_mm, 12 * weight_k / thickness_mm
+    lost = 1 - surface_compliance(k, thickness_mm, material).normal * stiffness * k
+    waves = np.cos(np.outer(t, k))
+    kernel = (waves * (2 / math.pi * weight_k * lost)) @ waves.T
+    phi = np.linalg.solve(np.eye(NODES) - kernel * weight, np.full(NODES, 2 / math.pi))
+    return float(2 * math.pi * stiffness * (weight @ phi))
+
+
+def hertz_force_n(radius_mm: float, depth_mm: float, material: GelMaterial) -> float:
+    """Rigid paraboloid on a half-space: F = 4/3 E/(1 - nu^2) sqrt(R d^3), a = sqrt(R d)."""
+    modulus = material.modulus_mpa / (1 - material.poisson**2)
+    return 4 / 3 * modulus * math.sqrt(radius_mm * depth_mm**3)

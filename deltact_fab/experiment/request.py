@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from .. import preflight, record
+from .. import record
 from ..aliases import Progress
 from ..cad.design import load_design
 from ..cad.dimensions import Design
 from ..errors import InputError, MissingLibrary
 from ..optics import CameraModel
 from ..patterns.recipe import PatternRecipe, load_recipe
+from ..preflight import peaks, rule
 from ..protocols import limits, plan
 from ..protocols.motion import LOCKSTEP, WALL_CLOCK
 from ..protocols.plan import Protocol, Step
@@ -98,7 +99,7 @@ class RunRequest:
     def estimate(self) -> limits.RunEstimate:
         """Frames, time and disk of the whole run."""
         pace = LOCKSTEP if self.rig.simulated else WALL_CLOCK
-        image_px = preflight.image_px(self.view, self.rig)
+        image_px = rule.image_px(self.view, self.rig)
         rig, change = self.rig, 0.0
         if rig.kind == "grbl" and self._touches:
             change = change_s(rig.stage, rig.touch, self.protocol.motion.park_mm)
@@ -139,30 +140,26 @@ class RunRequest:
             rows += [] if found is None else found[1]
         return rows
 
-    def forces(
-        self, solve: bool = True
-    ) -> tuple[list[preflight.Peak], list[limits.LimitCheck]] | None:
+    def forces(self, solve: bool = True) -> tuple[list[peaks.Peak], list[limits.LimitCheck]] | None:
         """Predicted peaks, and a row for each limit of the rig and of the plate behind the gel.
 
         None where that would take more than seconds and solve is False. Raises InputError.
         """
         if self.protocol.weights is not None:
             return [], []  # they are the forces
-        declared = preflight.limits_of(self.rig, str(self.rig_path), self.protocol)
-        peaks = preflight.predict(
-            self.protocol, self.design, declared.origin_mm, self.progress, solve
-        )
-        if peaks is None:
+        declared = rule.limits_of(self.rig, str(self.rig_path), self.protocol)
+        found = peaks.predict(self.protocol, self.design, declared.origin_mm, self.progress, solve)
+        if found is None:
             return None
-        plate = preflight.plate_checks(peaks, self.design, declared.simulated)
-        return peaks, preflight.checks(peaks, declared) + plate
+        plate = rule.plate_checks(found, self.design, declared.simulated)
+        return found, rule.checks(found, declared) + plate
 
     def _rows(self) -> list[limits.LimitCheck]:
         """Every check but that of the forces; check and run ask it alone."""
         protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
         by_stage = protocol.weights is None
         rows = limits.check(protocol, design, rig.stage, self.steps) if by_stage else []
-        rows += preflight.needs(protocol, self.steps, rig, self.view, self.out)
+        rows += rule.needs(protocol, self.steps, rig, self.view, self.out)
         refused = kind.refusals(protocol, design, str(self.source))
         rows.append(limits.refusals(kind.part, refused))
         rows.append(limits.refusals("pattern", self._pattern()))

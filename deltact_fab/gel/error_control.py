@@ -26,10 +26,9 @@ from ..aliases import Field, Progress
 from ..errors import SolverError, TimeLimit
 from ..levels import FINITE
 from . import time_limit
-from .finite.tip_rounding import BLUNT
+from .finite.distance import BLUNT
 from .level import Choice
 from .level_selection import HIDDEN, IN_PLANE_MM, MAX_DOFS, TOLERANCE
-from .path.knots import SolvedKnot
 from .path.solver import PathSolver
 from .zones import Zones
 
@@ -62,37 +61,10 @@ WORTH = 0.9  # a refinement that work affords by less is not made
 
 
 @dataclass(frozen=True, eq=False)
-class SolvedPath:
-    choice: Choice
-    solver: PathSolver
-
-    @property
-    def last(self) -> SolvedKnot:
-        return self.solver.knots[-1]
-
-    @property
-    def cuts(self) -> int:
-        return sum(knot.cuts for knot in self.solver.knots)
-
-    @property
-    def flags(self) -> tuple[str, ...]:
-        """At the corners; on the way in, the first increments are coarse by intention."""
-        found: dict[str, str] = {}
-        for pose, knot in zip(self.solver.poses, self.solver.knots, strict=True):
-            if pose.part == 1.0:
-                found.update({flag.partition(":")[0]: flag for flag in knot.flags})
-        return tuple(found.values())
-
-    @property
-    def cell_mm(self) -> float:
-        return self.choice.spacing_mm
-
-
-@dataclass(frozen=True, eq=False)
 class RefinedPress:
     """The finest run and its estimates; limited: a limit of time ended it before it was done."""
 
-    run: SolvedPath
+    run: PathSolver
     estimate: dict[str, float]
     zones: Zones
     limited: bool
@@ -121,7 +93,7 @@ class MeshConvergence:
         self._work_s: list[float] = []  # CPU time of work, as far as measured
         self.tolerance = tolerance
         self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
-        self._runs: list[SolvedPath] = []
+        self._runs: list[PathSolver] = []
         self._by_step, self._steps_seen = (0.0, 0.0), False
 
     def holds(self, estimate: dict[str, float]) -> bool:
@@ -177,7 +149,7 @@ class MeshConvergence:
             factor = afforded(last, self._wanted())
             if factor > WORTH:
                 return
-            self._add(choice.times(factor * last.cell_mm / choice.spacing_mm))
+            self._add(choice.times(factor * last.choice.spacing_mm / choice.spacing_mm))
 
     def _low(self, choice: Choice, factor: float, free: bool) -> Choice:
         """Solve a coarser mesh, and find on it the steps that the tolerance needs."""
@@ -219,31 +191,32 @@ class MeshConvergence:
     def _mesh_part(self) -> Errors:
         fine = self._runs[-1]
         edge = self._edge_part(fine)
-        before = [r for r in self._runs if r.cell_mm >= APART * fine.cell_mm]
+        before = [r for r in self._runs if r.choice.spacing_mm >= APART * fine.choice.spacing_mm]
         if not before:
             return (ALONE * edge, _rms_mm(_field_mm(fine)))
         coarse = before[-1]
         force, in_plane = _change(fine, coarse)
         if fine.choice.level != FINITE:
             return (LINEAR_FORCE * _size(force, fine), LINEAR_IN_PLANE * in_plane)
-        left = 1 / ((coarse.cell_mm / fine.cell_mm) ** 2 - 1)  # cells are of second order
+        # Cells are of second order.
+        left = 1 / ((coarse.choice.spacing_mm / fine.choice.spacing_mm) ** 2 - 1)
         off = left * force - fine.last.lacking_rel * np.array(fine.last.force_n)
         return (max(edge, _size(off, fine)), MESH_IN_PLANE * left * in_plane)
 
-    def _edge_part(self, run: SolvedPath) -> float:
+    def _edge_part(self, run: PathSolver) -> float:
         """Of the force, what cells of this size cost under such a contact at least."""
-        cells = run.cell_mm / self._radius_mm
+        cells = run.choice.spacing_mm / self._radius_mm
         known = EDGE * cells**2
-        if run.choice.level == FINITE and BLUNT * run.cell_mm > self._edge_mm:
+        if run.choice.level == FINITE and BLUNT * run.choice.spacing_mm > self._edge_mm:
             known = max(known, BLUNTED * cells)
         # The ramp of the contact pushes before it is touched: a light press is too stiff by it.
         return known + max(0.0, -run.last.lacking_rel)
 
-    def _steps_part(self, run: SolvedPath) -> Errors:
+    def _steps_part(self, run: PathSolver) -> Errors:
         """What its steps put a run off by: friction's part of the force comes late in each."""
         choice = run.choice
         fewer = self._run(choice.times(1.0, FEWER), run)
-        if fewer.cuts == run.cuts:
+        if sum(knot.cuts for knot in fewer.knots) == sum(knot.cuts for knot in run.knots):
             force, in_plane = _change(run, fewer)
             return (STEP_FORCE * _size(force, run), STEP_IN_PLANE * in_plane)
         # Longer steps were cut to shorter ones, and show nothing.
@@ -260,9 +233,10 @@ class MeshConvergence:
         ]
         return max(min(*least, MIN_FINER), 1 / COARSER)
 
-    def _run(self, choice: Choice, like: SolvedPath | None = None) -> SolvedPath:
+    def _run(self, choice: Choice, like: PathSolver | None = None) -> PathSolver:
         """The way by a choice; like: on a coarser mesh, to start from its increments."""
-        solver = self._open(choice, like.solver if like else None)
+        solver = self._open(choice, like)
+        solver.choice = choice
         what = f"{choice.level}, {choice.spacing_mm:.3g} mm"
         self._tell(0, len(solver.poses), what)
         new = choice.level == FINITE and solver.found is None
@@ -274,32 +248,32 @@ class MeshConvergence:
         solver.solve_all(lambda done, of, _: self._tell(done, of, what))
         if new:
             self._work_s.append((time.thread_time() - start_s) / work)
-        return SolvedPath(choice, solver)
+        return solver
 
     def _work(self, choice: Choice, increments: int) -> float:
         return increments * (self._unknowns(choice) ** WORK_POWER + FIXED)
 
 
-def afforded(run: SolvedPath, factor: float) -> float:
+def afforded(run: PathSolver, factor: float) -> float:
     """As much of a refinement of the cells as MAX_DOFS and MAX_WORK leave."""
-    dofs = run.solver.dofs
+    dofs = run.dofs
     factor = max(factor, min(1.0, (dofs / MAX_DOFS) ** (1 / DOFS_POWER)))
-    work = len(run.solver.poses) * dofs**WORK_POWER / MAX_WORK
+    work = len(run.poses) * dofs**WORK_POWER / MAX_WORK
     return max(factor, min(1.0, work ** (1 / (DOFS_POWER * WORK_POWER))))
 
 
-def _change(fine: SolvedPath, coarse: SolvedPath) -> tuple[Field, float]:
+def _change(fine: PathSolver, coarse: PathSolver) -> tuple[Field, float]:
     """From one run to a coarser: forces (3,) as a hard contact would have them, rms in plane."""
     a, b = ((1 + r.last.lacking_rel) * np.array(r.last.force_n) for r in (fine, coarse))
     return b - a, _rms_mm(_field_mm(coarse) - _field_mm(fine))
 
 
-def _size(force_n: Field, run: SolvedPath) -> float:
+def _size(force_n: Field, run: PathSolver) -> float:
     whole = math.hypot(*run.last.force_n)
     return float(np.linalg.norm(force_n)) / whole if whole else 0.0
 
 
-def _field_mm(run: SolvedPath) -> Field:
+def _field_mm(run: PathSolver) -> Field:
     """The face's displacement at the end, (ny, nx, 3)."""
     field = run.last.displacement_mm
     assert field is not None, "the last field is observed"

@@ -1,4 +1,4 @@
-"""One gel, two levels of mechanics behind one interface; `open.contact_of` makes one.
+"""One gel, two levels of mechanics behind one interface; `path.open.contact_of` makes one.
 
 linear: small strain (`linear`). hyperelastic: finite strain (`finite`). Both know the free sides,
 press an `Indenter`, keep their history in the state and show the face on one and the same lattice,
@@ -11,12 +11,13 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ..aliases import Field, Point
 from ..errors import InputError
+from ..shapes import SkinDimensions
 from .zones import ZoneMap, Zones
 
 Level = str
@@ -38,6 +39,25 @@ class Reach:
         return cls(
             (float(x.min()), float(x.max())), (float(y.min()), float(y.max())), float(depth.max())
         )
+
+    @property
+    def moves(self) -> bool:
+        return self.x_mm[0] < self.x_mm[1] or self.y_mm[0] < self.y_mm[1]
+
+    def require_on(self, skin: SkinDimensions) -> None:
+        """Raises InputError for a tip at the gel's base or off the face."""
+        if self.deepest_mm >= skin.thickness_mm:
+            raise InputError(
+                f"gel: depth {self.deepest_mm:g} mm is not below the gel's thickness of "
+                f"{skin.thickness_mm:g} mm"
+            )
+        ways = zip("xy", (self.x_mm, self.y_mm), skin.opening_half_mm, strict=True)
+        for name, (low, high), end in ways:
+            if max(-low, high) > end:
+                raise InputError(
+                    f"gel: a tip from {name} = {low:g} to {high:g} mm leaves the face of "
+                    f"+-{end:g} mm"
+                )
 
 
 @dataclass(frozen=True)
@@ -154,11 +174,12 @@ class State:
         return np.asarray(self.contact.traction_mpa(self.inner))
 
 
-class GelContact(Protocol):
+class GelContact:
     """One indenter against one gel; holds no history.
 
     x_mm (nx,), y_mm (ny,): the lattice, on the whole face. choice: what was picked and why.
     dofs: unknowns of the deformable body (displacements, or tractions of the linear grid).
+    Of an inner state it tells displacement_mm, traction_mpa and zones, as `State` has them.
     """
 
     level: Level
@@ -169,6 +190,7 @@ class GelContact(Protocol):
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> State:
         """Without contact: nothing displaced, nothing remembered."""
+        raise NotImplementedError
 
     def solve(self, previous: Any, tip_mm: Point, seconds: float = 0.0, guide: Any = None) -> State:
         """One increment, straight from `previous`, which must be of this contact.
@@ -176,21 +198,18 @@ class GelContact(Protocol):
         seconds: that it takes; only a gel with a Prony series minds. guide: see `guide`.
         Raises InputError out of range, SolverError where it is not solved.
         """
+        raise NotImplementedError
 
     def guide(self, states: Sequence[Any]) -> Any:
         """From states of a coarser mesh along the same way, what `solve` then starts from.
 
         It changes the work and not what is solved. None where that does not help.
         """
+        return None
 
     def lacking_rel(self, state: Any) -> float:
         """Of the normal force, what a hard contact would give more."""
-
-    def displacement_mm(self, inner: Any) -> Field: ...
-
-    def traction_mpa(self, inner: Any) -> Field: ...
-
-    def zones(self, inner: Any) -> tuple[Zones, ZoneMap] | None: ...
+        return 0.0
 
 
 def follow(contact: Any, previous: Any, tip_mm: Point, max_step_mm: float) -> Iterator[Any]:

@@ -73,21 +73,11 @@ def pick(
     """
     if level != "auto" and level not in LEVELS:
         raise InputError(f"gel: level {level!r}: valid: auto, {', '.join(LEVELS)}")
+    reach.require_on(skin)
     depth, thickness = reach.deepest_mm, skin.thickness_mm
-    if depth >= thickness:
-        raise InputError(
-            f"gel: depth {depth:g} mm is not below the gel's thickness of {thickness:g} mm"
-        )
-    half = skin.opening_half_mm
-    for name, (low, high), end in zip("xy", (reach.x_mm, reach.y_mm), half, strict=True):
-        if max(-low, high) > end:
-            raise InputError(
-                f"gel: a tip from {name} = {low:g} to {high:g} mm leaves the face of +-{end:g} mm"
-            )
     mu = material.friction if friction is None else friction
-    moves = reach.x_mm[0] < reach.x_mm[1] or reach.y_mm[0] < reach.y_mm[1]
     effect = friction_force_rel(mu, max(depth, 0.0) / thickness)
-    if not (observe_shear or moves) and effect <= SHARE * tolerance:
+    if not (observe_shear or reach.moves) and effect <= SHARE * tolerance:
         mu = 0.0
     force, in_plane = model_error(skin, indenter, depth, material.poisson)
     refusal = linear_refusal(skin, material, indenter, depth)
@@ -123,7 +113,7 @@ def pick(
             f"gel: at depth {depth:g} mm {indenter.name} touches over a radius of {radius:.2g} mm "
             f"and hides between cells of {h:.3g} mm; {HIDDEN * radius:.2g} mm or less is needed"
         )
-    step = step_mm(indenter, depth, thickness, tolerance, mu, moves)
+    step = step_mm(indenter, depth, thickness, tolerance, mu, reach.moves)
     planes = " and ".join(n for n, m in zip("xy", mirrors, strict=True) if m)
     part = {0: "whole block", 1: f"half block, mirror {planes}", 2: "quarter block"}[sum(mirrors)]
     return Choice(
@@ -167,8 +157,7 @@ def cell_mm(
     share = math.sqrt(tolerance / TOLERANCE)  # bricks are of second order
     depth = max(reach.deepest_mm, 0.0)
     radius = contact_radius_mm(indenter, depth) if depth > 0 else indenter.tips[0].radius_mm
-    moves = reach.x_mm[0] < reach.x_mm[1] or reach.y_mm[0] < reach.y_mm[1]
-    h = radius / CELLS_ACROSS * share * (DRAGGED if moves else 1.0)
+    h = radius / CELLS_ACROSS * share * (DRAGGED if reach.moves else 1.0)
     what = f"contact radius {radius:.2g} mm"
     edge = min(edge_radius_mm(t) for t in indenter.tips)
     sharp = min(share * EDGE_CELL_MM, MAX_EDGE_CELL_MM)

@@ -121,13 +121,11 @@ def press(
     fine, choice, last = found.run, found.run.choice, found.run.last
     u = last.displacement_mm
     assert u is not None, "the last field is observed"
-    tips = [(x, y, 0.0), *((px, py, -pz) for px, py, pz in (p.tip_mm for p in fine.solver.poses))]
+    tips = [(x, y, 0.0), *((px, py, -pz) for px, py, pz in (p.tip_mm for p in fine.poses))]
     flags = _flags(found, ladder, depth_mm, limit_s)
     if odd := unusual(material.modulus_mpa):
         flags.append(f"modulus: {odd}")
-    forces = material.modulus_mpa * np.array(
-        [(0.0, 0.0, 0.0), *(k.force_n for k in fine.solver.knots)]
-    )
+    forces = material.modulus_mpa * np.array([(0.0, 0.0, 0.0), *(k.force_n for k in fine.knots)])
     result = {
         "force_n": forces[-1].tolist(),
         "depth_mm": depth_mm,
@@ -142,13 +140,13 @@ def press(
             "spacing_mm": choice.spacing_mm,
             "step_mm": choice.step_mm,
             "mirrors": list(choice.mirrors),
-            "dofs": fine.solver.dofs,
+            "dofs": fine.dofs,
             "why": choice.why,
         },
         "peak_in_plane_mm": float(np.hypot(u[..., 0], u[..., 1]).max()),
         "flags": flags,
     }
-    return Pressed(result, np.array(tips), forces, *fine.solver.axes_mm, u.astype(np.float64))
+    return Pressed(result, np.array(tips), forces, *fine.axes_mm, u.astype(np.float64))
 
 
 def _require(
@@ -170,8 +168,13 @@ def _require(
 def _flags(
     found: RefinedPress, ladder: MeshConvergence, depth_mm: float, limit_s: float
 ) -> list[str]:
-    """What a reader of the result must know beside the solver's own flags, which come first."""
-    estimate, flags = found.estimate, list(found.run.flags)
+    """What a reader of the result must know: the solver's own flags at the corners, and more."""
+    estimate, solver = found.estimate, found.run
+    named: dict[str, str] = {}
+    for pose, knot in zip(solver.poses, solver.knots, strict=True):
+        if pose.part == 1.0:  # on the way in, the first increments are coarse by intention
+            named.update({flag.partition(":")[0]: flag for flag in knot.flags})
+    flags = list(named.values())
     if depth_mm > 0 and found.zones.contact_area_mm2 == 0:
         flags.append(f"contact lost: at depth {depth_mm:g} mm nothing is touched")
     if found.limited:

@@ -1,4 +1,4 @@
-"""Where the gel touches, where it sticks, and how sure that is: from a solved face.
+"""The lattice over the resting face, and where the gel touches, where it sticks: of a solved face.
 
 The rim of a hard contact is where the gap g beside it comes down to nothing. It opens as the power
 3/2 of the distance (Johnson, Contact Mechanics, ch. 5), so g^(2/3) is a straight line there, far
@@ -17,6 +17,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..aliases import Field, Point2
+
+
+def means(edges_mm: Field, at_mm: Field) -> Field:
+    """Matrix (nodes, parts) from values on the parts between edges to the nodes' means, one way.
+
+    Tractions jump, so what a level has on parts of the face, each with one value, goes to the
+    lattice's nodes by areas. A node holds the mean around it, weighted with its hat: 1 at the node,
+    0 from the next ones on. Hats are nowhere negative, add up to 1 and reproduce x and y, so the
+    trapezoids' sum over the face gives the parts' own force, and on the resting face their moment.
+    edges_mm (parts + 1,), at_mm (nodes,): rising. What lies beyond the last node is counted to it.
+    """
+    shares = np.diff(_hats_up_to(edges_mm, at_mm), axis=0).T
+    return np.ascontiguousarray(shares / _areas(at_mm)[:, None])
+
+
+def _areas(at: Field) -> Field:
+    """Integrals of the nodes' hats: the trapezoids' weights."""
+    half = np.diff(at) / 2
+    return np.append(half, 0.0) + np.append(0.0, half)
+
+
+def _hats_up_to(x: Field, at: Field) -> Field:
+    """(points, nodes): integrals of the hats from the first node on; outer ones go on as 1."""
+    n, width = len(at), np.diff(at)
+    i = np.clip(np.searchsorted(at, x, side="right") - 1, 0, n - 2)
+    rows, s = np.arange(len(x)), np.clip((x - at[i]) / width[i], 0.0, 1.0)
+    passed = (np.arange(n - 1) < i[:, None]) * (width / 2)
+    found = np.zeros((len(x), n))
+    found[:, :-1] += passed
+    found[:, 1:] += passed
+    found[rows, i] += width[i] * (s - s**2 / 2)
+    found[rows, i + 1] += width[i] * s**2 / 2
+    found[:, 0] += np.minimum(x - at[0], 0.0)
+    found[:, -1] += np.maximum(x - at[-1], 0.0)
+    return found
+
+
+def hermite(knots: Field, at: Field) -> Field:
+    """Matrix (points, knots) of the local cubic; outside of the knots the last cubic goes on.
+
+    Slopes at the knots are those of parabolas through three neighbours.
+    """
+    from scipy.interpolate import CubicHermiteSpline
+
+    values = np.eye(len(knots))
+    slopes = np.gradient(values, knots, axis=0, edge_order=2 if len(knots) > 2 else 1)
+    return np.asarray(CubicHermiteSpline(knots, values, slopes)(at))
+
 
 NEAR, FAR = 0.75, 1.5  # cells beyond the points that touch
 RIM, STICK_RIM = 0.1, 0.2  # cells by which the rims of contact and stick zone may be off

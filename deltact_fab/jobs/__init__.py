@@ -7,13 +7,14 @@ says while it runs.
 
 from .batch import CannotGoOn, JobOutcome, arrivals, at_a_time, each, run
 from .cluster import executor
-from .local import THREAD_VARIABLES, processors
+from .local import THREAD_VARIABLES, Local, processors
 from .messages import tell
 
 __all__ = [
     "THREAD_VARIABLES",
     "CannotGoOn",
     "JobOutcome",
+    "Local",
     "arrivals",
     "at_a_time",
     "each",

@@ -1,7 +1,6 @@
 """One harness for two questions about every numerical engine.
 
-`work_precision`: error against run time. `stability`: stiff and extreme cases, each right within
-its bound or refused.
+Error against run time; and stiff and extreme cases, each right within its bound or refused.
 
 An engine is a module in `engines` with a frozen `ENGINE`, and one line in `engines.REGISTRY`.
 """

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..aliases import Progress
 from ..errors import InputError
-from . import stability, work_precision
+from . import tables
 from .engines import REGISTRY, check_names, load
 
 Rows = list[dict[str, Any]]
@@ -22,8 +22,8 @@ Rows = list[dict[str, Any]]
 class Numerics:
     """What `run` found, as plain rows.
 
-    engines: name, title and about of each, in order. curves: as `work_precision` has them;
-    stability: as `stability.judge`.
+    engines: name, title and about of each, in order. curves: as `tables` has them;
+    stability: as `tables.judge`.
     """
 
     meta: dict[str, Any]
@@ -89,20 +89,20 @@ def run(
         for name in engines:
             settings, cases = plans[name]
             place = name, REGISTRY[name]
-            for row in work_precision.measure(*place, settings, scratch, quick):
+            for row in tables.curve_rows(*place, settings, scratch, quick):
                 curves.append(row)
                 tell(len(curves) + len(judged), total, f"{name}: {row['setting']}")
-            for row in stability.measure(*place, cases, scratch, quick):
+            for row in tables.case_rows(*place, cases, scratch, quick):
                 judged.append(row)
                 tell(len(curves) + len(judged), total, f"{name}: {row['case']}")
     return Numerics(
         meta={
             "quick": quick,
             "seconds": time.monotonic() - started,
-            "machine": work_precision.machine(),
+            "machine": tables.machine(),
             "versions": versions(),
         },
         engines=[{"name": n, "title": e.title, "about": e.about} for n, e in engines.items()],
-        curves=work_precision.compared(curves),
+        curves=tables.compared(curves),
         stability=judged,
     )

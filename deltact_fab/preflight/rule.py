@@ -1,21 +1,34 @@
-"""What a rig allows: a predicted peak over a declared limit, or a limit that is not declared.
+"""What a rig and the plate behind the gel allow, and what a run needs of rig and disk.
 
-On a real rig both are errors before anything moves; the simulated one cannot break, and warns.
+On a real rig a predicted peak over a declared limit, and a limit that is not declared, are errors
+before anything moves; the simulated one cannot break, and warns.
 """
 
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+from .. import record
 from ..aliases import Vector
+from ..cad.dimensions import Design
+from ..cad.parts.light_holder import below_plate
+from ..cad.stiffness import press
 from ..errors import InputError
-from ..protocols.limits import LimitCheck, refusals
-from ..protocols.plan import Protocol
+from ..protocols import limits
+from ..protocols.limits import LimitCheck, RunEstimate, refusals
+from ..protocols.plan import Protocol, Step
+from ..rig.camera.model import raw_size_px
 from ..rig.config import RigConfig
 from ..rig.force.guard import SHARE, GuardLimits
 from .peaks import HIGH, MODULUS_FACTOR, Peak, worst
+
+if TYPE_CHECKING:
+    from ..optics import CameraModel
 
 
 @dataclass(frozen=True)
@@ -154,3 +167,123 @@ def _moments(peaks: Sequence[Peak], limit_nmm: Vector, key: str) -> Iterator[Loa
     if len(moments) == len(peaks):
         for axis, letter in enumerate("xyz"):
             yield f"moment about {letter}", limit_nmm[axis], key, [m[axis] for m in moments]
+
+
+def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list[LimitCheck]:
+    """Stress, room behind the plate and share of the depth, each with its worst press.
+
+    Stress counts with the gel's modulus twice as high, as all that can break does; see
+    `cad.stiffness`. The plate's deflection is part of the depth that the stage counts and the gel
+    does not see; the simulated sensor's plate is rigid and leaves it out.
+    Too much stress fails, on the simulated rig it warns; the other two only warn.
+    """
+    found = [press(design, peak.normal_n, peak.at_mm) for peak in peaks]
+    limit_mpa = design.plate.stress_limit_mpa
+    stress_mpa, where = worst([MODULUS_FACTOR * f.stress_mpa for f in found], peaks)
+    over = stress_mpa > limit_mpa
+    deflects_mm = max(f.deflection_mm for f in found)
+    return [
+        LimitCheck(
+            "plate stress", simulated or not over, f"{HIGH}, plate.stress_limit_mpa (MPa)",
+            round(stress_mpa, 2), limit_mpa, where, over and simulated,
+        ),
+        _warning(
+            "plate clear of the light holder", f"{HIGH}, least play of light.axial_fit_mm (mm)",
+            [MODULUS_FACTOR * f.over_ring_mm for f in found],
+            below_plate(design).range_mm[0], peaks,
+        ),
+        _warning(
+            "plate deflection",
+            f"up to {deflects_mm:.3f} mm as expected, which a simulated press leaves out; "
+            "share of the depth, plate.deflection_share",
+            [f.deflection_mm / p.depth_mm for f, p in zip(found, peaks, strict=True)],
+            design.plate.deflection_share, peaks,
+        ),
+    ]  # fmt: skip
+
+
+def _warning(
+    name: str, what: str, figures: Sequence[float], bound: float, peaks: Sequence[Peak]
+) -> LimitCheck:
+    figure, where = worst(figures, peaks)
+    return LimitCheck(name, True, what, float(f"{figure:.3g}"), bound, where, figure > bound)
+
+
+USUAL_PX = (1280, 720)  # of a camera that does not say how large its images are
+# The planner of GRBL 1.1 (MINIMUM_FEED_RATE of its config.h) takes anything slower for this, so
+# that a press would be faster than its protocol says.
+MIN_FEED_MM_MIN = 1.0
+LONG_H, LONGEST_H = 24.0, 30 * 24.0
+
+
+def needs(
+    protocol: Protocol, steps: list[Step], rig: RigConfig, view: CameraModel | None, out: Path
+) -> list[LimitCheck]:
+    """Rows of the least feed, the time, the disk and the camera's rate, see `budget`.
+
+    view: of the images that are tracked. out: of the run, or any folder on its disk; what a run
+    that goes on has there already is not needed again.
+    """
+    px = image_px(view, rig)
+    held_hz = record.rate_held_hz(record.image_format({"rig": rig.recorded()}), px)
+    camera_hz = getattr(rig.camera, "rate_hz", None)
+    estimate = limits.estimate(protocol, px, rig.stage, steps)
+    kept_mb = size_mb(out) if (out / "run.json").is_file() else 0.0
+    most_hz = held_hz if camera_hz is None else min(held_hz, camera_hz)
+    return budget(protocol, steps, estimate, out, most_hz, not rig.simulated, kept_mb)
+
+
+def image_px(view: CameraModel | None, rig: RigConfig) -> int:
+    """Pixels of a frame as it is stored. view: of the images that are tracked."""
+    if view is not None:
+        width_px, height_px = raw_size_px(view)
+    else:
+        declared = getattr(rig.camera, "width_px", None), getattr(rig.camera, "height_px", None)
+        width_px, height_px = (a or b for a, b in zip(declared, USUAL_PX, strict=True))
+    return width_px * height_px
+
+
+def budget(
+    protocol: Protocol,
+    steps: Sequence[Step],
+    estimate: RunEstimate,
+    out: Path,
+    held_hz: float | None,
+    wall_clock: bool = True,
+    kept_mb: float = 0.0,
+) -> list[LimitCheck]:
+    """Rows of the least feed, the time, the disk and the camera's rate.
+
+    out: of the run, or any folder on its disk. held_hz: frames a second that camera, format and
+    disk hold; None without a camera. wall_clock: whether time passes by itself, so that a rate
+    that is too high loses frames; on a rig that waits it is a warning. kept_mb: there already, of a
+    run that goes on.
+    """
+    slowest = min(steps, key=lambda step: step.feed_mm_min)
+    feed = slowest.feed_mm_min
+    hours, at = estimate.seconds / 3600, "the whole run"
+    where = next(p for p in (out.absolute(), *out.absolute().parents) if p.exists())
+    free_mb, mb = shutil.disk_usage(where).free / 1e6, max(0.0, estimate.disk_mb - kept_mb)
+    rows = [
+        LimitCheck("least feed", feed >= MIN_FEED_MM_MIN, "feed (mm/min)", feed, MIN_FEED_MM_MIN,
+                   slowest.id, least=True),
+        LimitCheck("time", hours <= LONGEST_H, "of the whole run (h)", hours, LONGEST_H, at,
+                   LONG_H < hours <= LONGEST_H),
+        LimitCheck("disk", mb <= free_mb, "needed of what is free (MB)", mb, free_mb,
+                   f"the disk of {where}"),
+    ]  # fmt: skip
+    rates_hz = protocol.capture.rates_hz()
+    if held_hz is not None and rates_hz and "image" in protocol.channels:
+        kind = max(rates_hz, key=rates_hz.__getitem__)
+        table = f"{kind}." if kind in ("hold", "retract") else ""
+        over, what = rates_hz[kind] > held_hz, "frames a second that can be kept"
+        rows.append(
+            LimitCheck("camera rate", not (over and wall_clock), what, rates_hz[kind], held_hz,
+                       f"capture.{table}rate_hz", over and not wall_clock)
+        )  # fmt: skip
+    return rows
+
+
+def size_mb(folder: Path) -> float:
+    """What stands in a run folder, in MB."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 1e6

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..aliases import Vector
 from ..elasticity import GelMaterial
-from ..elasticity.closed_forms import flat_punch_n_per_mm, hertz_force_n
+from ..elasticity.layer import flat_punch_n_per_mm, hertz_force_n
 from ..optics import StageFrame
 from ..shapes import Indenter, PosedTip, SkinDimensions, Tip
 from ..shapes.indenter import parse as parse_indenter

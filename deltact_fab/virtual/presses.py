@@ -18,10 +18,9 @@ from ..aliases import Field, Point
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..gel.level import Choice, Level
-from ..gel.path import store
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, KnotPose, ObservedChannels, divide
 from ..gel.path.open import choose, open_path
-from ..gel.path.solver import PathSolver
+from ..gel.path.solver import KIND, PathSolver
 from ..levels import LINEAR
 from ..protocols.plan import Protocol, expand
 from ..rig.config import GelConfig
@@ -134,12 +133,9 @@ class Presses:
 
 
 def stored_files(press: PlannedPress) -> tuple[str, ...]:
-    """Names of the files of the store any of which has all of a press, if it is there."""
-    solver = press.solver
-    if solver.stored_as is None:
-        return ()
-    keys = store.serving(json.loads(solver.stored_as), solver.observed)
-    return tuple(str(cache.file_of(store.KIND, key)) for key in keys)
+    """Name of the file of the store that has all of a press, if it is there."""
+    key = press.solver.stored_as
+    return () if key is None else (str(cache.file_of(KIND, json.loads(key))),)
 
 
 def path_of(presses: Presses, name: str) -> PressPath:

@@ -16,7 +16,7 @@ from rig_text import VIRTUAL_STAGE
 
 from deltact_fab import cache, experiment
 from deltact_fab.cli.gel_path import path as command
-from deltact_fab.gel.path.store import KIND
+from deltact_fab.gel.path.solver import KIND
 
 PROTOCOL = """
 name = "ahead"

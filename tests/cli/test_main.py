@@ -181,18 +181,3 @@ def test_gel_press_ends_at_its_limit_of_time(tmp_path: Path) -> None:
     assert said == [
         "deltact-fab: --limit-s 0.01: no mesh was solved in that CPU time; more is needed"
     ]
-
-
-@pytest.mark.parametrize(
-    ("place", "says"),
-    [("f.gif", ".png, .svg, .pdf is needed"), ("no/f.png", "there is no folder no")],
-)
-def test_gel_refuses_a_figures_place_before_it_solves(
-    tmp_path: Path, place: str, says: str
-) -> None:
-    (tmp_path / "press.csv").write_text("depth_mm,normal_n\n")  # fit would refuse it, later
-    words = ["fit", "press.csv", "--indenter", "sphere:10", "--plot", place]
-    done = called("gel", *words, cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.splitlines() == [f"deltact-fab: --plot {place}: {says}"]

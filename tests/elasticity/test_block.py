@@ -14,12 +14,10 @@ from deltact_fab.elasticity.layer import BondedLayer
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
 from deltact_fab.gel.finite import FinitePress, block_mesh
-from deltact_fab.gel.finite.assembly import BulkAssembly
+from deltact_fab.gel.finite.assembly import BulkAssembly, Pattern
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
-from deltact_fab.gel.finite.pattern import Pattern
-from deltact_fab.gel.linear.contact import LinearContact
-from deltact_fab.gel.linear.state import ContactState
+from deltact_fab.gel.linear.contact import ContactState, LinearContact
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 

@@ -8,9 +8,8 @@ import pytest
 from deltact_fab.elasticity.edge_compliance import BrickBox, stiffness
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.finite import block_mesh
-from deltact_fab.gel.finite.assembly import BulkAssembly
+from deltact_fab.gel.finite.assembly import BulkAssembly, Pattern
 from deltact_fab.gel.finite.material import NeoHooke
-from deltact_fab.gel.finite.pattern import Pattern
 from deltact_fab.shapes import SkinDimensions
 
 

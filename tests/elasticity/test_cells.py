@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.elasticity import GelMaterial
-from deltact_fab.elasticity.block import FreeBlock
-from deltact_fab.elasticity.cells import FaceCells
+from deltact_fab.elasticity.block import FaceCells, FreeBlock
 from deltact_fab.shapes import SkinDimensions
 
 SKIN = SkinDimensions(width_mm=20.0, length_mm=16.0, thickness_mm=7.0)

@@ -11,7 +11,7 @@ from axisymmetric import Cylinder, graded
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import Reach, follow
 from deltact_fab.gel.level_selection import pick
-from deltact_fab.gel.open import contact_of
+from deltact_fab.gel.path.open import contact_of
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 

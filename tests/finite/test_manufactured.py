@@ -16,10 +16,9 @@ import pytest
 from deltact_fab.aliases import Field
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.finite import HexMesh, block_mesh
-from deltact_fab.gel.finite.assembly import BulkAssembly
+from deltact_fab.gel.finite.assembly import BulkAssembly, Pattern
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
-from deltact_fab.gel.finite.pattern import Pattern
 from deltact_fab.shapes import SkinDimensions
 
 WIDTH, LENGTH, THICKNESS = 8.0, 6.0, 4.0
@@ -110,8 +109,6 @@ def solved(mesh: HexMesh, law: NeoHooke, load: Field) -> Field:
     size = float(np.linalg.norm(load[pattern.free]))
     for _ in range(25):
         now = bulk.evaluate(u)
-        assert now.force_n is not None
-        assert now.data is not None
         residual = (now.force_n - load)[pattern.free]
         if np.linalg.norm(residual) < 1e-11 * size:
             return u

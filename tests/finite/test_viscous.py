@@ -7,11 +7,9 @@ import scipy.sparse as sp
 
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
-from deltact_fab.gel.finite.assembly import BulkAssembly
-from deltact_fab.gel.finite.material import NeoHooke
+from deltact_fab.gel.finite.assembly import BulkAssembly, Pattern
+from deltact_fab.gel.finite.material import NeoHooke, Viscosity
 from deltact_fab.gel.finite.mesh import block_mesh
-from deltact_fab.gel.finite.pattern import Pattern
-from deltact_fab.gel.finite.viscous import Viscosity
 from deltact_fab.shapes import SkinDimensions
 
 SERIES = ((0.4, 0.3), (0.25, 5.0))

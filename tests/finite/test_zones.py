@@ -14,7 +14,7 @@ from deltact_fab.aliases import Point
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import GelContact, Reach, State, follow
 from deltact_fab.gel.level_selection import pick
-from deltact_fab.gel.open import contact_of
+from deltact_fab.gel.path.open import contact_of
 from deltact_fab.gel.zones import inside
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltact_fab.elasticity.closed_forms import hertz_force_n
+from deltact_fab.elasticity.layer import hertz_force_n
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
-from deltact_fab.gel import open as opening
 from deltact_fab.gel.fit.force_curve import ForceCurve, force_curve
+from deltact_fab.gel.path import open as opening
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 

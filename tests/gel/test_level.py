@@ -11,12 +11,12 @@ import pytest
 from deltact_fab.aliases import Field
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
-from deltact_fab.gel.lattice import hermite, means
 from deltact_fab.gel.level import GelContact, Level, Reach, State, follow
 from deltact_fab.gel.level_selection import pick
+from deltact_fab.gel.linear.contact import ContactState
 from deltact_fab.gel.linear.gel import LinearGel
-from deltact_fab.gel.linear.state import ContactState
-from deltact_fab.gel.open import contact_of
+from deltact_fab.gel.path.open import contact_of
+from deltact_fab.gel.zones import hermite, means
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 

@@ -14,7 +14,7 @@ from deltact_fab.gel.footprint import (
 from deltact_fab.gel.level import Choice, Reach, follow
 from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.linear.validity import model_error
-from deltact_fab.gel.open import contact_of
+from deltact_fab.gel.path.open import contact_of
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import KINDS, parse
 from deltact_fab.shapes.posed import edge_radius_mm

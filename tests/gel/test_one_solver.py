@@ -7,7 +7,7 @@ import pytest
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.fit.force_curve import force_curve
 from deltact_fab.gel.press import press
-from deltact_fab.preflight.press import press_curve
+from deltact_fab.preflight.peaks import press_curve
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig.config import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions

@@ -81,7 +81,7 @@ def ladder(
 
 def test_the_first_mesh_that_keeps_to_the_tolerance_answers() -> None:
     found = ladder(lambda h, step: 10.0).refine(chosen(0.0), free=True)
-    edge = EDGE * (found.run.cell_mm / RADIUS_MM) ** 2
+    edge = EDGE * (found.run.choice.spacing_mm / RADIUS_MM) ** 2
     assert found.estimate["force_rel"] == pytest.approx(edge)
     assert edge < TOLERANCE < edge * error_control.COARSER**2
     assert not found.limited
@@ -90,7 +90,7 @@ def test_the_first_mesh_that_keeps_to_the_tolerance_answers() -> None:
 def test_a_mesh_that_was_asked_for_is_the_one() -> None:
     for spacing in (0.8, 2.4):
         found = ladder(lambda h, step: 10.0).refine(chosen(0.0, spacing), free=False)
-        assert found.run.cell_mm == pytest.approx(spacing)
+        assert found.run.choice.spacing_mm == pytest.approx(spacing)
 
 
 def test_an_error_of_second_order_is_what_is_told() -> None:
@@ -102,7 +102,7 @@ def test_an_error_of_second_order_is_what_is_told() -> None:
     assert found.estimate["force_rel"] == pytest.approx(true, rel=1e-9)
     finer = ladder(force).refine(chosen(0.0), free=True)
     assert finer.estimate["force_rel"] <= TOLERANCE
-    assert f"taken {finer.run.cell_mm:.3g} mm" in finer.run.choice.why
+    assert f"taken {finer.run.choice.spacing_mm:.3g} mm" in finer.run.choice.why
     assert finer.estimate["force_rel"] > TOLERANCE / 2  # no finer than needed
 
 
@@ -129,7 +129,7 @@ def test_a_mesh_too_coarse_to_be_solved_is_passed_over() -> None:
         return 10.0
 
     found = ladder(force).refine(chosen(0.0), free=True)
-    assert found.run.cell_mm < 1.6
+    assert found.run.choice.spacing_mm < 1.6
     assert found.estimate["force_rel"] <= TOLERANCE
     with pytest.raises(SolverError, match="hides"):
         ladder(force).refine(chosen(0.0, 1.8), free=False)
@@ -161,12 +161,12 @@ def test_a_limit_of_time_ends_with_the_best_mesh_so_far(clock_s: list[float]) ->
     one = within(1.5)
     assert clock_s[0] == 1
     assert two.limited
-    assert two.run.cell_mm == pytest.approx(1.6 * error_control.COARSER)
-    true = 0.1 * two.run.cell_mm**2 / (1 + 0.1 * two.run.cell_mm**2)
+    assert two.run.choice.spacing_mm == pytest.approx(1.6 * error_control.COARSER)
+    true = 0.1 * two.run.choice.spacing_mm**2 / (1 + 0.1 * two.run.choice.spacing_mm**2)
     assert two.estimate["force_rel"] == pytest.approx(true)
     # One mesh has nothing to be compared with.
     assert one.limited
-    assert one.run.cell_mm > two.run.cell_mm
+    assert one.run.choice.spacing_mm > two.run.choice.spacing_mm
     assert one.estimate["force_rel"] > 0.1
     assert not within(100).limited
 
@@ -188,8 +188,8 @@ def test_a_limit_too_short_for_the_first_mesh_begins_with_a_coarser_one(
         with time_limit.within(seconds):
             found.append(ladder(force, unknowns=unknowns).refine(chosen(0.0), free=True))
     assert [one.limited for one in found] == [False, True]
-    assert found[0].run.cell_mm < first
-    assert first < found[1].run.cell_mm <= error_control.HIDDEN * RADIUS_MM
+    assert found[0].run.choice.spacing_mm < first
+    assert first < found[1].run.choice.spacing_mm <= error_control.HIDDEN * RADIUS_MM
     assert found[1].estimate["force_rel"] > TOLERANCE
 
 
@@ -228,7 +228,7 @@ def test_a_press_that_no_mesh_ends_in_time_is_refused_and_one_is_flagged() -> No
 @pytest.mark.slow
 def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> None:
     from deltact_fab.gel.finite.gel import lacking_n
-    from deltact_fab.gel.open import contact_of
+    from deltact_fab.gel.path.open import contact_of
 
     skin, ball, gel = SkinDimensions(), parse("sphere:8"), GelMaterial(friction=0.0)
     choice = pick(skin, gel, ball, Reach(deepest_mm=2.0), level="hyperelastic", spacing_mm=1.5)

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from deltact_fab.numerics.faults.cell import Disk, FaultOutcome, Matrix
+from deltact_fab.numerics.faults.bench import of_lab
 from deltact_fab.numerics.faults.kinds import FAULTS, FaultKind
-from deltact_fab.numerics.faults.scenario import of_lab
+from deltact_fab.numerics.faults.rehearsal import FaultOutcome, Matrix
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig import config
 
@@ -51,7 +51,7 @@ def fault(name: str) -> FaultKind:
 
 
 def cell(matrix: Matrix, of: FaultKind, moment: str) -> FaultOutcome:
-    return matrix.cell(of, moment, Disk(matrix.folder))
+    return matrix.cell(of, moment, matrix.folder / "cell")
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.star import Star
 from deltact_fab.measure.flow import FlowTracker
-from deltact_fab.numerics.engines import flow_frames, flow_hard
+from deltact_fab.numerics.engines import flow, flow_frames
 from deltact_fab.numerics.engines.flow_frames import CAMERA, FlowSequence, Vectors
 
 STAR = Star(CAMERA.width_px, CAMERA.height_px)
@@ -44,10 +44,10 @@ def test_a_drawn_frame_moves_as_it_is_told(tmp_path: Path) -> None:
     given = flow_frames.scene(tmp_path, "near")
     x, y = pixels()
     np.testing.assert_allclose(given.truth_px, flow_frames.near(x, y), atol=1e-4)
-    seen = flow_hard.judged(FlowTracker(), given.images[::4], given)
+    seen = flow.judged(FlowTracker(), given.images[::4], given)
     assert seen.trusted
     assert seen.confident > 0.9
     assert seen.wrong == 0
     # The same against a truth that is 2 px elsewhere: every confident pixel is wrong.
     false = FlowSequence(given.images, given.truth_px + np.float32(2))
-    assert flow_hard.judged(FlowTracker(), given.images[::4], false).wrong == 1
+    assert flow.judged(FlowTracker(), given.images[::4], false).wrong == 1

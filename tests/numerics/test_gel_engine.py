@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks import gel_press as evidence
-from deltact_fab.numerics.engines import gel_press, gel_scene
-from deltact_fab.numerics.engines.gel_scene import FiniteSolution, GelCase
+from deltact_fab.numerics.engines import gel_press
+from deltact_fab.numerics.engines.gel_press import FiniteSolution, GelCase
 
 SLOW = pytest.mark.slow
 
@@ -30,24 +30,24 @@ def test_extrapolation_removes_an_error_of_second_order() -> None:
 
 @pytest.fixture(scope="module")
 def found() -> FiniteSolution:
-    return gel_scene.solved(GelCase(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
+    return gel_press.solved(GelCase(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
 
 
 def test_the_judges_see_what_is_wrong(found: FiniteSolution) -> None:
-    assert abs(gel_scene.work_error_percent(found)) < 0.5
-    assert gel_scene.imbalance(found) < 1e-6
+    assert abs(gel_press.work_error_percent(found)) < 0.5
+    assert gel_press.imbalance(found) < 1e-6
     stronger = [replace(s, force_n=tuple(1.02 * f for f in s.force_n)) for s in found.states]
     wrong = FiniteSolution(found.press, tuple(stronger))
-    assert gel_scene.work_error_percent(wrong) > 1.5
-    assert gel_scene.imbalance(wrong) > 0.01
+    assert gel_press.work_error_percent(wrong) > 1.5
+    assert gel_press.imbalance(wrong) > 0.01
 
 
 def test_shear_beyond_the_cone_is_seen() -> None:
     scene = GelCase(spacing_mm=3.0, friction=0.5, mirrors=(False, True))
-    rubbed = gel_scene.solved(scene, 1.5, (0.0, 0.0, 3.0), (1.0, 0.0, 3.0))
-    assert gel_scene.cone_excess(rubbed) < 5e-3
+    rubbed = gel_press.solved(scene, 1.5, (0.0, 0.0, 3.0), (1.0, 0.0, 3.0))
+    assert gel_press.cone_excess(rubbed) < 5e-3
     more = replace(rubbed.last, shear_mpa=1.1 * rubbed.last.shear_mpa)
-    assert gel_scene.cone_excess(FiniteSolution(rubbed.press, (more,))) > 0.05
+    assert gel_press.cone_excess(FiniteSolution(rubbed.press, (more,))) > 0.05
 
 
 @pytest.mark.parametrize(

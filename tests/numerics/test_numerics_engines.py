@@ -12,7 +12,7 @@ from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear.contact import LinearContact
 from deltact_fab.numerics.engines import REGISTRY, load
-from deltact_fab.numerics.stability import judge
+from deltact_fab.numerics.tables import judge
 from deltact_fab.patterns.laws import algorithm1 as patches
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
@@ -71,7 +71,7 @@ def test_another_modulus_scales_the_linear_forces_and_nothing_else() -> None:
         contact = LinearContact(face, parse("sphere:10"))
         *_, pressed = follow(contact, contact.rest(), (0.0, 0.0, 1.2), 0.6)
         *_, sheared = follow(contact, pressed, (0.3, 0.0, 1.2), 0.3)
-        found.append((np.array(sheared.force_n) / modulus_mpa, sheared.iterations))
+        found.append((np.array(sheared.force_n) / modulus_mpa, sheared.diagnostics.iterations))
     assert len({iterations for _, iterations in found}) == 1
     for force, _ in found[1:]:
         np.testing.assert_allclose(force, found[0][0], rtol=1e-9, atol=1e-9)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 
+from deltact_fab.numerics.faults.bench import of_lab
 from deltact_fab.numerics.faults.kinds import FAULTS
 from deltact_fab.numerics.faults.rehearsal import _covering
-from deltact_fab.numerics.faults.scenario import of_lab
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config
 

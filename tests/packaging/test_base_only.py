@@ -83,7 +83,6 @@ LACKS = {
     "cad guide -o guide.html": "report",
     "report RUN -o page.html": "report",
     "study run shapes": "report",
-    "gel fit press.csv --indenter sphere:10 --plot fit.png": "report",
     "demo": "report",
     "record export RUN --format mcap -o run.mcap": "export",
     "record export RUN --format parquet --out run": "export",

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from deltact_fab import experiment
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
-from deltact_fab.preflight.needs import budget
+from deltact_fab.preflight.rule import budget
 from deltact_fab.protocols import limits, plan
 from deltact_fab.protocols.limits import LimitCheck
 from deltact_fab.protocols.plan import Protocol

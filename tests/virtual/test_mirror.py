@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.gel.path import open as open_module
-from deltact_fab.gel.path.knots import Increments, KnotPose, SolvedKnot
-from deltact_fab.gel.path.mirror import Mirror, to_solved
+from deltact_fab.gel.path.knots import Increments, KnotPose, Mirror, SolvedKnot, to_solved
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig.config import FiniteGelConfig, GelConfig

@@ -10,8 +10,8 @@ import pytest
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import GelContact, Reach, State, follow
 from deltact_fab.gel.level_selection import pick
-from deltact_fab.gel.open import contact_of
 from deltact_fab.gel.path.knots import Increments, KnotPose, ObservedChannels
+from deltact_fab.gel.path.open import contact_of
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.optics import StageFrame
 from deltact_fab.shapes import SkinDimensions

@@ -9,15 +9,28 @@ distance is exact, so is this one outside; inside it is exact down to the neares
 
 from __future__ import annotations
 
+import contextlib
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Field
-from ...shapes import EllipsoidTip, Indenter, PosedTip, PrismTip, RidgeTip, SphereTip
+from ...shapes import (
+    EllipsoidTip,
+    Indenter,
+    PosedTip,
+    PrismTip,
+    RidgeTip,
+    SphereTip,
+    Tip,
+    TurnedTip,
+)
+from ...shapes.bounded import ShapeError
 from ...shapes.posed import PlainTip
+from ...shapes.turned import ProfilePiece
 
 _TINY = 1e-12
 _STEP_MM = 1e-4  # for differences of a prism's outline
@@ -50,10 +63,13 @@ class _Profile(NamedTuple):
 
 def gap(indenter: Indenter, points_mm: Field) -> Gap:
     """Distance of points (n, 3) in the indenter's frame (lowest point at z = 0, body above)."""
-    best = _plate(points_mm, indenter.reach_mm)
+    n, z = len(points_mm), points_mm[:, 2]
+    best = Gap(indenter.reach_mm - z, np.tile([0.0, 0.0, -1.0], (n, 1)), np.zeros((n, 3, 3)))
     for tip in indenter.tips:
         if isinstance(tip, PosedTip):
-            here = _turned(tip, points_mm)
+            r = tip.turn  # in its own frame, and turned back
+            own = _tip(tip.tip, (points_mm - tip.origin_mm) @ r)
+            here = Gap(own.distance_mm, own.normal @ r.T, r @ own.curvature_per_mm @ r.T)
         else:
             here = _tip(tip, points_mm - np.array([tip.x_mm, tip.y_mm, 0.0]))
         nearer = here.distance_mm < best.distance_mm
@@ -63,18 +79,6 @@ def gap(indenter: Indenter, points_mm: Field) -> Gap:
             np.where(nearer[:, None, None], here.curvature_per_mm, best.curvature_per_mm),
         )
     return best
-
-
-def _turned(posed: PosedTip, points_mm: Field) -> Gap:
-    """Of a tip that is turned and tilted: in its own frame, turned back."""
-    r = posed.turn
-    own = _tip(posed.tip, (points_mm - posed.origin_mm) @ r)
-    return Gap(own.distance_mm, own.normal @ r.T, r @ own.curvature_per_mm @ r.T)
-
-
-def _plate(p: Field, z_mm: float) -> Gap:
-    n = len(p)
-    return Gap(z_mm - p[:, 2], np.tile([0.0, 0.0, -1.0], (n, 1)), np.zeros((n, 3, 3)))
 
 
 # A profile's start and [(end, centre or None)...], from its innermost point outwards.
@@ -254,3 +258,57 @@ def _ellipse(a: float, b: float, x: Field, y: Field) -> tuple[Field, Field, Fiel
     size = (x - fx) * nx + (y - fy) * ny
     radius = (a * b) ** 2 * grad**3
     return size, nx, ny, 1 / np.maximum(radius + size, _TINY)
+
+
+BLUNT = 0.5  # least radius over the cell size
+
+
+def blunted(indenter: Indenter, cell_mm: float) -> Indenter:
+    """The indenter with its edges, corners and noses rounded to BLUNT x cell_mm, where it allows.
+
+    A facet cannot follow an edge that turns within it: its contact points jump between the two
+    sides and Newton's method does not settle. The rounding shrinks with the mesh, so it is one more
+    part of the mesh error, and the fine indenter is found again where cells are twice its radius or
+    less. The lowest point stays where it is, and so do name, outline and reach.
+    """
+    radius = BLUNT * cell_mm
+    return replace(indenter, tips=tuple(_blunt(tip, radius) for tip in indenter.tips))
+
+
+def _blunt(tip: Tip, radius_mm: float) -> Tip:
+    """As much of the radius as the tip's other dimensions leave room for."""
+    for share in (1.0, 0.8, 0.6, 0.4):
+        with contextlib.suppress(ShapeError):
+            return _with_radius(tip, share * radius_mm)
+    return tip
+
+
+def _with_radius(tip: Tip, radius_mm: float) -> Tip:
+    if isinstance(tip, PosedTip):
+        plain = _with_radius(tip.tip, radius_mm)
+        return tip if isinstance(plain, PosedTip) else replace(tip, tip=plain)
+    if isinstance(tip, PrismTip):
+        edge, corner = max(tip.edge_mm, radius_mm), max(tip.corner_mm, radius_mm)
+        # A rounded edge needs a corner at least as round to be swept along.
+        return replace(tip, edge_mm=edge, corner_mm=max(corner, edge + tip.corner_mm - tip.edge_mm))
+    if isinstance(tip, RidgeTip):
+        return replace(tip, radius_mm=max(tip.radius_mm, radius_mm))
+    if isinstance(tip, TurnedTip):
+        return replace(tip, pieces=_rounded_rim(tip, radius_mm))
+    return tip
+
+
+def _rounded_rim(tip: TurnedTip, radius_mm: float) -> tuple[ProfilePiece, ...]:
+    """The last arc, from a flat face up to the rim, made wider; other profiles as they are."""
+    *inner, last = tip.pieces
+    if last.centre_mm is None or not inner or inner[-1].centre_mm is not None:
+        return tip.pieces
+    rim, top = last.end_mm
+    foot = inner[-1].end_mm
+    old = rim - last.centre_mm[0]
+    flat = abs(top - foot[1] - old) < 1e-9 and old < radius_mm
+    if not flat:
+        return tip.pieces
+    start = (rim - radius_mm, foot[1])
+    high = foot[1] + radius_mm
+    return (*inner[:-1], ProfilePiece(start), ProfilePiece((rim, high), (start[0], high)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,14 +13,97 @@ from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
 from ...shapes.posed import edge_radius_mm
-from ..level import Choice, IncrementDiagnostics, Level, State
-from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, inside, measured
+from ..level import Choice, GelContact, IncrementDiagnostics, Reach, State
+from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, hermite, inside, means, measured
 from .distance import gap
-from .field import FaceLattice, tractions_mpa, whole_wrench
-from .mesh import block_mesh
+from .mesh import HexMesh, block_mesh
 from .press import FinitePress
-from .state import PENETRATION_LIMIT, FiniteState
-from .transfer import Guide
+from .state import PENETRATION_LIMIT, FiniteState, Guide
+
+
+class FaceLattice:
+    """Lattice nodes x_mm (nx,), y_mm (ny,) on the touched face of a block, its mirrors unfolded.
+
+    Displacements: a cubic through the four nodes next to a point, along x and then along y
+    (piecewise Hermite, slopes of the parabola through three nodes). It is C1, exact for parabolas
+    at any grading, and a kink at the contact's edge is felt one cell away at most; a spline would
+    ring. Tractions: every contact point stands for a part of its face as large as its weight, and
+    the parts go to the nodes by areas (`zones.means`), so that their sum over the resting face is
+    the force.
+    """
+
+    def __init__(self, mesh: HexMesh, x_mm: Field, y_mm: Field) -> None:
+        assert mesh.axes_mm is not None, "of a block"
+        self.mesh, self.x_mm, self.y_mm = mesh, x_mm, y_mm
+        knots = [mesh.axes_mm[0], mesh.axes_mm[1]]
+        self._shape = (len(knots[1]), len(knots[0]))
+        self._along = [
+            hermite(unfolded(k) if mirror else k, at)
+            for k, at, mirror in zip(knots, (x_mm, y_mm), mesh.mirrors, strict=True)
+        ]
+        self._knots = knots
+        self._means: dict[int, list[Field]] = {}
+
+    def displacement_mm(self, nodes_mm: Field) -> Field:
+        """(ny, nx, 3) of the displacements (n, 3) of all nodes."""
+        ny, nx = self._shape
+        u = np.moveaxis(nodes_mm[-ny * nx :].reshape(ny, nx, 3), -1, 0)
+        if self.mesh.mirrors[0]:
+            sign = np.array([-1.0, 1.0, 1.0])[:, None, None]
+            u = np.concatenate([sign * u[:, :, :0:-1], u], axis=2)
+        if self.mesh.mirrors[1]:
+            sign = np.array([1.0, -1.0, 1.0])[:, None, None]
+            u = np.concatenate([sign * u[:, :0:-1], u], axis=1)
+        wx, wy = self._along
+        return np.ascontiguousarray(np.moveaxis(wy @ u @ wx.T, 0, -1))
+
+    def of_points(self, values: Field) -> Field:
+        """Vectors (ny, nx, 3) of those at the contact points, (f, q, 3)."""
+        n = math.isqrt(values.shape[1])
+        ny, nx = (size - 1 for size in self._shape)
+        parts = values.reshape(ny, nx, n, n, -1).swapaxes(1, 2).reshape(ny * n, nx * n, -1)
+        for axis, mirror in enumerate(self.mesh.mirrors):
+            if mirror:
+                image = np.flip(parts, axis=1 - axis).copy()
+                image[..., axis] *= -1
+                parts = np.concatenate([image, parts], axis=1 - axis)
+        wx, wy = self._to_means(n)
+        return np.ascontiguousarray(np.moveaxis(wy @ np.moveaxis(parts, -1, 0) @ wx.T, 0, -1))
+
+    def _to_means(self, n: int) -> list[Field]:
+        if n not in self._means:
+            ends = np.cumsum(np.polynomial.legendre.leggauss(n)[1]) / 2
+            self._means[n] = []
+            for k, at, mirror in zip(
+                self._knots, (self.x_mm, self.y_mm), self.mesh.mirrors, strict=True
+            ):
+                edges = np.append(k[0], k[:-1, None] + np.diff(k)[:, None] * ends)
+                self._means[n].append(means(unfolded(edges) if mirror else edges, at))
+        return self._means[n]
+
+
+def whole_wrench(mesh: HexMesh, state: FiniteState) -> tuple[Field, Field]:
+    """Force (3,) in N and torque (3,) in N mm on the whole body of a mirrored mesh."""
+    force = np.array(state.force_n) * mesh.copies
+    torque = np.array(state.torque_nmm) * mesh.copies
+    for axis, mirror in enumerate(mesh.mirrors):
+        if mirror:
+            force[axis] = 0.0
+            torque[np.arange(3) != axis] = 0.0
+    return force, torque
+
+
+def tractions_mpa(press: FinitePress, state: FiniteState) -> Field:
+    """On the gel, per resting area, at the contact points (f, q, 3)."""
+    seen = press.surface.evaluate(state.displacement_mm, np.array(state.tip_mm), tangent=False)
+    normal = seen.gap.normal.reshape(state.shear_mpa.shape)
+    return state.pressure_mpa[..., None] * normal + state.shear_mpa
+
+
+def unfolded(half: Field) -> Field:
+    """Coordinates from 0 on, continued to the other side of the mirror."""
+    return np.concatenate([-half[:0:-1], half])
+
 
 STEP_MM = 1e-5  # for the difference of contact forces by the depth
 
@@ -35,10 +118,8 @@ def lacking_n(press: FinitePress, state: FiniteState) -> float:
     low, high = (press.surface.evaluate(u, tip + k * down, tangent=False) for k in (-1, 1))
     by_depth = ((high.force_n - low.force_n) / (2 * STEP_MM))[free]
     bulk = press.bulk.evaluate(u, True, state.cell_pressure_mpa)
-    assert bulk.data is not None
     for curved in (True, False):
         contact = press.surface.evaluate(u, tip, curved=curved)
-        assert contact.data is not None
         press.solver.factorise(press.pattern.matrix(bulk.data + contact.data))
         if not press.solver.negative:
             break
@@ -53,8 +134,8 @@ NODES, MOST_NODES = 8, 400  # of the lattice for zones: along a cell's side, and
 LONGEST_RUB = 1 / 8  # of the thickness: longest increment with friction, a first-order law
 
 
-class FiniteGel:
-    level: Level = "hyperelastic"
+class FiniteGel(GelContact):
+    level = "hyperelastic"
 
     def __init__(
         self,
@@ -96,7 +177,13 @@ class FiniteGel:
         if _rubbed_mm(inner.tip_mm, tip_mm) <= longest_mm:
             found = self.press.solve(inner, tip_mm, seconds, guide)
         else:
-            parts = list(self._parts(inner, tip_mm, longest_mm, seconds, guide))
+            left = _share_below(inner.tip_mm, tip_mm)
+            if left < 1:  # from first touch on
+                start, end = np.array(inner.tip_mm), np.array(tip_mm, dtype=np.float64)
+                at = end + (start - end) * left
+                touch = (float(at[0]), float(at[1]), 0.0)
+                inner = self.press.solve(inner, touch, seconds * (1 - left))
+            parts = list(self.press.path(inner, tip_mm, longest_mm, seconds * left, guide))
             work = IncrementDiagnostics.over([part.diagnostics for part in parts])
             found = replace(parts[-1], diagnostics=work)
         return self._state(found, previous.jumped)
@@ -153,35 +240,9 @@ class FiniteGel:
             (off_mm + RIM * cell_mm, off_mm + STICK_RIM * cell_mm), (self.x_mm, self.y_mm),
         )  # fmt: skip
 
-    def _parts(
-        self,
-        inner: FiniteState,
-        tip_mm: Point,
-        step_mm: float,
-        seconds: float,
-        guide: Guide | None = None,
-    ) -> Iterator[FiniteState]:
-        """Equal increments of a way that ends in the gel, from first touch on."""
-        start, end = np.array(inner.tip_mm), np.array(tip_mm, dtype=np.float64)
-        left = _share_below(inner.tip_mm, tip_mm)
-        if left < 1:
-            at = end + (start - end) * left
-            touch = (float(at[0]), float(at[1]), 0.0)
-            inner = self.press.solve(inner, touch, seconds * (1 - left))
-        yield from self.press.path(inner, tip_mm, step_mm, seconds * left, guide)
-
     def _refuse(self, tip_mm: Point) -> None:
         x, y, depth = tip_mm
-        if depth >= self._skin.thickness_mm:
-            raise InputError(
-                f"gel: depth {depth:g} mm is not below the gel's thickness of "
-                f"{self._skin.thickness_mm:g} mm"
-            )
-        half = self._skin.opening_half_mm
-        if abs(x) > half[0] or abs(y) > half[1]:
-            raise InputError(
-                f"gel: tip at ({x:g}, {y:g}) mm is off the face of +-{half[0]:g} x +-{half[1]:g} mm"
-            )
+        Reach((x, x), (y, y), depth).require_on(self._skin)
         for name, at, mirror in zip("xy", (x, y), self.choice.mirrors, strict=True):
             if mirror and abs(at) > 1e-9:
                 raise InputError(

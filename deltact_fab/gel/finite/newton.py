@@ -12,7 +12,7 @@ part alone is factorised; what couples shear to pressure lives on the few points
 brought in by GMRES on the factor.
 
 Where a dragged gel folds, the equilibrium ends and the next one is elsewhere: no step lowers the
-residual, or the tangent has negative eigenvalues. That is left to `descent`.
+residual, or the tangent has negative eigenvalues. That is left to `descend`.
 """
 
 from __future__ import annotations
@@ -26,9 +26,98 @@ import scipy.sparse.linalg as spla
 from ...aliases import Field
 from ...errors import SolverError
 from .. import time_limit
+from .assembly import BulkAssembly, Pattern
 from .linear import Solver
-from .pattern import Pattern
-from .problem import Equilibrium, Evaluation
+from .material import Memory
+from .surface import Coupling, FrictionGrip, Surface
+
+
+class Evaluation(NamedTuple):
+    """residual_n (size,): unbalanced forces, p = U'(J). scale_n: what they are small to.
+    data: CSR entries of the tangent's symmetric part, if asked for. pressure_mpa (m,): U'(J).
+    energy_nmm: the potential, where friction has one."""
+
+    residual_n: Field
+    scale_n: float
+    data: Field
+    pressure_mpa: Field
+    energy_nmm: float
+
+
+class Equilibrium:
+    """One increment with the tip at (x, y, depth): the system to be solved.
+
+    floor_n: least force that a residual is compared with.
+    """
+
+    def __init__(
+        self,
+        bulk: BulkAssembly,
+        surface: Surface,
+        tip_mm: Field,
+        grip: FrictionGrip | None,
+        memory: Memory | None,
+        floor_n: float,
+    ) -> None:
+        self._bulk, self._surface = bulk, surface
+        self._tip, self._grip, self._memory = tip_mm, grip, memory
+        self._floor_n = floor_n
+        self._seen: tuple[Field, Field] | None = None
+        self._coupling: Coupling | None = None
+
+    def evaluate(
+        self, free_mm: Field, pressure_mpa: Field | None, tangent: bool, curved: bool
+    ) -> Evaluation | None:
+        """At displacements (size,); None where a cell is turned inside out. pressure_mpa (m,): of
+        the tangent's geometric part; None: U'(J). `curved` False leaves out terms of the tangent
+        that may be negative."""
+        u = self._bulk.pattern.whole(free_mm)
+        bulk = self._bulk.evaluate(u, tangent, pressure_mpa, memory=self._memory)
+        if not bulk.least_j > 0:
+            return None
+        _, first, second = self._bulk.law.volumetric(bulk.jbar)
+        self._seen = bulk.volume_rate_mm2, second
+        contact = self._surface.evaluate(u, self._tip, self._grip, tangent, curved)
+        residual = (bulk.force_n + contact.force_n)[self._bulk.pattern.free]
+        scale = max(float(np.linalg.norm(contact.force_n)), self._floor_n)
+        if tangent:
+            self._coupling = contact.coupling
+        data = bulk.data + contact.data
+        return Evaluation(residual, scale, data, first, bulk.energy_nmm + contact.energy_nmm)
+
+    def pressure_rate(self, step_mm: Field) -> Field:
+        """U'' dJ.step (m,) at the displacements of the last evaluation."""
+        assert self._seen is not None
+        rate, second = self._seen
+        return second * self._volume_change(rate, step_mm) / self._bulk.volumes_mm3
+
+    def unbalance_n(self, free_mm: Field, pressure_mpa: Field) -> float | None:
+        """Norm of the residual with given cell pressures; None if inside out."""
+        u = self._bulk.pattern.whole(free_mm)
+        bulk = self._bulk.evaluate(u, False, memory=self._memory)
+        if not bulk.least_j > 0:
+            return None
+        contact = self._surface.evaluate(u, self._tip, self._grip, False)
+        own = pressure_mpa - self._bulk.law.volumetric(bulk.jbar)[1]
+        force = bulk.force_n + contact.force_n
+        own_n = own[:, None] * bulk.volume_rate_mm2
+        force += self._bulk.scatter(own_n.reshape(-1, 8, 3))
+        return float(np.linalg.norm(force[self._bulk.pattern.free]))
+
+    @property
+    def couples(self) -> bool:
+        """Whether the last tangent has a part that is not symmetric: shear follows pressure."""
+        return self._coupling is not None and bool(self._coupling.gain_n_mm.any())
+
+    def coupled(self, step_mm: Field) -> Field:
+        assert self._coupling is not None
+        pattern = self._bulk.pattern
+        return self._surface.coupled(self._coupling, pattern.whole(step_mm))[pattern.free]
+
+    def _volume_change(self, rate: Field, step_mm: Field) -> Field:
+        step = self._bulk.pattern.whole(step_mm)[self._bulk.mesh.cells]
+        return np.asarray(np.einsum("mk,mk->m", rate, step.reshape(rate.shape)))
+
 
 KEEP = 0.2  # a factor is kept while it reduces the residual at least to this
 HALVES = 3  # lengths that are tried of one direction
@@ -84,7 +173,6 @@ class _Direction:
             time_limit.check()
             found = self._problem.evaluate(x, self._done.pressure_mpa, True, self.curved)
             assert found is not None
-            assert found.data is not None
             self._solver.factorise(self._pattern.matrix(found.data))
             self._done.factorisations += 1
             if not self._solver.negative or self._done.residual <= NEAR:
@@ -191,3 +279,75 @@ def _step(
             direction.curved = False
         else:
             raise SolverError(f"newton: no step lowers the residual of {done.residual:.1e}")
+
+
+FIRST, MOST = 0.05, 1e6  # damping: begun with, given up beyond
+MORE, LESS = 4.0, 0.5  # times the damping after a bad step, after a good one
+GOOD, POOR, TAKEN = 0.7, 0.2, 1e-3  # energy lowered over what the model promised
+UNDAMPED = 1e-3  # damping below which there is none
+ENOUGH = 1e-4  # of the residual: from there Newton's method goes on
+ROUNDING = 1e-12  # of the energy: changes that are not seen any more
+MOST_DESCENTS = 150
+
+
+def descend(
+    problem: Equilibrium,
+    start_mm: Field,
+    solver: Solver,
+    pattern: Pattern,
+    rest_data: Field,
+    longest_mm: float,
+) -> NewtonSolution:
+    """Down the energy, for folds where Newton's method fails, to a residual of ENOUGH, or as far
+    as the energy's rounding lets see.
+
+    With friction bounded by numbers that are held, an increment has a potential, and a gel that
+    jumps comes to rest in a minimum of it. Newton's steps are damped by the stiffness at rest,
+    K + eta K0, and taken if they lower the energy by a part of what the quadratic model promises,
+    which also sets eta (Levenberg and Marquardt as a trust region: Nocedal and Wright, Numerical
+    Optimization, ch. 4). The energy only falls, so it cannot run in circles.
+    longest_mm: largest displacement in one iteration. Raises SolverError after MOST_DESCENTS.
+    """
+    x = start_mm
+    now = problem.evaluate(x, None, True, True)
+    if now is None:
+        raise SolverError("descent: the start turns a cell inside out")
+    done = NewtonSolution(x, now.pressure_mpa, size_of(now))
+    eta = 0.0
+    while done.residual > ENOUGH:
+        time_limit.check()
+        if done.iterations >= MOST_DESCENTS or eta > MOST:
+            raise SolverError(
+                f"descent: residual {done.residual:.1e} after {done.iterations} iterations, "
+                f"{ENOUGH:.0e} is needed"
+            )
+        data = now.data + eta * rest_data if eta else now.data
+        solver.factorise(pattern.matrix(data))
+        done.factorisations += 1
+        done.damped += bool(eta)
+        step = None if solver.negative else -solver.solve(now.residual_n)
+        slope = 0.0 if step is None else float(now.residual_n @ step)  # = -step.(K + eta K0) step
+        # Not every solver knows the inertia; of an indefinite matrix a step may lead up.
+        if step is None or slope >= 0:
+            eta = max(FIRST, MORE * eta)
+            continue
+        most = float(np.abs(step).max())
+        part = min(1.0, longest_mm / most)
+        promised = -slope * part * (1 - part / 2)
+        step *= part
+        trial = problem.evaluate(x + step, None, True, True)
+        gained = -np.inf if trial is None else now.energy_nmm - trial.energy_nmm
+        if promised <= ROUNDING * abs(now.energy_nmm):
+            break
+        share = gained / promised
+        if share < POOR:
+            eta = max(FIRST, MORE * eta)
+        elif share > GOOD and part == 1.0:
+            eta = LESS * eta if LESS * eta > UNDAMPED else 0.0
+        if trial is None or share < TAKEN:
+            continue
+        x, now = x + step, trial
+        done.iterations += 1
+        done.residual = size_of(now)
+    done.free_mm, done.pressure_mpa = x, now.pressure_mpa
+    return done

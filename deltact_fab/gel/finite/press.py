@@ -15,19 +15,14 @@ from ...shapes import Indenter
 from ...shapes.posed import edge_radius_mm
 from ..level import IncrementDiagnostics
 from . import newton
-from .assembly import BulkAssembly
-from .descent import descend
+from .assembly import BulkAssembly, Pattern
+from .distance import blunted
 from .linear import Name, make_solver
-from .material import NeoHooke
+from .material import Memory, NeoHooke, Viscosity
 from .mesh import HexMesh
-from .pattern import Pattern
-from .predict import start_of
-from .problem import Equilibrium
-from .state import FiniteState
+from .newton import Equilibrium, descend
+from .state import FiniteState, Guide, start_of
 from .surface import FrictionGrip, Surface
-from .tip_rounding import blunted
-from .transfer import Guide
-from .viscous import Memory, Viscosity
 
 HIDDEN_LIMIT = 0.75  # of the depth, or of what is inside the resting gel; beyond, a tip hides
 
@@ -102,9 +97,7 @@ class FinitePress:
         felt = blunted(indenter, face_mm)
         self.surface = Surface(mesh, self.pattern, felt, material.modulus_mpa, points)
         self.solver = make_solver(solver)
-        at_rest = self.bulk.evaluate(np.zeros_like(mesh.nodes_mm)).data
-        assert at_rest is not None
-        self._rest_data = at_rest
+        self._rest_data = self.bulk.evaluate(np.zeros_like(mesh.nodes_mm)).data
         cell = self._cell_mm = float(np.sqrt(self.surface.weights_mm2.sum(axis=1).min()))
         self.floor_n = FLOOR * material.modulus_mpa * cell * float(np.ptp(mesh.nodes_mm[:, 2]))
 
@@ -270,8 +263,6 @@ class FinitePress:
     ) -> FiniteState:  # fmt: skip
         tip = np.array(tip_mm)
         bulk = self.bulk.evaluate(u, False, memory=memory)
-        assert bulk.force_n is not None
-        assert bulk.jbar is not None
         pressure = self.law.volumetric(bulk.jbar)[1]
         contact = self.surface.evaluate(u, tip, grip, tangent=False)
         pull = -contact.force_n

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from ...aliases import Field
 from ...shapes import Indenter
+from .assembly import FACE_UPPER, Pattern
 from .distance import Gap, gap
 from .mesh import HexMesh
-from .pattern import FACE_UPPER, Pattern
 
 STIFFNESS = 50.0  # k h / E
 GRIP = 10.0  # the same along the face
@@ -63,13 +63,14 @@ class Coupling(NamedTuple):
 class ContactEvaluation(NamedTuple):
     """One evaluation. energy_nmm: of the normal penalty, and of friction whose bound is
     held. force_n (n, 3): on the indenter.
-    data: CSR entries of the tangent's symmetric part or None. coupling: the other part or None.
+    data: CSR entries of the tangent's symmetric part, empty if not asked for. coupling: the other
+    part or None.
     pressure_mpa (f, q), shear_mpa (f, q, 3) on the gel, gap: over f x q.
     """
 
     energy_nmm: float
     force_n: Field
-    data: Field | None
+    data: Field
     coupling: Coupling | None
     pressure_mpa: Field
     shear_mpa: Field
@@ -152,7 +153,7 @@ class Surface:
                     coupling = Coupling(gain, traction / size[..., None], normal)
         nodal = np.matmul(self.shape.T, w[..., None] * pull)
         force = self.mesh.at_nodes(self.faces, nodal)
-        data = None
+        data = np.empty(0)
         if block is not None:
             # A bound that is held outlasts the contact.
             some = pressure + bound > 0

@@ -79,13 +79,12 @@ def force_curve(
     indenter: Indenter,
     at_mm: Point2,
     deepest_mm: float,
-    *,
-    spacing_mm: float | None = None,
+    spacing_mm: float,
     progress: Progress | None = None,
 ) -> ForceCurve:
     """The press at at_mm to deepest_mm.
 
-    spacing_mm: cells below the indenter; None: `cells_mm`. Solved depths are multiples of STEP_MM,
+    spacing_mm: cells below the indenter. Solved depths are multiples of STEP_MM,
     or of less in a thin gel, so the last one may lie up to a step deeper. A series in
     `material.prony` is left out: a slow press.
     Raises InputError for values out of range, and what the solver raises.
@@ -98,12 +97,9 @@ def force_curve(
             f"the gel's thickness, is needed: {deepest_mm:g} mm fails"
         )
     unit = GelMaterial(1.0, material.poisson, material.friction)
-    h = spacing_mm
-    if h is None:
-        h = cells_mm(skin, indenter, unit.poisson, at_mm, deepest_mm)
     # Number of steps to the first solved depth, and the linear level's numbers above it.
     reach = math.floor(LINEAR_DEPTH * thickness / step + 1e-9)
-    first = max(1, min(reach, round(_seen_from_mm(indenter, h) / step)))
+    first = max(1, min(reach, round(_seen_from_mm(indenter, spacing_mm) / step)))
     light = _linear_forces(skin, unit, indenter, at_mm, first * step)
     if light is None:
         first = 1  # where the linear level does not reach, finite strain is asked from there on
@@ -116,7 +112,7 @@ def force_curve(
     poses = [KnotPose((*at_mm, -d), 0.0, 1.0) for d in depths]
     # Cells for any depth, so that a deeper press has the same numbers on the way.
     whole = [*poses, KnotPose((*at_mm, -DEEPEST * thickness), 0.0, 1.0)]
-    choice = choose(skin, unit, indenter, whole, level="hyperelastic", spacing_mm=h)
+    choice = choose(skin, unit, indenter, whole, level="hyperelastic", spacing_mm=spacing_mm)
     # None of the poses is further apart than the solver may go at once.
     solver = open_path(
         skin, unit, indenter, poses, ObservedChannels(), replace(choice, step_mm=step)

@@ -20,6 +20,7 @@ under the indenter; unloading lets go of both.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -28,15 +29,49 @@ from ...aliases import Field, Point
 from ...elasticity.block import FreeBlock
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
+from ..level import IncrementDiagnostics
 from .complementarity import (
+    Patch,
     ShearComplianceBound,
+    footprint,
     friction_contact,
     normal_contact,
     normal_violation,
+    patch_below,
 )
-from .patch import Patch, footprint, patch_below
-from .state import ContactState
 from .validity import least_det, refuse_bad_contact, refuse_out_of_range
+
+
+@dataclass(frozen=True, eq=False)
+class ContactState:
+    """One solved position of the indenter; also the whole history that the next one needs.
+
+    tip_mm: (x, y, depth) of the indenter's lowest point, depth positive into the gel.
+    pressure_mpa: (ny, nx). shear_mpa: (ny, nx, 2), on the sensor.
+    displacement_mm: (ny, nx, 3) of the face, z out of the sensor, so pressed is negative.
+    drag_mpa (ny, nx, 2): what the indenter's sideways travel added to the shear; drag_mm
+    (ny, nx, 2): displacement by it, see `contact`. Both 0 in a straight press.
+    force_n, torque_nmm: on the sensor, about the centre of the resting face; the torque takes each
+    traction where it acts, on the displaced face.
+    contact_nodes: how many are under pressure.
+    """
+
+    tip_mm: Point
+    pressure_mpa: Field
+    shear_mpa: Field
+    displacement_mm: Field
+    drag_mpa: Field
+    drag_mm: Field
+    force_n: Point
+    torque_nmm: Point
+    contact_nodes: int = 0
+    diagnostics: IncrementDiagnostics = IncrementDiagnostics()  # noqa: RUF009 - frozen
+
+    def __post_init__(self) -> None:
+        # A state is handed on as history; a caller that wrote into it would rewrite the past.
+        fields = (self.displacement_mm, self.drag_mm)
+        for array in (self.pressure_mpa, self.shear_mpa, self.drag_mpa, *fields):
+            array.setflags(write=False)
 
 
 class Mixer:
@@ -92,7 +127,7 @@ class LinearContact:
         friction: float | None = None,
         tolerance: float = 1e-6,
     ) -> None:
-        """tolerance: allowed `ContactState.residual`."""
+        """tolerance: allowed `IncrementDiagnostics.residual`."""
         self.face = face
         self.indenter = indenter
         self.friction = face.material.friction if friction is None else friction
@@ -103,9 +138,7 @@ class LinearContact:
         scalar, plane = np.zeros(self.face.shape), np.zeros((*self.face.shape, 2))
         nothing, still = (0.0, 0.0, 0.0), np.zeros((*self.face.shape, 3))
         return ContactState(
-            tip_mm, scalar, plane, still, plane.copy(), plane.copy(), nothing, nothing,
-            contact_nodes=0, residual=0.0, iterations=0,
-            beyond_small_strain=False, least_det=1.0,
+            tip_mm, scalar, plane, still, plane.copy(), plane.copy(), nothing, nothing
         )  # fmt: skip
 
     def solve(self, previous: ContactState, tip_mm: Point) -> ContactState:
@@ -229,7 +262,19 @@ class LinearContact:
         shear, more = np.zeros((2, *face.shape, 2))
         pressure[at] = p
         shear[at], more[at] = np.moveaxis(found.shear, 0, -1), np.moveaxis(found.drag, 0, -1)
-        nodes = int(contact.sum())
+        flags: tuple[str, ...] = ()
+        if tip[2] > SMALL_STRAIN * face.thickness_mm * (1 + 1e-9):
+            flags = (
+                f"small strain: depth {tip[2]:g} mm is over 10 % of the thickness; "
+                "the in-plane field of the level linear is not to be trusted there",
+            )
+        diagnostics = IncrementDiagnostics(
+            iterations=self._applications,
+            residual=found.residual,
+            penetration_mm=found.residual * tip[2],
+            least_j=det,
+            flags=flags,
+        )
         state = ContactState(
             tip_mm=tip,
             pressure_mpa=pressure,
@@ -239,11 +284,8 @@ class LinearContact:
             drag_mm=drag,
             force_n=(float(force[0]), float(force[1]), float(force[2])),
             torque_nmm=(float(torque[0]), float(torque[1]), float(torque[2])),
-            contact_nodes=nodes,
-            residual=found.residual,
-            iterations=self._applications,
-            beyond_small_strain=tip[2] > SMALL_STRAIN * face.thickness_mm * (1 + 1e-9),
-            least_det=det,
+            contact_nodes=int(contact.sum()),
+            diagnostics=diagnostics,
         )
         return state, outside
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ...aliases import Field, Point
@@ -11,16 +9,14 @@ from ...elasticity.block import FreeBlock
 from ...elasticity.material import GelMaterial
 from ...errors import SolverError
 from ...shapes import Indenter, SkinDimensions
-from ..lattice import hermite, means
-from ..level import Choice, IncrementDiagnostics, Level, State
-from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, measured
-from .contact import LinearContact
-from .state import ContactState
+from ..level import Choice, GelContact, State
+from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, hermite, means, measured
+from .contact import ContactState, LinearContact
 
 MAX_CUTS = 2  # halvings of an increment
 
 
-class LinearGel:
+class LinearGel(GelContact):
     def __init__(
         self,
         skin: SkinDimensions,
@@ -30,7 +26,7 @@ class LinearGel:
         x_mm: Field,
         y_mm: Field,
     ) -> None:
-        self.level: Level = choice.level
+        self.level = choice.level
         self.choice, self.x_mm, self.y_mm = choice, x_mm, y_mm
         face = FreeBlock(skin, material, choice.spacing_mm)
         self.dofs = 3 * face.shape[0] * face.shape[1]
@@ -64,12 +60,6 @@ class LinearGel:
         x, y, z = ((a + b) / 2 for a, b in zip(inner.tip_mm, tip_mm, strict=True))
         return self._cut(self._cut(inner, (x, y, z), left - 1), tip_mm, left - 1)
 
-    def guide(self, states: Sequence[State]) -> None:
-        """None: a linear problem needs no start."""
-
-    def lacking_rel(self, state: State) -> float:
-        return 0.0
-
     def displacement_mm(self, inner: ContactState) -> Field:
         return _laid(self._sampled, inner.displacement_mm)
 
@@ -94,20 +84,7 @@ class LinearGel:
         )  # fmt: skip
 
     def _state(self, inner: ContactState) -> State:
-        flags: tuple[str, ...] = ()
-        if inner.beyond_small_strain:
-            flags = (
-                f"small strain: depth {inner.tip_mm[2]:g} mm is over 10 % of the thickness; "
-                f"the in-plane field of the level {self.level} is not to be trusted there",
-            )
-        diagnostics = IncrementDiagnostics(
-            iterations=inner.iterations,
-            residual=inner.residual,
-            penetration_mm=inner.residual * max(inner.tip_mm[2], 0.0),
-            least_j=inner.least_det,
-            flags=flags,
-        )
-        return State(inner, inner.force_n, inner.torque_nmm, diagnostics, self)
+        return State(inner, inner.force_n, inner.torque_nmm, inner.diagnostics, self)
 
 
 def _laid(to_lattice: tuple[Field, Field], field: Field) -> Field:

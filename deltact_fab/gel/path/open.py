@@ -1,19 +1,23 @@
-"""A press by a tolerance: level, mesh and mirror image picked, its solver opened."""
+"""A press by a tolerance: level, mesh and mirror image picked, contact and solver opened."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from ... import cache
+from ...aliases import Field
 from ...elasticity.material import GelMaterial
+from ...levels import FINITE
 from ...shapes import Indenter, SkinDimensions
 from ..level import Choice, GelContact, Reach
 from ..level_selection import TOLERANCE, pick
-from .knots import KnotPose, ObservedChannels
-from .mirror import to_solved
+from .knots import KnotPose, ObservedChannels, to_solved
 from .solver import PathSolver
-from .store import key_of
 
 
 def choose(
@@ -30,14 +34,8 @@ def choose(
     """
     mirror = to_solved(poses, indenter)
     tips = [mirror.point(p.tip_mm) for p in poses]
-    return pick(
-        skin,
-        material,
-        indenter,
-        Reach.around([(x, y, -z) for x, y, z in tips]),
-        tolerance,
-        **wishes,
-    )
+    reach = Reach.around([(x, y, -z) for x, y, z in tips])
+    return pick(skin, material, indenter, reach, tolerance, **wishes)
 
 
 def open_path(
@@ -52,24 +50,58 @@ def open_path(
 ) -> PathSolver:
     """The solver of a press on what was chosen for it; forces for a modulus of 1 MPa, kept.
 
-    like, keeps_states: see `PathSolver`.
+    Kept with all that a knot depends on but the modulus, with which forces are in proportion. A
+    linear grid knows no focus, and no level but that of finite strain parts an increment. Seconds
+    matter to a gel that creeps only. like, keeps_states: see `PathSolver`.
     """
     unit = replace(material, modulus_mpa=1.0)
     mirror = to_solved(poses, indenter)
-    solved = [replace(p, tip_mm=mirror.point(p.tip_mm)) for p in poses]
+    solved = [(mirror.point(p.tip_mm), p.seconds) for p in poses]
+    linear = choice.level != FINITE
+    key = cache.key(
+        f"gel.{'linear' if linear else 'finite'}.gel",
+        "gel.path.solver",
+        skin=[skin.width_mm, skin.length_mm, skin.thickness_mm],
+        poisson=material.poisson,
+        friction=choice.friction,
+        prony=material.prony,
+        indenter=repr(indenter),
+        level=choice.level,
+        spacing_mm=choice.spacing_mm,
+        asked_mm=choice.asked_mm,
+        growth=choice.growth,
+        mirrors=choice.mirrors,
+        focus=None if linear else choice.focus,
+        step_mm=None if linear else choice.step_mm,
+        poses=[[*tip, seconds] if material.prony else tip for tip, seconds in solved],
+        observed=observed,
+    )
 
     def contact() -> GelContact:
-        from ..open import contact_of
-
         return contact_of(skin, unit, indenter, choice, observed.lattice_mm)
 
-    return PathSolver(
-        contact,
-        poses,
-        key_of(skin, unit, indenter, choice, solved),
-        observed,
-        mirror,
-        skin.thickness_mm,
-        like,
-        keeps_states,
-    )
+    return PathSolver(contact, poses, key, observed, mirror, skin.thickness_mm, like, keeps_states)
+
+
+def contact_of(
+    skin: SkinDimensions,
+    material: GelMaterial,
+    indenter: Indenter,
+    choice: Choice,
+    lattice_mm: float = 0.25,
+) -> GelContact:
+    """The contact that a choice describes. lattice_mm: largest distance of lattice nodes."""
+    x, y = (_lattice(half, lattice_mm) for half in skin.opening_half_mm)
+    if choice.level == FINITE:
+        from ..finite.gel import FiniteGel
+
+        return FiniteGel(skin, material, indenter, choice, x, y)
+    from ..linear.gel import LinearGel
+
+    return LinearGel(skin, material, indenter, choice, x, y)
+
+
+def _lattice(half_mm: float, spacing_mm: float) -> Field:
+    """From -half to half; 0 is a node."""
+    n = max(1, math.ceil(half_mm / spacing_mm - 1e-9))
+    return np.linspace(-half_mm, half_mm, 2 * n + 1)

@@ -12,17 +12,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import cache
 from ...aliases import Field, Point
 from ...errors import DeltactFabError, InputError, SolverError
-from . import store
-from .knots import KnotPose, ObservedChannels, SolvedKnot, Trajectory
-from .mirror import Mirror
+from ..zones import Zones
+from .knots import KnotPose, Mirror, ObservedChannels, SolvedKnot, Trajectory
 
 if TYPE_CHECKING:
-    from ..level import GelContact, State
+    from ..level import Choice, GelContact, State
 
 Told = Callable[[int, int, float], None]  # knots done, of all, seconds of the last
 
+KIND = "gel-trajectory"
+KEEP_BYTES = 8 * 10**9
 UNKEPT: dict[str, Any] = dict.fromkeys(("displacement_mm", "traction_mpa", "zone_map"))
 ENDS: dict[str, type[DeltactFabError]] = {"input": InputError, "solver": SolverError}
 
@@ -35,8 +37,10 @@ class PathSolver:
     the press itself. floor_mm: depth of the gel's floor. solves, seconds: of knots solved here, not
     of those found. A press that cannot be solved to its end is kept as far as it goes, with why:
     the same is not tried twice. like: the solver of the same way on a coarser mesh; where it keeps
-    its states (keeps_states), this one starts from them.
+    its states (keeps_states), this one starts from them. choice: it was opened by, if told.
     """
+
+    choice: Choice
 
     def __init__(
         self,
@@ -88,6 +92,10 @@ class PathSolver:
     @property
     def knots(self) -> tuple[SolvedKnot, ...]:
         return tuple(self._knots)
+
+    @property
+    def last(self) -> SolvedKnot:
+        return self._knots[-1]
 
     @property
     def ended(self) -> str:
@@ -200,25 +208,22 @@ class PathSolver:
     # -- the store -------------------------------------------------------------------------------
 
     def _load(self) -> Trajectory | None:
-        """What is in the store, less its knots: those are this press's own from here on."""
-        if self._key is None:
+        """What is in the store, its knots as this press's own; None where there is no whole one."""
+        held = None if self._key is None else cache.get(KIND, self._key)
+        if held is None or (len(held["knots"]) != len(self.poses) and held["ended"] is None):
             return None
-        found = store.load(self._key, self.observed, len(self.poses))
-        if found is None:
-            return None
-        more: dict[str, Any] = {} if self.observed.traction else {"traction_mpa": None}
-        if self.observed.fields == "none":
-            more = UNKEPT
-        self._knots = [self.mirror.solved(replace(knot, **more)) for knot in found.knots]
-        return replace(found, knots=())
+        for knot in held.pop("knots"):
+            knot["zones"] = Zones(**_tuples(knot["zones"]))
+            self._knots.append(self.mirror.solved(SolvedKnot(**_tuples(knot))))
+        return Trajectory(**_tuples(held))
 
     def _keep(self, ended: tuple[str, str] | None) -> None:
+        """In the store, where the longest unused make room."""
         if self._key is None:
             return
-        x_mm, y_mm = self.axes_mm
-        knots = tuple(self.mirror.solved(knot) for knot in self._knots)
-        made = Trajectory(knots, x_mm, y_mm, self.seconds, self.contact.dofs, ended)
-        store.keep(self._key, self.observed, made)
+        knots = [vars(k) | {"zones": vars(k.zones)} for k in map(self.mirror.solved, self._knots)]
+        made = Trajectory(*self.axes_mm, self.seconds, self.contact.dofs, ended)
+        cache.put(KIND, self._key, {"knots": knots, **vars(made)}, KEEP_BYTES)
 
 
 def on_floor(
@@ -238,3 +243,8 @@ def on_floor(
         f"floor: {int((below > 0).sum())} of {below.size} points of the face come out below the "
         f"gel's floor, by {below.max():.2g} mm at most, and are kept on it: no gel lies so"
     ]
+
+
+def _tuples(values: dict[str, Any]) -> dict[str, Any]:
+    """With tuples again in place of the lists that JSON has."""
+    return {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import linalg, ndimage
 
 from ...aliases import Array
-from ...elasticity.cells import FaceCells
+from ...elasticity.block import FaceCells
 from ...optics import CameraModel, axes_mm
 from ..face import FaceFlow, whole
 from ..view import SensorView

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import os
 
 from ...errors import InputError, did_you_mean
+from ...jobs import Local
 from ..engine import Engine
 
 # Modules, imported only when asked for: an engine needs libraries that another does not.
@@ -25,3 +27,17 @@ def load(module: str) -> Engine:
     if not isinstance(engine, Engine):
         raise TypeError(f"{module}.ENGINE is no Engine")
     return engine
+
+
+def alone() -> Local:
+    """A process of one thread, for `on_one_core`."""
+    process = Local(1)
+    process.threads = 1
+    return process
+
+
+def on_one_core() -> None:
+    """In such a process: kept on one core where the system can, and silent on standard output."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, [max(os.sched_getaffinity(0))])
+    os.dup2(2, 1)

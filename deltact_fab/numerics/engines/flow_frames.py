@@ -51,7 +51,6 @@ class FlowSequence(NamedTuple):
 
     @property
     def last(self) -> Image:
-        """The frame with all of the motion."""
         return self.images[-1]
 
     def seen(self) -> NDArray[np.bool_]:

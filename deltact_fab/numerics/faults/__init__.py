@@ -1,4 +1,4 @@
 """What a fault does to a run, at each moment of it: the real host, runner and record in lockstep.
 
-`bench` is what they drive, `kinds` the faults, `cell` one of them at one moment.
+`bench` is what they drive, `kinds` the faults, `rehearsal` each of them at each moment.
 """

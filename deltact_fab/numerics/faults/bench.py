@@ -1,4 +1,5 @@
-"""A cheap bench in lockstep: real host, force client, guard, runner and record; no gel is solved.
+"""What is rehearsed, few steps of two presses of a protocol, and the cheap bench in lockstep that
+does it: real host, force client, guard, runner and record; no gel is solved.
 
 A board outlives the sessions that drive it, as on a table: what a fault leaves it in is what the
 next session finds.
@@ -6,10 +7,13 @@ next session finds.
 
 from __future__ import annotations
 
+import itertools
 import math
+import resource
+import signal
 import threading
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partialmethod
 from pathlib import Path
 from typing import Any
@@ -18,20 +22,93 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Image
-from ...errors import SensorError
+from ...errors import InputError, SensorError
+from ...optics import StageFrame
+from ...protocols import plan
+from ...protocols.plan import Protocol, Step
 from ...record import RunWriter
 from ...rig.camera.stream import ArrivedImage, StreamCamera
-from ...rig.force.guard import ForceGuard
+from ...rig.config import RigConfig
+from ...rig.force.guard import ForceGuard, GuardLimits
 from ...rig.interface import CameraFrame, Devices
 from ...rig.run.runner import Runner
 from ...rig.stage.grbl import GrblStage
+from ...rig.tables import ForceConfig
 from ...units import stream_number, to_ns
 from ...virtual import wire
 from ...virtual.clock import VirtualClock
 from ...virtual.controller import GrblController
+from ...virtual.grbl_lines import settings_for
 from ...virtual.netft import BoxFaults, Datagram, NetFTBox
 from ...virtual.rig import VirtualForce
-from .scenario import Scenario
+
+DRAGS = 1  # of a press
+SETTLE_S = 0.2
+PRESSED = 0.1  # of the guard's limit: at the deepest
+_GROWTH = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """text: of the protocol. settings: of the controller, None for its usual ones."""
+
+    text: bytes
+    steps: tuple[Step, ...]
+    frame: StageFrame
+    settings: Mapping[int, float] | None
+    force: ForceConfig
+    limits: GuardLimits
+
+    @property
+    def second(self) -> str:
+        """The press in which faults strike: the last."""
+        return self.steps[-1].press
+
+    @property
+    def limit_n(self) -> float:
+        """Of the guard along z."""
+        return min(self.limits.force_n[2], self.limits.resultant_n)
+
+    @property
+    def hertz(self) -> float:
+        """N / mm^1.5 of a gel that the deepest press does not trip the guard on."""
+        deepest_mm = max(-step.target_mm[2] for step in self.steps)
+        return PRESSED * self.limit_n / max(deepest_mm, 0.1) ** 1.5
+
+
+def of_lab(protocol: Protocol, text: bytes, rig: RigConfig) -> Scenario:
+    """A lab's protocol, cut short, on the stage of its rig file. Raises InputError for no press."""
+    stage = rig.stage
+    limits = stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2
+    settings = {**settings_for(*limits), 27: stage.pull_off_mm}
+    force = rig.force or ForceConfig()
+    guard = GuardLimits.of(rig.guard, force)
+    return Scenario(text, _cut(plan.expand(protocol)), stage.frame, settings, force, guard)
+
+
+def _cut(steps: Sequence[Step]) -> tuple[Step, ...]:
+    """The first press and the deepest other; of each its lowest depth, DRAGS, frames at rest.
+
+    A frame in mid-move has another place each time, by what a host's clock makes of it.
+    """
+    presses = [list(part) for _, part in itertools.groupby(steps, lambda step: step.press)]
+    changes = {part[0].indenter: part[0] for part in presses if part[0].kind == "change"}
+    presses = [part for part in presses if part[0].kind != "change"]
+    if not presses:
+        raise InputError("the protocol presses nothing")
+    deepest = min(presses[1:] or presses, key=lambda part: min(s.target_mm[2] for s in part))
+    kept: list[Step] = []
+    for part in (presses[0], deepest) if len(presses) > 1 else (deepest,):
+        if not kept or kept[-1].indenter != part[0].indenter:
+            kept.append(changes[part[0].indenter])
+        low = [i for i, step in enumerate(part) if step.kind == "press"][-1]
+        for i, step in enumerate(part):
+            far = step.kind in ("press", "shear") and not low <= i <= low + DRAGS
+            if not far:
+                settle_s = max(step.settle_s, SETTLE_S) if step.frames else 0.0
+                kept.append(replace(step, frames=min(step.frames, 1), settle_s=settle_s))
+    return tuple(kept)
+
 
 Change = Callable[[bytes], bytes]
 
@@ -103,6 +180,16 @@ Place = Callable[[], tuple[float, float, float]]
 Push = Callable[[float], float]
 
 
+def fill_disk() -> None:
+    """From now on no file may grow any more."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, _GROWTH[1]))
+
+
+def free_disk() -> None:
+    resource.setrlimit(resource.RLIMIT_FSIZE, _GROWTH)
+
+
 def none(t_s: float) -> float:
     """Nothing pushes but the gel."""
     return 0.0
@@ -115,7 +202,6 @@ class WatchedFaults(BoxFaults):
     first_bad_ns = 0
 
     def datagrams(self, t_ns: NDArray[np.int64], records: NDArray[Any]) -> list[Datagram]:
-        """As a box's faults make them."""
         wrong = self.silent or self.error or self.saturated or self.late_s or self.drop_every
         bad = np.abs(records["counts"][:, :3]).max(axis=1) > self.limit_counts
         if (wrong or bad.any()) and not self.first_bad_ns:
@@ -142,7 +228,6 @@ class BenchFeed:
         self.hangs = False
 
     def press(self, name: str) -> None:
-        """Another press begins."""
         self._press, self._k = name, 0
 
     def tell(self, hangs: bool = False) -> None:
@@ -151,7 +236,6 @@ class BenchFeed:
         self._told.release()
 
     def next(self, timeout_s: float) -> ArrivedImage | None:
-        """As rig.camera.stream.Feed."""
         if not self.hangs and not self._told.acquire(timeout=timeout_s):
             return None
         if self.hangs and self._last is not None:
@@ -165,7 +249,6 @@ class BenchFeed:
         return ArrivedImage(image, self._clock.now_s())
 
     def identity(self) -> dict[str, Any]:
-        """As Feed."""
         return {"kind": "bench"}
 
     def close(self) -> None:
@@ -187,7 +270,6 @@ class BenchCamera(StreamCamera):
         super().capture()  # it is up: the first image may take longer than all others
 
     def begin(self, stream: str) -> None:
-        """Of a press."""
         self.feed.press(stream)
         super().begin(stream)
 
@@ -209,9 +291,7 @@ class BenchCamera(StreamCamera):
 class FaultBench:
     """Board, force box and camera on one virtual clock; each session opens them anew."""
 
-    def __init__(self, of: Scenario, fill_disk: Callable[[], None] = lambda: None) -> None:
-        """fill_disk: fills the one that the run is on, for the fault that does."""
-        self.fill_disk = fill_disk
+    def __init__(self, of: Scenario) -> None:
         self.of = of
         self.clock = VirtualClock()
         self.trace: list[wire.Exchange] = []

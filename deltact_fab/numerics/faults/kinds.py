@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .bench import FaultBench
+from .bench import FaultBench, fill_disk
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 GARBAGE = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # a line of it, and more before the next
 DRIFT_S = 10.0  # to the guard's limit
+PUSHED = 1.05  # of that limit
 
 # The moments of every session that are no step of it.
 HOMING, BEFORE = "homing", "before the first move"
@@ -46,7 +47,7 @@ def _box(field: str, value: float, for_s: float = 1e6) -> Strike:
 
 def _push(for_s: float) -> Strike:
     def strike(bench: FaultBench, at_s: float) -> None:
-        push_n = bench.of.push_n
+        push_n = PUSHED * bench.of.limit_n  # within the sensor's range where the limit lets it be
         bench.extra_n = lambda t_s: push_n if at_s <= t_s < at_s + for_s else 0.0
 
     return strike
@@ -83,7 +84,7 @@ FAULTS: tuple[FaultKind, ...] = (
               ("no answer to",), success=True, within_s=1.2),
     FaultKind("silent for 30 s", lambda b, at_s: b.board.lose(at_s=at_s, for_s=30.0),
               ("no answer to",), within_s=1.2),
-    FaultKind("disk full", lambda b, at_s: b.at(at_s, b.fill_disk),
+    FaultKind("disk full", lambda b, at_s: b.at(at_s, fill_disk),
               ("No space left", "disk is full", "disk I/O error", "too large"), within_s=3.0),
     FaultKind("force over the limit", _push(1e6), ("over the guard's",), homing=False),
     FaultKind("force spike of 5 ms", _push(0.005), ("over the guard's",), homing=False),

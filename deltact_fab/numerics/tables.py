@@ -1,4 +1,8 @@
-"""Error against CPU time: every setting of an engine in a process of its own."""
+"""The rows of both tables, made in processes of their own.
+
+Error against CPU time, every setting in one of its own; and stiff and extreme cases: each is right
+within its bound, or refused; anything else is wrong.
+"""
 
 from __future__ import annotations
 
@@ -12,39 +16,113 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import RunFailed
-from .engine import CurveSetting
-from .engines import load
-from .stability import plain
-from .worker import WorkerDied, answers
+from ..errors import DeltactFabError, RunFailed
+from .engine import Case, CurveSetting
+from .engines import alone, load, on_one_core
+
+# A reference takes a minute on a quiet core and several on a busy one; this ends what hangs.
+SILENCE_S = 600.0
+
+
+def case_rows(
+    name: str,
+    module: str,
+    cases: Sequence[Case],
+    scratch: Path,
+    quick: bool,
+    silence_s: float = SILENCE_S,
+) -> Iterator[dict[str, Any]]:
+    """Judge the cases in one process; one that takes it down is wrong, another does the rest."""
+    left = list(range(len(cases)))
+    while left:
+        with alone() as process:
+            while left:
+                k = left.pop(0)
+                job = process.submit(judged, module, scratch, quick, k)
+                try:
+                    yield {"engine": name, **job.result(silence_s)}
+                except (RunFailed, TimeoutError) as why:
+                    said = f"the process died: {str(why) or f'no answer for {silence_s:g} s'}"
+                    yield {"engine": name, **_row(cases[k], "wrong", None, said)}
+                    break
+
+
+def judged(module: str, scratch: Path, quick: bool, k: int) -> dict[str, Any]:
+    """The row of a module's case, in its process."""
+    on_one_core()
+    return judge(load(module).cases(quick)[k], scratch)
+
+
+def judge(case: Case, scratch: Path) -> dict[str, Any]:
+    """One row of the table: what was expected, the figure, the outcome, and what was said.
+
+    Outcome: right, refused or wrong. Seconds: wall clock.
+    """
+    start_s = time.perf_counter()
+    figure: float | None = None
+    note = ""
+    try:
+        found = case.check(scratch)
+        figure, note = found if isinstance(found, tuple) else (found, "")
+        figure = float(figure)
+    except DeltactFabError as why:
+        note = " ".join(str(why).split())
+        came = "refused"
+    except Exception as why:  # a crash is a verdict of its own
+        note = f"{type(why).__name__}: {' '.join(str(why).split())}"[:300]
+        came = "crashed"
+    else:
+        within = case.bound is not None and math.isfinite(figure) and abs(figure) <= case.bound
+        came = "right" if within else "off"
+    if came == "refused" and case.says not in note:
+        came, note = "off", f"refused for another reason: {note}"
+    outcome = came if came in case.expectation.split(" or ") else "wrong"
+    return _row(case, outcome, plain(figure), note, time.perf_counter() - start_s)
+
+
+def _row(
+    case: Case, outcome: str, figure: float | None, note: str, seconds: float = 0.0
+) -> dict[str, Any]:
+    return {
+        "case": case.name, "expectation": case.expectation, "bound": case.bound, "figure": figure,
+        "unit": case.unit, "outcome": outcome, "note": note, "seconds": seconds,
+    }  # fmt: skip
+
+
+def plain(figure: float | None) -> float | None:
+    """JSON knows no NaN: a figure that is none is null."""
+    return None if figure is None or not math.isfinite(figure) else float(figure)
+
 
 REPEATS = 5
 MAX_REPEATS = 25
 LONG_ENOUGH_S = 0.3  # with five repeats done, no more are added past this
 
 
-def measure(
+def curve_rows(
     name: str, module: str, settings: Sequence[CurveSetting], scratch: Path, quick: bool
 ) -> Iterator[dict[str, Any]]:
     """Time settings one after the other. Raises RunFailed naming a setting that failed."""
     for setting in settings:
-        try:
-            (row,) = answers(timed, module, str(scratch), quick, setting.key)
-        except WorkerDied as why:
-            raise RunFailed(f"numerics: {name}: {setting.key}: {why}") from why
+        with alone() as process:
+            try:
+                row = process.submit(timed, module, scratch, quick, setting.key).result(SILENCE_S)
+            except Exception as why:
+                raise RunFailed(f"numerics: {name}: {setting.key}: {why}") from why
         yield {"engine": name, **row}
 
 
-def timed(module: str, scratch: str, quick: bool, key: str) -> Iterator[dict[str, Any]]:
-    """The row of one setting of a module, in its worker; the warm-up call is apart.
+def timed(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
+    """The row of one setting of a module, in its process; the warm-up call is apart.
 
     cpu_s, cpu_most_s: best and slowest of `repeats`, for whatever else is at work only ever adds.
     wall_s: best. compile_s: CPU time of the warm-up beyond the best (compiling, plans, caches).
     peak_mb: memory above what libraries and inputs hold. error, reference_error: in `unit`. kind:
     of the reference.
     """
+    on_one_core()
     setting = next(s for s in load(module).curves(quick) if s.key == key)
-    work = setting.build(Path(scratch))
+    work = setting.build(scratch)
     before_mb = reset_peak_mb()
     start_s = time.process_time()
     result = work.run()
@@ -57,7 +135,7 @@ def timed(module: str, scratch: str, quick: bool, key: str) -> Iterator[dict[str
         wall_s.append(time.perf_counter() - start_s)
         cpu_s.append(time.process_time() - start_cpu_s)
     peak_mb = peak_resident_mb() - before_mb
-    yield {
+    return {
         "case": setting.case, "series": setting.series, "setting": setting.name,
         "cpu_s": min(cpu_s), "cpu_most_s": max(cpu_s), "wall_s": min(wall_s),
         "compile_s": max(0.0, first_s - min(cpu_s)), "peak_mb": max(0.0, peak_mb),
