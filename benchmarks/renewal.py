@@ -50,7 +50,8 @@ def seen() -> Iterator[tuple[str, float, float]]:
 def by_share(press: str) -> Iterator[str]:
     """Rows of markdown: mean error of moving pixels, mm, and renewals, by share and sum."""
     scene = Selection.of(StudyRequest())
-    stream = PressStream(scene.protocol, press, scene.sensor, scene.config, scene.source)
+    of = scene.scene
+    stream = PressStream(scene.protocol, press, of.sensor, of.rig, of.source)
     truth = StreamTruth(stream)
     totals: tuple[Reference, ...] = ("summed", "composed")
     ways = [(share, total) for share in SHARES for total in totals]

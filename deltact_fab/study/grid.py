@@ -63,13 +63,26 @@ Value = dict[str, Any]
 _FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
 
 
+def seed_of(seed: int, name: str) -> int:
+    """The seed of a job in a study's seed: a number below 2**48, by numpy's SeedSequence.
+
+    It depends on the two alone, so a grid that grows keeps the draws of what it had.
+    """
+    import numpy as np
+
+    words = np.frombuffer(hashlib.sha256(name.encode()).digest(), dtype="<u4")
+    sequence = np.random.SeedSequence(seed, spawn_key=tuple(int(w) for w in words))
+    high, low = sequence.generate_state(2)
+    return (int(high) << 16) | (int(low) >> 16)
+
+
 @dataclass(frozen=True)
 class GridJob:
     """One cell of a grid.
 
     name: unique in the grid, shown while it runs. work: a function of a module; it
     may `jobs.tell` the share of it that is done. given: all that the result depends on, plain JSON
-    data, the seed among it (seeds.seed_of). cost: seconds that it may take on one core, 0 where
+    data, the seed among it (`seed_of`). cost: seconds that it may take on one core, 0 where
     that is not known. needs, makes: files of the store that it reads, or leaves besides its value;
     they go with it to another machine, and back.
     """

@@ -1,4 +1,4 @@
-"""The jobs of the pattern selection: a gel of a press, and the press under several patterns."""
+"""The jobs of the pattern selection: a press under several patterns, simulated or recorded."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.tracking_error.follow import Follower, TrackingPlan
+from .. import record
+from ..analysis.tracking_error.follow import Follower, TrackingPlan, scene_of
+from ..analysis.tracking_error.run import analyse_press
 from ..errors import SensorError
 from ..jobs import tell
 from ..patterns.recipe import recipe_from
@@ -98,3 +100,14 @@ def packed(
             lines = [[row.get(key) for key in FIGURES] for row in rows[method]]
             value[f"rows|{name}|{method}"] = np.array(lines, float).reshape(-1, len(FIGURES))
     return value
+
+
+def follow_recorded(given: dict[str, Any]) -> dict[str, Any]:
+    """One press of a run, as `follow` returns one of a simulated gel."""
+    run, name = record.open(given["folder"]), given["name"]
+    scene = scene_of(run, given["methods"])
+    found = analyse_press(given["folder"], given["press"], scene)
+    rows = {m: [row for row in found.rows if row["method"] == m] for m in given["methods"]}
+    tips = run.frames(given["press"])[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
+    here = {name: (found.tallies, rows, found.dots.figures(), found.left_out)}
+    return packed(tips[1:].tolist(), tips[0, :2].tolist(), here)

@@ -10,27 +10,19 @@ presses: all depths, both axes.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from ..cad.design import load_design
 from ..errors import InputError, did_you_mean
 from ..patterns.series.job import SeriesEntry, recipes
 from ..protocols import plan
 from ..protocols.plan import Protocol, expand
-from ..rig.config import VirtualConfig
-from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
-from ..virtual.paths import paths
-from ..virtual.presses import Presses
-from . import press_jobs
 from .grid import GridJob
 from .pattern_errors import METHODS
-from .pattern_press import KNOT_S, cost_s, follow
-from .request import StudyRequest, virtual_rig
+from .pattern_press import cost_s, follow
+from .request import StudyRequest
+from .scene import PressScene
 
 
 class PathPart(NamedTuple):
@@ -108,7 +100,7 @@ def longest_step_mm(protocol: Protocol) -> float:
     return longest
 
 
-PROTOCOL, RIG = "pattern-selection", "virtual"
+PROTOCOL = "pattern-selection"
 SCALE = 0.04
 """Default: 136 of 3600 frames an indenter, some 40 minutes on two cores with the gel solved."""
 PATTERNS = 4
@@ -117,21 +109,17 @@ PATTERNS = 4
 
 @dataclass(frozen=True)
 class Selection:
-    """The scene of one study: what is pressed, drawn and followed."""
+    """The scene of one study: what is pressed, drawn and followed. name: of its protocol."""
 
-    protocol: Protocol
+    scene: PressScene
+    name: str
     part: PathPart
-    sensor: SensorDimensions
-    config: VirtualConfig
-    source: Path
     entries: tuple[SeriesEntry, ...]
-    seed: int
 
     @classmethod
     def of(cls, asked: StudyRequest) -> Selection:
         """As requested. Raises InputError for a real rig or unknown names."""
-        whole, _ = plan.load(str(asked.more.get("protocol") or PROTOCOL))
-        config, source = virtual_rig(asked.rig or RIG)
+        whole, source = plan.load(str(asked.more.get("protocol") or PROTOCOL))
         indenters = _chosen(
             "--indenter",
             [parse_indenter(name).name for name in asked.more.get("indenter") or ()],
@@ -141,50 +129,32 @@ class Selection:
         chosen = _chosen("--pattern", list(asked.more.get("pattern") or ()), list(every))
         protocol = thinned(whole, SCALE if asked.scale is None else asked.scale)
         protocol = protocol.model_copy(update={"indenters": tuple(indenters)})
-        return cls(
-            protocol,
-            part_of(whole, protocol),
-            load_design(protocol.specimen.design),
-            config,
-            source,
-            tuple(every[name] for name in chosen),
-            asked.seed,
-        )
+        scene = PressScene.of(asked, {protocol.name: (protocol, source)})
+        entries = tuple(every[name] for name in chosen)
+        return cls(scene, protocol.name, part_of(whole, protocol), entries)
 
     @property
-    def presses(self) -> Presses:
-        """On the rig's gel."""
-        return Presses(self.protocol, self.sensor.skin, self.config.virtual.gel)
-
-    def gel_jobs(self) -> list[GridJob]:
-        """See `press_jobs.gel_jobs`."""
-        return press_jobs.gel_jobs(self.presses, partial(self._given, entries=()), KNOT_S)
+    def protocol(self) -> Protocol:
+        """What is pressed."""
+        return self.scene.protocols[self.name]
 
     def jobs(self, workers: int = 1) -> list[GridJob]:
         """A press with some patterns each, which share its geometry; a part for every worker."""
-        gel, count = self.presses, len(self.entries)
+        count = len(self.entries)
         parts = min(max(workers, math.ceil(count / PATTERNS)), count)
         frames = self.part.frames_an_indenter // self.part.positions
-        return [
-            GridJob(
-                f"{press} ({k + 1} of {parts})", follow,
-                self._given(press, self.entries[k::parts]),
-                cost_s(frames, len(self.entries[k::parts])),
-                press_jobs.gel_files(gel, [press]),
-            )
-            for press in [path.press for path in gel.paths]
+        patterns = [
+            {entry.name: entry.recipe.model_dump(mode="json") for entry in self.entries[k::parts]}
             for k in range(parts)
+        ]
+        return [
+            self.scene.job(
+                f"{press} ({k} of {parts})", self.name, press, follow, cost_s(frames, len(some)),
+                patterns=some, methods=list(METHODS),
+            )
+            for press in self.scene.presses(self.name)
+            for k, some in enumerate(patterns, start=1)
         ]  # fmt: skip
-
-    def _given(self, press: str, entries: Sequence[SeriesEntry]) -> dict[str, Any]:
-        patterns = {entry.name: entry.recipe.model_dump(mode="json") for entry in entries}
-        indenter = next(p.indenter for p in paths(self.protocol) if p.press == press)
-        # A press does not depend on the other indenters: with more of them it is found again.
-        alone = self.protocol.model_copy(update={"indenters": (indenter,)})
-        return press_jobs.given(
-            alone, self.sensor, self.config, self.source, press=press, patterns=patterns,
-            methods=list(METHODS), seed=self.seed,
-        )  # fmt: skip
 
 
 def _chosen(option: str, asked: list[str], known: list[str]) -> list[str]:

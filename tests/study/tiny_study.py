@@ -14,10 +14,9 @@ import numpy as np
 from deltact_fab import cache, jobs
 from deltact_fab.errors import SolverError
 from deltact_fab.report.result import ReportTable, StudyResult
-from deltact_fab.study.grid import GridJob
+from deltact_fab.study.grid import GridJob, seed_of
 from deltact_fab.study.registry import STUDIES, Option, Study
 from deltact_fab.study.request import StudyRequest
-from deltact_fab.study.seeds import seed_of
 
 OPTIONS = (
     Option("count", "Jobs.", 12),

@@ -14,19 +14,19 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from ...aliases import Field, Float, Image
-from ...analysis.tracking_error.dots import Marks
-from ...analysis.tracking_error.follow import Follower, TrackingPlan
-from ...analysis.tracking_error.truth import TrueFrame, seen_by
-from ...catalog import validate
-from ...errors import SensorError
-from ...experiment.session import pattern_of
-from ...optics import Pinhole, SeenFace, SurfaceLattice, axes_mm
-from ...patterns.recipe import recipe_from
-from ...rig.config import VirtualConfig
-from ...shapes import SensorDimensions
-from ...virtual.drawing import noise_of, printed
-from ...virtual.picture import MARGIN_PX, Geometry
+from ..aliases import Field, Float, Image
+from ..analysis.tracking_error.dots import Marks
+from ..analysis.tracking_error.follow import Follower, TrackingPlan
+from ..analysis.tracking_error.truth import TrueFrame, seen_by
+from ..catalog import validate
+from ..errors import SensorError
+from ..experiment.session import pattern_of
+from ..optics import Pinhole, SeenFace, SurfaceLattice, axes_mm
+from ..patterns.recipe import recipe_from
+from ..rig.config import VirtualConfig
+from ..shapes import SensorDimensions
+from ..virtual.drawing import noise_of, printed
+from ..virtual.picture import MARGIN_PX, Geometry
 
 LATTICE_MM = 0.3
 DRAG_MM = 2.4
