@@ -168,9 +168,8 @@ def _judged(run: Run, images: list[Array]) -> dict[str, float]:
         assert seen is not None, "it was asked for"
         if k == 0 or k % JUDGED:
             continue
-        everywhere = np.ones_like(in_view)  # there are no dots
         motion = truth.flow_and_in_plane(ids[k])
-        true = TrueFrame.of(*motion, everywhere, in_view, run.camera.mm_per_px)
+        true = TrueFrame.of(*motion, in_view, run.camera.mm_per_px)
         h, w = true.moving.shape
         off_px = np.linalg.norm(to_full(seen.flow_px, (h, w)) - true.flow_px, axis=-1)
         known, confident = (

@@ -14,7 +14,7 @@ from ..errors import SensorError
 from ..jobs import tell
 from ..patterns.recipe import recipe_from
 from . import press_jobs
-from .stream import PressStream, StreamTruth
+from .stream import PressStream
 
 # CPU seconds on one core, about, for the time that is announced beforehand.
 GEOMETRY_S, PATTERN_S, PRINT_S, KNOT_S = 0.2, 0.45, 1.2, 5.0
@@ -39,12 +39,12 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     cv2.setNumThreads(1)  # the other cores have jobs of their own
     protocol, sensor, config, source = press_jobs.read(given)
     stream = PressStream(protocol, given["press"], sensor, config, source)
-    truth, seed, methods = StreamTruth(stream), given["seed"], given["methods"]
+    seed, methods = given["seed"], given["methods"]
     printed, followers = {}, {}
     for name, data in given["patterns"].items():
         recipe = recipe_from(data, name)
         marks = stream.marks(recipe)
-        printed[name] = stream.picture(recipe, seed), stream.noise(seed), marks
+        printed[name] = stream.picture(recipe, seed), stream.noise(seed)
         followers[name] = Follower(
             TrackingPlan(tuple(methods), bool(len(marks.dots_mm)), (), timed=False), marks
         )
@@ -54,13 +54,12 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     lost: dict[str, list[str]] = {}
     count = len(stream.looks)
     for frame in stream.frames():
-        for name, (picture, noise, marks) in printed.items():
+        for name, (picture, noise) in printed.items():
             if name in lost:
                 continue
             image = stream.tracked(picture.expose(frame.at_px, noise, frame.displacement_mm))
-            true = truth.of(frame, marks) if frame.number else None
             try:
-                said = followers[name].take(image, true)
+                said = followers[name].take(image, frame.true)
             except SensorError as why:  # a print that the camera cannot tell from grey
                 lost[name] = [str(why)]
                 continue

@@ -80,7 +80,7 @@ def dragged(view: Pinhole, seed: int) -> list[DragFrame]:
     return [
         DragFrame(
             drawing.material_px(u_mm),
-            TrueFrame.of(*seen.both(u_mm), np.ones_like(in_view), in_view, view.mm_per_px),
+            TrueFrame.of(*seen.both(u_mm), in_view, view.mm_per_px),
         )
         for u_mm in (whole * (k / OUTWARD) for k in range(1, OUTWARD + 1))
     ]

@@ -6,7 +6,7 @@ Images and truth may come from a record, or be drawn on the spot and kept nowher
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from ...errors import InputError, SensorError
 from ...measure.flow import FlowMethod, FlowObservation, FlowState, named_tracker
 from .dots import DOTS, DotFollower, Marks
 from .tally import ErrorTally
-from .truth import TrueFrame, sampled
+from .truth import TrueFrame, off_dots, sampled
 
 # Ours, a cheaper one, the paper's, and the paper's flow composed in place of summed.
 DEFAULT_METHODS = ("fused", "dis-medium", "paper", "farneback-paper/composed")
@@ -78,6 +78,7 @@ class Follower:
         names = [name for name in scene.methods if name != DOTS]
         self._flows = {name: named_tracker(name, shared=shared) for name in names}
         self._scale = marks.camera.mm_per_px
+        self._off = off_dots(marks.camera, marks.dots_mm, marks.diameter_mm)
         self._begun = False
 
     def take(self, image: NDArray[np.uint8], frame: TrueFrame | None) -> dict[str, dict[str, Any]]:
@@ -87,6 +88,8 @@ class Follower:
         one in which only the dots are missing is analysed without them.
         """
         at, self._begun = self._begun, True
+        # Of what moves, what lies on no dot: one that is followed is no pattern.
+        frame = frame and replace(frame, moving=frame.moving & self._off)
         seen = None
         try:
             seen = self.dots.follow(image) if self.dots else None

@@ -20,7 +20,7 @@ from .dots import DotTally, Marks
 from .follow import Follower, TrackingPlan, scene_of
 from .result import TrackingResult
 from .tally import ErrorTally
-from .truth import TrueFrame, off_dots, seen_by
+from .truth import TrueFrame, seen_by
 
 FRAME = ("frame_id", "seq", "press", "indenter", "step_id")
 COLUMNS = [*FRAME, "method", *ErrorTally().figures()]
@@ -49,16 +49,16 @@ def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
     run = record.open(folder)
     camera, truth = run.camera, run.truth()
     follower = Follower(scene, Marks.of(camera, run.pattern))
-    off, in_view = off_dots(camera, run.dots_mm(), run.dot_diameter_mm()), seen_by(camera)
+    in_view = seen_by(camera)
     result = PressResult(follower.tallies)
     for at, row in enumerate(run.frames(press).itertuples()):
         image = run.image(str(row.file))
-        if image.shape[:2] != off.shape:
+        if image.shape[:2] != in_view.shape:
             raise RunFailed(f"{row.file}: size {image.shape[1]} x {image.shape[0]} differs")
         frame = None
         if truth and at:
             motion = truth.flow_and_in_plane(str(row.frame_id))
-            frame = TrueFrame.of(*motion, off, in_view, camera.mm_per_px)
+            frame = TrueFrame.of(*motion, in_view, camera.mm_per_px)
         frame_of = {key: getattr(row, key) for key in FRAME}
         # The reference compared with itself is no measurement, and says nothing.
         for name, figures in follower.take(image, frame).items():

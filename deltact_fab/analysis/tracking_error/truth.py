@@ -19,8 +19,7 @@ DOT_MARGIN_PX = 3.0
 class TrueFrame:
     """Projected and in-plane motion of every rest pixel, and which of them move.
 
-    moving: (h, w) bool, visible and off the dots. peak_mm: of the visible pixels, None where none
-    is.
+    moving: (h, w) bool, of the visible ones. peak_mm: of the visible pixels, None where none is.
     """
 
     flow_px: NDArray[np.float64]
@@ -33,25 +32,24 @@ class TrueFrame:
         cls,
         flow: NDArray[np.float64],
         in_plane: NDArray[np.float64],
-        off: NDArray[np.bool_],
         seen: NDArray[np.bool_],
         mm_per_px: float,
     ) -> TrueFrame:
         """flow, in_plane: (h, w, 2), px and mm, of what every pixel sees at rest.
 
-        off: (h, w) rest pixels that lie on no dot; seen: that the camera sees.
+        seen: (h, w) rest pixels that the camera sees.
         """
-        h, w = off.shape
+        h, w = seen.shape
         y, x = np.mgrid[:h, :w]
         to_x, to_y = x + flow[..., 0], y + flow[..., 1]
         visible = (to_x >= 0) & (to_x <= w - 1) & (to_y >= 0) & (to_y <= h - 1)
         # Where a steep flank hides what is behind it, no one point of the face is the true one.
-        disputed = in_dispute(np.stack((to_x, to_y), -1), off.shape)
+        disputed = in_dispute(np.stack((to_x, to_y), -1), seen.shape)
         ends = np.rint(to_y[visible]).astype(int), np.rint(to_x[visible]).astype(int)
         visible[visible] = seen[visible] & seen[ends] & ~disputed[ends]
         length_mm = np.hypot(flow[..., 0], flow[..., 1]) * mm_per_px
         peak = float(length_mm[visible].max()) if visible.any() else None
-        return cls(flow, in_plane, visible & off & (length_mm >= MOVING_MM), peak)
+        return cls(flow, in_plane, visible & (length_mm >= MOVING_MM), peak)
 
 
 def seen_by(camera: CameraModel) -> NDArray[np.bool_]:
