@@ -24,9 +24,9 @@ from deltact_fab import cache, catalog, digest, experiment, record
 from deltact_fab.aliases import Array, Progress
 from deltact_fab.analysis.force import fit
 from deltact_fab.analysis.force.dataset import gather
+from deltact_fab.analysis.runs import view_of
 from deltact_fab.analysis.shape.ball import calibrate_depth
 from deltact_fab.analysis.tracking_error.truth import TrueFrame, seen_by
-from deltact_fab.analysis.view import view_of
 from deltact_fab.measure.flow import FlowState
 from deltact_fab.measure.flow.fused import to_full
 from deltact_fab.measure.pipeline import Measurement, Pipeline

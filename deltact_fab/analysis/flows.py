@@ -15,8 +15,7 @@ from ..measure.face import FaceFlow
 from ..measure.flow import FlowTracker
 from ..measure.recognised import recognise
 from ..record import Run
-from .frames import settled
-from .view import camera_of
+from .runs import camera_of, settled
 
 _KIND = "face-flow"
 _KEPT_BYTES = 2 << 30

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import record
-from ..analysis.tracking_error.follow import Follower, TrackingPlan, scene_of
-from ..analysis.tracking_error.run import analyse_press
+from ..analysis.tracking_error.follow import Follower, TrackingPlan, analyse_press, scene_of
 from ..errors import SensorError
 from ..jobs import tell
 from ..patterns.recipe import recipe_from

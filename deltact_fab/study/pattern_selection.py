@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from .. import record
-from ..analysis.frames import recorded
+from ..analysis.runs import recorded
 from ..analysis.tracking_error.follow import ONLY_DOTS
 from ..errors import InputError
 from ..measure.flow import RENEW_SHARE

@@ -19,8 +19,8 @@ import pandas as pd
 
 from .. import catalog, record
 from ..analysis.force.dataset import PressPoints, points_of
+from ..analysis.runs import view_of
 from ..analysis.shape import PressShape, ShapeMaps, calibrate_depth, press_shape
-from ..analysis.view import view_of
 from ..errors import DeltactFabError
 from ..experiment.session import run_presses
 from ..jobs import tell

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from deltact_fab import record
-from deltact_fab.analysis.tracking_error.follow import TrackingPlan
-from deltact_fab.analysis.tracking_error.run import analyse_press
+from deltact_fab.analysis.tracking_error.follow import TrackingPlan, analyse_press
 from deltact_fab.cad.design import load_design
 from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.protocols import plan

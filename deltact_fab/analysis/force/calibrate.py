@@ -29,8 +29,7 @@ from ...measure.force.inverse import Inverse
 from ...measure.view import SensorView
 from ...protocols.plan import DeadWeights
 from ...record import Run, encode_png
-from ..frames import settled, settles
-from ..view import head_of, in_pixels, view_of
+from ..runs import head_of, in_pixels, settled, settles, view_of
 from .dataset import STRETCHES, ForceData, gather, opened, presses
 from .gel import early_labels, told_gel
 from .judge import FOLDS, figures, judge, learning_curve, score

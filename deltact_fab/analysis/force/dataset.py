@@ -22,8 +22,7 @@ from ...measure.force import Features, make_features
 from ...measure.view import SensorView
 from ...record import UNKNOWN, Run
 from ..flows import PressFlows, flows_of
-from ..frames import PRESSING, recorded, settle_s, settled, settles
-from ..view import head_of, view_of
+from ..runs import PRESSING, head_of, recorded, settle_s, settled, settles, view_of
 
 WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
 WINDOW_S = 0.1
@@ -160,18 +159,15 @@ def gather(
     return joined(parts, names, view, str(runs[0].folder))
 
 
-def point_flows(
-    runs: Sequence[Run], data: ForceData, every: int
-) -> Iterator[tuple[int, Run, str, FaceFlow]]:
-    """Of each point of `gather` from these runs: its row, run, frame and flow, press by press."""
+def point_flows(runs: Sequence[Run], data: ForceData) -> Iterator[FaceFlow]:
+    """The flow of each point of `gather` from these runs, press by press."""
     of_run = dict(zip(labels(runs), runs, strict=True))
-    points = data.points.reset_index(drop=True)
-    for (label, press), part in points.groupby(["run", "press"], sort=False):
+    for (label, press), part in data.points.groupby(["run", "press"], sort=False):
         run, name = of_run[str(label)], str(press).removeprefix(f"{label}/")
         frames = settled(run.frames(name))["frame_id"].tolist()
-        flows = flows_of(run, name, every).flows
-        for row, frame_id in zip(part.index.tolist(), part["frame_id"], strict=True):
-            yield row, run, frame_id, flows[frames.index(frame_id)]
+        flows = flows_of(run, name, Features.every).flows
+        for frame_id in part["frame_id"]:
+            yield flows[frames.index(frame_id)]
 
 
 def joined(
@@ -216,8 +212,8 @@ def points_of(
         wrench -= wrench[(rows["t_press_s"] <= WINDOW_S).to_numpy()].mean(0)
         wrench[:, np.isnan(wrench).all(axis=0)] = 0.0
     sets = [make_features(name, view) for name in names]
-    followed = {every: flows_of(run, press, every) for every in {one.every for one in sets}}
-    flows = next(iter(followed.values())).flows
+    followed = flows_of(run, press, Features.every)
+    flows = followed.flows
     refused = ["" for _ in range(len(rows))]
     for k, flow in enumerate(flows):
         if saturated[k]:
@@ -230,7 +226,7 @@ def points_of(
             refused[k] = f"less than {MIN_COVER:.0%} of the view is known"
     values: dict[str, Array] = {}
     for one in sets:
-        values[one.name], failed = _features(one, view, followed[one.every])
+        values[one.name], failed = _features(one, view, followed)
         for k in failed:
             refused[k] = refused[k] or f"{one.name} found no solution"
     taken = np.array([not why for why in refused])

@@ -14,7 +14,7 @@ import pandas as pd
 from ...files import write_whole
 from ...measure.force.calibration import ForceCalibration
 from ...record import UNKNOWN
-from ..frames import make_folder
+from ..runs import make_folder
 from .dataset import ForceData
 from .gel import EarlyLabels, ToldGel
 from .judge import (

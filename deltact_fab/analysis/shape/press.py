@@ -29,10 +29,8 @@ from ...measure.shape import (
 from ...optics import LatticeSampler
 from ...record import UNKNOWN, RunTruth
 from ...shapes import Indenter
-from ..flows import flows_of
-from ..frames import settled
-from ..view import view_of
-from .ball import EVERY_PX
+from ..flows import EVERY_PX, flows_of
+from ..runs import settled, view_of
 from .picture import ShapeMaps
 
 TOUCHING_MM = 0.06

@@ -18,8 +18,7 @@ from ...jobs import each
 from ...measure.force.calibration import load_force
 from ...measure.sensor_id import require_same
 from ...measure.shape import DepthModel
-from ..frames import make_folder, recorded
-from ..view import sensor_of
+from ..runs import make_folder, recorded, sensor_of
 from .picture import ShapeMaps
 from .press import SAME_MM, press_shape
 

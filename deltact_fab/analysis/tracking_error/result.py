@@ -18,7 +18,7 @@ import pandas as pd
 from ... import reading
 from ...errors import InputError
 from ...files import write_whole
-from ..frames import make_folder
+from ..runs import make_folder
 from .dots import DOTS
 from .tally import MOVING_MM, WRONG_MM
 
