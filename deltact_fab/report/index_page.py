@@ -13,8 +13,7 @@ from urllib.parse import quote
 from .. import reading, record
 from ..errors import DeltactFabError, InputError
 from . import study_folder
-from .templating import render, save, table
-from .verdict import Finding, verdict
+from .templating import Finding, render, save, table, verdict
 
 RUN = "run.json"
 # Where neither runs nor studies lie, but thousands of files may.

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from . import figures
-from .templating import render, save, table
-from .verdict import Finding, verdict
+from .templating import Finding, render, save, table, verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

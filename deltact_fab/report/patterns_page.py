@@ -13,8 +13,7 @@ from .. import reading
 from ..errors import InputError
 from ..patterns.series import job as series
 from . import figures
-from .templating import named, render, require_pages, save, table
-from .verdict import Finding, verdict
+from .templating import Finding, named, render, require_pages, save, table, verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

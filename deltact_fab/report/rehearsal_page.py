@@ -9,8 +9,7 @@ from typing import Any
 import pandas as pd
 
 from ..files import write_whole
-from .templating import render, save, table
-from .verdict import Finding, verdict
+from .templating import Finding, render, save, table, verdict
 
 COLUMNS = {
     "fault": "fault", "moment": "when", "outcome": "what the operator reads",

@@ -11,8 +11,7 @@ import pandas as pd
 
 from . import figures, study_folder
 from .result import Headline, ReportTable, StudyResult
-from .templating import number, render, require_pages, table
-from .verdict import verdict
+from .templating import number, render, require_pages, table, verdict
 
 MAX_ROWS, FIRST_ROWS = 120, 20  # a longer table is shown by its first rows
 MAX_MISSING = 20

@@ -11,8 +11,8 @@ from ..aliases import Array
 from ..analysis.force import PAPER, PAPER_TABLE, SPLITS, ForceResult, component
 from ..analysis.force.judge import EvaluatedModel, enough, held_out, root_mean_square
 from ..measure.regression import least_squares
-from ..report.force_figures import drawn
 from ..report.result import Headline, ReportTable, StudyResult
+from ..report.run_figures import predicted
 from .intervals import Interval, headline, rmse
 
 DENSITIES = {"clipped": PAPER, "signed": f"{PAPER}-signed"}
@@ -63,7 +63,7 @@ def found(result: ForceResult, scale: float | None = None, **scene: Any) -> Stud
                 places,
             ),
         ),
-        figures=tuple(drawn(result)),
+        figures=(predicted(result),),
         files={"points.csv": result.points().to_csv(index=False)},
         more={
             "best": result.best.name,

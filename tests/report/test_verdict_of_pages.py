@@ -26,7 +26,7 @@ from deltact_fab.report import (
     study_page,
 )
 from deltact_fab.report.result import GEL_FLAGS
-from deltact_fab.report.verdict import Finding, verdict
+from deltact_fab.report.templating import Finding, verdict
 
 TOLD = "a made-up warning of <the test>"
 
