@@ -103,7 +103,6 @@ def _run(name: str, one: Study, given: dict[str, Any]) -> Answer:
     What would keep its page from being written is said before anything is computed.
     """
     from ..report import study_page
-    from ..report.figures import save
     from ..study.registry import run as run_study
     from ..study.request import StudyRequest
 
@@ -129,7 +128,7 @@ def _run(name: str, one: Study, given: dict[str, Any]) -> Answer:
         )
     click.echo(f"report: {study_page.write(found, out)}", err=True)
     if figures is not None:
-        files = save(found, figures)
+        files = study_page.write_figures(found, figures)
         click.echo(f"figures: {len(files)} files in {figures}", err=True)
     missing = (
         f"warning: {len(found.missing)} jobs have no result and are left out: "
