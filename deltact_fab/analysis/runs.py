@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ import pandas as pd
 
 from .. import catalog
 from ..errors import InputError, RunFailed
+from ..files import write_whole
 from ..measure.sensor_id import CalibrationSource, Head, Kind, SensorId, told
 from ..measure.view import SensorView
 from ..optics import CameraModel, Pinhole
@@ -70,6 +72,18 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as why:
         raise RunFailed(f"{folder}: cannot be made: {why.strerror}; name --out") from why
+
+
+def write_results(folder: Path, results: dict[str, dict[str, Any] | pd.DataFrame]) -> list[Path]:
+    """Write plain data as JSON and tables as CSV, by their files' names. Raises RunFailed."""
+    make_folder(folder)
+    for name, of in results.items():
+        if isinstance(of, pd.DataFrame):
+            text = of.to_csv(index=False)
+        else:
+            text = json.dumps(of, indent=1, allow_nan=False) + "\n"
+        write_whole(folder / name, text.encode())
+    return [folder / name for name in results]
 
 
 def in_pixels(run: Run) -> bool:

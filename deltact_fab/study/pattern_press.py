@@ -89,15 +89,21 @@ def packed(
     """
     x, y, z = np.array(tips_mm, float).reshape(-1, 3).T
     path = np.column_stack((np.maximum(-z, 0.0), np.hypot(x - at_mm[0], y - at_mm[1])))
-    value: dict[str, Any] = {"path": path, "tallies": {}, "dots": {}, "left_out": {}}
-    for name, (tallies, rows, dots, left_out) in found.items():
-        value["tallies"][name] = {method: tally.plain() for method, tally in tallies.items()}
-        value["dots"][name], value["left_out"][name] = dots, left_out
-        for method, tally in tallies.items():
-            value[f"histogram|{name}|{method}"] = tally.histogram
-            lines = [[row.get(key) for key in FIGURES] for row in rows[method]]
-            value[f"rows|{name}|{method}"] = np.array(lines, float).reshape(-1, len(FIGURES))
-    return value
+    cells = [
+        {
+            "pattern": name,
+            "tallies": {method: tally.plain() for method, tally in tallies.items()},
+            "rows": {
+                method: np.array([[row.get(key) for key in FIGURES] for row in rows[method]], float)
+                .reshape(-1, len(FIGURES))
+                for method in tallies
+            },
+            "dots": dots,
+            "left_out": left_out,
+        }
+        for name, (tallies, rows, dots, left_out) in found.items()
+    ]  # fmt: skip
+    return {"path": path, "cells": cells}
 
 
 def follow_recorded(given: dict[str, Any]) -> dict[str, Any]:

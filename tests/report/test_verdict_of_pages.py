@@ -22,7 +22,6 @@ from deltact_fab.report import (
     numerics_page,
     page,
     patterns_page,
-    rehearsal_page,
     study_page,
 )
 from deltact_fab.report.result import GEL_FLAGS
@@ -108,7 +107,7 @@ def rehearsal(warned: bool, out: Path, _: Any) -> Path:
     cell = {"fault": "pulled", "moment": "press", "outcome": "at rest", "deeper_mm": 0.0,
             "wrong": "", "passed": not warned}  # fmt: skip
     found = {"passed": not warned, "verdict": TOLD, "of": 1, "steps": 1, "cells": [cell]}
-    return rehearsal_page.write(found, "smoke", "virtual", out)[0]
+    return numerics_page.write_rehearsal(found, "smoke", "virtual", out)[0]
 
 
 def fabrication_guide(warned: bool, out: Path, _: Any) -> Path:
