@@ -21,7 +21,7 @@ from deltact_fab.measure.flow.renewed import photometric_error, unrelated_differ
 from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.patterns.series.job import recipes
 from deltact_fab.shapes import SensorDimensions
-from deltact_fab.study.pattern_scene import Selection
+from deltact_fab.study.pattern_selection import Selection
 from deltact_fab.study.request import StudyRequest, virtual_rig
 from deltact_fab.study.stream import PressStream
 from deltact_fab.virtual.drawing import noise_of, printed, resting

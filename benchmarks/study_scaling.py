@@ -32,7 +32,7 @@ from deltact_fab.study import (
     shapes,
 )
 from deltact_fab.study.grid import Grid, GridJob, solve
-from deltact_fab.study.pattern_scene import Selection
+from deltact_fab.study.pattern_selection import Selection
 from deltact_fab.study.request import StudyRequest
 
 PATTERNS, DEPTHS_MM = (1, 2, 4), (1.0, 2.0, 3.0)

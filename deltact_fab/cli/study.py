@@ -5,15 +5,13 @@ The command of each is made from what the registry declares: asked, run, written
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import InputError
 from .group import CommandGroup
 from .options import NAME_OR_PATH, ON, PATH, PROCESSES, Decorator, Finite, out_folder, seed
 from .output import Answer, answers, listed, progress
@@ -107,12 +105,9 @@ def _run(name: str, one: Study, given: dict[str, Any]) -> Answer:
     from ..study.request import StudyRequest
 
     out, figures = given["out"], given["figures"]
-    named = [out] if figures is None else [out, figures]
-    before = [path for one in named for path in (one, *one.parents) if not path.exists()]
-    with _none_left(*before):
-        study_page.ready(name, out, figures)
+    study_page.ready(name, out)
     more = (flag.removeprefix("--").replace("-", "_") for flag in one.options)
-    with _none_left(*before), _executor(given) as executor, progress(name) as tick:
+    with _executor(given) as executor, progress(name) as tick:
         found = run_study(
             name,
             StudyRequest(
@@ -136,18 +131,6 @@ def _run(name: str, one: Study, given: dict[str, Any]) -> Answer:
         "the same command tries them again"
     )
     return Answer(found.data, found.verdict, asides=[missing] if found.missing else ())
-
-
-@contextmanager
-def _none_left(*new: Path) -> Iterator[None]:
-    """Folders that were made for a study go again when its input is refused."""
-    try:
-        yield
-    except InputError:
-        for folder in new:
-            with suppress(OSError):
-                folder.rmdir()
-        raise
 
 
 def _executor(given: dict[str, Any]) -> AbstractContextManager[Executor | None]:

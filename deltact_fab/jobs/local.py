@@ -201,7 +201,7 @@ def _work(packed: bytes) -> Any:
     return function(*args, **kwargs)
 
 
-# -- what a job says while it runs, heard by whoever waits for it, wherever it runs -----------------
+# -- what a job says while it runs, heard by whoever waits for it, wherever it runs ----------------
 
 Word = tuple[str, int, Any]
 """Of whom it is, the job's index, and what is said: plain data."""

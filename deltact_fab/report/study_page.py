@@ -158,18 +158,14 @@ def prepared(one: ReportTable) -> dict[str, Any]:
     }
 
 
-def ready(study: str, out: Path, figures_in: Path | None = None) -> None:
-    """Say before a study begins, and not after hours, what keeps it from being written.
+def ready(study: str, out: Path) -> None:
+    """Say before a study begins, and not after hours, what keeps it from being written into out.
 
-    out: its folder; figures_in: that of `write_figures`. Raises MissingLibrary without the
-    extra `report`, InputError for a folder that cannot be, or that holds anything but an earlier
-    one of this study.
+    Raises MissingLibrary without the extra `report`, InputError for a folder that holds anything
+    but an earlier one of this study.
     """
     require_pages()
-    make(out)
     refuse_strange(out, study)
-    if figures_in is not None:
-        make(figures_in)
 
 
 def write(result: StudyResult, out: Path) -> Path:

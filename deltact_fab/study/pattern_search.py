@@ -24,7 +24,7 @@ from . import press_jobs
 from .grid import GridJob, seed_of
 from .pattern_errors import OURS, PatternErrors, cells_of
 from .pattern_press import KNOT_S, cost_s, follow
-from .pattern_scene import frames_an_indenter, part_of
+from .pattern_selection import frames_an_indenter, part_of
 from .request import StudyRequest, share_of, virtual_rig
 from .scene import RIG, PressScene
 from .search_candidates import (

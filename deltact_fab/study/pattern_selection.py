@@ -3,33 +3,39 @@
 Simulated: the gel of a press is solved once, and its frames are drawn and tracked as a stream
 (`stream`) under every pattern, by the paper's tracker and by ours. Recorded: a run is one tactile
 base, as in the paper, and its error is taken at the dots.
+
+What is never thinned is the way between two frames, which is what a tracker has to bridge, and the
+presses: all depths, both axes.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from .. import record
 from ..analysis.runs import recorded
 from ..analysis.tracking_error.follow import ONLY_DOTS
-from ..errors import InputError
+from ..errors import InputError, did_you_mean
 from ..measure.flow import RENEW_SHARE
-from ..patterns.series.job import recipes
+from ..patterns.series.job import SeriesEntry, recipes
+from ..protocols import plan
+from ..protocols.plan import Protocol, expand
 from ..record import Run
 from ..report.result import LeftOut, StudyResult
 from ..shapes.indenter import parse
 from ..units import MM_PER_INCH
 from .grid import Grid, GridJob
 from .pattern_errors import METHODS, PatternErrors, PressErrors, PrintedPattern, cells_of
-from .pattern_press import KNOT_S, follow_recorded
-from .pattern_scene import Selection
+from .pattern_press import KNOT_S, cost_s, follow, follow_recorded
 from .pattern_tables import charts, claims, headlines, tables
 from .request import StudyRequest, modulus_remark
-from .scene import flagged
+from .scene import PressScene, flagged
 
 NAME, TITLE = "pattern-selection", "Which pattern is tracked best"
 TRACKERS = (
@@ -210,3 +216,142 @@ def _bench(of: Selection) -> str:
         "not print its gel, its indenters' sizes, its positions, nor the threshold at which its "
         "reference is renewed."
     )
+
+
+class PathPart(NamedTuple):
+    """Which part of a whole protocol's path another one covers, and how densely it is filmed.
+
+    words: one line. longest_step_mm: of the tip between two frames of a line.
+    """
+
+    words: str
+    positions: int
+    frames_an_indenter: int
+    frames_share: float
+    longest_step_mm: float
+
+
+def thinned(whole: Protocol, scale: float) -> Protocol:
+    """A protocol with about `scale` times the frames of a whole one, 0 < scale <= 1.
+
+    As few positions as hold them, the first ones, and of their drags so many steps as fit, at least
+    one. At scale 1 it is the whole one. The step between frames is the whole one's.
+    """
+    if scale >= 1 or whole.shear is None or whole.shear.amplitude_mm is None:
+        return whole
+    wanted = scale * frames_an_indenter(whole)
+    count = math.ceil(scale * len(whole.positions_mm) - 1e-9)
+    rate_hz = whole.capture.rate_hz
+    assert rate_hz is not None, "the paper's protocol films its drags"
+    step_mm = whole.motion.shear_feed_mm_min / 60 / rate_hz
+    longest = int(whole.shear.amplitude_mm / step_mm)
+    fewer = whole.model_copy(update={"positions_mm": whole.positions_mm[:count]})
+    if frames_an_indenter(fewer) <= wanted:
+        return fewer
+    one, two = (frames_an_indenter(_dragged(fewer, n * step_mm)) for n in (1, 2))
+    steps = round((wanted - one) / (two - one)) + 1
+    return _dragged(fewer, min(max(steps, 1), longest) * step_mm)
+
+
+def _dragged(protocol: Protocol, amplitude_mm: float) -> Protocol:
+    """With drags of this many mm, to the micrometre."""
+    assert protocol.shear is not None
+    shear = protocol.shear.model_copy(update={"amplitude_mm": round(amplitude_mm, 3)})
+    return protocol.model_copy(update={"shear": shear})
+
+
+def frames_an_indenter(protocol: Protocol) -> int:
+    """Frames of the first indenter; the others have as many."""
+    first = protocol.model_copy(update={"indenters": protocol.indenters[:1]})
+    return sum(step.frames for step in expand(first))
+
+
+def part_of(whole: Protocol, protocol: Protocol) -> PathPart:
+    """The part of the whole protocol's path that a thinned one covers."""
+    frames, of_frames = frames_an_indenter(protocol), frames_an_indenter(whole)
+    positions, share = len(protocol.positions_mm), frames / of_frames
+    words = (
+        f"{positions} of {len(whole.positions_mm)} positions, "
+        f"{' and '.join(f'{d:g}' for d in protocol.depths_mm)} mm deep, "
+    )
+    if protocol.shear and whole.shear:
+        words += (
+            f"shear +-{protocol.shear.amplitude_mm or 0:g} of {whole.shear.amplitude_mm or 0:g} mm "
+            f"in {' and '.join(protocol.shear.axes)}, "
+        )
+    words += f"{frames} of {of_frames} frames ({share:.1%})"
+    return PathPart(words, positions, frames, share, longest_step_mm(protocol))
+
+
+def longest_step_mm(protocol: Protocol) -> float:
+    """Longest way of the tip between two frames of a press or drag."""
+    longest, here = 0.0, (0.0, 0.0, 0.0)
+    for step in expand(protocol):
+        if step.frames and step.kind in ("press", "shear"):
+            longest = max(longest, math.dist(here, step.target_mm) / step.frames)
+        here = step.target_mm
+    return longest
+
+
+SCALE = 0.04
+"""Default: 136 of 3600 frames an indenter, some 40 minutes on two cores with the gel solved."""
+PATTERNS = 4
+"""Of a job, at most: each takes some 80 MB, and so many share a frame's geometry well enough."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The scene of one study: what is pressed, drawn and followed. name: of its protocol."""
+
+    scene: PressScene
+    name: str
+    part: PathPart
+    entries: tuple[SeriesEntry, ...]
+
+    @classmethod
+    def of(cls, asked: StudyRequest) -> Selection:
+        """As requested. Raises InputError for a real rig or unknown names."""
+        whole, source = plan.load(str(asked.more.get("protocol") or NAME))
+        indenters = _chosen(
+            "--indenter",
+            [parse(name).name for name in asked.more.get("indenter") or ()],
+            list(whole.indenters),
+        )
+        every = {entry.name: entry for entry in recipes(asked.seed)}
+        chosen = _chosen("--pattern", list(asked.more.get("pattern") or ()), list(every))
+        protocol = thinned(whole, SCALE if asked.scale is None else asked.scale)
+        protocol = protocol.model_copy(update={"indenters": tuple(indenters)})
+        scene = PressScene.of(asked, {protocol.name: (protocol, source)})
+        entries = tuple(every[name] for name in chosen)
+        return cls(scene, protocol.name, part_of(whole, protocol), entries)
+
+    @property
+    def protocol(self) -> Protocol:
+        """What is pressed."""
+        return self.scene.protocols[self.name]
+
+    def jobs(self, workers: int = 1) -> list[GridJob]:
+        """A press with some patterns each, which share its geometry; a part for every worker."""
+        count = len(self.entries)
+        parts = min(max(workers, math.ceil(count / PATTERNS)), count)
+        frames = self.part.frames_an_indenter // self.part.positions
+        patterns = [
+            {entry.name: entry.recipe.model_dump(mode="json") for entry in self.entries[k::parts]}
+            for k in range(parts)
+        ]
+        return [
+            self.scene.job(
+                f"{press} ({k} of {parts})", self.name, press, follow, cost_s(frames, len(some)),
+                patterns=some, methods=list(METHODS),
+            )
+            for press in self.scene.presses(self.name)
+            for k, some in enumerate(patterns, start=1)
+        ]  # fmt: skip
+
+
+def _chosen(option: str, asked: list[str], known: list[str]) -> list[str]:
+    """Those asked for in the order of those known, all where none is. Raises InputError."""
+    for name in asked:
+        if name not in known:
+            raise InputError(f"{option}: {name!r}: not in this study; {did_you_mean(name, known)}")
+    return [name for name in known if not asked or name in asked]

@@ -26,8 +26,15 @@ from deltact_fab.optics import Pinhole
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.shapes import SkinDimensions
-from deltact_fab.study.force_calibration import points_of, run, scaled, scene, spread
-from deltact_fab.study.force_summary import by_place, found
+from deltact_fab.study.force_calibration import (
+    by_place,
+    found,
+    points_of,
+    run,
+    scaled,
+    scene,
+    spread,
+)
 from deltact_fab.study.request import StudyRequest
 
 VIEW = SensorView(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions())

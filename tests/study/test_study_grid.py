@@ -29,7 +29,7 @@ def done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "done"
 
 
-def solve(jobs: list[GridJob], say: Callable[[str], None] | None = None) -> Grid:
+def solve(jobs: list[GridJob], say: Callable[[str], None] = lambda text: None) -> Grid:
     """On threads, which start at once."""
     with ThreadPoolExecutor(2) as threads:
         return engine.solve(jobs, threads, say=say)

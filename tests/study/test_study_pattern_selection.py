@@ -23,7 +23,7 @@ from deltact_fab.study.pattern_errors import (
     PressErrors,
     PrintedPattern,
 )
-from deltact_fab.study.pattern_scene import Selection
+from deltact_fab.study.pattern_selection import Selection
 from deltact_fab.study.pattern_tables import claims
 from deltact_fab.study.request import StudyRequest
 
