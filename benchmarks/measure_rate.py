@@ -26,7 +26,7 @@ from deltact_fab.analysis.force import fit
 from deltact_fab.analysis.force.dataset import gather
 from deltact_fab.analysis.runs import view_of
 from deltact_fab.analysis.shape.ball import calibrate_depth
-from deltact_fab.analysis.tracking_error.truth import TrueFrame, seen_by
+from deltact_fab.analysis.tracking_error.dots import TrueFrame, seen_by
 from deltact_fab.measure.flow import FlowState
 from deltact_fab.measure.flow.fused import to_full
 from deltact_fab.measure.pipeline import Measurement, Pipeline

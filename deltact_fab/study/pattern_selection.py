@@ -22,6 +22,7 @@ from .. import record
 from ..analysis.runs import recorded
 from ..analysis.tracking_error.follow import ONLY_DOTS
 from ..errors import InputError, did_you_mean
+from ..jobs import at_a_time
 from ..measure.flow import RENEW_SHARE
 from ..patterns.series.job import SeriesEntry, recipes
 from ..protocols import plan
@@ -74,7 +75,10 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     )
     of.scene.solve_gels(asked, KNOT_S)
     indenters = {parse(name).slug: name for name in protocol.indenters}
-    jobs = [(indenters[job.given["press"].split("/")[0]], job) for job in of.jobs(asked.workers)]
+    jobs = [
+        (indenters[job.given["press"].split("/")[0]], job)
+        for job in of.jobs(at_a_time(asked.executor))
+    ]
     grid = asked.solve([job for _, job in jobs])
     printed = [PrintedPattern.of(entry) for entry in of.entries]
     errors = PatternErrors(printed, _cells(jobs, grid))

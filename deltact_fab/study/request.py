@@ -36,13 +36,6 @@ class StudyRequest:
     more: dict[str, Any] = field(default_factory=dict)
     grids: list[Grid] = field(default_factory=list, compare=False, repr=False)
 
-    @property
-    def workers(self) -> int:
-        """How many jobs run at a time."""
-        from ..jobs import at_a_time
-
-        return at_a_time(self.executor)
-
     def solve(self, jobs: Sequence[GridJob]) -> Grid:
         """A grid of jobs on what was asked for; what is missing in it gets into the result."""
         from .grid import solve

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..aliases import Field
-from ..analysis.tracking_error.dots import Marks
-from ..analysis.tracking_error.truth import TrueFrame, seen_by
+from ..analysis.tracking_error.dots import Marks, TrueFrame, seen_by
 from ..errors import SolverError
 from ..experiment.session import pattern_of
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, divide

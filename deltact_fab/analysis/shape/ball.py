@@ -106,7 +106,7 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     parts, depths = [], []
     rows = settled(run.frames(press))
     tips = rows[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    for tip, flow in zip(tips, flows_of(run, press, EVERY_PX).flows, strict=True):
+    for tip, flow in zip(tips, flows_of(run, press, EVERY_PX), strict=True):
         if not (-tip[2] >= MIN_MM and flow.trusted and flow.cover >= MIN_COVER):
             continue
         wanted = ball_mm(flow, view, tip, diameter_mm / 2)

@@ -117,7 +117,7 @@ def press_shape(
     told: list[dict[str, Any]] = []
     pictures: dict[int, dict[str, Any]] = {}
     way = None
-    followed = flows_of(run, press, EVERY_PX).flows
+    followed = flows_of(run, press, EVERY_PX)
     for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
         found = _found(flow, finder, features, force)
         frame_id, tip_mm = str(row.frame_id), np.array([row.x_mm, row.y_mm, row.z_mm], float)
