@@ -11,8 +11,8 @@ from typing import Any
 import pandas as pd
 
 from .. import catalog
-from ..errors import InputError, RunFailed
-from ..files import write_whole
+from ..errors import InputError
+from ..files import make_folder, write_whole
 from ..measure.sensor_id import CalibrationSource, Head, Kind, SensorId, told
 from ..measure.view import SensorView
 from ..optics import CameraModel, Pinhole
@@ -66,16 +66,11 @@ def settle_s(run: Run, kind: str) -> float:
     return (settle.get(stop) if isinstance(settle, dict) else settle) or 0.0
 
 
-def make_folder(folder: Path) -> None:
-    """For what an analysis writes. Raises RunFailed where it cannot be."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as why:
-        raise RunFailed(f"{folder}: cannot be made: {why.strerror}; name --out") from why
-
-
 def write_results(folder: Path, results: dict[str, dict[str, Any] | pd.DataFrame]) -> list[Path]:
-    """Write plain data as JSON and tables as CSV, by their files' names. Raises RunFailed."""
+    """Write plain data as JSON and tables as CSV, by their files' names.
+
+    Raises InputError for a folder that cannot be, RunFailed when the disk refuses.
+    """
     make_folder(folder)
     for name, of in results.items():
         if isinstance(of, pd.DataFrame):

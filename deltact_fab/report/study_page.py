@@ -16,7 +16,7 @@ import pandas as pd
 
 from .. import catalog, digest, reading
 from ..errors import InputError, RunFailed
-from ..files import making, write_together, write_whole
+from ..files import make_folder, write_together, write_whole
 from . import figures
 from .result import Headline, ReportTable, StudyResult
 from .templating import number, render, require_pages, table, verdict
@@ -102,12 +102,6 @@ def contents(result: StudyResult) -> dict[str, bytes]:
     return made
 
 
-def make(folder: Path) -> None:
-    """A folder to write into. Raises InputError where there can be none."""
-    with making(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-
-
 def refuse_strange(out: Path, study: str) -> None:
     """Raises InputError for a folder that is neither empty nor an earlier one of this study.
 
@@ -175,7 +169,7 @@ def write(result: StudyResult, out: Path) -> Path:
     Raises MissingLibrary without the extra `report`, InputError for a folder that cannot be or is
     another's, RunFailed when the disk refuses or a figure is no number.
     """
-    make(out)
+    make_folder(out)
     refuse_strange(out, result.study)
     if result.headlines:
         frame = pd.DataFrame([one.as_dict() for one in result.headlines])
@@ -201,7 +195,7 @@ def write_figures(result: StudyResult, folder: Path) -> list[Path]:
         for figure in (figures.draw(one),)
         for kind in FIGURES
     }
-    make(folder)
+    make_folder(folder)
     for name, data in drawn.items():
         write_whole(folder / name, data)
     return [folder / name for name in drawn]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from ..extras import require
-from ..files import making, write_whole
+from ..files import make_folder, write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -156,7 +156,6 @@ def save(page: str, out: Path) -> Path:
 
     Raises InputError when the folder cannot be, RunFailed when the disk refuses.
     """
-    with making(out.parent):
-        out.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(out.parent)
     write_whole(out, page.encode())
     return out

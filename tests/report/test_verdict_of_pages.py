@@ -94,7 +94,7 @@ def patterns(warned: bool, out: Path, _: Any) -> Path:
         for entry in job.recipes(seed=3, with_dots=False)
         if entry.name in ("d0p075-r0p6", "d0p2-r0p1")
     ]
-    job.write(out / "s", seed=3, entries=entries, page=patterns_page.ready())
+    job.write(out / "s", seed=3, entries=entries, page=patterns_page.write)
     kept = out / "s" / job.FIGURES
     data = json.loads(kept.read_text())
     data["patterns"][0]["quality"]["seen"] = not warned

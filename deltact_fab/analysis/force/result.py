@@ -10,10 +10,10 @@ from typing import Any
 
 import pandas as pd
 
-from ...files import write_whole
+from ...files import make_folder, write_whole
 from ...measure.force.calibration import ForceCalibration
 from ...record import UNKNOWN
-from ..runs import make_folder, write_results
+from ..runs import write_results
 from .dataset import ForceData
 from .gel import EarlyLabels, ToldGel
 from .judge import (
