@@ -24,9 +24,9 @@ from deltact_fab import cache, catalog, digest, experiment, record
 from deltact_fab.aliases import Array, Progress
 from deltact_fab.analysis.force import fit
 from deltact_fab.analysis.force.dataset import gather
+from deltact_fab.analysis.runs import view_of
 from deltact_fab.analysis.shape.ball import calibrate_depth
-from deltact_fab.analysis.tracking_error.truth import TrueFrame, seen_by
-from deltact_fab.analysis.view import view_of
+from deltact_fab.analysis.tracking_error.dots import TrueFrame, seen_by
 from deltact_fab.measure.flow import FlowState
 from deltact_fab.measure.flow.fused import to_full
 from deltact_fab.measure.pipeline import Measurement, Pipeline
@@ -168,9 +168,8 @@ def _judged(run: Run, images: list[Array]) -> dict[str, float]:
         assert seen is not None, "it was asked for"
         if k == 0 or k % JUDGED:
             continue
-        everywhere = np.ones_like(in_view)  # there are no dots
         motion = truth.flow_and_in_plane(ids[k])
-        true = TrueFrame.of(*motion, everywhere, in_view, run.camera.mm_per_px)
+        true = TrueFrame.of(*motion, in_view, run.camera.mm_per_px)
         h, w = true.moving.shape
         off_px = np.linalg.norm(to_full(seen.flow_px, (h, w)) - true.flow_px, axis=-1)
         known, confident = (

@@ -15,14 +15,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from deltact_fab.aliases import Image
+from deltact_fab.analysis.tracking_error.dots import off_dots
 from deltact_fab.measure.flow import RENEW_SHARE, FlowMethod, FlowTracker, Reference, to_gray
 from deltact_fab.measure.flow.renewed import photometric_error, unrelated_difference
 from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.patterns.series.job import recipes
 from deltact_fab.shapes import SensorDimensions
-from deltact_fab.study.pattern_scene import Selection
+from deltact_fab.study.pattern_selection import Selection
 from deltact_fab.study.request import StudyRequest, virtual_rig
-from deltact_fab.study.stream import PressStream, StreamTruth
+from deltact_fab.study.stream import PressStream
 from deltact_fab.virtual.drawing import noise_of, printed, resting
 
 SHARES = (0.25, 0.5, 0.75)
@@ -50,8 +51,8 @@ def seen() -> Iterator[tuple[str, float, float]]:
 def by_share(press: str) -> Iterator[str]:
     """Rows of markdown: mean error of moving pixels, mm, and renewals, by share and sum."""
     scene = Selection.of(StudyRequest())
-    stream = PressStream(scene.protocol, press, scene.sensor, scene.config, scene.source)
-    truth = StreamTruth(stream)
+    of = scene.scene
+    stream = PressStream(scene.protocol, press, of.sensor, of.rig, of.source)
     totals: tuple[Reference, ...] = ("summed", "composed")
     ways = [(share, total) for share in SHARES for total in totals]
     yield "| pattern | " + " | ".join(f"{share:g}, {total}" for share, total in ways) + " |"
@@ -59,19 +60,21 @@ def by_share(press: str) -> Iterator[str]:
     for entry in (e for e in scene.entries if e.name in SHOWN):
         picture, noise = stream.picture(entry.recipe, 0), stream.noise(0)
         marks = stream.marks(entry.recipe)
+        off = off_dots(stream.view, marks.dots_mm, marks.diameter_mm)
         method = FlowMethod("farneback-paper")
         trackers = [FlowTracker(method, total, renew_share=share)
                     for share, total in ways]  # fmt: skip
         sums, pixels, switches = np.zeros(len(ways)), 0, [0] * len(ways)
         for frame in stream.frames():
             image = stream.tracked(picture.expose(frame.at_px, noise, frame.displacement_mm))
-            true = truth.of(frame, marks)
-            pixels += int(true.moving.sum())
+            true = frame.true
+            moving = off & (true.moving if true else False)
+            pixels += int(moving.sum())
             for k, tracker in enumerate(trackers):
                 found = tracker.update(image)
-                off_px = np.linalg.norm(found.flow_px[true.moving] - true.flow_px[true.moving],
-                                        axis=-1)  # fmt: skip
-                sums[k] += off_px.sum() * stream.view.mm_per_px
+                if true:
+                    off_px = np.linalg.norm(found.flow_px[moving] - true.flow_px[moving], axis=-1)
+                    sums[k] += off_px.sum() * stream.view.mm_per_px
                 switches[k] = found.diagnostics.n_reference_switches
         cells = [f"{total / pixels:.3f} ({n})" for total, n in zip(sums, switches, strict=True)]
         yield f"| {entry.name} | {' | '.join(cells)} |"

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from deltact_fab.files import write_whole
-from deltact_fab.report.study_folder import read_result
+from deltact_fab.report.study_page import read_result
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "docs" / "evidence" / "studies"

@@ -24,13 +24,16 @@ import numpy as np
 
 from deltact_fab import cache
 from deltact_fab.jobs import executor
-from deltact_fab.study import pattern_press, pattern_selection
-from deltact_fab.study.force import simulated as force
+from deltact_fab.study import (
+    force_calibration,
+    pattern_press,
+    pattern_selection,
+    press_jobs,
+    shapes,
+)
 from deltact_fab.study.grid import Grid, GridJob, solve
-from deltact_fab.study.pattern_scene import Selection
+from deltact_fab.study.pattern_selection import Selection
 from deltact_fab.study.request import StudyRequest
-from deltact_fab.study.shape import press as shape_press
-from deltact_fab.study.shape import simulated as shape
 
 PATTERNS, DEPTHS_MM = (1, 2, 4), (1.0, 2.0, 3.0)
 
@@ -56,14 +59,13 @@ class Counted(StudyRequest):
 def grids(study: str) -> list[list[float]]:
     """The costs of the grids of a study at its default scale, with nothing kept."""
     asked = Counted(executor=cast(Any, SimpleNamespace(workers=1000)))
-    run = {"force": force.simulate, "selection": pattern_selection.run,
-           "shapes": shape.simulate}[study]  # fmt: skip
+    module = {"force": force_calibration, "selection": pattern_selection, "shapes": shapes}[study]
     with suppress(EnoughError):
-        run(asked)
+        module.run(asked)
     if study == "shapes":  # its objects wait for the calibrations
-        of = shape.scene(asked)
-        presses = [(n, p) for n in (*shape.OBJECTS, shape.TWIST) for p in shape.presses_of(of, n)]
-        asked.costs.append([of.job("", n, [p], shape_press.look).cost for n, p in presses])
+        of = shapes.scene(asked)
+        presses = [(n, p) for n in (*shapes.OBJECTS, shapes.TWIST) for p in of.presses(n)]
+        asked.costs.append([of.job("", n, p, press_jobs.look).cost for n, p in presses])
     return asked.costs
 
 
@@ -96,8 +98,9 @@ def scene(depth_mm: float) -> Selection:
     """One press without a drag, its gel solved."""
     small = Selection.of(StudyRequest(scale=0.001, more={"indenter": ["ellipsoid"]}))
     lone = {"depths_mm": (depth_mm,), "shear": None}
-    found = replace(small, protocol=small.protocol.model_copy(update=lone))
-    solve(found.gel_jobs())
+    protocols = {small.name: small.protocol.model_copy(update=lone)}
+    found = replace(small, scene=replace(small.scene, protocols=protocols))
+    solve(found.scene.gel_jobs())
     return found
 
 

@@ -142,6 +142,12 @@ def making(folder: Path) -> Iterator[None]:
         raise kind(f"{folder}: cannot be made: {why.strerror}") from why
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it; as `making` where that cannot be."""
+    with making(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+
+
 def sync_folder(folder: Path) -> None:
     """Make a rename survive a power cut; file systems that cannot say so are let pass."""
     if os.name == "posix":

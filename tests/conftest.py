@@ -135,7 +135,7 @@ def calibrations(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> li
     from deltact_fab import record
     from deltact_fab.analysis.force import write_calibration
     from deltact_fab.analysis.force.dataset import WRENCH
-    from deltact_fab.analysis.view import head_of, view_of
+    from deltact_fab.analysis.runs import head_of, view_of
     from deltact_fab.measure.face import FaceFlow
     from deltact_fab.measure.flow import FlowTracker
     from deltact_fab.measure.force import ForceModel, make_features

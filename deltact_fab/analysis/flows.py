@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,21 +14,12 @@ from ..measure.face import FaceFlow
 from ..measure.flow import FlowTracker
 from ..measure.recognised import recognise
 from ..record import Run
-from .frames import settled
-from .view import camera_of
+from .runs import camera_of, settled
 
 _KIND = "face-flow"
 _KEPT_BYTES = 2 << 30
 EVERY_PX = 4
 """Pixels between points of a flow that is given on."""
-
-
-@dataclass(frozen=True)
-class PressFlows:
-    """The flow of a press's settled frames, in their order, and what identifies it."""
-
-    flows: list[FaceFlow]
-    key: str
 
 
 def key_of(run: Run, press: str) -> str:
@@ -47,15 +37,14 @@ def key_of(run: Run, press: str) -> str:
     return text.hexdigest()
 
 
-def flows_of(run: Run, press: str, every: int) -> PressFlows:
+def flows_of(run: Run, press: str, every: int) -> list[FaceFlow]:
     """The face's flow at each settled frame of a press, from its first frame on.
 
     every: pixels between points. Frames on the way are followed and not kept. Raises RunFailed for
     an image that cannot be read, SensorError for a first one without a pattern, InputError for an
     imported run that shows none, or markers.
     """
-    of = key_of(run, press)
-    key = {"of": of, "every_px": every}
+    key = {"of": key_of(run, press), "every_px": every}
     held = cache.get(_KIND, key)
     if held is None:
         flows = _tracked(run, press, every)
@@ -68,7 +57,7 @@ def flows_of(run: Run, press: str, every: int) -> PressFlows:
         }
         cache.put(_KIND, key, held, _KEPT_BYTES)
     each = zip(held["shift"], held["known"], held["trusted"], strict=True)
-    return PressFlows([FaceFlow(s, k, held["x_mm"], held["y_mm"], t) for s, k, t in each], of)
+    return [FaceFlow(s, k, held["x_mm"], held["y_mm"], t) for s, k, t in each]
 
 
 def follower(run: Run) -> Callable[[Array], FaceFlow]:

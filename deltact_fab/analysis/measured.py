@@ -20,7 +20,7 @@ from ..measure.pipeline import Result, everything
 from ..measure.sensor_id import Kind, read_calibration, require_same
 from ..record import Run
 from .flows import EVERY_PX
-from .view import sensor_of, view_of
+from .runs import sensor_of, view_of
 
 MAX_FRAMES = 1000
 """Of a run with a force calibration all frames are measured up to so many; of any other those of

@@ -287,10 +287,12 @@ def series(
     """Write the 17 patterns that the paper compares: recipes, sheets to print, quality, a page."""
     from ..patterns.series import write
     from ..report import patterns_page
+    from ..report.templating import require_pages
 
     page, asides = None, []
-    try:
-        page = patterns_page.ready()
+    try:  # before a series is made, not after
+        require_pages()
+        page = patterns_page.write
     except MissingLibrary as why:
         asides = [f"no page: {why}"]
     with progress("pattern series") as tell:

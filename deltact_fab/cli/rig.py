@@ -352,10 +352,10 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
     lines = [found.verdict()]
     lines += [f"{c.fault}, {c.moment}: {c.wrong}; {c.outcome}" for c in found.wrong]
     if out is not None:
-        from ..report import rehearsal_page
+        from ..report.numerics_page import write_rehearsal
 
         lines += [f"written: {file}" for file in
-                  rehearsal_page.write(told, path.stem, bench_path.stem, out)]  # fmt: skip
+                  write_rehearsal(told, path.stem, bench_path.stem, out)]  # fmt: skip
     return Answer(told, lines, "" if found.wrong else None)
 
 

@@ -10,8 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from ..aliases import Progress
 from ..errors import RunFailed
-from . import messages
-from .local import Local, processors
+from .local import Local, listening, processors, speaking
 
 Told = Callable[[int, Any], None]
 """Hears (index of a job, what it told)."""
@@ -119,7 +118,7 @@ def run(
         with Local(several) as own:
             _run_on(own, work, jobs, heard, told, until_failure)
         return
-    with messages.listening(told) as name:
+    with listening(told) as name:
         for index, job in enumerate(jobs):
             try:
                 ended = JobOutcome(index, _job(name, index, work, job))
@@ -132,7 +131,7 @@ def run(
 
 def _job(name: str, index: int, work: Callable[[J], R], job: J) -> R:
     """A job, wherever it is."""
-    with messages.speaking(name, index):
+    with speaking(name, index):
         return work(job)
 
 
@@ -152,7 +151,7 @@ def _run_on(
     tried_alone: set[int] = set()
     first_failed = len(jobs)
     check: Callable[[], None] = getattr(executor, "check", lambda: None)
-    with messages.listening(None if told is None else lambda *said: news.put(said)) as name:
+    with listening(None if told is None else lambda *said: news.put(said)) as name:
 
         def submit(index: int) -> Future[R]:
             future = executor.submit(_job, name, index, work, jobs[index])

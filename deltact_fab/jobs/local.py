@@ -11,12 +11,13 @@ import signal
 import sys
 import threading
 import types
+import uuid
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..errors import RunFailed
-from . import messages
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
@@ -130,7 +131,7 @@ def _start(packed: bytes, threads: int) -> tuple[ProcessPoolExecutor, Future[Any
 def _listen(ear: Connection) -> None:
     with contextlib.suppress(EOFError, OSError), ear:
         while True:
-            messages.hear(ear.recv())
+            hear(ear.recv())
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
@@ -176,7 +177,7 @@ def _begin(mouth: Connection, threads: int) -> None:
     # Before any library is loaded; who has set one means it.
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, str(threads))
-    messages.speak_through(mouth.send)
+    _speak_through(mouth.send)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -198,3 +199,68 @@ def _end_with_parent() -> None:
 def _work(packed: bytes) -> Any:
     function, args, kwargs = pickle.loads(packed)
     return function(*args, **kwargs)
+
+
+# -- what a job says while it runs, heard by whoever waits for it, wherever it runs ----------------
+
+Word = tuple[str, int, Any]
+"""Of whom it is, the job's index, and what is said: plain data."""
+
+TOPIC = "deltact-fab"
+
+_job: ContextVar[tuple[str, int] | None] = ContextVar("job", default=None)
+_heard: dict[str, Callable[[int, Any], None]] = {}
+_outlet: Callable[[Word], None] | None = None
+_one_at_a_time = threading.Lock()
+
+
+def tell(word: Any) -> None:
+    """From inside a job: say how far it is, as plain data; heard by no one, it costs nothing."""
+    job = _job.get()
+    if job is None:
+        return
+    if job[0] in _heard:
+        hear((*job, word))
+    elif _outlet is not None:
+        with _one_at_a_time, contextlib.suppress(OSError):  # the other end is gone
+            _outlet((*job, word))
+    elif "distributed" in sys.modules:
+        from distributed import get_worker
+
+        with contextlib.suppress(ValueError):  # no worker: nobody listens
+            get_worker().log_event(TOPIC, [*job, word])
+
+
+def hear(word: Word) -> None:
+    """Hand on what was said; who no longer listens misses it."""
+    whose, index, said = word
+    if (listener := _heard.get(whose)) is not None:
+        listener(index, said)
+
+
+def _speak_through(outlet: Callable[[Word], None]) -> None:
+    """In a worker process: the way to the process that waits."""
+    global _outlet
+    _outlet = outlet
+
+
+@contextlib.contextmanager
+def listening(told: Callable[[int, Any], None] | None) -> Iterator[str]:
+    """What jobs under the yielded name say goes to told, on any thread."""
+    name = uuid.uuid4().hex
+    if told is not None:
+        _heard[name] = told
+    try:
+        yield name
+    finally:
+        _heard.pop(name, None)
+
+
+@contextlib.contextmanager
+def speaking(name: str, index: int) -> Iterator[None]:
+    """What is said inside is said by a job."""
+    before = _job.set((name, index))
+    try:
+        yield
+    finally:
+        _job.reset(before)

@@ -11,15 +11,13 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..extras import require
-from ..files import write_whole
-from .result import ReportFigure, StudyResult
+from .result import ReportFigure
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -257,30 +255,7 @@ def name_marks(
 
 COLUMN_IN, BOTH_COLUMNS_IN = 3.5, 7.16  # of IEEE's two-column page
 SMALLEST_PT = 6.0
-FORMATS = ("svg", "pdf")
 _NO_DATE = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-
-
-def save(result: StudyResult, folder: Path) -> list[Path]:
-    """Write NAME.svg and NAME.pdf of every figure into a folder; the files, in their order.
-
-    Letters are text with their font beside (SVG) or in the file (PDF), of 6 to 8 points. The same
-    figure gives the same bytes each time. All are drawn before the first is written. Raises
-    MissingLibrary without the extra `report`, InputError for a folder that cannot be, RunFailed
-    when the disk refuses.
-    """
-    from .study_folder import make
-
-    drawn = {
-        f"{one.name}.{kind}": as_bytes(figure, kind)
-        for one in result.figures
-        for figure in (draw(one),)
-        for kind in FORMATS
-    }
-    make(folder)
-    for name, data in drawn.items():
-        write_whole(folder / name, data)
-    return [folder / name for name in drawn]
 
 
 def draw(one: ReportFigure) -> Figure:

@@ -31,8 +31,7 @@ from ..errors import MissingLibrary
 from ..patterns.quality import measure
 from ..patterns.recipe import RECOMMENDED, draw_patches, load_recipe
 from . import first_light
-from .templating import fixed, render, require_pages, save, table
-from .verdict import Finding, verdict, warnings
+from .templating import Finding, fixed, render, require_pages, save, table, verdict, warnings
 
 VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
 VIEW_DOWN_DEG, VIEW_ROUND_DEG, VIEW_AWAY = -20.0, 35.0, 1.25  # the last in diagonals of the model

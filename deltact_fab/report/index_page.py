@@ -12,14 +12,12 @@ from urllib.parse import quote
 
 from .. import reading, record
 from ..errors import DeltactFabError, InputError
-from . import study_folder
-from .templating import render, save, table
-from .verdict import Finding, verdict
+from .study_page import PAGE, RESULT, read_result
+from .templating import Finding, render, save, table, verdict
 
 RUN = "run.json"
 # Where neither runs nor studies lie, but thousands of files may.
 SKIPPED = frozenset({"images", "truth", "analysis", "node_modules", "__pycache__"})
-PAGE = "report.html"  # of a run and of a study alike
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ def _places(folder: Path) -> Iterator[tuple[Path, bool]]:
     """Folders of runs and (True) of studies; a run holds no other one."""
     for place, inner, files in os.walk(folder):
         inner[:] = sorted(n for n in inner if n not in SKIPPED and not n.startswith("."))
-        if study_folder.RESULT in files:
+        if RESULT in files:
             yield Path(place), True
         if RUN in files:
             inner[:] = []
@@ -112,7 +110,7 @@ def _places(folder: Path) -> Iterator[tuple[Path, bool]]:
 
 
 def _study(place: Path, name: str, link: str) -> Entry:
-    kept = study_folder.read_result(place)
+    kept = read_result(place)
     trouble = ""
     if kept.missing:
         trouble = f"{len(kept.missing)} {'job' if len(kept.missing) == 1 else 'jobs'} missing:"

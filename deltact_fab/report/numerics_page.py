@@ -1,7 +1,8 @@
-"""One offline HTML page of the engines: error against CPU time, stability."""
+"""Offline HTML pages of the engines (error against CPU time, stability) and of a rehearsal."""
 
 from __future__ import annotations
 
+import json
 import textwrap
 from collections import Counter
 from collections.abc import Sequence
@@ -10,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from ..files import write_whole
 from . import figures
-from .templating import render, save, table
-from .verdict import Finding, verdict
+from .templating import Finding, render, save, table, verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -103,3 +104,25 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
     figure.legend(loc="outside lower left", fontsize="small", ncols=2)
     figures.name_marks(figure, axis, names)
     return figure
+
+
+CELLS = {
+    "fault": "fault", "moment": "when", "outcome": "what the operator reads",
+    "deeper_mm": "lower, mm", "wrong": "with --resume",
+}  # fmt: skip
+
+
+def write_rehearsal(found: dict[str, Any], protocol: str, rig: str, out: Path) -> list[Path]:
+    """rehearsal.html and .json of `Rehearsal.as_dict()`; as `templating.save`."""
+    rows = [{**c, "wrong": c["wrong"] or "the same record"} for c in found["cells"]]
+    marks = ["" if c["passed"] else "bad" for c in rows]
+    cells = table(pd.DataFrame(rows, columns=list(CELLS)).round(2), CELLS, marks)
+    text = f"{found['verdict'][:1].upper()}{found['verdict'][1:]}."
+    judged = verdict([Finding(text, "good" if found["passed"] else "bad")])
+    page = render(
+        "rehearsal.html", found=found, protocol=protocol, rig=rig, cells=cells, verdict=judged
+    )
+    data = out / "rehearsal.json"
+    written = [save(page, out / "rehearsal.html"), data]
+    write_whole(data, json.dumps(found, indent=1).encode())
+    return written

@@ -17,8 +17,7 @@ from ..analysis.shape import ShapeResult
 from ..analysis.tracking_error import PAPER_BEST_MM, RULE, WRONG_MM, TrackingResult, percent
 from ..errors import InputError
 from . import figures, run_figures
-from .templating import render, save, table
-from .verdict import Finding, verdict, warnings
+from .templating import Finding, render, save, table, verdict, warnings
 
 SMALLER = 0.6  # pictures of presses stand side by side
 

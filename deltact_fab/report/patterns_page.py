@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +13,7 @@ from .. import reading
 from ..errors import InputError
 from ..patterns.series import job as series
 from . import figures
-from .templating import named, render, require_pages, save, table
-from .verdict import Finding, verdict
+from .templating import Finding, named, render, save, table, verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,15 +23,6 @@ ASSUMED = (
     "Printer and camera are assumed values of a model, so this ranks patterns and predicts no "
     "error in millimetres: measure your own before you choose."
 )
-
-
-def ready() -> Callable[[Path], Path]:
-    """`write`, once it is known that its libraries are there: before a series is made, not after.
-
-    Raises MissingLibrary without the extra `report`.
-    """
-    require_pages()
-    return write
 
 
 def write(folder: Path) -> Path:

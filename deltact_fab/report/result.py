@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from .verdict import Finding, Level
+from .templating import Finding, Level
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,8 +1,8 @@
-"""The paper's gallery of shapes (object, image, density, surface), and the depth against truth."""
+"""Maps of the face: the paper's gallery of shapes, depth against truth, and force distribution."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,12 +10,13 @@ import numpy as np
 from ..aliases import Array
 from ..record import UNKNOWN
 from ..shapes import Indenter
-from . import figures, maps
+from . import figures
 from .figures import COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
 
     from ..analysis.shape.picture import ShapeMaps
 
@@ -77,7 +78,7 @@ def _object(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> Non
     radius, angle = np.meshgrid(np.linspace(0, half, 91), np.linspace(0, 2 * np.pi, 73))
     x, y = radius * np.cos(angle), radius * np.sin(angle)
     z = PART_MM - np.minimum(indenter.height_mm(x, y), PART_MM)
-    axis = maps.solid(figure, place)
+    axis = solid(figure, place)
     axis.plot_surface(
         x, y, z, color="#a9b8c8", lightsource=LightSource(azdeg=300, altdeg=40), rstride=1,
         cstride=1, linewidth=0, antialiased=False, rasterized=True,
@@ -97,26 +98,26 @@ def _reach_mm(indenter: Indenter) -> float:
 
 
 def _flow(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> None:
-    maps.flow(axis, picture)
-    maps.frame(axis, maps.window_mm(picture), first, last=False)
+    flow(axis, picture)
+    frame(axis, window_mm(picture), first, last=False)
 
 
 def _density(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> None:
     near = _near(picture)
     limit = max(float(np.percentile(np.abs(picture.relative[near]), EXTREME)), 0.02)
-    maps.shown(axis, picture.x_mm, picture.y_mm, picture.relative, "RdBu_r", -limit, limit,
+    shown(axis, picture.x_mm, picture.y_mm, picture.relative, "RdBu_r", -limit, limit,
                "minus density, from rest", "bottom")  # fmt: skip
     if not picture.reliable[near].all():
         axis.contour(picture.x_mm, picture.y_mm, picture.reliable.astype(float), [0.5],
                      colors="#555555", linewidths=0.6, linestyles=":")  # fmt: skip
-    maps.frame(axis, maps.window_mm(picture), first)
+    frame(axis, window_mm(picture), first)
 
 
 def _surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> None:
     """The depth as a relief: what presses stands up, as in the paper."""
     from matplotlib.ticker import MultipleLocator
 
-    axis = maps.solid(figure, place)
+    axis = solid(figure, place)
     every = max(1, round(RELIEF_MM / picture.cell_mm))
     rows, columns = (index.ravel()[::every] for index in _near(picture))
     part = picture.depth_mm[np.ix_(rows, columns)]
@@ -129,7 +130,7 @@ def _surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> No
     axis.set_zticks([0, round(top, 1)])
     for side in (axis.xaxis, axis.yaxis):
         side.set_major_locator(MultipleLocator(5))
-    axis.set_title(f"measured, to {float(part.max()):.2f} mm", fontsize=maps.HEADS, y=1.03)
+    axis.set_title(f"measured, to {float(part.max()):.2f} mm", fontsize=HEADS, y=1.03)
 
 
 def _section(axis: Axes, picture: ShapeMaps, first: bool) -> None:
@@ -143,26 +144,26 @@ def _section(axis: Axes, picture: ShapeMaps, first: bool) -> None:
     axis.plot(beside, picture.tip_mm[2] + height, color=figures.SOFT, lw=1, label="the object")
     axis.plot(x, -picture.true_depth_mm[row], color=COLOURS[4], ls="--", lw=1.5, label="true face")
     axis.plot(x, -picture.depth_mm[row], color=COLOURS[0], lw=1.5, label="measured face")
-    axis.set_xlim(*maps.window_mm(picture)[0])
+    axis.set_xlim(*window_mm(picture)[0])
     axis.set_ylim(-1.2 * _deepest(picture), 0.35 * _deepest(picture))
     axis.set_title(f"{picture.indenter}, {picture.tip_depth_mm:.2f} mm", fontweight="bold",
                    fontsize="medium")  # fmt: skip
-    axis.tick_params(labelsize=maps.TICKS)
-    axis.set_xlabel(f"x, mm, at y = {picture.tip_mm[1]:.1f} mm", fontsize=maps.LABELS)
+    axis.tick_params(labelsize=TICKS)
+    axis.set_xlabel(f"x, mm, at y = {picture.tip_mm[1]:.1f} mm", fontsize=LABELS)
     if first:
-        axis.set_ylabel("height of the face, mm", fontsize=maps.LABELS)
+        axis.set_ylabel("height of the face, mm", fontsize=LABELS)
 
 
 def _error(axis: Axes, picture: ShapeMaps, first: bool) -> None:
     error = picture.depth_mm - picture.true_depth_mm
     limit = max(float(np.percentile(np.abs(error[_near(picture)]), EXTREME)), 0.02)
-    maps.shown(axis, picture.x_mm, picture.y_mm, error, "PuOr", -limit, limit,
+    shown(axis, picture.x_mm, picture.y_mm, error, "PuOr", -limit, limit,
                "measured - true depth, mm", "bottom")  # fmt: skip
-    maps.outlines(axis, picture.outlines_mm, "black")
-    maps.true_contact(axis, picture, COLOURS[4])
+    outlines(axis, picture.outlines_mm, "black")
+    true_contact(axis, picture, COLOURS[4])
     axis.plot([], [], color=figures.INK, lw=1.3, label="contact found")
     axis.plot([], [], color=COLOURS[4], lw=1.3, ls="--", label="true contact")
-    maps.frame(axis, maps.window_mm(picture), first)
+    frame(axis, window_mm(picture), first)
 
 
 def _deepest(picture: ShapeMaps) -> float:
@@ -173,7 +174,7 @@ def _deepest(picture: ShapeMaps) -> float:
 
 def _near(picture: ShapeMaps) -> tuple[Array, ...]:
     """What is shown of a map, as its index."""
-    sides = zip((picture.x_mm, picture.y_mm), maps.window_mm(picture), strict=True)
+    sides = zip((picture.x_mm, picture.y_mm), window_mm(picture), strict=True)
     columns, rows = (np.flatnonzero((at >= low) & (at <= high)) for at, (low, high) in sides)
     return np.ix_(rows, columns)
 
@@ -200,21 +201,21 @@ def distribution(picture: ShapeMaps, note: str) -> Figure:
     for k, (words, x_mm, y_mm, normal_kpa, shear_kpa) in enumerate(fields):
         beside, normal, across = axes[3 * k : 3 * k + 3]
         last = k == len(fields) - 1
-        (_depth if k else maps.flow)(beside, picture)
-        maps.frame(beside, maps.window_mm(picture), last=last)
-        maps.shown(normal, x_mm, y_mm, normal_kpa, DARK, 0, pressure, "pressure, kPa")
-        normal.set_title(f"normal force, {words}", fontsize=maps.HEADS)
+        (_depth if k else flow)(beside, picture)
+        frame(beside, window_mm(picture), last=last)
+        shown(normal, x_mm, y_mm, normal_kpa, DARK, 0, pressure, "pressure, kPa")
+        normal.set_title(f"normal force, {words}", fontsize=HEADS)
         size = np.hypot(shear_kpa[..., 0], shear_kpa[..., 1])
-        maps.shown(across, x_mm, y_mm, size, DARK, 0, shear, "shear, kPa")
-        maps.arrows(across, x_mm, y_mm, shear_kpa, picture.tip_mm, shear)
-        across.set_title(f"shear force, {words}", fontsize=maps.HEADS)
+        shown(across, x_mm, y_mm, size, DARK, 0, shear, "shear, kPa")
+        arrows(across, x_mm, y_mm, shear_kpa, picture.tip_mm, shear)
+        across.set_title(f"shear force, {words}", fontsize=HEADS)
         for axis in (normal, across):
             axis.set_facecolor("black")  # where nothing was looked for, nothing presses
             if words == "true":
-                maps.true_contact(axis, picture, "white", "-")
+                true_contact(axis, picture, "white", "-")
             else:
-                maps.outlines(axis, picture.outlines_mm)
-            maps.frame(axis, maps.window_mm(picture), False, last)
+                outlines(axis, picture.outlines_mm)
+            frame(axis, window_mm(picture), False, last)
     return figure
 
 
@@ -225,11 +226,11 @@ def _full(values: Array) -> float:
 
 
 def _depth(axis: Axes, picture: ShapeMaps) -> None:
-    top = max(float(picture.depth_mm.max()), maps.MIN_MM)
-    maps.shown(axis, picture.x_mm, picture.y_mm, picture.depth_mm, "viridis", 0, top, "depth, mm")
-    maps.outlines(axis, picture.outlines_mm)
-    maps.true_contact(axis, picture, COLOURS[1])
-    axis.set_title("depth (true contact dashed)", fontsize=maps.HEADS)
+    top = max(float(picture.depth_mm.max()), MIN_MM)
+    shown(axis, picture.x_mm, picture.y_mm, picture.depth_mm, "viridis", 0, top, "depth, mm")
+    outlines(axis, picture.outlines_mm)
+    true_contact(axis, picture, COLOURS[1])
+    axis.set_title("depth (true contact dashed)", fontsize=HEADS)
 
 
 def _forces(picture: ShapeMaps) -> str:
@@ -245,3 +246,113 @@ def _forces(picture: ShapeMaps) -> str:
             parts.append(f"{words}: normal {-z:.2f} N, shear ({x:.2f}, {y:.2f}) N{about}")
     where = f"{picture.indenter} at ({picture.tip_mm[0]:.1f}, {picture.tip_mm[1]:.1f}) mm, "
     return "\n".join([where + f"{picture.tip_depth_mm:.2f} mm deep", *parts])
+
+
+# -- parts of these figures: around a press, seen as the camera sees it ----------------------------
+
+HALF_MM = 8.0
+"""Shown of the face to each side of the tip, as far as the view goes."""
+ARROW_MM = 1.5
+"""Between arrows: sparse, as the paper's figure of the force distribution has them."""
+MIN_MM = 0.02
+ARROW_COLOUR = "#7fe0ff"
+TICKS, LABELS, HEADS = "x-small", "small", "small"
+"""Sizes of letters, of those that the page or the paper has."""
+
+Window = Sequence[Sequence[float] | Array]
+"""Limits (low, high) of what is shown in x and in y."""
+
+
+def window_mm(picture: ShapeMaps) -> Window:
+    """What is shown around a press."""
+    left, right, top, bottom = picture.edges_mm
+    limits = zip(picture.tip_mm[:2], (left, top), (right, bottom), strict=True)
+    return [np.clip([at - HALF_MM, at + HALF_MM], low, high) for at, low, high in limits]
+
+
+def frame(axis: Axes, window: Window, first: bool = True, last: bool = True) -> None:
+    """Limits and labels of a map; first in its row, last in its column."""
+    from matplotlib.ticker import MultipleLocator
+
+    axis.grid(visible=False)
+    axis.tick_params(labelsize=TICKS)
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_major_locator(MultipleLocator(5))
+    axis.set(xlim=window[0], ylim=window[1][::-1], aspect="equal")
+    if last:
+        axis.set_xlabel("x, mm", fontsize=LABELS)
+    if first:
+        axis.set_ylabel("y, mm", fontsize=LABELS)
+
+
+def shown(
+    axis: Axes, x_mm: Array, y_mm: Array, values: Array, colours: str, low: float, high: float,
+    words: str, side: str = "right",
+) -> None:  # fmt: skip
+    """Values at points, each a cell of its own, with a bar at a side; those of no number blank."""
+    drawn = axis.pcolormesh(
+        x_mm, y_mm, values, cmap=colours, vmin=low, vmax=high, shading="nearest", rasterized=True
+    )
+    bar = axis.figure.colorbar(drawn, ax=axis, location=side, shrink=0.8, aspect=16, pad=0.02)
+    bar.ax.tick_params(labelsize=TICKS)
+    bar.set_label(words, fontsize=LABELS)
+    assert bar.solids is not None, "of a map"
+    bar.solids.set_edgecolor("face")  # no seams
+    bar.solids.set_rasterized(False)  # as an image it would have the id of any other panel's
+
+
+def flow(axis: Axes, picture: ShapeMaps) -> None:
+    """The camera's image, darkened, with the flow as arrows."""
+    rgb = (picture.image[..., ::-1].astype(float) * 0.6).astype(np.uint8)
+    left, right, top, bottom = picture.edges_mm
+    axis.imshow(rgb, extent=(left, right, bottom, top), interpolation="antialiased")
+    known = np.where(picture.known[..., None], picture.shift_mm, np.nan)
+    most = arrows(axis, picture.x_mm, picture.y_mm, known, picture.tip_mm)
+    axis.set_title(f"flow, at most {most:.2f} mm", fontsize=HEADS)
+
+
+def arrows(
+    axis: Axes, x_mm: Array, y_mm: Array, vectors: Array, middle: Array, most: float | None = None
+) -> float:
+    """Vectors (h, w, 2), NaN where not known, at points ARROW_MM apart, one in the middle.
+
+    most: the longest, drawn so that arrows do not hide each other; of all where it is not given.
+    """
+    from scipy.interpolate import RegularGridInterpolator
+
+    if most is None:
+        most = float(np.nanmax(np.hypot(vectors[..., 0], vectors[..., 1]), initial=MIN_MM))
+    x, y = (
+        np.arange(at - ARROW_MM * ((at - side[0]) // ARROW_MM), side[-1], ARROW_MM)
+        for side, at in zip((x_mm, y_mm), middle, strict=False)
+    )
+    at = np.stack(np.meshgrid(y, x, indexing="ij"), axis=-1)
+    part = RegularGridInterpolator((y_mm, x_mm), vectors.astype(float))(at)
+    part[np.hypot(part[..., 0], part[..., 1]) < 0.02 * most] = np.nan
+    axis.quiver(x, y, part[..., 0], part[..., 1], color=ARROW_COLOUR, angles="xy", units="inches",
+                scale_units="xy", scale=most / (2 * ARROW_MM), width=0.013)  # fmt: skip
+    return most
+
+
+def outlines(axis: Axes, lines_mm: Iterable[Array], colour: str = "white") -> None:
+    """Outlines (n, 2) of contacts."""
+    for line_mm in lines_mm:
+        axis.plot(*np.vstack((line_mm, line_mm[:1])).T, color=colour, lw=1.3)
+
+
+def true_contact(axis: Axes, picture: ShapeMaps, colour: str, style: str = "--") -> None:
+    """Outline of the true contact, where it is known."""
+    if picture.true_contact is not None and picture.true_contact.any():
+        axis.contour(
+            picture.x_mm, picture.y_mm, picture.true_contact.astype(float), [0.5], colors=colour,
+            linewidths=1.3, linestyles=style,
+        )  # fmt: skip
+
+
+def solid(figure: Figure, place: Axes) -> Axes3D:
+    """Axes in space in the place of flat ones, which keep their letter."""
+    place.set_axis_off()
+    axis = figure.add_subplot(place.get_subplotspec(), projection="3d")
+    axis.view_init(elev=35, azim=-60)
+    axis.tick_params(labelsize=TICKS, pad=-3)
+    return axis

@@ -1,22 +1,137 @@
-"""One offline HTML page of a study, the verdict first, and the files that it stands on."""
+"""A study's folder: one offline HTML page, the verdict first, and the files that it stands on.
+
+It is written whole, and its result is read again.
+"""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from . import figures, study_folder
+from .. import catalog, digest, reading
+from ..errors import InputError, RunFailed
+from ..files import make_folder, write_together, write_whole
+from . import figures
 from .result import Headline, ReportTable, StudyResult
-from .templating import number, render, require_pages, table
-from .verdict import verdict
+from .templating import number, render, require_pages, table, verdict
 
+PAGE, RESULT = "report.html", "result.json"
+FORMAT = "deltact-fab study 2"
 MAX_ROWS, FIRST_ROWS = 120, 20  # a longer table is shown by its first rows
 MAX_MISSING = 20
 HEADLINES = "headlines"
+FIGURES = ("svg", "pdf")
+
+
+@dataclass(frozen=True)
+class KeptResult:
+    """What is read of `result.json`, in which all stands that `--json` prints.
+
+    made: day and time (UTC, ISO 8601) at which it was written. module, code: what made it, and its
+    digest. files: names.
+    """
+
+    study: str
+    verdict: tuple[str, ...]
+    simulated: bool
+    made: str
+    missing: tuple[str, ...]
+    module: str
+    code: str
+    files: tuple[str, ...]
+
+    @property
+    def old(self) -> bool:
+        """Whether other code than the present one made it."""
+        return bool(self.module) and _code_of(self.module) != self.code
+
+
+def _code_of(module: str) -> str:
+    """The digest of a module; empty where the package has none of that name."""
+    try:
+        return digest.of(module) if module else ""
+    except ValueError:
+        return ""
+
+
+def read_result(folder: str | Path) -> KeptResult:
+    """What a study left in a folder. Raises InputError naming file and key."""
+    path = Path(folder) / RESULT
+    if not reading.is_file(path):
+        raise InputError(
+            f"{folder}: no study ({RESULT} is missing); name a folder that `study run` wrote"
+        )
+    found = reading.json_object(path)
+    if (kept := found.get("format")) != FORMAT:
+        raise InputError(f"{path}: format: {kept!r}; this version reads {FORMAT!r}")
+    return catalog.validate(KeptResult, found, str(path))
+
+
+def contents(result: StudyResult) -> dict[str, bytes]:
+    """The files of a study but its page, by name; result.json last.
+
+    Raises RunFailed for a number that JSON does not have.
+    """
+    from ..experiment import versions
+
+    made = {
+        f"{table.name}.csv": table.frame.to_csv(index=False).encode() for table in result.tables
+    }
+    made |= {name: text.encode() for name, text in result.files.items()}
+    kept = {
+        "format": FORMAT,
+        "title": result.title,
+        "made": f"{datetime.now(UTC):%Y-%m-%dT%H:%MZ}",
+        "module": result.module,
+        "code": _code_of(result.module),
+        "versions": versions(),
+        **result.data,
+        "figures": [figure.name for figure in result.figures],
+        "files": [PAGE, *made],
+    }
+    try:
+        made[RESULT] = (json.dumps(kept, indent=1, allow_nan=False) + "\n").encode()
+    except ValueError as why:
+        raise RunFailed(f"{result.study}: its data hold a figure that is no number: {why}") from why
+    return made
+
+
+def refuse_strange(out: Path, study: str) -> None:
+    """Raises InputError for a folder that is neither empty nor an earlier one of this study.
+
+    Empty folders in it count for nothing: that of its figures may be one.
+    """
+    try:
+        other = read_result(out).study
+    except InputError:
+        other = None
+    files = (one for one in out.rglob("*") if not one.is_dir() and not one.name.startswith(".new-"))
+    if other != study and any(files):
+        held = f"holds the study {other}" if other else f"is not empty, and no earlier {study}"
+        raise InputError(f"{out}: {held}; name another folder")
+
+
+def place(files: Mapping[str, bytes], out: Path) -> None:
+    """Put files into a study's folder; those that an earlier study left there go, others stay.
+
+    Until all are on the disk the earlier ones stay as they are. Raises RunFailed when the disk
+    refuses.
+    """
+    # Its list is the last to change: what is cut short here is found by the next.
+    names = sorted(files, key=lambda name: name == RESULT)
+    try:
+        earlier = read_result(out).files
+    except InputError:
+        earlier = ()
+    # A list that was changed by hand reaches into no other folder.
+    gone = [out / name for name in earlier if name not in files and Path(name).name == name]
+    write_together({out / name: files[name] for name in names}, gone, RunFailed)
 
 
 def prepared(one: ReportTable) -> dict[str, Any]:
@@ -37,18 +152,14 @@ def prepared(one: ReportTable) -> dict[str, Any]:
     }
 
 
-def ready(study: str, out: Path, figures_in: Path | None = None) -> None:
-    """Say before a study begins, and not after hours, what keeps it from being written.
+def ready(study: str, out: Path) -> None:
+    """Say before a study begins, and not after hours, what keeps it from being written into out.
 
-    out: its folder; figures_in: that of `paper_figures.save`. Raises MissingLibrary without the
-    extra `report`, InputError for a folder that cannot be, or that holds anything but an earlier
-    one of this study.
+    Raises MissingLibrary without the extra `report`, InputError for a folder that holds anything
+    but an earlier one of this study.
     """
     require_pages()
-    study_folder.make(out)
-    study_folder.refuse_strange(out, study)
-    if figures_in is not None:
-        study_folder.make(figures_in)
+    refuse_strange(out, study)
 
 
 def write(result: StudyResult, out: Path) -> Path:
@@ -58,16 +169,36 @@ def write(result: StudyResult, out: Path) -> Path:
     Raises MissingLibrary without the extra `report`, InputError for a folder that cannot be or is
     another's, RunFailed when the disk refuses or a figure is no number.
     """
-    study_folder.make(out)
-    study_folder.refuse_strange(out, result.study)
+    make_folder(out)
+    refuse_strange(out, result.study)
     if result.headlines:
         frame = pd.DataFrame([one.as_dict() for one in result.headlines])
         own = ReportTable(HEADLINES, "Key figures", frame)
         result = replace(result, tables=(own, *result.tables))
-    files = study_folder.contents(result)
-    page = html(result, json.loads(files[study_folder.RESULT]))
-    study_folder.place({study_folder.PAGE: page.encode(), **files}, out)
-    return out / study_folder.PAGE
+    files = contents(result)
+    page = html(result, json.loads(files[RESULT]))
+    place({PAGE: page.encode(), **files}, out)
+    return out / PAGE
+
+
+def write_figures(result: StudyResult, folder: Path) -> list[Path]:
+    """Write NAME.svg and NAME.pdf of every figure into a folder; the files, in their order.
+
+    Letters are text with their font beside (SVG) or in the file (PDF), of 6 to 8 points. The same
+    figure gives the same bytes each time. All are drawn before the first is written. Raises
+    MissingLibrary without the extra `report`, InputError for a folder that cannot be, RunFailed
+    when the disk refuses.
+    """
+    drawn = {
+        f"{one.name}.{kind}": figures.as_bytes(figure, kind)
+        for one in result.figures
+        for figure in (figures.draw(one),)
+        for kind in FIGURES
+    }
+    make_folder(folder)
+    for name, data in drawn.items():
+        write_whole(folder / name, data)
+    return [folder / name for name in drawn]
 
 
 def html(result: StudyResult, kept: dict[str, Any]) -> str:

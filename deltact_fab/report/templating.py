@@ -1,15 +1,15 @@
-"""The one way from a template to a page, and from a frame to a table of it."""
+"""The one way from a template to a page, from findings to its verdict, from a frame to a table."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from ..extras import require
-from ..files import making, write_whole
+from ..files import make_folder, write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,6 +40,35 @@ def render(template: str, **values: Any) -> str:
     )
     made.filters.update(num=number, fig=fixed)
     return made.get_template(template).render(**values)
+
+
+Level = Literal["good", "warning", "bad"]
+LEVELS: tuple[Level, ...] = ("good", "warning", "bad")
+
+
+class Finding(NamedTuple):
+    """A sentence and how bad it is."""
+
+    text: str
+    level: Level = "good"
+
+
+class Verdict(NamedTuple):
+    """What a page says first: its findings, each once; the worst of them is its colour, level."""
+
+    findings: tuple[Finding, ...]
+    level: Level
+
+
+def verdict(findings: Iterable[Finding]) -> Verdict:
+    """Of all that a page has to say for and against what it shows."""
+    once = tuple(dict.fromkeys(findings))
+    return Verdict(once, max((one.level for one in once), key=LEVELS.index, default="good"))
+
+
+def warnings(lines: Iterable[str]) -> list[Finding]:
+    """A finding for each line that is a warning."""
+    return [Finding(line, "warning") for line in lines]
 
 
 # Of a key or a column: what its last part says of the unit.
@@ -127,7 +156,6 @@ def save(page: str, out: Path) -> Path:
 
     Raises InputError when the folder cannot be, RunFailed when the disk refuses.
     """
-    with making(out.parent):
-        out.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(out.parent)
     write_whole(out, page.encode())
     return out

@@ -63,13 +63,26 @@ Value = dict[str, Any]
 _FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
 
 
+def seed_of(seed: int, name: str) -> int:
+    """The seed of a job in a study's seed: a number below 2**48, by numpy's SeedSequence.
+
+    It depends on the two alone, so a grid that grows keeps the draws of what it had.
+    """
+    import numpy as np
+
+    words = np.frombuffer(hashlib.sha256(name.encode()).digest(), dtype="<u4")
+    sequence = np.random.SeedSequence(seed, spawn_key=tuple(int(w) for w in words))
+    high, low = sequence.generate_state(2)
+    return (int(high) << 16) | (int(low) >> 16)
+
+
 @dataclass(frozen=True)
 class GridJob:
     """One cell of a grid.
 
     name: unique in the grid, shown while it runs. work: a function of a module; it
     may `jobs.tell` the share of it that is done. given: all that the result depends on, plain JSON
-    data, the seed among it (seeds.seed_of). cost: seconds that it may take on one core, 0 where
+    data, the seed among it (`seed_of`). cost: seconds that it may take on one core, 0 where
     that is not known. needs, makes: files of the store that it reads, or leaves besides its value;
     they go with it to another machine, and back.
     """
@@ -124,7 +137,7 @@ def solve(
     jobs: Sequence[GridJob],
     executor: Executor | None = None,
     progress: Progress | None = None,
-    say: Callable[[str], None] | None = None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> Grid:
     """The results of jobs; those that are kept are not done again, and each is kept when it ends.
 
@@ -135,96 +148,72 @@ def solve(
     """
     if twice := [name for name, n in Counter(job.name for job in jobs).items() if n > 1]:
         raise ValueError(f"jobs of one name: {', '.join(twice)}")
-    books = _Books(jobs, executor, progress, say or (lambda text: None))
-    books.tick("")
+    keys = {job.name: job.key() for job in jobs}
+    found = _held(jobs, keys)
+    kept = len(found)
+    missing: dict[str, str] = {}
+    errors: list[Exception] = []
+    refused: list[str] = []
+    # The longest are begun first, so that none is left alone at the end.
+    todo = sorted((job for job in jobs if job.name not in found), key=lambda job: -job.cost)
+    pace = JobPace([job.cost for job in todo], at_a_time(executor))
+
+    def tick(what: str) -> None:
+        if progress is not None:
+            left = pace.left()
+            progress(len(found) + len(missing), len(jobs), f"{what}{left and f', {left}'}")
+
+    def told(index: int, share: Any) -> None:
+        if isinstance(share, int | float):
+            pace.share(index, share)
+            tick(todo[index].name)
+
+    def ended(one: JobOutcome[Value]) -> None:
+        """Keep what a job gave, or why it gave nothing. Raises a mistake in the code of a job."""
+        name = todo[one.index].name
+        pace.share(one.index, 1.0)
+        if one.value is not None:
+            found[name] = one.value
+            if not cache.put(KIND, keys[name], one.value) and not refused:
+                refused.append(f"{cache.user_folder()}: nothing can be kept there")
+                say(f"{refused[0]}; do not interrupt this")
+        elif isinstance(one.error, _FAILURES):
+            errors.append(one.error)
+            missing[name] = " ".join(str(one.error).split()) or type(one.error).__name__
+            say(f"failed: {name}: {missing[name]}")
+        elif one.error is not None:
+            one.error.add_note(f"in the job {name}")
+            raise one.error
+        tick(name)
+
+    if todo:
+        about = pace.beforehand and f", {pace.beforehand}"
+        say(f"{kept} of {len(jobs)} jobs are kept, {len(todo)} to do{about}")
+    tick("")
     try:
-        run(_do, books.todo, books.ended, executor, told=books.told)
+        run(_do, todo, ended, executor, told=told)
     except (KeyboardInterrupt, CannotGoOn) as why:
-        state = f"{len(books.found)} of {len(jobs)} jobs are kept; the same command goes on there"
+        state = f"{len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
         if isinstance(why, KeyboardInterrupt):
             raise Stopped(f"stopped: {state}") from why
         raise RunFailed(f"{why}; {state}") from why
-    return books.grid()
+    if errors and not found:
+        raise errors[0]
+    # The longest unused make room, and never what has been used now, which is the youngest.
+    files = (cache.user_folder() / cache.file_of(KIND, key) for key in keys.values())
+    used = sum(file.stat().st_size for file in files if file.exists())
+    cache.trim(KIND, max(KEPT_BYTES, used))
+    return Grid({job.name: found[job.name] for job in jobs if job.name in found}, missing, kept)
 
 
-class _Books:
-    """What is found, missing and to do while a grid is solved, and the messages about it."""
-
-    def __init__(
-        self,
-        jobs: Sequence[GridJob],
-        executor: Executor | None,
-        progress: Progress | None,
-        say: Callable[[str], None],
-    ) -> None:
-        self._jobs, self._progress, self._say = jobs, progress, say
-        self._keys = keys = {job.name: job.key() for job in jobs}
-        held = {
-            job.name: cache.get(KIND, keys[job.name])
-            for job in jobs
-            if not job.makes or any((cache.user_folder() / made).exists() for made in job.makes)
-        }
-        self.found: dict[str, Value] = {k: v for k, v in held.items() if v is not None}
-        self._kept = len(self.found)
-        # The longest are begun first, so that none is left alone at the end.
-        todo = [job for job in jobs if job.name not in self.found]
-        self.todo = sorted(todo, key=lambda job: -job.cost)
-        self._pace = JobPace([job.cost for job in self.todo], at_a_time(executor))
-        self._missing: dict[str, str] = {}
-        self._errors: list[Exception] = []
-        self._refused = False
-        if self.todo:
-            about = self._pace.beforehand
-            say(
-                f"{self._kept} of {len(jobs)} jobs are kept, "
-                f"{len(jobs) - self._kept} to do{about and f', {about}'}"
-            )
-
-    def tick(self, what: str) -> None:
-        """Tell how far it is."""
-        if self._progress is not None:
-            left = self._pace.left()
-            done = len(self.found) + len(self._missing)
-            self._progress(done, len(self._jobs), f"{what}{left and f', {left}'}")
-
-    def told(self, index: int, share: Any) -> None:
-        """A job reports the share of it that is done."""
-        if isinstance(share, int | float):
-            self._pace.share(index, share)
-            self.tick(self.todo[index].name)
-
-    def ended(self, ended: JobOutcome[Value]) -> None:
-        """Keep what a job gave, or why it gave nothing. Raises a mistake in the code of a job."""
-        name = self.todo[ended.index].name
-        self._pace.share(ended.index, 1.0)
-        if ended.value is not None:
-            self._keep(name, ended.value)
-        elif isinstance(ended.error, _FAILURES):
-            self._errors.append(ended.error)
-            why = " ".join(str(ended.error).split()) or type(ended.error).__name__
-            self._missing[name] = why
-            self._say(f"failed: {name}: {why}")
-        elif ended.error is not None:
-            ended.error.add_note(f"in the job {name}")
-            raise ended.error
-        self.tick(name)
-
-    def _keep(self, name: str, value: Value) -> None:
-        self.found[name] = value
-        if not cache.put(KIND, self._keys[name], value) and not self._refused:
-            self._refused = True
-            self._say(f"{cache.user_folder()}: nothing can be kept there; do not interrupt this")
-
-    def grid(self) -> Grid:
-        """All that was found, when the jobs have ended. Raises the first error if all failed."""
-        if self._errors and not self.found:
-            raise self._errors[0]
-        # The longest unused make room, and never what has been used now, which is the youngest.
-        files = (cache.user_folder() / cache.file_of(KIND, key) for key in self._keys.values())
-        used = sum(file.stat().st_size for file in files if file.exists())
-        cache.trim(KIND, max(KEPT_BYTES, used))
-        found = {job.name: self.found[job.name] for job in self._jobs if job.name in self.found}
-        return Grid(found, self._missing, self._kept)
+def _held(jobs: Sequence[GridJob], keys: dict[str, dict[str, Any]]) -> dict[str, Value]:
+    """What is kept of jobs, but of those whose files are gone."""
+    held = {
+        job.name: cache.get(KIND, keys[job.name])
+        for job in jobs
+        if not job.makes or any((cache.user_folder() / made).exists() for made in job.makes)
+    }
+    return {name: value for name, value in held.items() if value is not None}
 
 
 def _do(job: GridJob) -> Value:

@@ -26,15 +26,18 @@ from ..report.result import Headline
 Statistic = Callable[[NDArray[np.float64]], float]
 Scale = Literal["plain", "positive", "correlation"]
 
-_TO: dict[Scale, tuple[Callable[[float], float], Callable[[float], float]]] = {
-    "plain": (float, float),
-    "positive": (math.log, math.exp),
-    "correlation": (math.atanh, math.tanh),
-}
+# To the scale on which an interval is made, infinite at its end; back; the least and the most.
+_SCALES: dict[
+    Scale, tuple[Callable[[float], float], Callable[[float], float], float, float]
+] = {
+    "plain": (float, float, -math.inf, math.inf),
+    "positive": (lambda v: math.log(v) if v else -math.inf, math.exp, 0.0, math.inf),
+    "correlation": (
+        lambda v: math.atanh(v) if abs(v) < 1 else math.copysign(math.inf, v), math.tanh, -1.0, 1.0,
+    ),
+}  # fmt: skip
 MIN_GROUPS = 4
 """Groups for an interval: the spread of fewer is itself not known."""
-_LEAST: dict[Scale, float] = {"plain": -math.inf, "positive": 0.0, "correlation": -1.0}
-_MOST: dict[Scale, float] = {"plain": math.inf, "positive": math.inf, "correlation": 1.0}
 
 
 class Interval(NamedTuple):
@@ -50,43 +53,6 @@ def headline(what: str, unit: str, found: Interval, factor: float = 1.0, **more:
     """A figure that counts, with its interval; factor: to the unit, from the figure's own."""
     low, high = (None if end is None else factor * end for end in (found.low, found.high))
     return Headline(what, factor * found.value, unit, low, high, found.over, **more)
-
-
-def over_groups(
-    values: ArrayLike,
-    groups: Sequence[Hashable] | NDArray[Any],
-    statistic: Statistic,
-    level: float = 0.95,
-    scale: Scale = "plain",
-) -> tuple[float | None, float | None]:
-    """The interval (low, high) of statistic(values) over groups; (None, None) below MIN_GROUPS.
-
-    values (n, ...): rows of samples, of any shape a row (several columns for a ratio). groups (n,):
-    the seed, position or press of each; where two are repeated, take the one that errs more widely.
-    statistic: of rows (m, ...), smooth in what a group contributes. scale: "positive" for a
-    magnitude such as an RMSE (the interval is made of its logarithm and stays above 0),
-    "correlation" for one in -1 to 1 (of Fisher's z).
-    Raises InputError for values that are not finite or not as many as groups, and a figure that
-    the scale does not allow.
-    """
-    rows, of = _checked(values, groups)
-    count = int(of.max()) + 1
-    if count < MIN_GROUPS:
-        return None, None
-    whole = _at(scale, statistic(rows))
-    without = np.array([_at(scale, statistic(rows[of != group])) for group in range(count)])
-    if math.isinf(whole):  # an RMSE of 0, a correlation of 1: so it is in every group
-        exact = float(statistic(rows))
-        return exact, exact
-    if np.isinf(without).any():  # all hangs on one group, which its own scale cannot show
-        low, high = over_groups(rows, of, statistic, level)
-        return max(low or 0.0, _LEAST[scale]), min(high or 0.0, _MOST[scale])
-    spread = math.sqrt((count - 1) / count * float(np.sum((without - without.mean()) ** 2)))
-    from scipy.special import stdtrit
-
-    reach = float(stdtrit(count - 1, (1 + level) / 2)) * spread
-    back = _TO[scale][1]
-    return back(whole - reach), back(whole + reach)
 
 
 def rmse(errors: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str) -> Interval:
@@ -128,41 +94,45 @@ def estimate(
     scale: Scale = "plain",
     level: float = 0.95,
 ) -> Interval:
-    """Any statistic with its interval, as a headline takes it. As `over_groups`.
+    """A statistic of values with its interval over groups, as a headline takes it.
 
-    each: what a group is, in the singular.
+    values (n, ...): rows of samples, of any shape a row (several columns for a ratio). groups (n,):
+    the seed, position or press of each; where two are repeated, take the one that errs more widely.
+    statistic: of rows (m, ...), smooth in what a group contributes. each: what a group is, in the
+    singular. scale: "positive" for a magnitude such as an RMSE (the interval is made of its
+    logarithm and stays above 0), "correlation" for one in -1 to 1 (of Fisher's z).
+    Raises InputError for values that are not finite or not as many as groups, and a figure that
+    the scale does not allow.
     """
-    rows, of = _checked(values, groups)
-    count = int(of.max()) + 1
-    low, high = over_groups(rows, of, statistic, level, scale)
-    several = f"{each}es" if each.endswith("s") else f"{each}s"
-    over = f"{count} {several}" if count > 1 else f"one {each}"
-    if count < MIN_GROUPS:
-        over += ": no interval below four"
-    return Interval(float(statistic(rows)), low, high, over)
-
-
-def _checked(
-    values: ArrayLike, groups: Sequence[Hashable] | NDArray[Any]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    rows = np.asarray(values, dtype=np.float64)
-    names = list(groups)
+    rows, names = np.asarray(values, dtype=np.float64), list(groups)
     if rows.ndim == 0 or len(rows) != len(names) or not names or not np.isfinite(rows).all():
         raise InputError(
             f"interval: finite values are needed, as many as groups: {rows.shape} values, "
             f"{len(names)} groups"
         )
     number = {name: index for index, name in enumerate(dict.fromkeys(names))}
-    return rows, np.array([number[name] for name in names], dtype=np.int64)
+    of, count = np.array([number[name] for name in names]), len(number)
+    to, back, least, most = _SCALES[scale]
 
+    def at(rows: NDArray[np.float64]) -> float:
+        figure = float(statistic(rows))
+        if not least <= figure <= most:  # NaN fails too
+            raise InputError(f"interval: the figure {figure:g} is no {scale} one")
+        return to(figure)
 
-def _at(scale: Scale, value: float) -> float:
-    """A figure on its scale, infinite at the end of it."""
-    value = float(value)
-    if not _LEAST[scale] <= value <= _MOST[scale]:  # NaN fails too
-        raise InputError(f"interval: the figure {value:g} is no {scale} one")
-    if scale == "positive" and value == 0:
-        return -math.inf
-    if scale == "correlation" and abs(value) == 1:
-        return math.copysign(math.inf, value)
-    return _TO[scale][0](value)
+    value = float(statistic(rows))
+    several = f"{each}es" if each.endswith("s") else f"{each}s"
+    over = f"{count} {several}" if count > 1 else f"one {each}"
+    if count < MIN_GROUPS:
+        return Interval(value, None, None, f"{over}: no interval below four")
+    whole, without = at(rows), np.array([at(rows[of != group]) for group in range(count)])
+    if math.isinf(whole):  # an RMSE of 0, a correlation of 1: so it is in every group
+        return Interval(value, value, value, over)
+    if np.isinf(without).any():  # all hangs on one group, which its own scale cannot show
+        _, low, high, _ = estimate(rows, names, statistic, each, level=level)
+        return Interval(value, max(low or 0.0, least), min(high or 0.0, most), over)
+    from scipy.special import stdtrit
+
+    spread = math.sqrt((count - 1) / count * float(np.sum((without - without.mean()) ** 2)))
+    reach = float(stdtrit(count - 1, (1 + level) / 2)) * spread
+    return Interval(value, back(whole - reach), back(whole + reach), over)

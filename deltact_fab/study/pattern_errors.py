@@ -84,16 +84,16 @@ def cells_of(value: Mapping[str, Any], press: str, indenter: str) -> list[PressE
     """What a job of `pattern_press.follow` found."""
     return [
         PressErrors(
-            name,
+            cell["pattern"],
             press,
             indenter,
-            {m: ErrorTally.of(p, value[f"histogram|{name}|{m}"]) for m, p in by_method.items()},
-            {m: value[f"rows|{name}|{m}"] for m in by_method},
+            {method: ErrorTally.of(plain) for method, plain in cell["tallies"].items()},
+            cell["rows"],
             value["path"],
-            value["dots"][name],
-            tuple(value["left_out"][name]),
+            cell["dots"],
+            tuple(cell["left_out"]),
         )
-        for name, by_method in value["tallies"].items()
+        for cell in value["cells"]
     ]
 
 

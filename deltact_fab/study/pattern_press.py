@@ -1,4 +1,4 @@
-"""The jobs of the pattern selection: a gel of a press, and the press under several patterns."""
+"""The jobs of the pattern selection: a press under several patterns, simulated or recorded."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.tracking_error.follow import Follower, TrackingPlan
+from .. import record
+from ..analysis.tracking_error.follow import Follower, TrackingPlan, analyse_press, scene_of
 from ..errors import SensorError
 from ..jobs import tell
 from ..patterns.recipe import recipe_from
 from . import press_jobs
-from .stream import PressStream, StreamTruth
+from .stream import PressStream
 
 # CPU seconds on one core, about, for the time that is announced beforehand.
 GEOMETRY_S, PATTERN_S, PRINT_S, KNOT_S = 0.2, 0.45, 1.2, 5.0
@@ -37,12 +38,12 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     cv2.setNumThreads(1)  # the other cores have jobs of their own
     protocol, sensor, config, source = press_jobs.read(given)
     stream = PressStream(protocol, given["press"], sensor, config, source)
-    truth, seed, methods = StreamTruth(stream), given["seed"], given["methods"]
+    seed, methods = given["seed"], given["methods"]
     printed, followers = {}, {}
     for name, data in given["patterns"].items():
         recipe = recipe_from(data, name)
         marks = stream.marks(recipe)
-        printed[name] = stream.picture(recipe, seed), stream.noise(seed), marks
+        printed[name] = stream.picture(recipe, seed), stream.noise(seed)
         followers[name] = Follower(
             TrackingPlan(tuple(methods), bool(len(marks.dots_mm)), (), timed=False), marks
         )
@@ -52,13 +53,12 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     lost: dict[str, list[str]] = {}
     count = len(stream.looks)
     for frame in stream.frames():
-        for name, (picture, noise, marks) in printed.items():
+        for name, (picture, noise) in printed.items():
             if name in lost:
                 continue
             image = stream.tracked(picture.expose(frame.at_px, noise, frame.displacement_mm))
-            true = truth.of(frame, marks) if frame.number else None
             try:
-                said = followers[name].take(image, true)
+                said = followers[name].take(image, frame.true)
             except SensorError as why:  # a print that the camera cannot tell from grey
                 lost[name] = [str(why)]
                 continue
@@ -89,12 +89,29 @@ def packed(
     """
     x, y, z = np.array(tips_mm, float).reshape(-1, 3).T
     path = np.column_stack((np.maximum(-z, 0.0), np.hypot(x - at_mm[0], y - at_mm[1])))
-    value: dict[str, Any] = {"path": path, "tallies": {}, "dots": {}, "left_out": {}}
-    for name, (tallies, rows, dots, left_out) in found.items():
-        value["tallies"][name] = {method: tally.plain() for method, tally in tallies.items()}
-        value["dots"][name], value["left_out"][name] = dots, left_out
-        for method, tally in tallies.items():
-            value[f"histogram|{name}|{method}"] = tally.histogram
-            lines = [[row.get(key) for key in FIGURES] for row in rows[method]]
-            value[f"rows|{name}|{method}"] = np.array(lines, float).reshape(-1, len(FIGURES))
-    return value
+    cells = [
+        {
+            "pattern": name,
+            "tallies": {method: tally.plain() for method, tally in tallies.items()},
+            "rows": {
+                method: np.array([[row.get(key) for key in FIGURES] for row in rows[method]], float)
+                .reshape(-1, len(FIGURES))
+                for method in tallies
+            },
+            "dots": dots,
+            "left_out": left_out,
+        }
+        for name, (tallies, rows, dots, left_out) in found.items()
+    ]  # fmt: skip
+    return {"path": path, "cells": cells}
+
+
+def follow_recorded(given: dict[str, Any]) -> dict[str, Any]:
+    """One press of a run, as `follow` returns one of a simulated gel."""
+    run, name = record.open(given["folder"]), given["name"]
+    scene = scene_of(run, given["methods"])
+    found = analyse_press(given["folder"], given["press"], scene)
+    rows = {m: [row for row in found.rows if row["method"] == m] for m in given["methods"]}
+    tips = run.frames(given["press"])[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
+    here = {name: (found.tallies, rows, found.dots.figures(), found.left_out)}
+    return packed(tips[1:].tolist(), tips[0, :2].tolist(), here)

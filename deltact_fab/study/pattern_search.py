@@ -6,47 +6,49 @@ as in a pattern selection, with seeds that the search has not seen.
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from ..catalog import as_toml
-from ..errors import RunFailed
+from ..catalog import as_toml, validate
+from ..errors import InputError, RunFailed
 from ..patterns.recipe import DEFAULT_SEED, RECOMMENDED, PatternRecipe, load_recipe
 from ..protocols import plan
 from ..report.result import LeftOut, ReportFigure, ReportTable, StudyResult
+from ..rig.config import PrinterConfig, VirtualConfig
+from ..shapes import SensorDimensions
 from ..units import MM_PER_INCH
-from ..virtual.presses import Presses
 from . import press_jobs
-from .grid import GridJob
+from .grid import GridJob, seed_of
 from .pattern_errors import OURS, PatternErrors, cells_of
 from .pattern_press import KNOT_S, cost_s, follow
-from .pattern_scene import frames_an_indenter, part_of
-from .request import StudyRequest, share_of
-from .search.candidates import (
+from .pattern_selection import frames_an_indenter, part_of
+from .request import StudyRequest, share_of, virtual_rig
+from .scene import RIG, PressScene
+from .search_candidates import (
     MAX_PX,
+    MIN_BRIDGED_MM,
+    MIN_COVERAGE,
     MIN_DOTS,
     MIN_PX,
     PAPER,
     candidates,
-    name_of,
-    shortened,
-    thinned,
-)
-from .search.drag import probe
-from .search.imager import bench_of, words_of
-from .search.result import (
-    MIN_BRIDGED_MM,
-    MIN_COVERAGE,
     confirmed,
     errors_by_size,
     finalists,
     headlines,
+    name_of,
     ranked,
+    shortened,
+    thinned,
 )
-from .seeds import seed_of
+from .search_drag import probe
 
-RIG, PROTOCOL = "virtual", "pattern-search"
+PROTOCOL = "pattern-search"
 MIN_CANDIDATES = 8
+MIN_MM_PER_PX, MAX_MM_PER_PX = 0.012, 0.1
+"""2500 px across the view take minutes a pattern; 300 px are too few to track in."""
 PROBE_S = 3.0
 """A candidate's cost on one core."""
 LEFT_OUT = (
@@ -68,14 +70,12 @@ def run(asked: StudyRequest) -> StudyResult:
     among = thinned(whole, max(MIN_CANDIDATES, round(scale * len(whole))), (PAPER, shipped))
     whole_protocol, source = plan.load(PROTOCOL)
     protocol = shortened(whole_protocol, scale)
-
-    def told(seed: int, **more: Any) -> dict[str, Any]:
-        return press_jobs.given(protocol, sensor, config, source, seed=seed, **more)
-
+    of = PressScene({PROTOCOL: protocol}, config, rig, source, sensor, asked.seed)
     searches = [seed_of(asked.seed, f"search {k}") for k in range(max(1, round(2 * scale)))]
+    told = partial(press_jobs.given, protocol, sensor, config, source)
     probes = [
-        [GridJob(f"{name}, search {k}", probe, told(seed, recipe=_drawn(recipe, seed)), PROBE_S)
-         for k, seed in enumerate(searches, start=1)]
+        [GridJob(f"{name}, search {k}", probe, told(recipe=_drawn(recipe, s), seed=s), PROBE_S)
+         for k, s in enumerate(searches, start=1)]
         for name, recipe in among.items()
     ]  # fmt: skip
     there = asked.solve([job for own in probes for job in own]).found
@@ -84,19 +84,17 @@ def run(asked: StudyRequest) -> StudyResult:
     frame = ranked(seen, among)
     best = finalists(frame, max(2, round(4 * scale)))
     chosen = list(dict.fromkeys([*best, PAPER, *(name for name in (shipped,) if name in among)]))
-    gel = Presses(protocol, sensor.skin, config.virtual.gel)
-    gels = press_jobs.gel_jobs(gel, lambda press: told(0, press=press), KNOT_S)
-    press_jobs.solve_gels(asked, gels)
+    of.solve_gels(asked, KNOT_S)
     seeds = [seed_of(asked.seed, f"held-out seed {k}") for k in range(max(2, round(5 * scale)))]
     jobs = [
-        [GridJob(
-            f"{press}, held out {k}", follow,
-            told(seed, press=press, methods=[OURS],
-                 patterns={name: _drawn(among[name], seed) for name in chosen}),
-            cost_s(frames_an_indenter(protocol), len(chosen)),
-            press_jobs.gel_files(gel, [press]),
-        )
-         for press in [path.press for path in gel.paths]]
+        [
+            of.job(
+                f"{press}, held out {k}", PROTOCOL, press, follow,
+                cost_s(frames_an_indenter(protocol), len(chosen)), seed=seed, methods=[OURS],
+                patterns={name: _drawn(among[name], seed) for name in chosen},
+            )
+            for press in of.presses(PROTOCOL)
+        ]
         for k, seed in enumerate(seeds, start=1)
     ]  # fmt: skip
     there = asked.solve([job for own in jobs for job in own]).found
@@ -174,3 +172,41 @@ def run(asked: StudyRequest) -> StudyResult:
 def _drawn(recipe: PatternRecipe, seed: int) -> dict[str, Any]:
     """A recipe of another seed, as plain data."""
     return recipe.model_copy(update={"seed": seed}).model_dump(mode="json", exclude_none=True)
+
+
+def bench_of(
+    rig: str, dpi: int | None = None, mm_per_px: float | None = None
+) -> tuple[VirtualConfig, SensorDimensions]:
+    """A virtual rig, a pinhole without a lens, and the sensor before it.
+
+    dpi: of the printer, mm_per_px: of the camera, None for the rig's and the sensor's. Sides of the
+    image are even, for the mosaic. Raises InputError for a rig that is not virtual, or a value out
+    of range.
+    """
+    sensor, config = SensorDimensions(), virtual_rig(rig)[0]
+    scale = sensor.optics.mm_per_px if mm_per_px is None else mm_per_px
+    if not MIN_MM_PER_PX <= scale <= MAX_MM_PER_PX:  # NaN fails too
+        raise InputError(
+            f"pattern-search: mm_per_px: {scale:g}; {MIN_MM_PER_PX} to {MAX_MM_PER_PX} mm "
+            "of the face a pixel can be simulated"
+        )
+    width, height = (2 * math.floor(mm / scale / 2 + 1e-9) for mm in sensor.optics.view_mm)
+    optics = replace(sensor.optics, mm_per_px=scale, image_width_px=width, image_height_px=height)
+    printer = config.virtual.printer
+    if dpi is not None:
+        printer = validate(PrinterConfig, printer.model_dump() | {"dpi": dpi}, "pattern-search")
+    simulator = config.virtual.model_copy(update={"lens": None, "printer": printer})
+    config = config.model_copy(update={"virtual": simulator, "camera": None})
+    return config, replace(sensor, optics=optics)
+
+
+def words_of(config: VirtualConfig, sensor: SensorDimensions) -> dict[str, str]:
+    """Printer and camera for people."""
+    p, s = config.virtual.printer, config.virtual.camera
+    return {
+        "printer": f"{p.dpi} dpi, {p.levels} levels an ink, spread {p.spread_um:g} µm, inks "
+        f"misplaced by {p.misregistration_um:g} µm (standard deviation)",
+        "camera": f"{sensor.optics.mm_per_px:g} mm a pixel, blur {s.blur_px:g} px, full well "
+        f"{s.full_well_electrons:g} electrons, read noise {s.read_noise_electrons:g}, "
+        f"shading {s.shading:g}, Bayer mosaic",
+    }

@@ -1,37 +1,45 @@
 """Presses on the virtual rig inside a pure job: given as data, in a folder removed at the end.
 
-Each is carried out as a run has it, and its record analysed as any other; then the images go.
+Each is carried out as a run has it, and its record analysed as any other; then the images go, and
+what was found in them stays. Calibrations come as the text of their files, so that a job depends on
+nothing of its caller.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
 from .. import catalog, record
+from ..analysis.force.dataset import PressPoints, points_of
+from ..analysis.runs import view_of
+from ..analysis.shape import PressShape, ShapeMaps, calibrate_depth, press_shape
 from ..errors import DeltactFabError
 from ..experiment.session import run_presses
 from ..jobs import tell
+from ..measure.force.calibration import load_force
+from ..measure.shape import DepthModel
 from ..patterns.recipe import PatternRecipe
 from ..protocols.plan import Protocol
-from ..report.result import GEL_FLAGS
 from ..rig.config import VirtualConfig
 from ..rig.interface import RigSetup as RigJob
 from ..shapes import SensorDimensions
-from ..virtual.presses import Presses, path_of, stored_files
+from ..virtual.presses import Presses, path_of
 from ..virtual.rig import VirtualKind
-from .grid import GridJob
 
 if TYPE_CHECKING:
     from ..record import Run
     from ..virtual.rig import VirtualRig
-    from .request import StudyRequest
+
+SHOWN = ("deepest", "twisted")
+"""Pictures of a press that is looked at."""
 
 
 def given(
@@ -71,46 +79,6 @@ def read(told: dict[str, Any]) -> tuple[Protocol, SensorDimensions, VirtualConfi
     )
 
 
-def gel_jobs(presses: Presses, told: Callable[..., dict[str, Any]], knot_s: float) -> list[GridJob]:
-    """A job for each press whose gel is not in the store; one serves its mirror images.
-
-    They come before the jobs that need them: whoever solves a gel leaves it in the store, that of
-    the caller too, from where a job that names `gel_files` has it. told: `given` of a press,
-    which it takes by the name `press`. knot_s: seconds of one knot. A press that no mesh serves has
-    none: its own job says so.
-    """
-    jobs: dict[str, GridJob] = {}
-    for path in presses.paths:
-        try:
-            press = presses.of(path)
-        except DeltactFabError:
-            continue
-        solver = press.solver
-        if solver.found is None and solver.stored_as is not None:
-            name, given_ = f"gel {path.press}", told(press=path.press)
-            job = GridJob(
-                name, solve_gel, given_, knot_s * len(solver.poses), makes=stored_files(press)
-            )
-            jobs.setdefault(solver.stored_as, job)
-    return list(jobs.values())
-
-
-def solve_gels(asked: StudyRequest, jobs: Sequence[GridJob]) -> None:
-    """Jobs of `gel_jobs`, before those of the presses."""
-    if jobs:
-        asked.say(f"the gel of {len(jobs)} presses is solved first, and kept")
-        asked.solve(jobs)
-
-
-def gel_files(presses: Presses, names: Sequence[str]) -> tuple[str, ...]:
-    """Files of the store that have the gels of presses: the `needs` of a job of theirs."""
-    found: list[str] = []
-    for name in names:
-        with suppress(DeltactFabError):  # no mesh serves it
-            found += stored_files(presses.of(path_of(presses, name)))
-    return tuple(dict.fromkeys(found))
-
-
 def solve_gel(told: dict[str, Any]) -> dict[str, Any]:
     """The gel of a press into the store; told: as `given`, with `press`.
 
@@ -125,10 +93,10 @@ def solve_gel(told: dict[str, Any]) -> dict[str, Any]:
 
 
 @contextmanager
-def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, VirtualRig]]:
-    """The finished run of presses, until the end of the block, and its rig, closed.
+def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, dict[str, Any]]]:
+    """The finished run of a press, until the end of the block, and what the gel reports of it.
 
-    told: as `given`, with recipe, presses and seed. Raises RunFailed.
+    told: as `given`, with recipe, press and seed. Raises RunFailed.
     """
     import cv2
 
@@ -141,19 +109,12 @@ def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, VirtualRig]]:
         view = VirtualKind(rig, source).camera(protocol, sensor)
         job = RigJob(protocol, sensor, recipe, view, told["seed"], Path(scratch) / protocol.name)
         cv2.setNumThreads(1)  # a processor has a job of its own
-        bench = run_presses(job, rig, source, told["presses"], share)
-        yield record.open(job.folder), bench
+        bench = run_presses(job, rig, source, [told["press"]], share)
+        yield record.open(job.folder), _gel_of(bench)
 
 
-def flagged(gel: Sequence[Mapping[str, Any]], of: str) -> dict[str, str]:
-    """The setting GEL_FLAGS of a study; none where no gel was flagged. gel: `gel_of` of each."""
-    flags = Counter(name for one in gel for name in one["flags"])
-    told = "; ".join(f"{name} at {n} of {len(gel)} {of}" for name, n in flags.items())
-    return {GEL_FLAGS: told} if told else {}
-
-
-def gel_of(bench: VirtualRig) -> dict[str, Any]:
-    """What the gel reports of presses, plain data.
+def _gel_of(bench: VirtualRig) -> dict[str, Any]:
+    """What the gel reports of a press, plain data.
 
     cells_mm: of each mesh. coarse: cells over those that the tolerance requires, the worst. flags:
     by kind, the first in full. left_out: by the rig.
@@ -172,3 +133,53 @@ def gel_of(bench: VirtualRig) -> dict[str, Any]:
         "flags": flags,
         "left_out": bench.left_out(),
     }
+
+
+def points(told: dict[str, Any]) -> dict[str, Any]:
+    """The points of a press, for a fit of forces, and what its gel reports.
+
+    told: as of `carried_out`, and names of `features`. Raises RunFailed.
+    """
+    with carried_out(told) as (run, gel):
+        name = str(told["protocol"]["name"])
+        found = points_of(run, name, told["press"], told["features"], view_of(run))
+    return {**vars(found), "rows": found.rows.to_dict("list"), **gel}
+
+
+def points_found(value: Mapping[str, Any]) -> PressPoints:
+    """What `points` found."""
+    rows = pd.DataFrame(value["rows"])
+    return PressPoints(rows, value["wrench"], value["features"], value["refused"])
+
+
+def ball(told: dict[str, Any]) -> dict[str, Any]:
+    """A calibration of depth by the press of a ball; told: as of `carried_out`."""
+    with carried_out(told) as (run, gel):
+        found = calibrate_depth(run.folder)
+        return {"toml": found.toml(), "line": found.line, **gel}
+
+
+def look(told: dict[str, Any]) -> dict[str, Any]:
+    """What is seen of a press, and what is true of it, and what its gel reports.
+
+    told: as of `carried_out`, and `depth`, `force`: texts of calibrations.
+    """
+    with carried_out(told) as (run, gel), TemporaryDirectory() as folder:
+        depth, force = (Path(folder) / f"{kind}.toml" for kind in ("depth", "force"))
+        for file in (depth, force):
+            file.write_text(told[file.stem], encoding="utf-8")
+        model = DepthModel.load(depth)[1]
+        seen = press_shape(run.folder, told["press"], model, load_force(force))
+        pictures = {name: getattr(seen, name) for name in SHOWN}
+        return {
+            "rows": seen.rows,
+            "contact_by": seen.contact_by,
+            **{name: None if one is None else vars(one) for name, one in pictures.items()},
+            **gel,
+        }
+
+
+def shape_found(value: Mapping[str, Any]) -> PressShape:
+    """What `look` found."""
+    deepest, twisted = (value[name] and ShapeMaps(**value[name]) for name in SHOWN)
+    return PressShape(value["rows"], deepest, twisted, value["contact_by"])

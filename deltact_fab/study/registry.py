@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, did_you_mean
@@ -14,25 +14,12 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Option:
-    """An option of one study only: `--name VALUE` of its command, `more["name"]` of its request.
-
-    name: with hyphens; in `more` with underscores. default: its type is the option's (a tuple:
-    repeatable, a tuple of words arrives). None: no default, and kind says the type.
-    """
-
-    name: str
-    help: str
-    default: Any = None
-    kind: type = str
-
-
-@dataclass(frozen=True)
 class Study:
     """A study. line: what `study list` says. about: paragraphs of its `--help`.
 
     takes: which of the common options it has: "scale", "seed", "rig", "from", and "grid" for --jobs
-    and --on. scale: its default scale, shown in the help; None where it takes none.
+    and --on. scale: its default scale, shown in the help; None where it takes none. options: of
+    this study only, as click takes them, by flag; a request has their values in `more`.
     """
 
     module: str
@@ -40,7 +27,7 @@ class Study:
     about: str = ""
     takes: tuple[str, ...] = ("scale", "seed", "rig", "from", "grid")
     scale: float | None = None
-    options: tuple[Option, ...] = ()
+    options: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
 STUDIES = {
@@ -52,7 +39,7 @@ STUDIES = {
         "with --scale 0.1. A smaller scale takes fewer depths and places; all indenters stay, and "
         "so do at least two places and the range of depth and shear.\n\n"
         "With --from the points are those of recorded runs, of any bench.",
-        options=(Option("protocol", "Another protocol with images, forces and settled stops."),),
+        options={"--protocol": {"help": "Another protocol with images, forces and settled stops."}},
     ),
     "pattern-selection": Study(
         "pattern_selection",
@@ -62,11 +49,14 @@ STUDIES = {
         "fewer positions and shorter drags, with the same step between frames. The gel is solved "
         "once and kept. With --from, each run is one tactile base.",
         scale=0.04,
-        options=(
-            Option("protocol", "Protocol to press: a name or a path.", "pattern-selection"),
-            Option("pattern", "Only this pattern of the series, as d0p1-r0p5; repeatable.", ()),
-            Option("indenter", "Only this indenter of the protocol; repeatable.", ()),
-        ),
+        options={
+            "--protocol": {"help": "Protocol to press: a name or a path.",
+                           "default": "pattern-selection"},
+            "--pattern": {"help": "Only this pattern of the series, as d0p1-r0p5; repeatable.",
+                          "multiple": True},
+            "--indenter": {"help": "Only this indenter of the protocol; repeatable.",
+                           "multiple": True},
+        },
     ),
     "shapes": Study(
         "shapes",
@@ -87,10 +77,10 @@ STUDIES = {
         "shorter drag.",
         takes=("scale", "seed", "rig", "grid"),
         scale=1.0,
-        options=(
-            Option("dpi", "Resolution of the printer, dots per inch.", kind=int),
-            Option("mm-per-px", "Size of a camera pixel on the face, mm.", kind=float),
-        ),
+        options={
+            "--dpi": {"help": "Resolution of the printer, dots per inch.", "type": int},
+            "--mm-per-px": {"help": "Size of a camera pixel on the face, mm.", "type": float},
+        },
     ),
     "settling": Study(
         "settling",
@@ -99,7 +89,7 @@ STUDIES = {
         "with --from: the gel's relaxation is fitted to its rests.",
         takes=("from",),
     ),
-}
+}  # fmt: skip
 
 
 def find(name: str) -> Study:

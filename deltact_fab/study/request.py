@@ -36,13 +36,6 @@ class StudyRequest:
     more: dict[str, Any] = field(default_factory=dict)
     grids: list[Grid] = field(default_factory=list, compare=False, repr=False)
 
-    @property
-    def workers(self) -> int:
-        """How many jobs run at a time."""
-        from ..jobs import at_a_time
-
-        return at_a_time(self.executor)
-
     def solve(self, jobs: Sequence[GridJob]) -> Grid:
         """A grid of jobs on what was asked for; what is missing in it gets into the result."""
         from .grid import solve
@@ -71,3 +64,21 @@ def virtual_rig(name: str) -> tuple[VirtualConfig, Path]:
             "rig, or give what a real one recorded to a study that takes --from"
         )
     return rig, source
+
+
+def modulus_remark(modulus_mpa: float, also: str = "") -> str:
+    """For a study's notes: how well the gel's modulus is known, and what that changes.
+
+    Stresses of the simulated gel are in proportion to it at one and the same deformation (so is
+    every force that is solved here: `gel.path` solves for 1 MPa). also: what else depends on it, of
+    a study in which what is fixed in newtons meets forces at another place.
+    """
+    from ..preflight.peaks import MODULUS_FACTOR
+
+    return (
+        f"The gel's modulus, {modulus_mpa:g} MPa, is known to a factor of {MODULUS_FACTOR:g} "
+        "(Gent's relation from Shore 15A). Deformation at a given depth does not depend on it, nor "
+        "does what follows from deformation alone: images, flow, tracking errors, depth, contact, "
+        "how fast a force fades, shares of a force. Forces and tractions, and their errors in N "
+        f"and kPa, are in proportion to it.{also}"
+    )

@@ -1,28 +1,29 @@
-"""One sensor, pattern and gel on a virtual rig: its presses as jobs, and their settings."""
+"""One sensor and gel on a virtual rig: its presses as jobs, and what they were made with."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..cad.design import load_design
-from ..errors import InputError
+from ..errors import DeltactFabError, InputError
 from ..gel.level_selection import SHARE
 from ..measure.force import ForceModel
 from ..measure.force.calibration import ForceCalibration
 from ..measure.sensor_id import CalibrationSource, Head, SensorId
 from ..measure.view import SensorView
-from ..patterns.recipe import PatternRecipe, load_recipe
+from ..patterns.recipe import load_recipe
 from ..protocols import limits
 from ..protocols.plan import Protocol, expand
-from ..report.result import LeftOut
+from ..report.result import GEL_FLAGS, LeftOut
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..version import VERSION
-from ..virtual.presses import Presses
+from ..virtual.presses import Presses, path_of, stored_files
 from ..virtual.rig import VirtualKind
 from . import press_jobs
 from .grid import GridJob
@@ -45,7 +46,6 @@ class PressScene:
     rig_name: str
     source: Path
     sensor: SensorDimensions
-    recipe: PatternRecipe
     seed: int
 
     @classmethod
@@ -66,40 +66,78 @@ class PressScene:
             if refused := kind.refusals(protocol, sensor, str(file)):
                 raise InputError(refused[0])
         protocols = {key: protocol for key, (protocol, _) in loaded.items()}
-        recipe = load_recipe(specimen.pattern)
-        return cls(protocols, rig, name, source, sensor, recipe, asked.seed)
+        return cls(protocols, rig, name, source, sensor, asked.seed)
 
     def gel(self, name: str) -> Presses:
         """The presses of a protocol on the rig's gel."""
         return Presses(self.protocols[name], self.sensor.skin, self.rig.virtual.gel)
 
-    def solve_gels(self, asked: StudyRequest) -> None:
+    def presses(self, name: str) -> list[str]:
+        """The presses of a protocol, in its order."""
+        return [path.press for path in self.gel(name).paths]
+
+    def given(self, name: str, press: str, **more: Any) -> dict[str, Any]:
+        """Arguments of a job of a press of a protocol; more: of that job alone."""
+        protocol, path = self.protocols[name], path_of(self.gel(name), press)
+        # A press does not depend on the other indenters: with more of them it is found again.
+        alone = protocol.model_copy(update={"indenters": (path.indenter,)})
+        more = {"press": press, "seed": self.seed, **more}
+        return press_jobs.given(alone, self.sensor, self.rig, self.source, **more)
+
+    def gel_jobs(self, knot_s: float = KNOT_S) -> list[GridJob]:
+        """A job for each press whose gel is not in the store; one serves its mirror images.
+
+        They come before the jobs that need them: whoever solves a gel leaves it in the store, that
+        of the caller too, from where a job of the press has it. knot_s: seconds of one knot. A
+        press that no mesh serves has none: its own job says so.
+        """
+        jobs: dict[str, GridJob] = {}
+        for name in self.protocols:
+            presses = self.gel(name)
+            for path in presses.paths:
+                try:
+                    press = presses.of(path)
+                except DeltactFabError:
+                    continue
+                solver = press.solver
+                if solver.found is None and solver.stored_as is not None:
+                    job = GridJob(
+                        f"gel {path.press} of {name}", press_jobs.solve_gel,
+                        self.given(name, path.press), knot_s * len(solver.poses),
+                        makes=stored_files(press),
+                    )  # fmt: skip
+                    jobs.setdefault(solver.stored_as, job)
+        return list(jobs.values())
+
+    def solve_gels(self, asked: StudyRequest, knot_s: float = KNOT_S) -> None:
         """The gel of every press that is not in the store, into it, before the jobs of presses."""
-        jobs = []
-        for name, protocol in self.protocols.items():
-            told = partial(press_jobs.given, protocol, self.sensor, self.rig, self.source)
-            own = press_jobs.gel_jobs(self.gel(name), told, KNOT_S)
-            jobs += [replace(job, name=f"{job.name} of {name}") for job in own]
-        press_jobs.solve_gels(asked, jobs)
+        if jobs := self.gel_jobs(knot_s):
+            asked.say(f"the gel of {len(jobs)} presses is solved first, and kept")
+            asked.solve(jobs)
 
     def job(
         self,
         job: str,
         name: str,
-        presses: Sequence[str],
+        press: str,
         work: Callable[[dict[str, Any]], dict[str, Any]],
+        cost_s: float | None = None,
         **more: Any,
     ) -> GridJob:
-        """Presses of a protocol as one job, their gels solved; more: besides what they are."""
-        protocol = self.protocols[name]
-        given = press_jobs.given(
-            protocol, self.sensor, self.rig, self.source,
-            recipe=self.recipe.model_dump(mode="json"), presses=list(presses), seed=self.seed,
-            **more,
-        )  # fmt: skip
-        frames = sum(step.frames for step in expand(protocol) if step.press in presses)
-        needs = press_jobs.gel_files(self.gel(name), presses)
-        return GridJob(job, work, given, FRAME_S * frames, needs)
+        """A job of a press of a protocol, its gel solved; cost_s: None for one that is recorded.
+
+        more: besides what the press is and, recorded, the pattern on it.
+        """
+        if cost_s is None:
+            steps = expand(self.protocols[name])
+            cost_s = FRAME_S * sum(step.frames for step in steps if step.press == press)
+            recipe = load_recipe(self.protocols[name].specimen.pattern)
+            more = {"recipe": recipe.model_dump(mode="json"), **more}
+        needs: tuple[str, ...] = ()
+        with suppress(DeltactFabError):  # no mesh serves it
+            presses = self.gel(name)
+            needs = stored_files(presses.of(path_of(presses, press)))
+        return GridJob(job, work, self.given(name, press, **more), cost_s, needs)
 
     def view(self, name: str) -> SensorView:
         """What a protocol's images may tell of the sensor."""
@@ -113,7 +151,7 @@ class PressScene:
     ) -> ForceCalibration:
         """A model of force that was fitted to a protocol's points, with its errors there."""
         view, specimen = self.view(name), self.protocols[name].specimen
-        recipe = self.recipe.model_dump(mode="json")
+        recipe = load_recipe(specimen.pattern).model_dump(mode="json")
         sensor = SensorId.of(view.camera, recipe, specimen.design, specimen.serial)
         source = CalibrationSource((name,), True, VERSION, self.seed)
         return ForceCalibration(
@@ -121,7 +159,7 @@ class PressScene:
         )
 
     def settings(self, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-        """What the presses were made with, as a reader is shown it; gel: `press_jobs.gel_of`."""
+        """What the presses were made with, as a reader is shown it; gel: what jobs report of it."""
         specimen, force = next(iter(self.protocols.values())).specimen, self.rig.force
         hyperelastic = self.rig.virtual.gel.hyperelastic
         range_n, range_nmm = (
@@ -142,7 +180,14 @@ class PressScene:
             f"mesh may be {times:.2g} times that of the tolerance, "
             f"{times * (1 - SHARE) * hyperelastic.tolerance:.1%} of the force",
         }
-        return found | press_jobs.flagged(gel, "jobs")
+        return found | flagged(gel, "jobs")
+
+
+def flagged(gel: Sequence[Mapping[str, Any]], of: str) -> dict[str, str]:
+    """The setting GEL_FLAGS of a study; none where no gel was flagged. gel: what jobs report."""
+    flags = Counter(name for one in gel for name in one["flags"])
+    told = "; ".join(f"{name} at {n} of {len(gel)} {of}" for name, n in flags.items())
+    return {GEL_FLAGS: told} if told else {}
 
 
 def left_out(gel: Sequence[Mapping[str, Any]]) -> tuple[LeftOut, ...]:

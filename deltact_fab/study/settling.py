@@ -20,7 +20,7 @@ from ..analysis.relaxation import RelaxationFit, Rest, fit, rests, time_to
 from ..errors import InputError
 from ..report import figures
 from ..report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
-from . import gel_remarks
+from .request import modulus_remark
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +34,7 @@ AXES = {"press": [2], "shear": [0, 1]}  # the forces that a stop was made for
 WORDS = {"press": "a press", "shear": "a drag"}
 RELAXED = 10.0  # x the slowest time: what is left then is e^-10 of its branch
 LEAST_S, MIN_PERCENT = 0.02, 0.05  # shown
+ALSO = " Waits for an error in N are those of half or twice as strict a share."
 LEFT_OUT = (
     LeftOut("softening by the first press (Mullins)", "the fit has no such memory; press a new gel "
             "as deep before you measure"),
@@ -133,7 +134,7 @@ def run(asked: StudyRequest) -> StudyResult:
         settings={"runs": ", ".join(map(str, asked.runs)),
                   "ramp": f"{protocol['motion']['press_feed_mm_min']:g} mm/min"},
         notes=(*_notes(found, fitted),
-               gel_remarks.remark(STUDY, protocol["specimen"]["modulus_mpa"])),
+               modulus_remark(protocol["specimen"]["modulus_mpa"], ALSO)),
         left_out=LEFT_OUT,
         more={"prony": [list(pair) for pair in fitted.series.pairs], "rms_n": fitted.rms_n,
               "unsure_tau_s": list(fitted.unsure)},

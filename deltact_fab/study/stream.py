@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..aliases import Field
-from ..analysis.tracking_error.dots import Marks
-from ..analysis.tracking_error.truth import TrueFrame, off_dots, seen_by
+from ..analysis.tracking_error.dots import Marks, TrueFrame, seen_by
 from ..errors import SolverError
 from ..experiment.session import pattern_of
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, divide
@@ -55,13 +54,14 @@ class FaceFrame:
     """One moment of the face, before any pattern is on it.
 
     at_px: (h + 2, w + 2, 2), what each pixel sees, for `FrameRenderer.expose`. displacement_mm:
-    (ny, nx, 3) on the lattice, None at rest.
+    (ny, nx, 3) on the lattice, None at rest. true: None of the first frame, the reference.
     """
 
     number: int
     look: Look
     at_px: NDArray[np.float32]
     displacement_mm: Field | None
+    true: TrueFrame | None
 
 
 class PressStream:
@@ -101,10 +101,12 @@ class PressStream:
         return looks(self.protocol, self.path, self.increments)
 
     def frames(self, looks: Iterable[Look] | None = None) -> Iterator[FaceFrame]:
-        """Each moment's geometry, one after the other; looks: None for the protocol's own.
+        """Each moment of the face, one after the other; looks: None for the protocol's own.
 
         Raises SolverError where a pixel would see no point of the surface.
         """
+        in_view = seen_by(self.view)
+        still = np.zeros((*in_view.shape, 2))
         for number, look in enumerate(self.looks if looks is None else looks):
             u_mm = None
             if look.a or look.b:  # as the rig's scene has it: linear between knots, of 32 bits each
@@ -112,7 +114,11 @@ class PressStream:
                 u_mm = np.asarray(
                     first + look.fraction * (self._field(look.b).astype(float) - first)
                 )
-            yield FaceFrame(number, look, self.geometry.material_px(u_mm), u_mm)
+            true = None
+            if number:
+                flow, in_plane = (still, still) if u_mm is None else self.seen.both(u_mm)
+                true = TrueFrame.of(flow, in_plane, in_view, self.view.mm_per_px)
+            yield FaceFrame(number, look, self.geometry.material_px(u_mm), u_mm, true)
 
     def picture(self, recipe: PatternRecipe, seed: int) -> FrameRenderer:
         """The gel with that pattern printed on it, as the rig's own run with that seed has it."""
@@ -152,35 +158,6 @@ class PressStream:
             field = self._crop(whole)
         self._knot = [self._knot[1], (knot, field)]
         return field
-
-
-class StreamTruth:
-    """What is true of the frames of a stream; of a frame, once for all patterns with equal dots."""
-
-    def __init__(self, stream: PressStream) -> None:
-        self._stream = stream
-        self._in_view = seen_by(stream.view)
-        self._off: dict[bytes, NDArray[np.bool_]] = {}
-        self._number = -1
-        self._frames: dict[bytes, TrueFrame] = {}
-        self._motion: tuple[Field, Field] = np.zeros(0), np.zeros(0)
-
-    def of(self, frame: FaceFrame, marks: Marks) -> TrueFrame:
-        """Motion of every pixel, and which of them move and lie on no dot of a pattern."""
-        view = self._stream.view
-        if frame.number != self._number:
-            self._number, self._frames = frame.number, {}
-            still = np.zeros((*self._in_view.shape, 2))
-            u_mm = frame.displacement_mm
-            self._motion = (still, still) if u_mm is None else self._stream.seen.both(u_mm)
-        key = marks.dots_mm.tobytes() + np.float64(marks.diameter_mm).tobytes()
-        if key not in self._off:
-            self._off[key] = off_dots(view, marks.dots_mm, marks.diameter_mm)
-        if key not in self._frames:
-            self._frames[key] = TrueFrame.of(
-                *self._motion, self._off[key], self._in_view, view.mm_per_px
-            )
-        return self._frames[key]
 
 
 def looks(protocol: Protocol, path: PressPath, increments: Increments) -> list[Look]:

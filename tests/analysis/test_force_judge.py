@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from deltact_fab.analysis.force import ForceData
+from deltact_fab.analysis.force.calibrate import transfer
 from deltact_fab.analysis.force.judge import (
     FOLDS,
     REPEATS,
@@ -20,7 +21,6 @@ from deltact_fab.analysis.force.judge import (
     learning_curve,
     score,
 )
-from deltact_fab.analysis.force.transfer import transfer
 from deltact_fab.errors import InputError
 from deltact_fab.measure.force import COMPONENTS, make_features
 from deltact_fab.measure.view import SensorView

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from deltact_fab.analysis.relaxation import Rest, Series, fit, time_to
-from deltact_fab.analysis.relaxation.rests import BIN_S, ForceHistory
+from deltact_fab.analysis.relaxation import BIN_S, ForceHistory, Rest, Series, fit, time_to
 
 GEL = Series((0.08, 0.05), (0.4, 6.0))
 

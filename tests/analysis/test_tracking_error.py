@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from deltact_fab import record
 from deltact_fab.analysis import tracking_error as te
-from deltact_fab.analysis.tracking_error.truth import DOT_MARGIN_PX, TrueFrame
+from deltact_fab.analysis.tracking_error.dots import DOT_MARGIN_PX, TrueFrame
 from deltact_fab.errors import InputError
 from deltact_fab.measure.flow import named_tracker
 
@@ -86,7 +86,7 @@ def shelf(seen: NDArray[np.bool_]) -> TrueFrame:
     """A face whose columns up to 19 have moved 8 px to the right, over the next ones."""
     flow = np.zeros((10, 60, 2))
     flow[:, :20, 0] = 8.0
-    return TrueFrame.of(flow, 0.04 * flow, np.ones((10, 60), bool), seen, 0.04)
+    return TrueFrame.of(flow, 0.04 * flow, seen, 0.04)
 
 
 def test_what_the_face_hides_of_itself_is_not_counted() -> None:

@@ -103,7 +103,7 @@ def pages(
             for entry in job.recipes(seed=3, with_dots=False)
             if entry.name in ("d0p075-r0p6", "d0p2-r0p1")
         ]
-        job.write(out, seed=3, entries=entries, page=patterns_page.ready())
+        job.write(out, seed=3, entries=entries, page=patterns_page.write)
 
     def index(out: Path) -> None:
         study_page.write(study(missing=3), out / "made-up")

@@ -13,7 +13,7 @@ from wrong_input import LIMIT_S, TINY, VIRTUAL, Fuzz, fault, limited, stop_at_fi
 
 from deltact_fab import experiment
 from deltact_fab.analysis import tracking_error
-from deltact_fab.report import study_folder
+from deltact_fab.report import study_page
 from deltact_fab.report.result import Headline, StudyResult
 
 Cases = Callable[[range], Counter[str]]
@@ -29,7 +29,7 @@ def cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cases:
     tracking_error.analyse(tmp_path / "run", ["dis-fast"]).save(tmp_path / "run" / "analysis")
     headline = Headline("error", 0.3, "mm", 0.2, 0.4, "5 seeds")
     study = StudyResult("s", "S", True, 3, 0.1, headlines=(headline,), settings={"a": "b"})
-    (tmp_path / "result.json").write_bytes(study_folder.contents(study)["result.json"])
+    (tmp_path / "result.json").write_bytes(study_page.contents(study)["result.json"])
     stop_at_first_motion(monkeypatch.setattr)
 
     def carried_out(numbers: range) -> Counter[str]:

@@ -24,7 +24,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> series.SeriesReport:
             entries.append(series.SeriesEntry(entry.name, entry.rounds, small,
                                               entry.paper_error_mm, entry.paper_about))  # fmt: skip
     out = tmp_path_factory.mktemp("page") / "s"
-    return series.write(out, seed=3, entries=entries, page=patterns_page.ready())
+    return series.write(out, seed=3, entries=entries, page=patterns_page.write)
 
 
 @pytest.fixture(scope="module")

@@ -22,11 +22,10 @@ from deltact_fab.report import (
     numerics_page,
     page,
     patterns_page,
-    rehearsal_page,
     study_page,
 )
 from deltact_fab.report.result import GEL_FLAGS
-from deltact_fab.report.verdict import Finding, verdict
+from deltact_fab.report.templating import Finding, verdict
 
 TOLD = "a made-up warning of <the test>"
 
@@ -95,7 +94,7 @@ def patterns(warned: bool, out: Path, _: Any) -> Path:
         for entry in job.recipes(seed=3, with_dots=False)
         if entry.name in ("d0p075-r0p6", "d0p2-r0p1")
     ]
-    job.write(out / "s", seed=3, entries=entries, page=patterns_page.ready())
+    job.write(out / "s", seed=3, entries=entries, page=patterns_page.write)
     kept = out / "s" / job.FIGURES
     data = json.loads(kept.read_text())
     data["patterns"][0]["quality"]["seen"] = not warned
@@ -108,7 +107,7 @@ def rehearsal(warned: bool, out: Path, _: Any) -> Path:
     cell = {"fault": "pulled", "moment": "press", "outcome": "at rest", "deeper_mm": 0.0,
             "wrong": "", "passed": not warned}  # fmt: skip
     found = {"passed": not warned, "verdict": TOLD, "of": 1, "steps": 1, "cells": [cell]}
-    return rehearsal_page.write(found, "smoke", "virtual", out)[0]
+    return numerics_page.write_rehearsal(found, "smoke", "virtual", out)[0]
 
 
 def fabrication_guide(warned: bool, out: Path, _: Any) -> Path:

@@ -37,10 +37,10 @@ def test_the_interval_holds_the_truth_as_often_as_it_says(count, figure, truth):
 
 def test_of_a_mean_of_single_samples_it_is_students():
     sample = np.random.default_rng(2).normal(3, 2, 9)
-    low, high = intervals.over_groups(sample, np.arange(9), np.mean)
+    _, low, high, _ = intervals.estimate(sample, np.arange(9), np.mean, "seed")
     own = stats.ttest_1samp(sample, 0).confidence_interval(0.95)
     assert (low, high) == pytest.approx((own.low, own.high), rel=1e-12)
-    low, high = intervals.over_groups(sample, np.arange(9), np.mean, level=0.8)
+    _, low, high, _ = intervals.estimate(sample, np.arange(9), np.mean, "seed", level=0.8)
     own = stats.ttest_1samp(sample, 0).confidence_interval(0.8)
     assert (low, high) == pytest.approx((own.low, own.high), rel=1e-12)
 
@@ -51,8 +51,8 @@ def test_a_statistic_may_take_several_columns_and_groups_of_unequal_size():
     below = rng.uniform(1, 2, 30)
     rows = np.column_stack([3 * below, below])
     groups = np.repeat([0, 1, 2, 3], [3, 5, 7, 15])
-    low, high = intervals.over_groups(rows, groups, lambda r: r[:, 0].sum() / r[:, 1].sum())
-    assert (low, high) == pytest.approx((3, 3), rel=1e-12)
+    total = intervals.estimate(rows, groups, lambda r: r[:, 0].sum() / r[:, 1].sum(), "group")
+    assert (total.low, total.high) == pytest.approx((3, 3), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -74,4 +74,4 @@ def test_few_groups_have_no_interval_and_say_so(groups, over):
 )
 def test_what_cannot_be_is_refused(values, groups):
     with pytest.raises(InputError, match="as many as groups"):
-        intervals.over_groups(values, groups, np.mean)
+        intervals.estimate(values, groups, np.mean, "seed")

@@ -26,10 +26,15 @@ from deltact_fab.optics import Pinhole
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.shapes import SkinDimensions
-from deltact_fab.study.force.by_place import by_place
-from deltact_fab.study.force.simulated import points_of, scaled, scene, spread
-from deltact_fab.study.force.summary import found
-from deltact_fab.study.force_calibration import run
+from deltact_fab.study.force_calibration import (
+    by_place,
+    found,
+    points_of,
+    run,
+    scaled,
+    scene,
+    spread,
+)
 from deltact_fab.study.request import StudyRequest
 
 VIEW = SensorView(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions())

@@ -16,9 +16,8 @@ import tiny_study
 from deltact_fab import cache
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.study import grid as engine
-from deltact_fab.study.grid import Grid, GridJob, JobPace
+from deltact_fab.study.grid import Grid, GridJob, JobPace, seed_of
 from deltact_fab.study.request import StudyRequest
-from deltact_fab.study.seeds import seed_of
 
 
 @pytest.fixture(autouse=True)
@@ -30,7 +29,7 @@ def done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "done"
 
 
-def solve(jobs: list[GridJob], say: Callable[[str], None] | None = None) -> Grid:
+def solve(jobs: list[GridJob], say: Callable[[str], None] = lambda text: None) -> Grid:
     """On threads, which start at once."""
     with ThreadPoolExecutor(2) as threads:
         return engine.solve(jobs, threads, say=say)

@@ -16,20 +16,21 @@ from deltact_fab.patterns.recipe import RECOMMENDED, load_recipe, recipe_from
 from deltact_fab.protocols import plan
 from deltact_fab.study import press_jobs
 from deltact_fab.study.pattern_errors import OURS, PatternErrors, PressErrors
+from deltact_fab.study.pattern_search import bench_of
 from deltact_fab.study.registry import run
 from deltact_fab.study.request import StudyRequest
-from deltact_fab.study.search.candidates import (
+from deltact_fab.study.search_candidates import (
     MAX_PX,
     MIN_DOTS,
     PAPER,
     candidates,
+    chosen_by_others,
+    headlines,
     name_of,
     shortened,
     thinned,
 )
-from deltact_fab.study.search.drag import OUTWARD, bridged, dragged, probe, view_of
-from deltact_fab.study.search.imager import bench_of
-from deltact_fab.study.search.result import chosen_by_others, headlines
+from deltact_fab.study.search_drag import OUTWARD, bridged, dragged, probe, view_of
 
 
 def test_the_rig_file_is_the_default_and_options_win() -> None:

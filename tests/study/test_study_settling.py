@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from deltact_fab import catalog, experiment
-from deltact_fab.analysis.relaxation import RelaxationFit, Rest, Series
-from deltact_fab.analysis.relaxation.rests import BIN_S, ForceHistory
+from deltact_fab.analysis.relaxation import BIN_S, ForceHistory, RelaxationFit, Rest, Series
 from deltact_fab.errors import InputError
 from deltact_fab.protocols import plan
 from deltact_fab.study import registry

@@ -12,10 +12,9 @@ import pytest
 from deltact_fab.analysis.shape import PressShape
 from deltact_fab.catalog import shipped_dir
 from deltact_fab.report.result import StudyResult
-from deltact_fab.study import registry
+from deltact_fab.study import registry, shapes
 from deltact_fab.study.request import StudyRequest
-from deltact_fab.study.shape import summary
-from deltact_fab.study.shape.simulated import FORCE, OBJECTS, TWIST, presses_of, scene
+from deltact_fab.study.shapes import FORCE, OBJECTS, TWIST, scene
 
 
 def press(name: str, error_mm: float | None = None, **more: Any) -> PressShape:
@@ -42,7 +41,7 @@ def seen(**errors: float | None) -> dict[str, PressShape]:
 
 
 def found(presses: dict[str, PressShape], left_out_n: float | None = None) -> StudyResult:
-    return summary.result(presses, [], None, "", left_out_n, simulated=True, seed=0, scale=1.0)
+    return shapes.result(presses, [], None, "", left_out_n, simulated=True, seed=0, scale=1.0)
 
 
 def test_a_depth_that_is_right_errs_by_nothing_and_meets_its_goals() -> None:
@@ -94,8 +93,8 @@ def test_the_scale_thins_places_and_no_object() -> None:
         assert least.protocols[name].indenters == whole.protocols[name].indenters
         assert least.protocols[name].depths_mm == whole.protocols[name].depths_mm
     assert least.protocols[FORCE] == whole.protocols[FORCE]
-    assert presses_of(whole, TWIST) == ["sphere-15/p1"]
-    kinds = {one.partition("/")[0] for name in OBJECTS for one in presses_of(whole, name)}
+    assert whole.presses(TWIST) == ["sphere-15/p1"]
+    kinds = {one.partition("/")[0] for name in OBJECTS for one in whole.presses(name)}
     assert kinds == {"sphere-15", "cylinder", "ring", "hat"}
     # No object is the ball that depth and force are calibrated on.
     assert set(whole.protocols[FORCE].indenters) == set(whole.protocols["ball-press"].indenters)

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from deltact_fab import record
-from deltact_fab.analysis.tracking_error.follow import TrackingPlan
-from deltact_fab.analysis.tracking_error.run import analyse_press
+from deltact_fab.analysis.tracking_error.follow import TrackingPlan, analyse_press
 from deltact_fab.cad.design import load_design
 from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config as rig_config
 from deltact_fab.rig.config import VirtualConfig
-from deltact_fab.study.stream import Look, PressStream, StreamTruth
+from deltact_fab.study.stream import Look, PressStream
 
 PRESS = "sphere-10/p1"
 
@@ -67,14 +66,12 @@ def test_the_plan_has_the_rigs_frames_but_for_the_ramps_of_its_motors(
 
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_frames(stream: PressStream, recipe: PatternRecipe) -> None:
-    picture, noise, truth = stream.picture(recipe, 0), stream.noise(0), StreamTruth(stream)
-    marks, looks = stream.marks(recipe), stream.looks
+    picture, noise, looks = stream.picture(recipe, 0), stream.noise(0), stream.looks
     held = []
     tracemalloc.start()
     try:
         for frame in stream.frames([*looks, *looks]):
             picture.expose(frame.at_px, noise)
-            truth.of(frame, marks)
             held.append(tracemalloc.get_traced_memory()[0])
     finally:
         tracemalloc.stop()
@@ -91,11 +88,11 @@ def test_followed_as_a_stream_a_press_has_the_errors_that_its_record_has(
 
     scene = TrackingPlan(("fused",), True, ())
     kept = analyse_press(str(run.folder), PRESS, scene).tallies["fused"].figures()
-    seed, truth, marks = int(run.meta["seed"]), StreamTruth(stream), stream.marks(recipe)
+    seed, marks = int(run.meta["seed"]), stream.marks(recipe)
     picture, noise = stream.picture(recipe, seed), stream.noise(seed)
     follower = Follower(scene, marks)
     for frame in stream.frames(recorded):
         image = stream.tracked(picture.expose(frame.at_px, noise))
-        follower.take(image, truth.of(frame, marks) if frame.number else None)
+        follower.take(image, frame.true)
     found = follower.tallies["fused"].figures()
     assert {**found, "ms_per_frame": 0} == {**kept, "ms_per_frame": 0}

@@ -7,7 +7,7 @@ import pytest
 
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol
-from deltact_fab.study.pattern_scene import (
+from deltact_fab.study.pattern_selection import (
     SCALE,
     frames_an_indenter,
     longest_step_mm,

@@ -14,17 +14,16 @@ import numpy as np
 from deltact_fab import cache, jobs
 from deltact_fab.errors import SolverError
 from deltact_fab.report.result import ReportTable, StudyResult
-from deltact_fab.study.grid import GridJob
-from deltact_fab.study.registry import STUDIES, Option, Study
+from deltact_fab.study.grid import GridJob, seed_of
+from deltact_fab.study.registry import STUDIES, Study
 from deltact_fab.study.request import StudyRequest
-from deltact_fab.study.seeds import seed_of
 
-OPTIONS = (
-    Option("count", "Jobs.", 12),
-    Option("seconds", "Of each.", 0.0),
-    Option("fails", "The job that fails.", ""),
-    Option("partial", "Go on without those that failed: yes.", ""),
-)
+OPTIONS = {
+    "--count": {"help": "Jobs.", "default": 12},
+    "--seconds": {"help": "Of each.", "default": 0.0},
+    "--fails": {"help": "The job that fails.", "default": ""},
+    "--partial": {"help": "Go on without those that failed: yes.", "default": ""},
+}
 DONE = "DONE_JOBS"
 
 

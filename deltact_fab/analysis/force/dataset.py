@@ -21,9 +21,8 @@ from ...measure.face import FaceFlow
 from ...measure.force import Features, make_features
 from ...measure.view import SensorView
 from ...record import UNKNOWN, Run
-from ..flows import PressFlows, flows_of
-from ..frames import PRESSING, recorded, settle_s, settled, settles
-from ..view import head_of, view_of
+from ..flows import flows_of, key_of
+from ..runs import PRESSING, head_of, recorded, settle_s, settled, settles, view_of
 
 WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
 WINDOW_S = 0.1
@@ -160,18 +159,15 @@ def gather(
     return joined(parts, names, view, str(runs[0].folder))
 
 
-def point_flows(
-    runs: Sequence[Run], data: ForceData, every: int
-) -> Iterator[tuple[int, Run, str, FaceFlow]]:
-    """Of each point of `gather` from these runs: its row, run, frame and flow, press by press."""
+def point_flows(runs: Sequence[Run], data: ForceData) -> Iterator[FaceFlow]:
+    """The flow of each point of `gather` from these runs, press by press."""
     of_run = dict(zip(labels(runs), runs, strict=True))
-    points = data.points.reset_index(drop=True)
-    for (label, press), part in points.groupby(["run", "press"], sort=False):
+    for (label, press), part in data.points.groupby(["run", "press"], sort=False):
         run, name = of_run[str(label)], str(press).removeprefix(f"{label}/")
         frames = settled(run.frames(name))["frame_id"].tolist()
-        flows = flows_of(run, name, every).flows
-        for row, frame_id in zip(part.index.tolist(), part["frame_id"], strict=True):
-            yield row, run, frame_id, flows[frames.index(frame_id)]
+        flows = flows_of(run, name, Features.every)
+        for frame_id in part["frame_id"]:
+            yield flows[frames.index(frame_id)]
 
 
 def joined(
@@ -216,8 +212,7 @@ def points_of(
         wrench -= wrench[(rows["t_press_s"] <= WINDOW_S).to_numpy()].mean(0)
         wrench[:, np.isnan(wrench).all(axis=0)] = 0.0
     sets = [make_features(name, view) for name in names]
-    followed = {every: flows_of(run, press, every) for every in {one.every for one in sets}}
-    flows = next(iter(followed.values())).flows
+    flows, key = flows_of(run, press, Features.every), key_of(run, press)
     refused = ["" for _ in range(len(rows))]
     for k, flow in enumerate(flows):
         if saturated[k]:
@@ -230,7 +225,7 @@ def points_of(
             refused[k] = f"less than {MIN_COVER:.0%} of the view is known"
     values: dict[str, Array] = {}
     for one in sets:
-        values[one.name], failed = _features(one, view, followed[one.every])
+        values[one.name], failed = _features(one, view, flows, key)
         for k in failed:
             refused[k] = refused[k] or f"{one.name} found no solution"
     taken = np.array([not why for why in refused])
@@ -261,11 +256,16 @@ def points_of(
     )
 
 
-def _features(one: Features, view: SensorView, of: PressFlows) -> tuple[Array, list[int]]:
-    """A feature set at the flows of a press (n, k), from the cache; rows that have no solution."""
+def _features(
+    one: Features, view: SensorView, flows: Sequence[FaceFlow], of: str
+) -> tuple[Array, list[int]]:
+    """A feature set at the flows of a press (n, k), from the cache; rows that have no solution.
+
+    of: their `key_of`.
+    """
     key = cache.key(
         type(one).__module__.partition(".")[2],
-        of=of.key,
+        of=of,
         every_px=one.every,
         by=one.name,
         view=repr((view.camera.as_dict(), (view.skin, view.poisson) if one.rests_on_gel else ())),
@@ -273,7 +273,7 @@ def _features(one: Features, view: SensorView, of: PressFlows) -> tuple[Array, l
     held = cache.get("force-features", key)
     if held is None:
         held = []
-        for flow in of.flows:
+        for flow in flows:
             try:
                 held.append(one.of(flow).tolist() if flow.trusted else None)
             except SolverError:

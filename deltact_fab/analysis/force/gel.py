@@ -78,8 +78,7 @@ def told_gel(
         return None
     rows = np.unique(np.linspace(0, len(data) - 1, min(FRAMES, len(data))).astype(int))
     some = replace(data, points=data.points.iloc[rows], wrench=data.wrench[rows])
-    flows = [flow for *_, flow in point_flows(runs, some, Inverse.every)]
-    return search(view, errors_of(flows, some), progress)
+    return search(view, errors_of(list(point_flows(runs, some)), some), progress)
 
 
 def can_tell(data: ForceData) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from dataclasses import field as made_by
@@ -11,10 +10,10 @@ from typing import Any
 
 import pandas as pd
 
-from ...files import write_whole
+from ...files import make_folder, write_whole
 from ...measure.force.calibration import ForceCalibration
 from ...record import UNKNOWN
-from ..frames import make_folder
+from ..runs import write_results
 from .dataset import ForceData
 from .gel import EarlyLabels, ToldGel
 from .judge import (
@@ -140,14 +139,10 @@ class ForceResult:
 
     def save(self, folder: Path, output: Path) -> list[Path]:
         """Write force.json, force.csv (a row a point) and the calibration with its resting face."""
-        make_folder(folder)
-        data, points = folder / "force.json", folder / "force.csv"
-        text = json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
-        write_whole(data, text.encode())
-        write_whole(points, self.points().to_csv(index=False).encode())
-        if self.calibration.skin is None:  # of an imported run `in_pixels`
-            return [data, points]
-        return [data, points, *write_calibration(self.calibration, output)]
+        files = write_results(folder, {"force.json": self.as_dict(), "force.csv": self.points()})
+        if self.calibration.skin is not None:  # None of an imported run `in_pixels`
+            files += write_calibration(self.calibration, output)
+        return files
 
 
 def write_calibration(calibration: ForceCalibration, path: Path) -> list[Path]:

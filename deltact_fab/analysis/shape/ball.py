@@ -14,12 +14,9 @@ from ...measure.force.calibration import load_force
 from ...measure.sensor_id import Head, require_same
 from ...measure.shape import DepthFinder, DepthModel
 from ...measure.shape.depth import ball_mm
-from ..flows import flows_of
-from ..frames import recorded, settled
-from ..view import head_of, sensor_of, view_of
+from ..flows import EVERY_PX, flows_of
+from ..runs import head_of, recorded, sensor_of, settled, view_of
 
-EVERY_PX = 4
-"""Between the points at which the shape is given."""
 SURE = 0.4
 """Of the press's depth: points of the ball that lie deeper certainly touch, the rim lies higher."""
 MIN_MM = 0.3
@@ -109,7 +106,7 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     parts, depths = [], []
     rows = settled(run.frames(press))
     tips = rows[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    for tip, flow in zip(tips, flows_of(run, press, EVERY_PX).flows, strict=True):
+    for tip, flow in zip(tips, flows_of(run, press, EVERY_PX), strict=True):
         if not (-tip[2] >= MIN_MM and flow.trusted and flow.cover >= MIN_COVER):
             continue
         wanted = ball_mm(flow, view, tip, diameter_mm / 2)

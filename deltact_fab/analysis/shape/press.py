@@ -29,10 +29,8 @@ from ...measure.shape import (
 from ...optics import LatticeSampler
 from ...record import UNKNOWN, RunTruth
 from ...shapes import Indenter
-from ..flows import flows_of
-from ..frames import settled
-from ..view import view_of
-from .ball import EVERY_PX
+from ..flows import EVERY_PX, flows_of
+from ..runs import settled, view_of
 from .picture import ShapeMaps
 
 TOUCHING_MM = 0.06
@@ -119,7 +117,7 @@ def press_shape(
     told: list[dict[str, Any]] = []
     pictures: dict[int, dict[str, Any]] = {}
     way = None
-    followed = flows_of(run, press, EVERY_PX).flows
+    followed = flows_of(run, press, EVERY_PX)
     for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
         found = _found(flow, finder, features, force)
         frame_id, tip_mm = str(row.frame_id), np.array([row.x_mm, row.y_mm, row.z_mm], float)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
@@ -13,13 +12,11 @@ import numpy as np
 
 from ... import record
 from ...aliases import Progress
-from ...files import write_whole
 from ...jobs import each
 from ...measure.force.calibration import load_force
 from ...measure.sensor_id import require_same
 from ...measure.shape import DepthModel
-from ..frames import make_folder, recorded
-from ..view import sensor_of
+from ..runs import recorded, sensor_of, write_results
 from .picture import ShapeMaps
 from .press import SAME_MM, press_shape
 
@@ -120,10 +117,7 @@ class ShapeResult:
 
     def save(self, folder: Path) -> list[Path]:
         """Write shape.json. Raises RunFailed where it cannot be written."""
-        make_folder(folder)
-        text = json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
-        write_whole(folder / "shape.json", text.encode())
-        return [folder / "shape.json"]
+        return write_results(folder, {"shape.json": self.as_dict()})
 
 
 def deepest(pictures: Iterable[ShapeMaps | None]) -> list[ShapeMaps]:

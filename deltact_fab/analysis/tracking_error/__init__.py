@@ -5,8 +5,8 @@ flatter the flow; on a virtual rig the truth is known everywhere, so the error o
 between the dots stands beside it. docs/decisions/0004-tracking-error.md says what is counted.
 """
 
+from .follow import analyse
 from .result import PAPER_BEST_MM, RULE, TrackingResult, TrackingVerdict, judge, percent
-from .run import analyse
 from .tally import MOVING_MM, WRONG_MM
 
 __all__ = [

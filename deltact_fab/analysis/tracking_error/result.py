@@ -7,7 +7,6 @@ no error is known, the method that is confident on most of it is recommended.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,8 +16,7 @@ import pandas as pd
 
 from ... import reading
 from ...errors import InputError
-from ...files import write_whole
-from ..frames import make_folder
+from ..runs import write_results
 from .dots import DOTS
 from .tally import MOVING_MM, WRONG_MM
 
@@ -193,15 +191,7 @@ class TrackingResult:
 
     def save(self, folder: Path) -> list[Path]:
         """Write tracking.json and tracking.csv (one row a frame and method)."""
-        make_folder(folder)
-        text = json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
-        files = {
-            folder / "tracking.json": text.encode(),
-            folder / "tracking.csv": self.frames.to_csv(index=False).encode(),
-        }
-        for path, data in files.items():
-            write_whole(path, data)
-        return list(files)
+        return write_results(folder, {"tracking.json": self.as_dict(), "tracking.csv": self.frames})
 
     @classmethod
     def load(cls, folder: Path) -> TrackingResult:

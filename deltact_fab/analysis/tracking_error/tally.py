@@ -89,17 +89,14 @@ class ErrorTally:
         self.peak_true_mm = max(peaks, default=None)
 
     def plain(self) -> dict[str, Any]:
-        """All but histogram and milliseconds as plain data, for `of`."""
-        return {k: v for k, v in asdict(self).items() if k not in ("histogram", "ms")}
+        """All but milliseconds as plain data and an array, for `of`."""
+        return {k: v for k, v in asdict(self).items() if k != "ms"}
 
     @classmethod
-    def of(cls, plain: dict[str, Any], histogram: NDArray[np.int64]) -> Self:
-        """What `plain` gave, and its histogram; milliseconds are not known."""
-        known: dict[str, Any] = {
-            name: Mean(**value) if isinstance(value, dict) else value
-            for name, value in plain.items()
-        }
-        return cls(**known, histogram=histogram)
+    def of(cls, plain: dict[str, Any]) -> Self:
+        """What `plain` gave; milliseconds are not known."""
+        means = {k: Mean(**v) for k, v in plain.items() if isinstance(v, dict)}
+        return cls(**{**plain, **means})
 
     def figures(self) -> dict[str, Any]:
         """The figures of the report; None where nothing was measured."""

@@ -14,6 +14,7 @@ from ..output import Answer, answers, files_line, progress, save_figures, table
 
 if TYPE_CHECKING:
     from ...analysis.force import ForceResult
+    from ...report.run_figures import predicted
 
 
 @click.command(epilog="Example: deltact-fab calibrate force run1 run2 -o calibration.toml")
@@ -37,7 +38,6 @@ def force(
     best model is shown beside the paper's; force.json has all of them.
     """
     from ...analysis.force import calibrate, carry_over, write_calibration
-    from ...report.force_figures import drawn
 
     folder = out or runs[0] / "analysis"
     output = file or folder / "calibration.toml"
@@ -55,8 +55,8 @@ def force(
     with progress("force") as report:
         result = calibrate(runs, models or None, seed, progress=report)
     told = [*_lines(result, folder), *(f"left out: {line}" for line in result.left_out)]
-    files = result.save(folder, output)
-    files += save_figures(folder, lambda: {one.name: one.draw() for one in drawn(result)})
+    files, figure = result.save(folder, output), predicted(result)
+    files += save_figures(folder, lambda: {figure.name: figure.draw()})
     return Answer(result.as_dict(), [*told, files_line(files)])
 
 

@@ -14,19 +14,18 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from ...aliases import Field, Float, Image
-from ...analysis.tracking_error.dots import Marks
-from ...analysis.tracking_error.follow import Follower, TrackingPlan
-from ...analysis.tracking_error.truth import TrueFrame, seen_by
-from ...catalog import validate
-from ...errors import SensorError
-from ...experiment.session import pattern_of
-from ...optics import Pinhole, SeenFace, SurfaceLattice, axes_mm
-from ...patterns.recipe import recipe_from
-from ...rig.config import VirtualConfig
-from ...shapes import SensorDimensions
-from ...virtual.drawing import noise_of, printed
-from ...virtual.picture import MARGIN_PX, Geometry
+from ..aliases import Field, Float, Image
+from ..analysis.tracking_error.dots import Marks, TrueFrame, seen_by
+from ..analysis.tracking_error.follow import Follower, TrackingPlan
+from ..catalog import validate
+from ..errors import SensorError
+from ..experiment.session import pattern_of
+from ..optics import Pinhole, SeenFace, SurfaceLattice, axes_mm
+from ..patterns.recipe import recipe_from
+from ..rig.config import VirtualConfig
+from ..shapes import SensorDimensions
+from ..virtual.drawing import noise_of, printed
+from ..virtual.picture import MARGIN_PX, Geometry
 
 LATTICE_MM = 0.3
 DRAG_MM = 2.4
@@ -80,7 +79,7 @@ def dragged(view: Pinhole, seed: int) -> list[DragFrame]:
     return [
         DragFrame(
             drawing.material_px(u_mm),
-            TrueFrame.of(*seen.both(u_mm), np.ones_like(in_view), in_view, view.mm_per_px),
+            TrueFrame.of(*seen.both(u_mm), in_view, view.mm_per_px),
         )
         for u_mm in (whole * (k / OUTWARD) for k in range(1, OUTWARD + 1))
     ]

@@ -1,1 +1,0 @@
-"""The paper's calibration of force: presses as pure jobs, and what follows from their points."""

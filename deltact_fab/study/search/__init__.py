@@ -1,1 +1,0 @@
-"""Which pattern to print for a printer and a camera: candidates, their errors, the best few."""

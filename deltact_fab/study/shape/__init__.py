@@ -1,1 +1,0 @@
-"""The paper's shapes and force distribution: presses as pure jobs, and their results."""
