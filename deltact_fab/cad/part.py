@@ -66,7 +66,7 @@ class Part:
     fits: its pairs with parts that it goes into or over, each told by one of the two.
 
     sections: sections of a design that it is made from. derived: lengths of Design that its shape
-    follows from. rules: the inequalities it must keep; bound_by: parts whose rules bind it too.
+    follows from. rules: the inequalities it must keep.
     wall_keys: where the thinnest wall that it is meant to have stands in a design, the least of
     them; what makes it may ask for more. in_view: it stands between lens and face and could cut
     into the view.
@@ -91,7 +91,6 @@ class Part:
     sections: tuple[str, ...] = ()
     derived: tuple[str, ...] = ()
     rules: Callable[[Design], Iterable[Rule]] = nothing
-    bound_by: tuple[str, ...] = ()
     fits: Callable[[Design], Iterable[PlayFit]] = nothing
     wall_keys: tuple[str, ...] = ()
     in_view: bool = False

@@ -118,7 +118,6 @@ PARTS = (
         sections=("adapter", "tool"),
         rules=rules,
         fits=fits,
-        bound_by=("tool-holder",),
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
         note="three M2 (ISO 4762) into the force sensor; its bolt circle is assumed: measure yours",

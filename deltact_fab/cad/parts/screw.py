@@ -129,7 +129,6 @@ PARTS = (
         places=camera_places,
         sections=("holder",),
         derived=("camera_screw_centres_mm", "z_board_front_mm"),
-        bound_by=("camera-holder",),
         note="{d.holder.screw} x {d.holder.screw_length_mm:g}, slotted",
         how="bought",
         look_for="the head is no higher than the light holder's floor",

@@ -71,7 +71,6 @@ PARTS = (
         sections=("skin", "frame", "screw", "shell"),
         derived=("post_in_window_mm", "z_front_mm", "z_ledge_mm", "skin_volume_mm3"),
         rules=rules,
-        bound_by=("skin-frame",),
         note=note,
         how="cast in its frame, step D",
         look_for="clear, dry, bonded to the acrylic",

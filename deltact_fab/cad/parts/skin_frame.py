@@ -163,7 +163,6 @@ PARTS = (
         explode_mm=0.0,
         rules=nothing,
         fits=nothing,
-        bound_by=("skin-frame",),
         in_view=False,
         note="for the chessboard; cast with a clear skin, no film, no coats",
         look_for="as the skin frame",

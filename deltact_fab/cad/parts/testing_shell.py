@@ -110,7 +110,6 @@ PARTS = (
         ),
         rules=rules,
         fits=fits,
-        bound_by=("shell",),
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
         note="in place of the shell; {d.table.screw} screws into the table",
