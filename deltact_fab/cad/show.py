@@ -27,9 +27,10 @@ class Dimension:
         """Key, value, limits and meaning for a table; numbers with six digits."""
         key = self.key + (" (unverified)" if self.unverified else "")
         limits = "" if self.low is None else f"{self.low:g} to {self.high:g}"
-        value = f"{self.value:.6g}" if isinstance(self.value, float) else str(self.value)
         if isinstance(self.value, dict):
-            value = ", ".join(f"{name} {number}" for name, number in self.value.items())
+            lengths = ", ".join(f"{name} {number}" for name, number in self.value.items())
+            return key, "", "", f"{self.meaning}: {lengths}"
+        value = f"{self.value:.6g}" if isinstance(self.value, float) else str(self.value)
         return key, value, limits, self.meaning
 
 
@@ -55,4 +56,4 @@ def _of_indenter(dims: IndenterDimensions) -> Iterator[Dimension]:
     yield Dimension("reach_mm", shape.reach_mm, "free length of the tips below the plate")
     for number, tip in enumerate(shape.tips, 1):
         kind = type(tip).__name__.removesuffix("Tip").lower()
-        yield Dimension(f"tip{number}", asdict(tip), f"{kind}, as deltact_fab.shapes explains it")
+        yield Dimension(f"tip{number}", asdict(tip), kind)
