@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..aliases import Field
 from .mesh import Mesh
-from .print_orientation import SELF_SUPPORTING_DEG, PrintPose
+from .part import SELF_SUPPORTING_DEG, PrintPose
 from .rays import samples
 
 MIN_CONTACT_MM2 = 25.0

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from .fit import Length
 from .record import Record, assumed, measured
+from .rule import Length
 
 
 @dataclass(frozen=True)

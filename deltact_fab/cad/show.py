@@ -35,7 +35,7 @@ class Dimension:
 
 
 def dimensions(part: Part, design: Design) -> Iterator[Dimension]:
-    """Everything that the part is made from, also where a rule is broken: that is when one looks."""
+    """Everything that the part is made from, also where a rule is broken: then one looks."""
     if part.indenter is not None:
         yield from _of_indenter(part.indenter)
         return

@@ -14,9 +14,9 @@ from deltact_fab.cad.check import fits
 from deltact_fab.cad.check.row import verified
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.fit import Length, PlayFit
 from deltact_fab.cad.parts.light_holder import led_room_mm
 from deltact_fab.cad.registry import find, of_design
+from deltact_fab.cad.rule import Length, PlayFit
 from deltact_fab.cli.main import main
 
 SHIPPED = (

@@ -18,7 +18,7 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.cad.export import export_parts
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.overhangs import MIN_CONTACT_MM2, laid, stand
-from deltact_fab.cad.print_orientation import PrintPose
+from deltact_fab.cad.part import PrintPose
 
 DESIGN = load_design()
 NAMES = ("light-holder", "cover", "skin-frame", "coupon-mold", "acrylic", "sphere:22", "star")

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from ...errors import InputError, RunFailed
-from ..print_orientation import Matrix
+from ..part import Matrix
 from .part_files import FORMATS
 
 MANIFEST = "manifest.json"

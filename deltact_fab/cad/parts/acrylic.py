@@ -16,11 +16,10 @@ from collections.abc import Iterator
 from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, x_of, y_of, z_of
-from ..fit import Length, PlayFit
-from ..kernel import Shape
+from ..kernel import Shape, prism, without_corners
 from ..part import CLEAR, LASER_CUT, Part
+from ..rule import Length, PlayFit
 from ..solid_gate import Box, around
-from .solids import prism, without_corners
 
 
 def notched(half_mm: Point2, notch_mm: Point2) -> list[Point2]:

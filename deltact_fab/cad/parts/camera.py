@@ -22,14 +22,12 @@ from collections.abc import Iterator
 from dataclasses import fields
 
 from ..dimensions import Design
-from ..fit import Length, PlayFit
-from ..kernel import Shape
+from ..kernel import Shape, cuboid, cylinders
 from ..part import BOUGHT, GREEN, Part
 from ..process import PLANE
-from ..rule import Quantity, Rule
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..sensor_sections import CameraDimensions
 from ..solid_gate import Box
-from .solids import cuboid, cylinders
 
 COMPUTER = "Nvidia Jetson Nano B01"
 

@@ -19,15 +19,12 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
-from ..fit import Length, PlayFit
-from ..kernel import Shape
-from ..part import BLACK, PRINT, RESIN, Part
-from ..print_orientation import PrintPose
-from ..rule import Quantity, Rule
+from ..kernel import Shape, cylinders, prism
+from ..part import BLACK, PRINT, RESIN, Part, PrintPose
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box
 from ..standards import screw_tolerance_mm
 from .camera import BOARD_KEYS, UPPER_HOLES
-from .solids import cylinders, prism
 
 
 def box(design: Design) -> Box:

@@ -18,10 +18,9 @@ import math
 from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut
-from ..kernel import Shape
+from ..kernel import Shape, cuboid, cylinders
 from ..part import AMBER, PRINT, RESIN, Part
 from ..solid_gate import Box, around
-from .solids import cuboid, cylinders
 
 
 def well_volume_mm3(design: Design) -> float:

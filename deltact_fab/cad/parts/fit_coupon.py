@@ -19,11 +19,10 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut, x_of
-from ..kernel import Shape
+from ..kernel import Shape, cuboid, cylinders
 from ..part import AMBER, PRINT, RESIN, Part
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
-from .solids import cuboid, cylinders
 
 
 def box(design: Design) -> Box:

@@ -10,8 +10,7 @@ from ...shapes import EllipsoidTip, Indenter, PosedTip, RidgeTip
 from ...shapes.turned import TurnedTip
 from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Callouts, Leader, Told, shown, z_of
-from ..part import PRINT, RESIN, WHITE, Part
-from ..print_orientation import PrintPose
+from ..part import PRINT, RESIN, WHITE, Part, PrintPose
 from .indenter import box, build
 
 

@@ -13,11 +13,10 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts
-from ..kernel import Shape
+from ..kernel import Shape, cuboid
 from ..part import CLEAR, LASER_CUT, Part
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
-from .solids import cuboid
 
 PIECES = 10
 

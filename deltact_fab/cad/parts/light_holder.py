@@ -24,14 +24,11 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, z_of
-from ..fit import Length, PlayFit
-from ..kernel import Shape, Workplane
-from ..part import PRINT, WHITE, Part
-from ..print_orientation import PrintPose
-from ..rule import Quantity, Rule
+from ..kernel import Shape, Workplane, cuboid, cylinders
+from ..part import PRINT, WHITE, Part, PrintPose
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
 from .camera import UPPER_HOLES
-from .solids import cuboid, cylinders
 
 WIRE = "0.08 mm²"
 WIRE_OUTER = Length(1.2, 0.1)  # of such a wire with its insulation (AWG 28, UL 1007)

@@ -25,12 +25,10 @@ from typing import Any
 from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut, Leader, x_of, y_of, z_of
-from ..fit import PlayFit
-from ..kernel import Shape, require
+from ..kernel import Shape, cuboid, require
 from ..part import AMBER, PRINT, RESIN, Part
-from ..rule import Quantity, Rule
+from ..rule import PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
-from .solids import cuboid
 
 # The mold's drawing and the guide say the same.
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."

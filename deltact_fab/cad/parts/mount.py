@@ -27,11 +27,9 @@ from collections.abc import Iterator
 from ...aliases import Point
 from ..dimensions import Design
 from ..drafting.dimensioning import Told, y_of, z_of
-from ..fit import Length, PlayFit
-from ..kernel import Workplane, require
-from ..rule import Quantity, Rule
+from ..kernel import Workplane, cuboid, require
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box
-from .solids import cuboid
 
 
 def bars(design: Design) -> list[Box]:

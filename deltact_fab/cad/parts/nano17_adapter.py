@@ -16,13 +16,10 @@ from collections.abc import Iterator
 from ..bench_sections import BOLT, SCREW
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut
-from ..fit import Length, PlayFit
-from ..kernel import Shape
-from ..part import BLACK, BOUGHT, PRINT, RESIN, STEEL, Part, Shift
-from ..print_orientation import PrintPose
-from ..rule import Quantity, Rule
+from ..kernel import Shape, cylinders
+from ..part import BLACK, BOUGHT, PRINT, RESIN, STEEL, Part, PrintPose, Shift
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
-from .solids import cylinders
 
 SIZE = ("adapter.sensor_mm", "adapter.sensor_height_mm")
 KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_turn_deg")

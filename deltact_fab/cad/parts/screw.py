@@ -17,11 +17,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from ..kernel import Shape, require
+from ..kernel import Shape, cuboid, cylinders, require
 from ..part import BOUGHT, STEEL, Part, Shift
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
-from .solids import cuboid, cylinders
 
 
 def box(design: Design) -> Box:

@@ -34,17 +34,14 @@ from ..drafting.dimensioning import (
     y_of,
     z_of,
 )
-from ..fit import Length, PlayFit
-from ..kernel import Shape, Workplane
-from ..part import BLACK, PRINT, RESIN, Part
-from ..print_orientation import PrintPose
-from ..rule import Quantity, Rule
+from ..kernel import Shape, Workplane, cuboid, cylinders, prism
+from ..part import BLACK, PRINT, RESIN, Part, PrintPose
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around, enclosing
 from . import mount
 from .acrylic import notched
 from .light_holder import WIRE_OUTER
 from .mount import boss_room
-from .solids import cuboid, cylinders, prism
 
 
 def box(design: Design) -> Box:

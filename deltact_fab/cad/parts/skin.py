@@ -15,11 +15,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from ..kernel import Shape, require
+from ..kernel import Shape, cuboid, require
 from ..part import CLEAR, Part
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
-from .solids import cuboid
 
 
 def box(design: Design) -> Box:

@@ -26,14 +26,11 @@ from dataclasses import replace
 from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, x_of, y_of, z_of
-from ..fit import Length, PlayFit
-from ..kernel import Shape, Workplane
-from ..part import BLACK, PRINT, RESIN, Part, nothing
-from ..print_orientation import PrintPose
-from ..rule import Quantity, Rule
+from ..kernel import Shape, Workplane, cuboid, cylinders, prism, without_corners
+from ..part import BLACK, PRINT, RESIN, Part, PrintPose, nothing
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
 from ..standards import screw_tolerance_mm
-from .solids import cuboid, cylinders, prism, without_corners
 
 
 def box(design: Design) -> Box:

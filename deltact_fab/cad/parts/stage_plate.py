@@ -21,13 +21,11 @@ from collections.abc import Iterator
 from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of
-from ..fit import Length, PlayFit
-from ..kernel import Shape, require
+from ..kernel import Shape, cuboid, cylinders, require
 from ..part import MACHINED, STEEL, Part
-from ..rule import Quantity, Rule
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
 from ..standards import PITCH_MM
-from .solids import cuboid, cylinders
 
 KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
 

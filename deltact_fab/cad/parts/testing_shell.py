@@ -15,15 +15,12 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, shown, x_of
-from ..fit import PlayFit
-from ..kernel import Shape, Workplane
-from ..part import BLACK, PRINT, RESIN, Part
-from ..print_orientation import PrintPose
-from ..rule import Quantity, Rule
+from ..kernel import Shape, Workplane, cuboid, cylinders
+from ..part import BLACK, PRINT, RESIN, Part, PrintPose
+from ..rule import PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
 from . import shell
 from .mount import boss_room
-from .solids import cuboid, cylinders
 
 
 def box(design: Design) -> Box:

@@ -23,13 +23,10 @@ from ...shapes import Indenter
 from ..bench_sections import SCREW
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut, shown
-from ..fit import Length, PlayFit
-from ..kernel import Shape, require
-from ..part import BLACK, PRINT, RESIN, Part
-from ..print_orientation import PrintPose
-from ..rule import Quantity, Rule
+from ..kernel import Shape, cylinders, require
+from ..part import BLACK, PRINT, RESIN, Part, PrintPose
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
-from .solids import cylinders
 
 
 def box(design: Design) -> Box:
