@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 from ..aliases import Point2
 from ..shapes import Indenter
-from .record import Record, assumed, measured, number, standard_row
-from .standards import CAP_SCREWS, CLEARANCE_MM
+from ..shapes.bounded import Bounded, assumed, measured, number
+from .standards import CAP_SCREWS, CLEARANCE_MM, standard_row
 
 
 @dataclass(frozen=True)
-class CouponDimensions(Record):
+class CouponDimensions(Bounded):
     """Open wells of the same resin, to see whether it inhibits the cure of the silicone."""
 
     wells: int = number(4, "wells in a row", 1, 12)
@@ -23,7 +23,7 @@ class CouponDimensions(Record):
 
 
 @dataclass(frozen=True)
-class FitCouponDimensions(Record):
+class FitCouponDimensions(Bounded):
     """Holes, slots, a block and a peg, by which a printer is measured."""
 
     count: int = number(6, "holes, and slots", 3, 20)
@@ -55,7 +55,7 @@ class FitCouponDimensions(Record):
 
 
 @dataclass(frozen=True)
-class KerfCouponDimensions(Record):
+class KerfCouponDimensions(Bounded):
     """A strip of the plate's own sheet, by which a laser is measured."""
 
     length_mm: float = number(40.0, "strip along x", 5, 200)
@@ -63,7 +63,7 @@ class KerfCouponDimensions(Record):
 
 
 @dataclass(frozen=True)
-class MoldDimensions(Record):
+class MoldDimensions(Bounded):
     """The mold (paper: four at a time); each frame is an insert, outer face down."""
 
     columns: int = number(2, "cavities along x", 1, 8)
@@ -85,7 +85,7 @@ BOLT = CAP_SCREWS["M2"]  # into the sensor
 
 
 @dataclass(frozen=True)
-class AdapterDimensions(Record):
+class AdapterDimensions(Bounded):
     """The plate between tool holder and force sensor (ATI Nano17: measure yours)."""
 
     thickness_mm: float = number(8.0, "of the plate", 3, 40)
@@ -108,7 +108,7 @@ class AdapterDimensions(Record):
 
 
 @dataclass(frozen=True)
-class StagePlateDimensions(Record):
+class StagePlateDimensions(Bounded):
     """The plate between the stage's table and the testing shell; it grows with the sensor."""
 
     grid_mm: float = assumed(25.0, "of the table's threads or T-slots", 5, 200)
@@ -127,7 +127,7 @@ class StagePlateDimensions(Record):
 
 
 @dataclass(frozen=True)
-class TableDimensions(Record):
+class TableDimensions(Bounded):
     """Tabs of the testing shell, by which it is screwed to a table, one on each x side."""
 
     screw: str = field(default="M4", metadata={"description": "screws into the table"})
@@ -151,7 +151,7 @@ SCREW = CAP_SCREWS["M3"]  # of the flange
 
 
 @dataclass(frozen=True)
-class ToolDimensions(Record):
+class ToolDimensions(Bounded):
     """The tool holder: what takes an indenter's stem, and the flange that it hangs from."""
 
     fit_mm: float = number(0.2, "between stem and bore, radial, and between flats", 0.02, 1)

@@ -19,7 +19,7 @@ import math
 from dataclasses import dataclass, field, fields
 
 from ..aliases import Point2
-from ..shapes.bounded import is_unverified
+from ..shapes.bounded import Bounded, is_unverified, number
 from ..shapes.sensor import SensorDimensions
 from .bench_sections import (
     AdapterDimensions,
@@ -33,7 +33,6 @@ from .bench_sections import (
 )
 from .drafting.title import TitleBlock
 from .process import LaserDimensions, ResinPrinterDimensions
-from .record import Record, number
 from .sensor_sections import (
     CameraDimensions,
     CoverDimensions,
@@ -47,7 +46,7 @@ from .sensor_sections import (
 
 
 @dataclass(frozen=True)
-class EnvelopeDimensions(Record):
+class EnvelopeDimensions(Bounded):
     """What the whole sensor must fit into (paper: 39 x 60 x 30)."""
 
     width_mm: float = number(39.0, "along x", 5, 500)

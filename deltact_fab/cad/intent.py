@@ -18,8 +18,8 @@ from ..errors import InputError, SolverError
 from ..optics import half_angle_rad, reached_mm
 from ..shapes.bounded import ShapeError
 from . import feasibility
-from .cameras import load_camera, load_cameras
 from .check import bending, electric, fits, visibility
+from .design import load_camera, load_cameras
 from .dimensions import Design
 from .parts.camera import off_axis_mm
 from .standards import CAP_SCREWS, CHEESE_SCREWS

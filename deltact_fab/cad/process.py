@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from .record import Record, assumed, measured
+from ..shapes.bounded import Bounded, assumed, measured
 from .rule import Length
 
 
 @dataclass(frozen=True)
-class ResinPrinterDimensions(Record):
+class ResinPrinterDimensions(Bounded):
     """The resin printer, its resin and its wash: what a printed length may be off.
 
     Bias: what a finished length measures more than its nominal, after whatever the slicer
@@ -78,7 +78,7 @@ SHEET = ("laser.sheet_tolerance",)
 
 
 @dataclass(frozen=True)
-class LaserDimensions(Record):
+class LaserDimensions(Bounded):
     """The laser that cuts the acrylic plate, and the sheet that it is cut from."""
 
     kerf_mm: float = assumed(0.2, "width of the cut", 0.0, 1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from ..aliases import Point2
-from .record import Record, assumed, measured, number, standard_row
+from ..shapes.bounded import Bounded, assumed, measured, number
 from .standards import (
     CAP_SCREWS,
     CHEESE_SCREWS,
@@ -16,11 +16,12 @@ from .standards import (
     CapScrew,
     CheeseScrew,
     next_e24,
+    standard_row,
 )
 
 
 @dataclass(frozen=True)
-class PlateDimensions(Record):
+class PlateDimensions(Bounded):
     """The acrylic plate (part 2): how it lies, what it must bear under a press, its material.
 
     measured: keys that a lab knows of its own plate; they no longer count as unverified.
@@ -40,7 +41,7 @@ class PlateDimensions(Record):
 
 
 @dataclass(frozen=True)
-class CameraDimensions(Record):
+class CameraDimensions(Bounded):
     """The camera (part 5) as an envelope: an IMX219 board in the outline of a Raspberry Pi
     camera, and a fisheye lens. No drawing of the paper's module was found; others stand in
     cad/cameras.toml.
@@ -114,7 +115,7 @@ class CameraDimensions(Record):
 
 
 @dataclass(frozen=True)
-class HolderDimensions(Record):
+class HolderDimensions(Bounded):
     """The camera holder (part 6) behind the board, which two screws lock or a bond holds."""
 
     clearance_mm: float = number(3.0, "thickness, and room for the connector", 1, 30)
@@ -141,7 +142,7 @@ class HolderDimensions(Record):
 
 
 @dataclass(frozen=True)
-class CoverDimensions(Record):
+class CoverDimensions(Bounded):
     """The cover (part 7): floor, four bosses for the screw heads, four snap-fit pegs."""
 
     floor_mm: float = number(1.5, "floor (paper: walls of 1.5)", 0.5, 20)
@@ -177,7 +178,7 @@ class CoverDimensions(Record):
 
 
 @dataclass(frozen=True)
-class LightDimensions(Record):
+class LightDimensions(Bounded):
     """The light holder (part 4): a translucent ring with a channel for the LED strip."""
 
     led_count: int = number(5, "LEDs (paper: five 5050)", 1, 200)
@@ -273,7 +274,7 @@ class LightDimensions(Record):
 
 
 @dataclass(frozen=True)
-class MountDimensions(Record):
+class MountDimensions(Bounded):
     """The end-effector mount on the shell's +y side (paper: 20 mm long).
 
     kind: `block`, a bar with two through holes along z; `franka`, a bar with a flange for a finger
@@ -321,7 +322,7 @@ class MountDimensions(Record):
 
 
 @dataclass(frozen=True)
-class ScrewDimensions(Record):
+class ScrewDimensions(Bounded):
     """The four screws that hold cover, shell and frame together (paper: M1.6, 19 mm)."""
 
     thread: str = field(default="M1.6", metadata={"description": "ISO 4762 thread"})
@@ -345,7 +346,7 @@ class ScrewDimensions(Record):
 
 
 @dataclass(frozen=True)
-class ShellDimensions(Record):
+class ShellDimensions(Bounded):
     """The sensor shell (part 3): opaque, 1.5 mm walls."""
 
     wall_mm: float = number(1.5, "wall of shell, cover and bosses (paper: 1.5)", 0.5, 20)

@@ -3,7 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeVar
+
+from ..shapes.bounded import ShapeError
+
+Row = TypeVar("Row")
+
+
+def standard_row(table: Mapping[str, Row], key: str, name: str) -> Row:
+    """The row of a table of standards. Raises ShapeError listing the valid names."""
+    if name not in table:
+        raise ShapeError(f"{key}: expected one of {', '.join(table)}: {name!r} fails")
+    return table[name]
 
 
 @dataclass(frozen=True)

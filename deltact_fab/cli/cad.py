@@ -125,7 +125,7 @@ def _parts() -> Answer:
 
 
 def _cameras() -> Answer:
-    from ..cad.cameras import load_cameras
+    from ..cad.design import load_cameras
 
     columns = ("camera", "module", "focal_length_mm", "projection", "picture_px", "source")
     rows = [

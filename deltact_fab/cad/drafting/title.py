@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from ...pdf import width_em
-from ...shapes.bounded import ShapeError
-from ..record import Record
+from ...shapes.bounded import Bounded, ShapeError
 
 LONGEST = 60
 
@@ -19,7 +18,7 @@ def words(meaning: str) -> Any:
 
 
 @dataclass(frozen=True)
-class TitleBlock(Record):
+class TitleBlock(Bounded):
     """The title block's fields that come from the lab, never from a clock: equal bytes stay equal.
 
     An empty one is drawn as a dash.
