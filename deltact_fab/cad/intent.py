@@ -11,14 +11,13 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 from ..errors import InputError, SolverError
 from ..optics import half_angle_rad, reached_mm
 from ..shapes.bounded import ShapeError
 from . import feasibility
-from .check import bending, electric, fits, visibility
+from .check import arithmetic, visibility
 from .design import load_camera, load_cameras
 from .dimensions import Design
 from .parts.camera import off_axis_mm
@@ -167,11 +166,10 @@ def failures(design: Design, wish: Wish) -> Iterator[str]:
     if not cone_mm <= design.light_bore_mm:
         bore_mm = design.light_bore_mm
         yield f"light cone: {cone_mm:.1f} mm wide at the plate, {bore_mm:.1f} mm in the ring"
-    plate = cast(Any, SimpleNamespace(design=design))
-    for rows in (fits.rows, electric.rows, visibility.view, fits.platform):
+    for rows in (arithmetic.fits, arithmetic.light, visibility.view, arithmetic.platform):
         yield from (f"{r.check}: {r.found}; {r.limit}" for r in rows(design) if not r.passed)
     try:
-        yield from (f"{r.check}: {r.found}" for r in bending.rows(plate) if not r.passed)
+        yield from (f"{r.check}: {r.found}" for r in arithmetic.bending(design) if not r.passed)
     except SolverError as why:
         yield f"plate deflection: {why}"
 

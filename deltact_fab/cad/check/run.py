@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from ...aliases import Progress
@@ -11,51 +10,27 @@ from ...errors import RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded
-from ..part_key import Facts
 from ..registry import listed
-from . import (
-    bench,
-    bending,
-    casting,
-    drawings,
-    electric,
-    fits,
-    indenters,
-    inequalities,
-    printed,
-    screws,
-    soundness,
-    space,
-    thickness,
-    visibility,
-)
-from .built import NO_PART, BuiltDesign
+from . import arithmetic, each_part, together, visibility
+from .built import NO_PART, BuiltDesign, Facts
 from .row import NOT_RUN, Row, advised, verified
 
-
-@dataclass(frozen=True)
-class CheckKind:
-    """One kind of check, by the name that its row has when it cannot be made."""
-
-    name: str
-    rows: Callable[[BuiltDesign], Iterator[Row]]
-
-
-CHECKS = (
-    CheckKind(drawings.NAME, drawings.rows),
-    CheckKind(soundness.NAME, soundness.rows),
-    CheckKind(space.ENVELOPE, space.envelope),
-    CheckKind(space.INTERFERENCE, space.interference),
-    CheckKind("engagement", screws.engagement),
-    CheckKind(thickness.NAME, thickness.rows),
-    CheckKind(printed.CONTACT, printed.rows),
-    CheckKind(bending.DEFLECTION, bending.rows),
-    CheckKind("light cone", visibility.light_cone),
-    CheckKind("mold volume closure", casting.closure),
-    CheckKind(bench.CLEAR, bench.rows),
-    CheckKind("indenter height field", indenters.rows),
-)
-ARITHMETIC = (fits.rows, electric.rows, visibility.view)
+CHECKS: dict[str, Callable[[BuiltDesign], Iterable[Row]]] = {
+    "drawings": each_part.drawings,
+    "one valid closed solid": each_part.soundness,
+    "envelope": together.envelope,
+    "interference": together.interference,
+    "engagement": together.engagement,
+    "wall thickness": each_part.walls,
+    "bed contact": each_part.printed,
+    "plate deflection": lambda built: arithmetic.bending(built.design),
+    "light cone": visibility.light_cone,
+    "mold volume closure": together.closure,
+    "bench clear": together.bench,
+    "indenter height field": each_part.height_fields,
+}
+"""Each kind of check on solids by the name that its row has when it cannot be made."""
+ARITHMETIC = (arithmetic.fits, arithmetic.light, visibility.view)
 
 
 def run(
@@ -77,13 +52,13 @@ def run(
     row counts the checks that it leaves undone. Raises MissingLibrary without the CAD kernel, and
     InputError when the list of indenters is unusable.
     """
-    rows = list(inequalities.rows(design))
+    rows = list(arithmetic.inequalities(design))
     broken = not all(row.passed for row in rows)
-    for arithmetic in ARITHMETIC:
-        rows += verified(advised(arithmetic, design), design)
+    for told in ARITHMETIC:
+        rows += verified(advised(told, design), design)
     if broken:
         return [*rows, not_run(len(CHECKS), "inequalities fail, see above")]
-    rows += verified(fits.platform(design), design)
+    rows += verified(arithmetic.platform(design), design)
     done = 0
 
     def tell(what: str) -> None:
@@ -106,7 +81,7 @@ def run(
 def of_built(
     built: BuiltDesign,
     tell: Callable[[str], None] | None = None,
-    checks: Sequence[CheckKind] = CHECKS,
+    checks: Iterable[str] = CHECKS,
 ) -> list[Row]:
     """The checks on what is built; one row counts those that lack a part which cannot be built.
 
@@ -116,15 +91,15 @@ def of_built(
     undone = []
     for check in checks:
         if tell is not None:
-            tell(check.name)
+            tell(check)
         try:
-            with guarded(check.name):
-                rows += verified(check.rows(built), built.design)
+            with guarded(check):
+                rows += verified(CHECKS[check](built), built.design)
         except RunFailed as why:
             if str(why).endswith(NO_PART):
                 undone.append(str(why))
             else:
-                rows.append(Row(check.name, "", f"not run: {why}", "can be made", False))
+                rows.append(Row(check, "", f"not run: {why}", "can be made", False))
     if undone:
         rows.append(not_run(len(undone), "; ".join(dict.fromkeys(undone))))
     return rows

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from ... import cache
+from ..build import made_by, part_key
 from ..dimensions import Design
 from ..part import Part
-from ..part_key import made_by, part_key
 from .part_files import DRAWN, MESHED, FileBytes
 
 KIND = "cad"
