@@ -188,4 +188,4 @@ class Part:
     def making(self) -> str:
         """How it is made, in words."""
         said = (self.lies.words if self.printed else "", self.how)
-        return "; ".join(words for words in said if words)
+        return "; ".join(words for words in said if words) or self.process

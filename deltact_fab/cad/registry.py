@@ -14,7 +14,7 @@ from . import parts
 from .design import IndenterList, load_indenters
 from .dimensions import Design
 from .part import GROUPS, Part
-from .parts.indenter_part import part as indenter_part
+from .parts.indenter import part as indenter_part
 
 
 def of_design(design: Design | None = None) -> list[Part]:

@@ -22,7 +22,7 @@ from ..cad.fabrication import bom, quantities
 from ..cad.fabrication.paper_gaps import gaps
 from ..cad.fabrication.quantities import DEFAULT
 from ..cad.part import SELF_SUPPORTING_DEG, Part
-from ..cad.parts.coupon_mold import well_volume_mm3
+from ..cad.parts.coupons import well_volume_mm3
 from ..cad.parts.mold import RELEASE_AGENT
 from ..cad.parts.screw import stock_note
 from ..cad.registry import listed, of_group

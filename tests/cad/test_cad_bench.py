@@ -12,7 +12,7 @@ from deltact_fab.cad.check import arithmetic
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.fabrication import quantities
 from deltact_fab.cad.features import features_of
-from deltact_fab.cad.parts import led_strip
+from deltact_fab.cad.parts import light_holder
 from deltact_fab.cad.registry import find
 from deltact_fab.cad.sensor_sections import LightDimensions
 
@@ -99,7 +99,7 @@ def test_too_bright_too_hot_too_much_and_dark(changes: tuple[str, ...], fails: s
 
 
 def test_a_led_wider_than_its_piece_of_strip_is_refused() -> None:
-    rules = led_strip.rules(load_design(changes=["light.led_width_mm=7.9"]))
+    rules = light_holder.strip_rules(load_design(changes=["light.led_width_mm=7.9"]))
     assert [rule.holds for rule in rules] == [True, True]
     wide = replace(D, light=LightDimensions(leds_per_m=240))
-    assert [rule.holds for rule in led_strip.rules(wide)] == [False, True]
+    assert [rule.holds for rule in light_holder.strip_rules(wide)] == [False, True]

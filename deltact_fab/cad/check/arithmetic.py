@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ..dimensions import Design
 from ..feasibility import rules as all_rules
 from ..part import PRINT
-from ..parts.led_strip import led_turns
-from ..parts.light_holder import below_plate
+from ..parts.light_holder import below_plate, led_turns
 from ..registry import of_design
 from ..rule import Rule, first_of
 from ..stiffness import bend, plate_of, press

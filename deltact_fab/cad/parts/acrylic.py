@@ -122,14 +122,11 @@ PARTS = (
         explode_mm=14,
         colour=CLEAR,
         sections=("skin", "frame", "optics", "plate", "screw", "shell", "laser"),
-        derived=(
-            "acrylic_half_mm", "acrylic_notch_mm", "seat_half_mm", "post_edge_mm", "z_ledge_mm",
-            "z_joint_mm",
-        ),
+        derived=("acrylic_half_mm", "acrylic_notch_mm", "z_ledge_mm", "z_joint_mm"),
         fits=fits,
         callouts=callouts,
         note=note,
         how="cut by the DXF, step C",
         look_for="the edges are clear and without cracks",
     ),
-)  # fmt: skip
+)

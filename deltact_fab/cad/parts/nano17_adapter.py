@@ -133,7 +133,6 @@ PARTS = (
         places=sensor_places,
         sections=("adapter",),
         note="{d.adapter.sensor_mm:g} mm wide, {d.adapter.sensor_height_mm:g} mm high as published",
-        how="bought",
         look_for="measure its diameter, height and bolt circle before the adapter is printed",
     ),
 )

@@ -110,10 +110,9 @@ PARTS = (
         colour=STEEL,
         places=places,
         sections=("screw",),
-        derived=("z_head_mm", "screw_at_mm"),
+        derived=("z_head_mm",),
         rules=rules,
         note=note,
-        how="bought",
         look_for="measure the length below the head",
     ),
     Part(
@@ -127,9 +126,8 @@ PARTS = (
         colour=STEEL,
         places=camera_places,
         sections=("holder",),
-        derived=("camera_screw_centres_mm", "z_board_front_mm"),
+        derived=("z_board_front_mm",),
         note="{d.holder.screw} x {d.holder.screw_length_mm:g}, slotted",
-        how="bought",
         look_for="the head is no higher than the light holder's floor",
     ),
 )

@@ -180,8 +180,8 @@ PARTS = (
         colour=BLACK,
         sections=("shell", "cover", "mount", "screw", "skin", "frame"),
         derived=(
-            "outer_mm", "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "ledge_reach_mm",
-            "post_mm", "post_edge_mm", "boss_room_mm", "screw_at_mm", "screw_centres_mm",
+            "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "ledge_reach_mm", "post_mm",
+            "post_edge_mm", "boss_room_mm", "screw_at_mm", "screw_centres_mm",
             "shell_depth_mm", "flange_arm_z_mm", "z_joint_mm", "z_boss_mm", "z_floor_mm",
             "z_back_mm",
         ),

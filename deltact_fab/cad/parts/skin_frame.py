@@ -132,7 +132,7 @@ FRAME = Part(
     colour=BLACK,
     sections=("skin", "frame", "optics", "screw", "shell"),
     derived=(
-        "frame_outer_mm", "frame_height_mm", "post_mm", "post_edge_mm", "post_in_window_mm",
+        "frame_outer_mm", "frame_height_mm", "post_edge_mm", "post_in_window_mm",
         "screw_at_mm", "screw_centres_mm", "seat_half_mm", "z_front_mm", "z_ledge_mm",
         "z_joint_mm",
     ),
