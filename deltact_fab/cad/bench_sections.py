@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from ..aliases import Point2
 from ..shapes import Indenter
 from ..shapes.bounded import Bounded, assumed, measured, number
-from .standards import CAP_SCREWS, CLEARANCE_MM, standard_row
+from .standards import CAP_SCREWS, CLEARANCE_MM, Thread
 
 
 @dataclass(frozen=True)
@@ -130,16 +130,12 @@ class StagePlateDimensions(Bounded):
 class TableDimensions(Bounded):
     """Tabs of the testing shell, by which it is screwed to a table, one on each x side."""
 
-    screw: str = field(default="M4", metadata={"description": "screws into the table"})
+    screw: Thread = field(default="M4", metadata={"description": "screws into the table"})
     tab_mm: float = number(14.0, "along x, from the shell", 4, 100)
     width_mm: float = number(30.0, "along y", 4, 200)
     height_mm: float = number(6.0, "along z, from the plane of the sensor's back", 2, 60)
     edge_mm: float = number(3.0, "around a hole", 0.5, 20)
     hole_pitch_mm: float = number(18.0, "between the two holes of a tab, along y", 3, 190)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        standard_row(CLEARANCE_MM, "screw", self.screw)
 
     @property
     def hole_mm(self) -> float:

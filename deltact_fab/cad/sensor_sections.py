@@ -14,9 +14,11 @@ from .standards import (
     CLEARANCE_MM,
     WASHER_MM,
     CapScrew,
+    CapThread,
     CheeseScrew,
+    CheeseThread,
+    Thread,
     next_e24,
-    standard_row,
 )
 
 
@@ -123,17 +125,13 @@ class HolderDimensions(Bounded):
     window_fit_mm: float = number(0.1, "connector in the window, per side", 0.02, 2)
     window_rest_mm: float = number(0.5, "board on the plate beside the window", 0.1, 5)
     wall_mm: float = number(1.5, "least wall beside a hole", 0.5, 10)
-    screw: str = field(
+    screw: CheeseThread = field(
         default="M2", metadata={"description": "ISO 1207 thread, or none: the board is bonded"}
     )
     screw_length_mm: float = number(3.0, "below the head", 2, 20)
     head_clearance_mm: float = number(0.3, "around the heads, below the light holder", 0.02, 2)
     bonded_mm: float = assumed(0.3, "how far off the middle a bonded board may lie", 0.01, 3)
     measured: tuple[str, ...] = measured("keys measured on the lab's own boards")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        standard_row(CHEESE_SCREWS, "screw", self.screw)
 
     @property
     def row(self) -> CheeseScrew:
@@ -287,7 +285,7 @@ class MountDimensions(Bounded):
     length_mm: float = number(20.0, "along y, from the shell, flange and all", 2, 100)
     width_mm: float = number(20.0, "along x", 4, 200)
     height_mm: float = number(10.0, "along z, from the shell's back", 3, 60)
-    screw: str = field(default="M3", metadata={"description": "screws through the mount"})
+    screw: Thread = field(default="M3", metadata={"description": "screws through the mount"})
     hole_pitch_mm: float = number(10.0, "between the two holes", 3, 100)
     flange_mm: float = number(6.5, "franka: thickness of the flange", 1, 50)
     flange_width_mm: float = assumed(30.0, "franka: flange along x", 4, 200)
@@ -300,10 +298,6 @@ class MountDimensions(Bounded):
     stress_limit_mpa: float = assumed(40.0, "franka: bending stress that the arm may take", 1, 500)
 
     measured: tuple[str, ...] = measured("keys measured on the lab's own finger")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        standard_row(CLEARANCE_MM, "screw", self.screw)
 
     @property
     def hole_mm(self) -> float:
@@ -325,14 +319,10 @@ class MountDimensions(Bounded):
 class ScrewDimensions(Bounded):
     """The four screws that hold cover, shell and frame together (paper: M1.6, 19 mm)."""
 
-    thread: str = field(default="M1.6", metadata={"description": "ISO 4762 thread"})
+    thread: CapThread = field(default="M1.6", metadata={"description": "ISO 4762 thread"})
     length_mm: float = number(16.0, "below the head; M1.6 is sold up to 16 (paper: 19)", 3, 60)
     engagement_mm: float = number(4.6, "length that grips the frame", 1, 20)
     tip_clearance_mm: float = number(1.0, "pilot hole beyond the tip", 0.5, 10)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        standard_row(CAP_SCREWS, "thread", self.thread)
 
     @property
     def row(self) -> CapScrew:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable
 
 from ...aliases import Progress
 from ...errors import RunFailed
@@ -36,17 +35,14 @@ ARITHMETIC = (arithmetic.fits, arithmetic.light, visibility.view)
 def run(
     design: Design,
     progress: Progress | None = None,
-    solids: Mapping[str, Any] | None = None,
     indenters: IndenterList | None = None,
     cached: bool = False,
 ) -> list[Row]:
     """Check a design: inequalities first, then every part and the whole as built.
 
-    progress: called with (done, total, what) before each part that is built and each check. solids:
-    by part name, to be checked in place of what would be built; the gate does not see them.
-    indenters: cad/indenters.toml when None. cached: what earlier checks found on
-    parts that are the same is used, and what is found kept; when nothing is missing the CAD kernel
-    is not imported.
+    progress: called with (done, total, what) before each part that is built and each check.
+    indenters: cad/indenters.toml when None. cached: what earlier checks found on parts that are the
+    same is used, and what is found kept; when nothing is missing the CAD kernel is not imported.
 
     What fails is a row, a broken inequality and a part that cannot be built among them; one more
     row counts the checks that it leaves undone. Raises MissingLibrary without the CAD kernel, and
@@ -67,8 +63,8 @@ def run(
             progress(done, total, what)
         done += 1
 
-    facts = Facts() if cached and not solids else None
-    built = BuiltDesign(design, tuple(listed(indenters, design)), dict(solids or {}), facts, tell)
+    facts = Facts() if cached else None
+    built = BuiltDesign(design, tuple(listed(indenters, design)), facts=facts, tell=tell)
     total = len(built.parts) + len(CHECKS)
     rows += of_built(built, tell)
     if facts is not None:
