@@ -99,7 +99,7 @@ def sized(
     room = thickness_mm - protrusion + sheet
     room -= default.screw.tip_clearance_mm + default.shell.wall_mm
     grips: list[CapThread] = [name for name, row in CAP_SCREWS.items() if 2 * row.thread_mm <= room]
-    thread = rng.choice(grips or ["M1.6"])
+    thread: CapThread = rng.choice(grips or ["M1.6"])
     row = CAP_SCREWS[thread]
     most = max(2.0, min(2.6, room / row.thread_mm))
     engagement = math.floor(10 * rng.uniform(2.0, most) * row.thread_mm) / 10
