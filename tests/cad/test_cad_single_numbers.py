@@ -69,9 +69,7 @@ def test_a_wrong_number_is_refused_or_fails_and_its_row_says_what_to_change(chan
     except InputError as why:
         rows = [Row("refused", "", "", str(why), False)]  # with the limits of its record
     else:
-        rows = list(arithmetic.inequalities(design))
-        for told in ARITHMETIC:
-            rows += advised(told, design)
+        rows = [row for told in ARITHMETIC for row in advised(told, design)]
         if all(row.passed for row in rows):
             rows += arithmetic.platform(design)
     failed = [row for row in rows if row.verdict == "FAIL"]
