@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.part import Part
-from deltact_fab.cad.parts import indenter, mount, stage_plate
+from deltact_fab.cad.parts import indenter, mount, on_table
 from deltact_fab.cad.solid_gate import VOLUME_TOLERANCE, SolidProperties
 from deltact_fab.shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 
@@ -208,7 +208,7 @@ def stage_plate_mm3(d: Design) -> float:
     plate = d.stage_plate
     slot_mm2 = plate.slot_mm * plate.slot_travel_mm + plain(plate.slot_mm)
     open_mm2 = 4 * slot_mm2 + 4 * plain(plate.thread_hole_mm)
-    return (math.prod(stage_plate.sides_mm(d)) - open_mm2) * plate.thickness_mm
+    return (math.prod(on_table.sides_mm(d)) - open_mm2) * plate.thickness_mm
 
 
 def adapter_mm3(d: Design) -> float:

@@ -15,7 +15,7 @@ from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.features import features_of
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
-from deltact_fab.cad.parts import coupons, mold, skin, skin_frame
+from deltact_fab.cad.parts import coupons, mold, skin_frame
 
 DEFAULT = Design()
 
@@ -55,7 +55,7 @@ def cast(cq: Any, design: Design, at: tuple[float, float]) -> tuple[Any, Any]:
         put(cq.Solid.makeCylinder(row.pilot_mm / 2, depth_mm, cq.Vector(x, y, design.z_joint_mm)))
         for x, y in design.screw_centres_mm
     ]
-    return block.cut(mold.build(design), frame, *plugs), put(skin.build(design))
+    return block.cut(mold.build(design), frame, *plugs), put(skin_frame.skin_build(design))
 
 
 @pytest.mark.parametrize("name", ["uneven", "large fillet"])

@@ -18,7 +18,7 @@ from ..kernel import require
 from ..parts.camera import BOARD_KEYS
 from ..parts.indenter import plate_half_mm
 from ..parts.mold import centres_mm
-from ..parts.nano17_adapter import SIZE
+from ..parts.on_stage import SIZE
 from ..solid_gate import VOLUME_TOLERANCE, Box, bounding_box, shifted
 from .built import BuiltDesign
 from .row import Row

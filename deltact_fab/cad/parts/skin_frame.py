@@ -16,6 +16,17 @@ The paper gives no drawing. A 3 mm wall cannot hold an M1.6 screw, so a square p
 corner and takes a corner of the window; the skin is notched there below the protrusion. Behind the
 skin the window is wider in y (and by seat_x in x), so that the acrylic plate rests on a ledge.
 Frame and skin share faces and no volume.
+
+The skin: the clear silicone block behind the pattern (paper, Tactile Subsystem).
+
+    z = 0               .--------------------.     edges of the touched face rounded, edge_fillet
+                        |   width x length   |
+    z = -protrusion     +--+              +--+     above: proud of the frame
+                           |              |
+    z = -thickness         +--------------+        below: fills the frame's window, notched around
+                                                   its corner posts
+
+The vertical edges stay sharp: the mold's cavity is the plain block above the frame.
 """
 
 from __future__ import annotations
@@ -26,8 +37,8 @@ from dataclasses import replace
 from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, x_of, y_of, z_of
-from ..kernel import Shape, Workplane, cuboid, cylinders, prism, without_corners
-from ..part import BLACK, PRINT, RESIN, Part, PrintPose, nothing
+from ..kernel import Shape, Workplane, cuboid, cylinders, prism, require, without_corners
+from ..part import BLACK, CLEAR, PRINT, RESIN, Part, PrintPose, nothing
 from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
 from ..standards import screw_tolerance_mm
@@ -150,6 +161,44 @@ FRAME = Part(
     "paper; a drill of the pilot's size turns freely",
 )  # fmt: skip
 
+
+def skin_box(design: Design) -> Box:
+    """The plain block."""
+    skin = design.skin
+    return around(skin.width_mm / 2, skin.length_mm / 2, -skin.thickness_mm, 0.0)
+
+
+def skin_build(design: Design) -> Shape:
+    """The skin as one solid in the sensor frame, z from -thickness to 0."""
+    cq = require()
+    skin = design.skin
+    w, h = skin.width_mm / 2, skin.length_mm / 2
+    x, y = design.post_in_window_mm
+    below_mm = skin.thickness_mm - skin.protrusion_mm
+    block = cuboid(around(w, h, -skin.thickness_mm, 0.0))
+    block = block.faces(">Z").edges().fillet(skin.edge_fillet_mm)
+    if x == 0 or below_mm == 0:
+        return block.val()
+    # One millimetre longer on the three outer sides, so that no face of the cutter coincides.
+    corners = [(sx * (w - (x - 1) / 2), sy * (h - (y - 1) / 2)) for sx in (-1, 1) for sy in (-1, 1)]
+    notches = cq.Workplane().workplane(offset=-skin.thickness_mm - 1).pushPoints(corners)
+    return block.cut(notches.rect(x + 1, y + 1).extrude(below_mm + 1)).val()
+
+
+def skin_rules(d: Design) -> Iterator[Rule]:
+    """The camera's picture ends within the face: there is nothing to see beside it."""
+    for view_mm, px, side in zip(
+        d.optics.view_mm, ("width", "height"), ("width", "length"), strict=True
+    ):
+        view = Quantity(f"view (optics.image_{px}_px x mm_per_px)", view_mm)
+        yield view.at_most(f"skin.{side}_mm", getattr(d.skin, f"{side}_mm"))
+
+
+def skin_note(d: Design) -> str:
+    """How much silicone one takes."""
+    return f"{d.skin_volume_mm3 / 1000:.2f} cm³ each; see Solaris"
+
+
 PARTS = (
     FRAME,
     replace(
@@ -163,5 +212,20 @@ PARTS = (
         in_view=False,
         note="for the chessboard; cast with a clear skin, no film, no coats",
         look_for="as the skin frame",
+    ),
+    Part(
+        "skin",
+        "Solaris silicone, Shore 15A, clear, 1:1",
+        "cast in the mold",
+        skin_build,
+        skin_box,
+        explode_mm=46,
+        colour=CLEAR,
+        sections=("skin", "frame", "screw", "shell"),
+        derived=("post_in_window_mm",),
+        rules=skin_rules,
+        note=skin_note,
+        how="cast in its frame, step D",
+        look_for="clear, dry, bonded to the acrylic",
     ),
 )
