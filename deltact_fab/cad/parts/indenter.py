@@ -22,7 +22,7 @@ from itertools import pairwise
 from typing import Any
 
 from ...shapes import EllipsoidTip, Indenter, PosedTip, PrismTip, RidgeTip, SphereTip, TurnedTip
-from ...shapes.posed import PlainTip
+from ...shapes.rigid import PlainTip
 from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Callouts, Leader, Told, shown, z_of
 from ..kernel import Shape, require

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...aliases import Field
 from ...shapes import EllipsoidTip, Indenter, PosedTip, PrismTip, RidgeTip, SphereTip
-from ...shapes.posed import PlainTip
+from ...shapes.rigid import PlainTip
 
 _TINY = 1e-12
 _STEP_MM = 1e-4  # for differences of a prism's outline
