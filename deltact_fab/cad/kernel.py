@@ -121,7 +121,12 @@ def cuboid(box: Box) -> Workplane:
 
 
 def without_corners(half_mm: Point2, inner_mm: Point2) -> list[Point2]:
-    """Corners of the rectangle +-half less what lies beyond both inner edges, counter-clockwise."""
+    """Corners of the rectangle +-half less what lies beyond both inner edges, counter-clockwise.
+
+    The plain rectangle where nothing lies beyond one of them.
+    """
     (w, h), (x, y) = half_mm, inner_mm
+    if x >= w or y >= h:
+        return [(-w, -h), (w, -h), (w, h), (-w, h)]
     upper = [(w, y), (x, y), (x, h), (-x, h), (-x, y), (-w, y)]
     return upper + [(-a, -b) for a, b in upper]

@@ -100,8 +100,8 @@ class BuiltDesign:
                 return part
         raise RunFailed(f"{name} {NO_PART}")
 
-    def why_not(self, name: str) -> str:
-        """Why a part cannot be built; empty when it can."""
+    def solid(self, name: str) -> Any:
+        """The solid of a part. Raises RunFailed when it cannot be built; `failed` says why."""
         if name not in self.solids and name not in self.failed:
             part = self.part(name)
             if self.tell is not None:
@@ -110,11 +110,7 @@ class BuiltDesign:
                 self.solids[name] = build_from(part, part.source(self.design))[0]
             except RunFailed as why:
                 self.failed[name] = str(why)
-        return self.failed.get(name, "")
-
-    def solid(self, name: str) -> Any:
-        """The solid of a part. Raises RunFailed when it could not be built."""
-        if self.why_not(name):
+        if name in self.failed:
             raise RunFailed(f"{name} {NO_PART}")
         return self.solids[name]
 

@@ -9,22 +9,24 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from functools import partial
 from itertools import combinations
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...aliases import Point
 from ...errors import RunFailed
 from ..dimensions import Design
 from ..drafting.scheme import scheme
 from ..overhangs import MIN_CONTACT_MM2, Ceiling, Stand, laid, stand
 from ..part import GROUPS, LASER_CUT, MACHINED, PRINT, Part
-from ..rays import ExactRays, Thickness, Walls
+from ..rays import ExactRays, Walls
 from ..solid_gate import flaw_of
 from .built import MESH_MM, BuiltDesign
 from .row import Row, at
 
+Wall = tuple[float, Point]  # how thick in mm, and where
 FIELD_MM = 1e-5
 POINTS = 40
 SLACK_MM = 1e-6
@@ -83,38 +85,29 @@ def _planned(built: BuiltDesign, part: Part) -> tuple[list[str], int]:
 
 
 def walls(built: BuiltDesign) -> Iterator[Row]:
-    """The thinnest wall of each part with its place."""
+    """The thinnest wall or web of each part; of the cover two rows, for its pegs must bend."""
     for part in built.parts:
-        if part.process in LEAST:
-            yield from _of_part(built, part)
+        if part.process not in LEAST:
+            continue
+        wall, legs = built.fact("walls", (part.name,), partial(_walls, built, part.name))
+        yield _row(built.design, part, part.name, [wall, *_webs(built, part.name)], part.wall_keys)
+        if part.name == "cover":
+            # No wall of theirs is as thick as the housing's.
+            yield _row(built.design, part, "cover, legs of the pegs", [legs], ("cover.leg_mm",))
 
 
-def _of_part(built: BuiltDesign, part: Part) -> Iterator[Row]:
-    """The thinnest wall or web; of the cover two rows, for its pegs must bend."""
-    kept = built.fact("walls", (part.name,), partial(_walls, built, part.name))
-    wall, legs = (Thickness(t["thickness_mm"], tuple(t["at_mm"])) if t else None for t in kept)
-    yield _row(built.design, part, part.name, (wall, _web(built, part.name)), part.wall_keys)
-    if part.name == "cover":
-        # No wall of theirs is as thick as the housing's.
-        yield _row(built.design, part, "cover, legs of the pegs", (legs,), ("cover.leg_mm",))
-
-
-def _walls(built: BuiltDesign, name: str) -> list[dict[str, Any] | None]:
+def _walls(built: BuiltDesign, name: str) -> list[Wall | None]:
     """The thinnest wall, and apart from it that of a cover's legs."""
     walls = Walls(built.solid(name), built.mesh(name))
-    legs = _of_legs(built.design, walls.points_mm) if name == "cover" else None
     found = [walls.thinnest(), None]
-    if legs is not None:
+    if name == "cover":
+        legs = _of_legs(built.design, walls.points_mm)
         found = [walls.thinnest(~legs), walls.thinnest(legs)]
-    return [asdict(one) if one else None for one in found]
+    return [(one.thickness_mm, one.at_mm) if one else None for one in found]
 
 
 def _row(
-    design: Design,
-    part: Part,
-    name: str,
-    walls: tuple[Thickness | None, ...],
-    meant: tuple[str, ...],
+    design: Design, part: Part, name: str, walls: list[Wall | None], meant: tuple[str, ...]
 ) -> Row:
     """Against the larger of what is meant, the least of its keys, and what the process makes."""
 
@@ -124,22 +117,19 @@ def _row(
     keys = sorted((LEAST[part.process], *sorted(meant, key=value)[:1]), key=value, reverse=True)
     least_mm = value(keys[0])
     limit = f">= {least_mm:.3g} mm ({', '.join(keys)})"
-    found = min((w for w in walls if w is not None), key=lambda w: w.thickness_mm, default=None)
+    found = min(filter(None, walls), key=itemgetter(0), default=None)
     if found is None:
         return Row("wall thickness", name, "no wall found", limit, False)
-    passed = found.thickness_mm >= least_mm - SLACK_MM
-    return Row(
-        "wall thickness", name, f"{found.thickness_mm:.3f} mm at {at(found.at_mm)}", limit, passed
-    )
+    passed = found[0] >= least_mm - SLACK_MM
+    return Row("wall thickness", name, f"{found[0]:.3f} mm at {at(found[1])}", limit, passed)
 
 
-def _web(built: BuiltDesign, name: str) -> Thickness | None:
-    """The narrowest web between two holes along z, below zero where one cuts into the other.
+def _webs(built: BuiltDesign, name: str) -> Iterator[Wall]:
+    """The webs between two holes along z, below zero where one cuts into the other.
 
     Rays see no wall there. Holes about one axis are steps of one hole, and what opens into a bore
     about the part's own axis is a notch.
     """
-    webs = []
     holes = [c for c in built.cylinders(name) if c.hole and c.offset_mm(0.0, 0.0) > SLACK_MM]
     for a, b in combinations(holes, 2):
         low, high = max(a.low_mm[2], b.low_mm[2]), min(a.high_mm[2], b.high_mm[2])
@@ -147,9 +137,7 @@ def _web(built: BuiltDesign, name: str) -> Thickness | None:
         # The ends of a slot are one hole too.
         if high - low > SLACK_MM and apart > max(a.radius_mm, b.radius_mm):
             (x, y, _), (u, v, _) = a.low_mm, b.low_mm
-            middle = ((x + u) / 2, (y + v) / 2, low)
-            webs.append(Thickness(apart - a.radius_mm - b.radius_mm, middle))
-    return min(webs, key=lambda web: web.thickness_mm, default=None)
+            yield apart - a.radius_mm - b.radius_mm, ((x + u) / 2, (y + v) / 2, low)
 
 
 def _of_legs(design: Design, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -165,24 +153,24 @@ def printed(built: BuiltDesign) -> Iterator[Row]:
     One that nothing supports may span what the printer bridges.
     """
     for part in built.parts:
-        if part.printed:
-            yield from _lying(built, part)
+        if not part.printed:
+            continue
+        name, lies = part.name, part.lies
+        kept = built.fact("bed contact", (name,), partial(_standing, built, part))
+        on = Stand(kept["contact_mm2"], tuple(Ceiling(**one) for one in kept["ceilings"]))
+        if not lies.tilt_deg:
+            limit = f">= {MIN_CONTACT_MM2:g} mm2"
+            passed = on.contact_mm2 >= MIN_CONTACT_MM2
+            yield Row("bed contact", name, f"{on.contact_mm2:.1f} mm2", limit, passed)
+        if on.ceilings:
+            span_mm = built.design.resin_printer.ceiling_span_mm
+            limit = f"<= {span_mm:g} mm across (resin_printer.ceiling_span_mm), or on supports"
+            passed = bool(lies.supports) or on.span_mm <= span_mm
+            yield Row("ceilings", name, on.words(lies.supports), limit, passed)
 
 
-def _lying(built: BuiltDesign, part: Part) -> Iterator[Row]:
-    kept = built.fact(
-        "bed contact", (part.name,), lambda: asdict(stand(laid(built.mesh(part.name), part.lies)))
-    )
-    on = Stand(kept["contact_mm2"], tuple(Ceiling(**one) for one in kept["ceilings"]))
-    if not part.lies.tilt_deg:
-        limit = f">= {MIN_CONTACT_MM2:g} mm2"
-        passed = on.contact_mm2 >= MIN_CONTACT_MM2
-        yield Row("bed contact", part.name, f"{on.contact_mm2:.1f} mm2", limit, passed)
-    if on.ceilings:
-        span_mm = built.design.resin_printer.ceiling_span_mm
-        limit = f"<= {span_mm:g} mm across (resin_printer.ceiling_span_mm), or on supports"
-        passed = bool(part.lies.supports) or on.span_mm <= span_mm
-        yield Row("ceilings", part.name, on.words(part.lies.supports), limit, passed)
+def _standing(built: BuiltDesign, part: Part) -> dict[str, Any]:
+    return asdict(stand(laid(built.mesh(part.name), part.lies)))
 
 
 def height_fields(built: BuiltDesign) -> Iterator[Row]:

@@ -101,13 +101,9 @@ def advised(rows: Callable[[Design], Iterable[Row]], design: Design) -> Iterator
                 left = others[index].margin if len(others) == len(found) else None
                 return math.nan if left is None else left
 
-            row = change(row, advice(design, margin))
+            mend = advice(design, margin)
+            row = replace(row, limit=f"{row.limit}: {mend}") if mend else row
         yield row
-
-
-def change(row: Row, what: str) -> Row:
-    """The row, its limit followed by what to change; as it is where nothing is known to help."""
-    return replace(row, limit=f"{row.limit}: {what}") if what else row
 
 
 def at_least(

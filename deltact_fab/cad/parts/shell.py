@@ -34,12 +34,11 @@ from ..drafting.dimensioning import (
     y_of,
     z_of,
 )
-from ..kernel import Shape, Workplane, cuboid, cylinders, prism
+from ..kernel import Shape, Workplane, cuboid, cylinders, prism, without_corners
 from ..part import BLACK, PRINT, RESIN, Part, PrintPose
 from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around, enclosing
 from . import mount
-from .acrylic import notched
 from .light_holder import WIRE_OUTER
 from .mount import boss_room
 
@@ -61,17 +60,16 @@ def body(design: Design) -> Workplane:
     outer_x, outer_y = design.frame_outer_mm
     floor, joint = design.z_floor_mm, design.z_joint_mm
     ledge = joint - shell.ledge_height_mm
-    corner = (design.post_mm - shell.wall_mm, design.post_mm - shell.wall_mm)
     body = cuboid(((-outer_x / 2, -outer_y / 2, floor), (outer_x / 2, outer_y / 2, joint)))
     # One cutter inside the other: between the ledges the cavity is only narrower.
     inward = design.ledge_reach_mm
     for (dx, dy), high in (((0.0, 0.0), ledge), (inward, joint + 1)):
         low = floor - 1
-        outline = notched((x - dx, y - dy), (corner[0] - dx, corner[1] - dy))
+        outline = without_corners((x - dx, y - dy), design.post_edge_mm)
         body = body.cut(prism(outline, low, high - low))
     if shell.ledge_drop_mm > 0:
         drop = shell.ledge_drop_mm
-        body = body.cut(prism(notched((x, y), corner), joint - drop, drop + 1))
+        body = body.cut(prism(without_corners((x, y), design.post_edge_mm), joint - drop, drop + 1))
     body = body.cut(boss_room(design))
     clearance, deep = design.screw.row.clearance_mm, design.shell_depth_mm
     holes = cylinders(design.screw_centres_mm, clearance, floor - 1, deep + 2)

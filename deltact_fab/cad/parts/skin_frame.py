@@ -34,10 +34,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, x_of, y_of, z_of
-from ..kernel import Shape, Workplane, cuboid, cylinders, prism, require, without_corners
+from ..kernel import Shape, cuboid, cylinders, prism, require, without_corners
 from ..part import BLACK, CLEAR, PRINT, RESIN, Part, PrintPose, nothing
 from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
@@ -56,23 +55,15 @@ def build(design: Design) -> Shape:
     x, y = (side / 2 for side in design.frame_outer_mm)
     body = cuboid(around(x, y, bottom_mm, bottom_mm + design.frame_height_mm))
     # Cutters stand out at the ends: faces that coincide are where booleans go wrong.
+    low, posts = bottom_mm - 1, design.post_edge_mm
     window = (design.skin.width_mm / 2, design.skin.length_mm / 2)
     if design.skin.thickness_mm > design.skin.protrusion_mm:
-        body = body.cut(_prism(design, window, bottom_mm - 1, design.z_front_mm + 1))
-    body = body.cut(_prism(design, design.seat_half_mm, bottom_mm - 1, design.z_ledge_mm))
+        body = body.cut(prism(without_corners(window, posts), low, design.z_front_mm + 1 - low))
+    body = body.cut(
+        prism(without_corners(design.seat_half_mm, posts), low, design.z_ledge_mm - low)
+    )
     pilot = (screw.row.pilot_mm, bottom_mm - 1, screw.pilot_depth_mm + 1)
     return body.cut(cylinders(design.screw_centres_mm, *pilot)).val()
-
-
-def _prism(design: Design, half: Point2, low_mm: float, high_mm: float) -> Workplane:
-    """A prism of the rectangle +-half without the corners in which the posts stand."""
-    w, h = half
-    px, py = design.post_edge_mm
-    if px >= w or py >= h:
-        outline = [(-w, -h), (w, -h), (w, h), (-w, h)]
-    else:
-        outline = without_corners(half, (px, py))
-    return prism(outline, low_mm, high_mm - low_mm)
 
 
 def rules(d: Design) -> Iterator[Rule]:
