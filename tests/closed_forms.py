@@ -278,7 +278,7 @@ def tool_holder_mm3(d: Design) -> tuple[float, float]:
 
 def indenter_mm3(dims: Any) -> tuple[float, float]:
     """Plate + stem + tips; tips that may share a volume give bounds: one of them, and the sum."""
-    shape, plate_z = dims.indenter, dims.plate_z_mm
+    shape, plate_z = dims.indenter, dims.indenter.reach_mm
     x, y = indenter.plate_half_mm(dims)
     plate_mm2 = 4 * x * y - (4 - math.pi) * indenter.corner_mm(dims) ** 2
     if radius := indenter.round_plate_mm(dims):

@@ -10,6 +10,9 @@ from ..shapes import Indenter
 from ..shapes.bounded import Bounded, assumed, measured, number
 from .standards import CAP_SCREWS, CLEARANCE_MM, Thread
 
+BOLT = CAP_SCREWS["M2"]  # into the force sensor
+SCREW = CAP_SCREWS["M3"]  # of the tool holder's flange
+
 
 @dataclass(frozen=True)
 class CouponDimensions(Bounded):
@@ -78,12 +81,6 @@ class MoldDimensions(Bounded):
     pry_mm: float = number(2.5, "that notch along y", 0.5, 20)
 
 
-BOLTS = 3
-
-
-BOLT = CAP_SCREWS["M2"]  # into the sensor
-
-
 @dataclass(frozen=True)
 class AdapterDimensions(Bounded):
     """The plate between tool holder and force sensor (ATI Nano17: measure yours)."""
@@ -102,7 +99,7 @@ class AdapterDimensions(Bounded):
     @property
     def bolt_centres_mm(self) -> list[Point2]:
         """The sensor's three screws."""
-        turns = [math.radians(self.bolt_turn_deg + 360 / BOLTS * k) for k in range(BOLTS)]
+        turns = [math.radians(self.bolt_turn_deg + 120 * k) for k in range(3)]
         r = self.bolt_circle_mm / 2
         return [(r * math.cos(t), r * math.sin(t)) for t in turns]
 
@@ -141,9 +138,6 @@ class TableDimensions(Bounded):
     def hole_mm(self) -> float:
         """Through hole of the table's screws (ISO 273 medium)."""
         return CLEARANCE_MM[self.screw]
-
-
-SCREW = CAP_SCREWS["M3"]  # of the flange
 
 
 @dataclass(frozen=True)

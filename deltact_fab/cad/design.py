@@ -64,16 +64,8 @@ class IndenterDimensions:
 
     def __post_init__(self) -> None:
         high = max(tip.equator_mm for tip in self.indenter.tips)
-        if not high < self.plate_z_mm:
-            raise ShapeError(f"equator_mm < reach_mm: {high:g} < {self.plate_z_mm:g} fails")
-
-    @property
-    def plate_z_mm(self) -> float:
-        """Underside of the back plate above the lowest point: the free length of the tips.
-
-        It is the shape's own number, for the protocol's checks count on it.
-        """
-        return self.indenter.reach_mm
+        if not high < self.indenter.reach_mm:
+            raise ShapeError(f"equator_mm < reach_mm: {high:g} < {self.indenter.reach_mm:g} fails")
 
 
 def load_design(name: str = "deltact", changes: Iterable[str] = ()) -> Design:

@@ -48,7 +48,7 @@ def test_the_stem_enters_the_holder_with_its_flat_at_plus_x_only() -> None:
 
     star, holder = find("star"), made("tool-holder")
     assert star.indenter is not None
-    mouth = star.indenter.plate_z_mm + star.indenter.body.plate_mm
+    mouth = star.indenter.indenter.reach_mm + star.indenter.body.plate_mm
     seated = made("star").translate(Vector(0, 0, -mouth))
     assert common_mm3(seated, holder) == pytest.approx(0.0, abs=1e-9)
     for turn in (90, 180):

@@ -214,5 +214,5 @@ def _miss_mm(built: BuiltDesign, part: Part) -> float:
         if math.isfinite(height):
             worst = max(worst, abs(found - height))
         else:
-            worst = max(worst, part.indenter.plate_z_mm - found)
+            worst = max(worst, indenter.reach_mm - found)
     return worst

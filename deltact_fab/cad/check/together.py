@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import RunFailed
-from ..assembly import PartPlace, common_mm3, meet, on_bench, places
+from ..assembly import PlacedPart, common_mm3, meet, on_bench, places
 from ..features import Round, near
 from ..kernel import require
 from ..parts.camera import BOARD_KEYS
@@ -51,7 +51,7 @@ def envelope(built: BuiltDesign) -> Iterator[Row]:
     )
 
 
-def _sensor(built: BuiltDesign) -> list[PartPlace]:
+def _sensor(built: BuiltDesign) -> list[PlacedPart]:
     return places(built.design, [part for part in built.parts if part.group == "sensor"])
 
 
@@ -77,13 +77,13 @@ def interference(built: BuiltDesign) -> Iterator[Row]:
         yield Row("interference", "assembly", f"none in {pairs} pairs", limit, True, keys)
 
 
-def box_of(built: BuiltDesign, place: PartPlace) -> Box:
+def box_of(built: BuiltDesign, place: PlacedPart) -> Box:
     """The box of a piece where it stands."""
     return shifted(built.box(place.part.name), place.shift_mm)
 
 
 def shared(
-    built: BuiltDesign, some: Sequence[PartPlace], others: Sequence[PartPlace] | None = None
+    built: BuiltDesign, some: Sequence[PlacedPart], others: Sequence[PlacedPart] | None = None
 ) -> Iterator[tuple[str, str, float]]:
     """Names of two parts and the volume in mm3 that their pieces share, where boxes meet.
 
@@ -100,7 +100,7 @@ def shared(
             yield first, second, built.fact(what, names, partial(_common_mm3, built, a, b))
 
 
-def _common_mm3(built: BuiltDesign, *pair: PartPlace) -> float:
+def _common_mm3(built: BuiltDesign, *pair: PlacedPart) -> float:
     one, other = (place.put(built.solid(place.part.name)) for place in pair)
     return common_mm3(one, other)
 
@@ -129,7 +129,7 @@ def engagement(built: BuiltDesign) -> Iterator[Row]:
         )
 
 
-def _grip_mm(built: BuiltDesign, shank: Round, place: PartPlace, holder: str) -> float:
+def _grip_mm(built: BuiltDesign, shank: Round, place: PlacedPart, holder: str) -> float:
     """How far a screw stands in its pilot. Raises RunFailed where it has none."""
     x, y, z = place.shift_mm
     holes = [c for c in built.cylinders(holder) if c.hole]
@@ -224,7 +224,7 @@ def bench(built: BuiltDesign) -> Iterator[Row]:
         not clashes,
         SIZE,
     )
-    free = {part.name: part.source(built.design).plate_z_mm for part in tips}
+    free = {part.name: part.source(built.design).indenter.reach_mm for part in tips}
     gap, short = min((mm - depth_mm - top, name) for name, mm in free.items())
     yield Row(
         "bench reach",

@@ -69,7 +69,7 @@ def round_plate_mm(dims: IndenterDimensions) -> float:
 
 def box(dims: IndenterDimensions) -> Box:
     """From the lowest point to the end of the stem; the plate is the widest."""
-    top = dims.plate_z_mm + dims.body.plate_mm + dims.indenter.stem_length_mm
+    top = dims.indenter.reach_mm + dims.body.plate_mm + dims.indenter.stem_length_mm
     return around(*plate_half_mm(dims), 0.0, top)
 
 
@@ -77,7 +77,7 @@ def build(dims: IndenterDimensions) -> Shape:
     """The indenter as one solid in its own frame, z from 0 to the end of the stem."""
     cq = require()
     indenter = dims.indenter
-    plate_z, plate_mm = dims.plate_z_mm, dims.body.plate_mm
+    plate_z, plate_mm = dims.indenter.reach_mm, dims.body.plate_mm
     x, y = plate_half_mm(dims)
     base = cq.Workplane().workplane(offset=plate_z)
     if radius := round_plate_mm(dims):
@@ -226,7 +226,7 @@ def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
 
 def callouts(dims: IndenterDimensions) -> Callouts:
     """Plate and stem, and what its kind of tips is made from."""
-    indenter, back = dims.indenter, dims.plate_z_mm + dims.body.plate_mm
+    indenter, back = dims.indenter, dims.indenter.reach_mm + dims.body.plate_mm
     lengths = [z_of(back, back + indenter.stem_length_mm, fitted=False)]
     labels: list[Leader] = []
     tip = max(indenter.tips, key=lambda t: (t.x_mm, t.y_mm))

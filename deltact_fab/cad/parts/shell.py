@@ -163,7 +163,7 @@ def callouts(d: Design) -> Callouts:
     lengths = (*body_lengths(d), *mount.lengths(d))
     return Callouts(
         lengths, fitted=(d.screw.row.clearance_mm,), notes=notes, cut=Cut(0.0),
-        rests_on=mount.rests_on(d),
+        rests_on=mount.FLANGE,
     )  # fmt: skip
 
 
