@@ -26,13 +26,14 @@ from .bench_sections import (
     CouponDimensions,
     FitCouponDimensions,
     KerfCouponDimensions,
+    LaserDimensions,
     MoldDimensions,
+    ResinPrinterDimensions,
     StagePlateDimensions,
     TableDimensions,
     ToolDimensions,
 )
 from .drafting.title import TitleBlock
-from .process import LaserDimensions, ResinPrinterDimensions
 from .sensor_sections import (
     CameraDimensions,
     CoverDimensions,

@@ -24,9 +24,8 @@ GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indente
 PER_SENSOR: tuple[Group, ...] = ("sensor", "electronics")
 Shift = tuple[float, float, float]
 
-RESIN = (
-    "tough SLA resin"  # the paper: "tough epoxy resin" of Formlabs; cad/parts.toml has a product
-)
+# The paper: "tough epoxy resin" of Formlabs; cad/parts.toml has a product.
+RESIN = "tough SLA resin"
 PRINT = "SLA print"
 BOUGHT = "bought"
 LASER_CUT = "laser cut"

@@ -35,11 +35,11 @@ import math
 from collections.abc import Iterator
 from dataclasses import fields
 
+from ..bench_sections import PLANE
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..kernel import Shape, cuboid, cylinders, prism
 from ..part import BLACK, BOUGHT, GREEN, PRINT, RESIN, Part, PrintPose
-from ..process import PLANE
 from ..rule import Length, PlayFit, Quantity, Rule
 from ..sensor_sections import CameraDimensions
 from ..solid_gate import Box

@@ -74,11 +74,8 @@ def body(design: Design) -> Workplane:
     clearance, deep = design.screw.row.clearance_mm, design.shell_depth_mm
     holes = cylinders(design.screw_centres_mm, clearance, floor - 1, deep + 2)
     half = shell.cable_width_mm / 2
-    notch: Box = (
-        (-half, -outer_y / 2 - 1, floor - 1),
-        (half, 1 - y, floor + shell.cable_height_mm),
-    )
-    return body.cut(holes).cut(cuboid(notch))
+    end = half, 1 - y, floor + shell.cable_height_mm
+    return body.cut(holes).cut(cuboid(((-half, -outer_y / 2 - 1, floor - 1), end)))
 
 
 def rules(d: Design) -> Iterator[Rule]:
