@@ -7,11 +7,9 @@ makes one sensor, and that one has to go together.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
-
-from ..errors import InputError
 
 SLACK = 1e-9  # sums of decimal fractions
 SHOWN = 4  # one line has room for no more
@@ -64,13 +62,6 @@ def first_of(texts: Sequence[str], between: str) -> str:
     """The first SHOWN texts, and how many more there are."""
     more = len(texts) - SHOWN
     return between.join([*texts[:SHOWN], *([f"and {more} more"] if more > 0 else [])])
-
-
-def enforce(rules: Iterable[Rule], source: str = "") -> None:
-    """Raise InputError in one line with the first rules that fail, unless all hold."""
-    broken = [f"{rule.part}: {rule.text} fails" for rule in rules if not rule.holds]
-    if broken:
-        raise InputError((f"{source}: " if source else "") + first_of(broken, " | "))
 
 
 @dataclass(frozen=True)
