@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.part import Part
-from deltact_fab.cad.parts import indenter, mount, on_table
+from deltact_fab.cad.parts import coupons, indenter, mount, on_table
 from deltact_fab.cad.solid_gate import VOLUME_TOLERANCE, SolidProperties
 from deltact_fab.shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 
@@ -231,7 +231,8 @@ def fit_coupon_mm3(d: Design) -> float:
 def coupon_mold_mm3(d: Design) -> float:
     """Block - wells."""
     c = d.coupon
-    return math.prod(d.coupon_outer_mm) - c.wells * plain(c.diameter_mm) * c.depth_mm
+    x, y, z = coupons.well_box(d)[1]
+    return 4 * x * y * z - c.wells * plain(c.diameter_mm) * c.depth_mm
 
 
 BOUGHT = {"camera", "camera-screw", "led-strip", "screw", "nano17"}

@@ -369,16 +369,6 @@ class Design(SensorDimensions):
         )
 
     @property
-    def coupon_outer_mm(self) -> tuple[float, float, float]:
-        """Size of the coupon mold = n wells + (n + 1) walls; base + depth: 75 x 21 x 6."""
-        coupon = self.coupon
-        return (
-            coupon.wells * coupon.diameter_mm + (coupon.wells + 1) * coupon.wall_mm,
-            coupon.diameter_mm + 2 * coupon.wall_mm,
-            coupon.base_mm + coupon.depth_mm,
-        )
-
-    @property
     def skin_volume_mm3(self) -> float:
         """Volume of one skin: block - rounded edges - what the posts take of it.
 

@@ -24,10 +24,7 @@ from .standards import (
 
 @dataclass(frozen=True)
 class PlateDimensions(Bounded):
-    """The acrylic plate (part 2): how it lies, what it must bear under a press, its material.
-
-    measured: keys that a lab knows of its own plate; they no longer count as unverified.
-    """
+    """The acrylic plate (part 2): how it lies, what it must bear under a press, its material."""
 
     fit_mm: float = number(0.1, "clearance in the frame's pocket, per side", 0.02, 2)
     ledge_mm: float = number(0.5, "least width that lies on a ledge", 0.1, 10)
@@ -47,9 +44,6 @@ class CameraDimensions(Bounded):
     """The camera (part 5) as an envelope: an IMX219 board in the outline of a Raspberry Pi
     camera, and a fisheye lens. No drawing of the paper's module was found; others stand in
     cad/cameras.toml.
-
-    measured: keys that a lab has measured on its own module, or read off its maker's document;
-    they no longer count as unverified.
     """
 
     name: str = field(
@@ -86,7 +80,9 @@ class CameraDimensions(Bounded):
     cable_width_mm: float = assumed(16.0, "that cable, with the stiffener at its end", 0.5, 60)
     cable_height_mm: float = assumed(0.3, "the same, along z", 0.05, 20)
     tolerance_mm: float = assumed(0.05, "spread of board and lens, +-", 0.0, 1)
-    measured: tuple[str, ...] = measured("keys measured on the lab's own module")
+    measured: tuple[str, ...] = measured(
+        "keys measured on the lab's own module, or read off its maker's document"
+    )
 
     def angle_rad(self, at_mm: float) -> float:
         """The angle from the axis that the lens images at_mm from the middle of the chip."""

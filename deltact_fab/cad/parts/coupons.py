@@ -64,8 +64,9 @@ def centres_mm(design: Design) -> list[Point2]:
 
 def well_box(design: Design) -> Box:
     """The row of wells."""
-    x, y, z = design.coupon_outer_mm
-    return around(x / 2, y / 2, 0.0, z)
+    coupon, wall_mm = design.coupon, design.coupon.wall_mm
+    x = coupon.wells * coupon.diameter_mm + (coupon.wells + 1) * wall_mm
+    return around(x / 2, coupon.diameter_mm / 2 + wall_mm, 0.0, coupon.base_mm + coupon.depth_mm)
 
 
 def well_build(design: Design) -> Shape:
@@ -161,7 +162,6 @@ PARTS = (
         group="tools",
         colour=AMBER,
         sections=("coupon",),
-        derived=("coupon_outer_mm",),
         wall_keys=("shell.wall_mm",),
         callouts=well_callouts,
         note="to test whether the resin inhibits the cure",

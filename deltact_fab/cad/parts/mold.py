@@ -124,11 +124,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(lengths, rounds, (), notes, (touched,), tuple(axes), Cut(cx))
 
 
-def note(d: Design) -> str:
-    """How many skins it casts."""
-    return f"casts {d.mold.columns * d.mold.rows} skins at a time"
-
-
 PARTS = (
     Part(
         "mold",
@@ -144,7 +139,7 @@ PARTS = (
         fits=fits,
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        note=note,
+        note="casts {d.mold.columns} x {d.mold.rows} skins at a time",
         look_for="cavity floors glossy: what is there is on every skin",
     ),
 )

@@ -64,8 +64,7 @@ def _tab(design: Design, side: int) -> Workplane:
     tab = bar(face, face + table.tab_mm, half, back, back + table.height_mm)
     tab = tab.cut(bar(face - 1, face + fit, half + 1, back - 1, design.z_floor_mm))
     tab = tab.cut(boss_room(design))
-    middle = side * (face + table.tab_mm / 2)
-    at = [(middle, sy * table.hole_pitch_mm / 2) for sy in (-1, 1)]
+    at = [(x, y) for x, y in tab_centres_mm(design) if x * side > 0]
     return tab.cut(cylinders(at, table.hole_mm, back - 1, table.height_mm + 2))
 
 
