@@ -1,5 +1,6 @@
-"""What arithmetic on the dimensions tells, without a solid: these rows are there however much else
-fails. Inequalities, fits at the limits of what made the parts, the light, the plate under a press.
+"""What arithmetic on the dimensions tells, without a solid and so however much else fails.
+
+Inequalities, fits at the limits of what made the parts, the light, the plate under a press.
 """
 
 from __future__ import annotations
@@ -144,7 +145,7 @@ def lit(
 
 
 def bending(design: Design) -> Iterator[Row]:
-    """Its deflection, whether it then rests on the light holder, the stress in it, the load.
+    """The plate: its deflection, whether it rests on the light holder, the stress in it, the load.
 
     The depth that a stage counts includes the plate's deflection; a light holder that bears a press
     passes it on to the camera's board. The gel spreads no press beyond its own face.

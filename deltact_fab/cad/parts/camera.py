@@ -47,7 +47,6 @@ from ..standards import screw_tolerance_mm
 
 COMPUTER = "Nvidia Jetson Nano B01"
 
-
 # What lies in the board's plane; a camera from another maker has another one.
 BOARD_KEYS = tuple(
     f"camera.{f.name}"
