@@ -26,7 +26,6 @@ from .row import Row
 SLACK_MM = 1e-5  # of the kernel's boxes
 # Common volume that the kernel leaves between faces that only touch.
 TOUCH_MM3 = 1e-3
-
 THREADED = {"screw": "skin-frame", "camera-screw": "camera-holder"}
 # A thread cut into resin strips before the screw breaks below twice its diameter.
 ENGAGEMENT_D = 2.0
