@@ -28,7 +28,7 @@ from deltact_fab import digest
 from deltact_fab.cad import check
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.standards import CAP_SCREWS
+from deltact_fab.cad.standards import CAP_SCREWS, CapThread
 from deltact_fab.errors import InputError
 
 HERE = Path(__file__).resolve().parent
@@ -98,8 +98,8 @@ def sized(
     protrusion = round(thickness_mm * rng.uniform(0.4, 0.6), 1)
     room = thickness_mm - protrusion + sheet
     room -= default.screw.tip_clearance_mm + default.shell.wall_mm
-    grips = [name for name, row in CAP_SCREWS.items() if 2 * row.thread_mm <= room]
-    thread = rng.choice(grips or ["M1.6"])
+    grips: list[CapThread] = [name for name, row in CAP_SCREWS.items() if 2 * row.thread_mm <= room]
+    thread: CapThread = rng.choice(grips or ["M1.6"])
     row = CAP_SCREWS[thread]
     most = max(2.0, min(2.6, room / row.thread_mm))
     engagement = math.floor(10 * rng.uniform(2.0, most) * row.thread_mm) / 10

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.part import Part
-from deltact_fab.cad.parts import indenter, mount, stage_plate
+from deltact_fab.cad.parts import coupons, indenter, mount, on_table
 from deltact_fab.cad.solid_gate import VOLUME_TOLERANCE, SolidProperties
 from deltact_fab.shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 
@@ -208,7 +208,7 @@ def stage_plate_mm3(d: Design) -> float:
     plate = d.stage_plate
     slot_mm2 = plate.slot_mm * plate.slot_travel_mm + plain(plate.slot_mm)
     open_mm2 = 4 * slot_mm2 + 4 * plain(plate.thread_hole_mm)
-    return (math.prod(stage_plate.sides_mm(d)) - open_mm2) * plate.thickness_mm
+    return (math.prod(on_table.sides_mm(d)) - open_mm2) * plate.thickness_mm
 
 
 def adapter_mm3(d: Design) -> float:
@@ -231,7 +231,8 @@ def fit_coupon_mm3(d: Design) -> float:
 def coupon_mold_mm3(d: Design) -> float:
     """Block - wells."""
     c = d.coupon
-    return math.prod(d.coupon_outer_mm) - c.wells * plain(c.diameter_mm) * c.depth_mm
+    x, y, z = coupons.well_box(d)[1]
+    return 4 * x * y * z - c.wells * plain(c.diameter_mm) * c.depth_mm
 
 
 BOUGHT = {"camera", "camera-screw", "led-strip", "screw", "nano17"}
@@ -278,7 +279,7 @@ def tool_holder_mm3(d: Design) -> tuple[float, float]:
 
 def indenter_mm3(dims: Any) -> tuple[float, float]:
     """Plate + stem + tips; tips that may share a volume give bounds: one of them, and the sum."""
-    shape, plate_z = dims.indenter, dims.plate_z_mm
+    shape, plate_z = dims.indenter, dims.indenter.reach_mm
     x, y = indenter.plate_half_mm(dims)
     plate_mm2 = 4 * x * y - (4 - math.pi) * indenter.corner_mm(dims) ** 2
     if radius := indenter.round_plate_mm(dims):

@@ -26,14 +26,20 @@ ON_STAGE = ("tool-holder", "nano17-adapter", "nano17")
 
 
 @dataclass(frozen=True)
-class PartPlace:
-    """Where one piece of a part goes: index counts the pieces from 0, shift_mm moves it there."""
+class PlacedPart:
+    """One piece of a part in its place.
+
+    index: counts the pieces of the part from 0. solid: a cadquery Solid, moved already; None of a
+    place where nothing was put. shift_mm: by how much it is moved from where its builder made it,
+    exploding included.
+    """
 
     part: Part
     index: int
+    solid: Any
     shift_mm: Shift
 
-    def up(self, by_mm: float) -> PartPlace:
+    def up(self, by_mm: float) -> PlacedPart:
         """The place higher by so much."""
         x, y, z = self.shift_mm
         return replace(self, shift_mm=(x, y, z + by_mm))
@@ -42,28 +48,13 @@ class PartPlace:
         """The part's solid, from where its builder made it, in this place."""
         from cadquery import Location
 
-        moved = solid.moved(Location(self.shift_mm))
-        return PlacedPart(self.part, self.index, moved, self.shift_mm)
+        return replace(self, solid=solid.moved(Location(self.shift_mm)))
 
 
-@dataclass(frozen=True)
-class PlacedPart:
-    """One piece in its place.
-
-    index: counts the pieces of the part from 0. solid: a cadquery Solid, moved already.
-    shift_mm: by how much it was moved from where its builder made it, exploding included.
-    """
-
-    part: Part
-    index: int
-    solid: Any
-    shift_mm: Shift
-
-
-def places(design: Design, parts: Sequence[Part]) -> list[PartPlace]:
-    """The place of every piece of the parts."""
+def places(design: Design, parts: Sequence[Part]) -> list[PlacedPart]:
+    """The place of every piece of the parts, without solids."""
     return [
-        PartPlace(part, index, shift)
+        PlacedPart(part, index, None, shift)
         for part in parts
         for index, shift in enumerate(part.places(design))
     ]
@@ -87,7 +78,7 @@ def assemble(
 
 
 def _put(
-    design: Design, wanted: Sequence[PartPlace], solids: Mapping[str, Any] | None
+    design: Design, wanted: Sequence[PlacedPart], solids: Mapping[str, Any] | None
 ) -> list[PlacedPart]:
     ready = dict(solids or {})
     for place in wanted:
@@ -106,7 +97,7 @@ def lifted(piece: PlacedPart, shift_mm: Shift) -> PlacedPart:
 
 def on_bench(
     design: Design, indenter: Part, depth_mm: float = 0.0
-) -> tuple[list[PartPlace], list[PartPlace]]:
+) -> tuple[list[PlacedPart], list[PlacedPart]]:
     """What stands on the bench's table, and what hangs over it, the tip depth_mm in the face.
 
     The tool holder's mouth bears on the indenter's back plate, over the middle of the face.
@@ -117,7 +108,7 @@ def on_bench(
     every = {part.name: part for part in of_design(design)}
     sensor = [part for part in of_group("sensor", design) if part.name != IN_PLACE_OF]
     standing = places(design, [*(every[name] for name in ON_TABLE), *sensor])
-    mouth_mm = indenter.indenter.plate_z_mm + indenter.indenter.body.plate_mm
+    mouth_mm = indenter.indenter.indenter.reach_mm + indenter.indenter.body.plate_mm
     over = [place.up(mouth_mm) for place in places(design, [every[name] for name in ON_STAGE])]
     return standing, [place.up(-depth_mm) for place in (*places(design, [indenter]), *over)]
 

@@ -1,4 +1,8 @@
-"""The sections of a design that tools, coupons and the bench are made from, a record each."""
+"""The sections of a design for tools, coupons and the bench, and for the machines that make parts.
+
+A design's numbers are what the finished part should measure. Each machine leaves a systematic
+error, the bias, and a spread about it; both come from a datasheet or from a coupon (`cad fit`).
+"""
 
 from __future__ import annotations
 
@@ -7,12 +11,20 @@ from dataclasses import dataclass, field
 
 from ..aliases import Point2
 from ..shapes import Indenter
-from .record import Record, assumed, measured, number, standard_row
-from .standards import CAP_SCREWS, CLEARANCE_MM
+from ..shapes.bounded import Bounded, assumed, measured, number
+from .rule import Length
+from .standards import CAP_SCREWS, CLEARANCE_MM, Thread
+
+PLANE = ("resin_printer.plane_mm", "resin_printer.hole_bias_mm", "resin_printer.outside_bias_mm")
+HEIGHT = ("resin_printer.height_mm",)
+CUT = ("laser.tolerance_mm",)
+SHEET = ("laser.sheet_tolerance",)
+BOLT = CAP_SCREWS["M2"]  # into the force sensor
+SCREW = CAP_SCREWS["M3"]  # of the tool holder's flange
 
 
 @dataclass(frozen=True)
-class CouponDimensions(Record):
+class CouponDimensions(Bounded):
     """Open wells of the same resin, to see whether it inhibits the cure of the silicone."""
 
     wells: int = number(4, "wells in a row", 1, 12)
@@ -23,7 +35,7 @@ class CouponDimensions(Record):
 
 
 @dataclass(frozen=True)
-class FitCouponDimensions(Record):
+class FitCouponDimensions(Bounded):
     """Holes, slots, a block and a peg, by which a printer is measured."""
 
     count: int = number(6, "holes, and slots", 3, 20)
@@ -55,7 +67,7 @@ class FitCouponDimensions(Record):
 
 
 @dataclass(frozen=True)
-class KerfCouponDimensions(Record):
+class KerfCouponDimensions(Bounded):
     """A strip of the plate's own sheet, by which a laser is measured."""
 
     length_mm: float = number(40.0, "strip along x", 5, 200)
@@ -63,7 +75,7 @@ class KerfCouponDimensions(Record):
 
 
 @dataclass(frozen=True)
-class MoldDimensions(Record):
+class MoldDimensions(Bounded):
     """The mold (paper: four at a time); each frame is an insert, outer face down."""
 
     columns: int = number(2, "cavities along x", 1, 8)
@@ -78,14 +90,8 @@ class MoldDimensions(Record):
     pry_mm: float = number(2.5, "that notch along y", 0.5, 20)
 
 
-BOLTS = 3
-
-
-BOLT = CAP_SCREWS["M2"]  # into the sensor
-
-
 @dataclass(frozen=True)
-class AdapterDimensions(Record):
+class AdapterDimensions(Bounded):
     """The plate between tool holder and force sensor (ATI Nano17: measure yours)."""
 
     thickness_mm: float = number(8.0, "of the plate", 3, 40)
@@ -102,13 +108,13 @@ class AdapterDimensions(Record):
     @property
     def bolt_centres_mm(self) -> list[Point2]:
         """The sensor's three screws."""
-        turns = [math.radians(self.bolt_turn_deg + 360 / BOLTS * k) for k in range(BOLTS)]
+        turns = [math.radians(self.bolt_turn_deg + 120 * k) for k in range(3)]
         r = self.bolt_circle_mm / 2
         return [(r * math.cos(t), r * math.sin(t)) for t in turns]
 
 
 @dataclass(frozen=True)
-class StagePlateDimensions(Record):
+class StagePlateDimensions(Bounded):
     """The plate between the stage's table and the testing shell; it grows with the sensor."""
 
     grid_mm: float = assumed(25.0, "of the table's threads or T-slots", 5, 200)
@@ -127,19 +133,15 @@ class StagePlateDimensions(Record):
 
 
 @dataclass(frozen=True)
-class TableDimensions(Record):
+class TableDimensions(Bounded):
     """Tabs of the testing shell, by which it is screwed to a table, one on each x side."""
 
-    screw: str = field(default="M4", metadata={"description": "screws into the table"})
+    screw: Thread = field(default="M4", metadata={"description": "screws into the table"})
     tab_mm: float = number(14.0, "along x, from the shell", 4, 100)
     width_mm: float = number(30.0, "along y", 4, 200)
     height_mm: float = number(6.0, "along z, from the plane of the sensor's back", 2, 60)
     edge_mm: float = number(3.0, "around a hole", 0.5, 20)
     hole_pitch_mm: float = number(18.0, "between the two holes of a tab, along y", 3, 190)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        standard_row(CLEARANCE_MM, "screw", self.screw)
 
     @property
     def hole_mm(self) -> float:
@@ -147,11 +149,8 @@ class TableDimensions(Record):
         return CLEARANCE_MM[self.screw]
 
 
-SCREW = CAP_SCREWS["M3"]  # of the flange
-
-
 @dataclass(frozen=True)
-class ToolDimensions(Record):
+class ToolDimensions(Bounded):
     """The tool holder: what takes an indenter's stem, and the flange that it hangs from."""
 
     fit_mm: float = number(0.2, "between stem and bore, radial, and between flats", 0.02, 1)
@@ -194,3 +193,104 @@ class ToolDimensions(Record):
     def pin_at_mm(self) -> Point2:
         """The pin's place."""
         return self.bolt_circle_mm / 2, 0.0
+
+
+@dataclass(frozen=True)
+class ResinPrinterDimensions(Bounded):
+    """The resin printer, its resin and its wash: what a printed length may be off.
+
+    Bias: what a finished length measures more than its nominal, after whatever the slicer
+    compensates. The spread holds for each length on its own, of whatever size.
+    """
+
+    plane_mm: float = assumed(0.10, "spread of a length in the layers, +-", 0.005, 1)
+    height_mm: float = assumed(0.15, "spread of a length across the layers, +-", 0.005, 1)
+    hole_bias_mm: float = assumed(0.0, "hole or slot over its nominal", -1, 1)
+    outside_bias_mm: float = assumed(0.0, "peg or block over its nominal", -1, 1)
+    least_wall_mm: float = assumed(0.6, "thinnest wall that prints", 0.05, 5)
+    least_gap_mm: float = assumed(0.2, "narrowest gap that stays open", 0.02, 2)
+    least_hole_mm: float = assumed(0.5, "smallest hole that stays open", 0.05, 5)
+    ceiling_span_mm: float = assumed(21.0, "widest bare ceiling (SLA guides: 21)", 0.5, 200)
+    bed_x_mm: float = assumed(145.0, "platform, one side", 20, 2000)
+    bed_y_mm: float = assumed(145.0, "platform, other side", 20, 2000)
+    bed_z_mm: float = assumed(175.0, "height of the build room", 20, 2000)
+    measured: tuple[str, ...] = measured("keys measured on the lab's own printer")
+
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """What a fitted length in the layers may be off, (lower, upper)."""
+        return -self.plane_mm, self.plane_mm
+
+    @property
+    def tall_limits_mm(self) -> tuple[float, float]:
+        """What a fitted length across the layers may be off, (lower, upper)."""
+        return -self.height_mm, self.height_mm
+
+    @property
+    def general_tolerance(self) -> str:
+        """What a drawing says of every length without limits of its own."""
+        return f"±{self.plane_mm:.2g} in the layers, ±{self.height_mm:.2g} across"
+
+    def inner(self, nominal_mm: float) -> Length:
+        """A printed hole, slot or pocket, in the layers."""
+        return Length(nominal_mm + self.hole_bias_mm, self.plane_mm, PLANE)
+
+    def outer(self, nominal_mm: float) -> Length:
+        """A printed peg, block or rim, in the layers."""
+        return Length(nominal_mm + self.outside_bias_mm, self.plane_mm, PLANE)
+
+    def tall(self, nominal_mm: float) -> Length:
+        """A printed length across the layers; what turns at printing counts as this."""
+        return Length(nominal_mm, max(self.height_mm, self.plane_mm), HEIGHT)
+
+    def pitch(self, other_mm: float | None = None) -> Length:
+        """What two patterns of holes may disagree at one hole, as a diameter.
+
+        Each pattern's pitch is off by the spread in x and in y; centred on each other, either end
+        takes half of the sum of both, and a diameter counts twice that: sqrt(2) (a + b), along the
+        diagonal. other_mm: the spread of the other pattern where it is not printed.
+        """
+        apart = self.plane_mm + (self.plane_mm if other_mm is None else other_mm)
+        return Length(0.0, 2**0.5 * apart, PLANE)
+
+
+@dataclass(frozen=True)
+class LaserDimensions(Bounded):
+    """The laser that cuts the acrylic plate, and the sheet that it is cut from."""
+
+    kerf_mm: float = assumed(0.2, "width of the cut", 0.0, 1)
+    tolerance_mm: float = assumed(0.1, "spread of a cut length, kerf compensated, +-", 0.005, 1)
+    least_bridge_mm: float = assumed(1.0, "thinnest web between two cuts (guides: 1)", 0.1, 20)
+    compensate: bool = field(
+        default=False,
+        metadata={"description": "the DXF is the laser's path: half a kerf outside the part"},
+    )
+    sheet_tolerance: float = assumed(
+        0.1, "thickness of the sheet, share, +-; measure yours", 0.001, 0.3
+    )
+    measured: tuple[str, ...] = measured("keys measured on the lab's own laser and sheet")
+
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """What a cut length may be off, (lower, upper)."""
+        return -self.tolerance_mm, self.tolerance_mm
+
+    @property
+    def general_tolerance(self) -> str:
+        """What a drawing says of every length without limits of its own."""
+        return f"±{self.tolerance_mm:.2g}; sheet ±{100 * self.sheet_tolerance:.2g} %"
+
+    @property
+    def path(self) -> str:
+        """What a drawing says of the laser's path."""
+        if self.compensate:
+            return f"The DXF is the laser's path, {self.kerf_mm / 2:g} outside the finished plate."
+        return "The DXF is the finished plate: offset the cut by half the kerf."
+
+    def cut(self, nominal_mm: float) -> Length:
+        """An outside length of a plate as it is cut."""
+        return Length(nominal_mm, self.tolerance_mm, CUT)
+
+    def sheet(self, nominal_mm: float) -> Length:
+        """The thickness of a sheet."""
+        return Length(nominal_mm, self.sheet_tolerance * nominal_mm, SHEET)

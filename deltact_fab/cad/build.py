@@ -1,15 +1,18 @@
-"""One part to one gated solid: rules first, then the kernel, then the gate."""
+"""One part to one gated solid: rules first, then the kernel, then the gate; and its key."""
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from .. import cache
 from . import feasibility
+from . import parts as parts_package
 from .design import load_design
 from .dimensions import Design
-from .kernel import guarded
+from .kernel import LIBRARIES, guarded
 from .part import Part
 from .registry import find
 from .solid_gate import SolidProperties, gate
@@ -50,3 +53,19 @@ def build_from(part: Part, source: Any) -> tuple[Any, SolidProperties]:
     """The same from what `part.source` gives, whose inequalities hold already."""
     with guarded(part.name):
         return gate(part.name, part.build(source), part.box(source))
+
+
+def part_key(part: Part, design: Design) -> dict[str, Any]:
+    """The one key of a part, plain data: what its solid is made from, as `Part.sections` and
+    `Part.derived` declare it.
+
+    That this is all is held by a test which notes every value read.
+    """
+    read = {} if part.indenter else {n: getattr(design, n) for n in (*part.sections, *part.derived)}
+    return {"part": cache.plain(part), **cache.plain(read)}
+
+
+def made_by(module: str, **given: Any) -> dict[str, Any]:
+    """A key of the cache: all code of a module and of every part, the libraries, what is given."""
+    files = (f"cad.parts.{part.name}" for part in pkgutil.iter_modules(parts_package.__path__))
+    return cache.key(module, *files, libraries=LIBRARIES, **given)

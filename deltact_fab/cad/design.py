@@ -1,20 +1,21 @@
-"""What a lab edits under cad/: the sensor's dimensions and the list of indenters."""
+"""What a lab edits under cad/: the sensor's dimensions, the lists of indenters and of cameras."""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from .. import catalog
-from ..errors import InputError
+from ..errors import InputError, did_you_mean
 from ..shapes import Indenter
 from ..shapes.bounded import Bounded, ShapeError, number
 from ..shapes.indenter import parse
 from ..shapes.own import OwnShape
 from .dimensions import Design
+from .sensor_sections import CameraDimensions
 
 
 @dataclass(frozen=True)
@@ -63,16 +64,8 @@ class IndenterDimensions:
 
     def __post_init__(self) -> None:
         high = max(tip.equator_mm for tip in self.indenter.tips)
-        if not high < self.plate_z_mm:
-            raise ShapeError(f"equator_mm < reach_mm: {high:g} < {self.plate_z_mm:g} fails")
-
-    @property
-    def plate_z_mm(self) -> float:
-        """Underside of the back plate above the lowest point: the free length of the tips.
-
-        It is the shape's own number, for the protocol's checks count on it.
-        """
-        return self.indenter.reach_mm
+        if not high < self.indenter.reach_mm:
+            raise ShapeError(f"equator_mm < reach_mm: {high:g} < {self.indenter.reach_mm:g} fails")
 
 
 def load_design(name: str = "deltact", changes: Iterable[str] = ()) -> Design:
@@ -139,3 +132,38 @@ def load_indenters(name: str = "indenters") -> IndenterList:
             raise InputError(f"{path}: indenter {name!r}: listed twice; expected once")
         seen.add(name)
     return listed
+
+
+@dataclass(frozen=True)
+class CameraModule(CameraDimensions):
+    """A camera: its section of a design, and where that was found."""
+
+    source: str = field(default="", metadata={"description": "documents that the figures are from"})
+
+    def section(self) -> CameraDimensions:
+        """What a design takes of it."""
+        return CameraDimensions(**{f.name: getattr(self, f.name) for f in fields(CameraDimensions)})
+
+
+@dataclass(frozen=True)
+class CameraList:
+    """cad/cameras.toml."""
+
+    module: dict[str, CameraModule] = field(default_factory=dict)
+    """One `[module.NAME]` table each."""
+
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+
+
+def load_cameras() -> dict[str, CameraModule]:
+    """The cameras by name. Raises InputError naming file and key."""
+    path = catalog.find("cad", "cameras")
+    return catalog.validate(CameraList, catalog.read(path), str(path)).module
+
+
+def load_camera(name: str) -> CameraDimensions:
+    """A camera's section. Raises InputError with the nearest name, and as `load_cameras`."""
+    known = load_cameras()
+    if name not in known:
+        raise InputError(f"--camera {name!r}: no such camera; {did_you_mean(name, known)}")
+    return known[name].section()

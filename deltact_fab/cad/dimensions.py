@@ -19,21 +19,21 @@ import math
 from dataclasses import dataclass, field, fields
 
 from ..aliases import Point2
-from ..shapes.bounded import is_unverified
+from ..shapes.bounded import Bounded, is_unverified, number
 from ..shapes.sensor import SensorDimensions
 from .bench_sections import (
     AdapterDimensions,
     CouponDimensions,
     FitCouponDimensions,
     KerfCouponDimensions,
+    LaserDimensions,
     MoldDimensions,
+    ResinPrinterDimensions,
     StagePlateDimensions,
     TableDimensions,
     ToolDimensions,
 )
 from .drafting.dimensioning import TitleBlock
-from .process import LaserDimensions, ResinPrinterDimensions
-from .record import Record, number
 from .sensor_sections import (
     CameraDimensions,
     CoverDimensions,
@@ -47,7 +47,7 @@ from .sensor_sections import (
 
 
 @dataclass(frozen=True)
-class EnvelopeDimensions(Record):
+class EnvelopeDimensions(Bounded):
     """What the whole sensor must fit into (paper: 39 x 60 x 30)."""
 
     width_mm: float = number(39.0, "along x", 5, 500)
@@ -366,16 +366,6 @@ class Design(SensorDimensions):
             mold.columns * x + (mold.columns + 1) * mold.web_mm,
             mold.rows * y + (mold.rows + 1) * mold.web_mm,
             mold.base_mm + self.skin.protrusion_mm + mold.seat_mm,
-        )
-
-    @property
-    def coupon_outer_mm(self) -> tuple[float, float, float]:
-        """Size of the coupon mold = n wells + (n + 1) walls; base + depth: 75 x 21 x 6."""
-        coupon = self.coupon
-        return (
-            coupon.wells * coupon.diameter_mm + (coupon.wells + 1) * coupon.wall_mm,
-            coupon.diameter_mm + 2 * coupon.wall_mm,
-            coupon.base_mm + coupon.depth_mm,
         )
 
     @property

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ..errors import InputError
 from .dimensions import Design
 from .registry import of_design
-from .rule import Rule, enforce
+from .rule import Rule, first_of
 
 # What cannot be made smaller comes first: it is what a reader must hear of.
 FIRST = ("camera", "skin-frame", "acrylic", "screw", "shell")
@@ -33,4 +34,6 @@ def rules(design: Design) -> list[Rule]:
 
 def check(design: Design, source: str = "") -> None:
     """Raise InputError in one line with the first rules that fail, unless all hold."""
-    enforce(rules(design), source)
+    broken = [f"{rule.part}: {rule.text} fails" for rule in rules(design) if not rule.holds]
+    if broken:
+        raise InputError((f"{source}: " if source else "") + first_of(broken, " | "))

@@ -8,25 +8,32 @@ can move further. No solid is built: what only solids tell, `cad check` tells of
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 from ..errors import InputError, SolverError
 from ..optics import half_angle_rad, reached_mm
 from ..shapes.bounded import ShapeError
 from . import feasibility
-from .cameras import load_camera, load_cameras
-from .check import bending, electric, fits, visibility
+from .check import arithmetic, visibility
+from .design import load_camera, load_cameras
 from .dimensions import Design
 from .parts.camera import off_axis_mm
-from .standards import CAP_SCREWS, CHEESE_SCREWS
+from .standards import CAP_SCREWS, CHEESE_SCREWS, CapThread, CheeseThread
 
 GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)
 SHEETS_MM = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # cast PMMA as it is sold
-THREADS = (("M1.6", 45.0), ("M2", 50.0), ("M2.5", 55.0))  # up to which longer side
+GAPS_MM = tuple(k / 2 for k in range(6, 91))
+AXIAL_MM = tuple(k / 10 for k in range(10, 31))
+STRIPS_MM = 8.0, 5.0  # as they are sold
+FEWER_LEDS = tuple(range(500, 2, -1))
+THREADS: tuple[tuple[CapThread, float], ...] = (
+    ("M1.6", 45.0),
+    ("M2", 50.0),
+    ("M2.5", 55.0),
+)  # up to which longer side
 SHARE = 0.55
 FACE_MM = 10.0, 200.0
 STEPS = 400
@@ -53,10 +60,10 @@ class Choices:
 
     gel_mm: float = GELS_MM[0]
     sheet_mm: float = SHEETS_MM[0]
-    gap_mm: float = 3.0
-    axial_mm: float = 1.0
+    gap_mm: float = GAPS_MM[0]
+    axial_mm: float = AXIAL_MM[0]
     leds: int = 5
-    strip_mm: float = 8.0  # or 5, as strips are sold
+    strip_mm: float = STRIPS_MM[0]
     columns: int = 2
     rows: int = 2
     share: float = 1.0
@@ -167,11 +174,10 @@ def failures(design: Design, wish: Wish) -> Iterator[str]:
     if not cone_mm <= design.light_bore_mm:
         bore_mm = design.light_bore_mm
         yield f"light cone: {cone_mm:.1f} mm wide at the plate, {bore_mm:.1f} mm in the ring"
-    plate = cast(Any, SimpleNamespace(design=design))
-    for rows in (fits.rows, electric.rows, visibility.view, fits.platform):
+    for rows in (arithmetic.fits, arithmetic.light, visibility.view, arithmetic.platform):
         yield from (f"{r.check}: {r.found}; {r.limit}" for r in rows(design) if not r.passed)
     try:
-        yield from (f"{r.check}: {r.found}" for r in bending.rows(plate) if not r.passed)
+        yield from (f"{r.check}: {r.found}" for r in arithmetic.bending(design) if not r.passed)
     except SolverError as why:
         yield f"plate deflection: {why}"
 
@@ -180,7 +186,7 @@ def _made(wish: Wish, choices: Choices, base: Design) -> Design:
     """The design of a wish and of choices; raises ShapeError at the limits of a dimension."""
     width, length = wish.face_mm
     # For a face's longer side, as the shipped designs have it.
-    thread = next((name for name, most in THREADS if max(wish.face_mm) <= most), "M3")
+    thread: CapThread = next((name for name, most in THREADS if max(wish.face_mm) <= most), "M3")
     design = replace(
         base,
         skin=replace(
@@ -233,13 +239,9 @@ def _held(design: Design) -> Design:
     """The design with what follows from its camera: screws, pegs, floors, cable notch."""
     camera, holder, shell, cover = design.camera, design.holder, design.shell, design.cover
     # Through the holes with the printer's play; a board without them is bonded.
-    thread = next(
-        (
-            name
-            for name, row in reversed(CHEESE_SCREWS.items())
-            if row.thread_mm <= camera.hole_mm - 0.2
-        ),
-        "none",
+    through = camera.hole_mm - 0.2
+    thread: CheeseThread = next(
+        (name for name, row in reversed(CHEESE_SCREWS.items()) if row.thread_mm <= through), "none"
     )
     row = CHEESE_SCREWS[thread]
     length_mm = next(mm for mm in CHEESE_MM if mm >= camera.board_mm + row.thread_mm - 1e-6)
@@ -324,29 +326,15 @@ def _mended(choices: Choices, text: str, design: Design, wish: Wish) -> Choices 
 Remedy = Callable[[Choices, Design, Wish], "Choices | None"]
 
 
-def _to_next(name: str, values: tuple[float, ...]) -> Remedy:
-    """The next larger of some values."""
+def _next(name: str, values: Sequence[float]) -> Remedy:
+    """The next one of some values."""
 
     def moved(choices: Choices, design: Design, wish: Wish) -> Choices | None:
-        larger = [value for value in values if value > getattr(choices, name)]
-        return _with(choices, name, larger[0]) if larger else None
+        left = values[values.index(getattr(choices, name)) + 1 :]
+        changed: dict[str, Any] = {name: left[0]} if left else {}
+        return replace(choices, **changed) if left else None
 
     return moved
-
-
-def _by(name: str, step: float, most: float) -> Remedy:
-    """A step further, up or down to an end."""
-
-    def moved(choices: Choices, design: Design, wish: Wish) -> Choices | None:
-        value = round(getattr(choices, name) + step, 2)
-        return _with(choices, name, value) if step * value <= step * most else None
-
-    return moved
-
-
-def _with(choices: Choices, name: str, value: float) -> Choices:
-    changed: dict[str, Any] = {name: value}
-    return replace(choices, **changed)
 
 
 def _more_leds(choices: Choices, design: Design, wish: Wish) -> Choices | None:
@@ -384,20 +372,20 @@ def _housing(axis: int) -> Remedy:
 
 
 REMEDIES: tuple[tuple[str, Remedy], ...] = (
-    ("view of the face", _by("gap_mm", 0.5, 45.0)),
-    ("focus", _by("gap_mm", 0.5, 45.0)),
+    ("view of the face", _next("gap_mm", GAPS_MM)),
+    ("focus", _next("gap_mm", GAPS_MM)),
     ("light cone", _less_view),
     ("light cone", _wider_ring),
-    ("plate clear of the light", _by("axial_mm", 0.1, 3.0)),
-    ("ring below the acrylic", _by("axial_mm", 0.1, 3.0)),
-    ("plate deflection", _to_next("sheet_mm", SHEETS_MM)),
-    ("plate stress", _to_next("sheet_mm", SHEETS_MM)),
+    ("plate clear of the light", _next("axial_mm", AXIAL_MM)),
+    ("ring below the acrylic", _next("axial_mm", AXIAL_MM)),
+    ("plate deflection", _next("sheet_mm", SHEETS_MM)),
+    ("plate stress", _next("sheet_mm", SHEETS_MM)),
     ("even light", _more_leds),
     ("even light", _less_view),
-    ("even light", _to_next("gel_mm", GELS_MM)),
-    ("led_count x pitch", _by("leds", -1, 3)),
-    ("strip_width_mm", _by("strip_mm", -3.0, 5.0)),
-    ("strip_width_mm", _by("gap_mm", 0.5, 45.0)),
+    ("even light", _next("gel_mm", GELS_MM)),
+    ("led_count x pitch", _next("leds", FEWER_LEDS)),
+    ("strip_width_mm", _next("strip_mm", STRIPS_MM)),
+    ("strip_width_mm", _next("gap_mm", GAPS_MM)),
     ("fits the printer", _smaller_mold),
     ("in the shell, x", _housing(0)),
     ("in the shell, y", _housing(1)),

@@ -1,4 +1,5 @@
-"""The way to the CAD kernel: its import, and its exceptions turned into one line."""
+"""The way to the CAD kernel: its import, its exceptions turned into one line, and the solids along
+z that parts are made of and cut with."""
 
 from __future__ import annotations
 
@@ -6,12 +7,16 @@ import importlib
 import re
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .. import extras
 from ..errors import DeltactFabError, MissingLibrary, RunFailed
+
+if TYPE_CHECKING:
+    from ..aliases import Point2
+    from .solid_gate import Box
 
 Shape: TypeAlias = Any  # cadquery's own; naming them by their class would import it
 Workplane: TypeAlias = Any
@@ -81,3 +86,37 @@ def guarded(part: str) -> Iterator[None]:
     except Exception as why:
         first = (str(why).splitlines() or [""])[0]
         raise RunFailed(f"{part}: the CAD kernel failed ({type(why).__name__}: {first})") from why
+
+
+def cylinders(
+    centres_mm: Sequence[Point2], diameter_mm: float, low_mm: float, length_mm: float
+) -> Workplane:
+    """Equal cylinders along z from low_mm, upwards where length_mm is positive."""
+    plan = require().Workplane().workplane(offset=low_mm).pushPoints(centres_mm)
+    return plan.circle(diameter_mm / 2).extrude(length_mm)
+
+
+def prism(outline_mm: Sequence[Point2], low_mm: float, length_mm: float) -> Workplane:
+    """The polygon of these corners, extruded along z."""
+    plan = require().Workplane().workplane(offset=low_mm).polyline(outline_mm).close()
+    return plan.extrude(length_mm)
+
+
+def cuboid(box: Box) -> Workplane:
+    """A box from corner to corner."""
+    cq = require()
+    low, high = box
+    size = [b - a for a, b in zip(low, high, strict=True)]
+    return cq.Workplane(cq.Solid.makeBox(*size, cq.Vector(*low)))
+
+
+def without_corners(half_mm: Point2, inner_mm: Point2) -> list[Point2]:
+    """Corners of the rectangle +-half less what lies beyond both inner edges, counter-clockwise.
+
+    The plain rectangle where nothing lies beyond one of them.
+    """
+    (w, h), (x, y) = half_mm, inner_mm
+    if x >= w or y >= h:
+        return [(-w, -h), (w, -h), (w, h), (-w, h)]
+    upper = [(w, y), (x, y), (x, h), (-x, h), (-x, y), (-w, y)]
+    return upper + [(-a, -b) for a, b in upper]

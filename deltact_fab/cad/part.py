@@ -7,18 +7,16 @@ brings are a record among the sections, and a field of Design.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
-
-from .print_orientation import FLAT, PrintPose
 
 if TYPE_CHECKING:
     from .design import IndenterDimensions
     from .dimensions import Design
     from .drafting.dimensioning import Callouts
-    from .fit import PlayFit
-    from .rule import Rule
+    from .rule import PlayFit, Rule
     from .solid_gate import Box
 
 Group = Literal["sensor", "electronics", "tools", "bench", "indenters"]
@@ -26,9 +24,8 @@ GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indente
 PER_SENSOR: tuple[Group, ...] = ("sensor", "electronics")
 Shift = tuple[float, float, float]
 
-RESIN = (
-    "tough SLA resin"  # the paper: "tough epoxy resin" of Formlabs; cad/parts.toml has a product
-)
+# The paper: "tough epoxy resin" of Formlabs; cad/parts.toml has a product.
+RESIN = "tough SLA resin"
 PRINT = "SLA print"
 BOUGHT = "bought"
 LASER_CUT = "laser cut"
@@ -40,6 +37,73 @@ CLEAR = (0.62, 0.80, 0.92, 0.35)
 STEEL = (0.62, 0.64, 0.66, 1.0)
 GREEN = (0.13, 0.42, 0.25, 1.0)
 AMBER = (0.85, 0.60, 0.25, 1.0)
+
+Side = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
+Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+
+# Quarter turns, exact, by the side of the part's own frame that comes to face the platform.
+_DOWN: dict[str, Matrix] = {
+    "-z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "+z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+    "-y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    "+y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "-x": ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
+    "+x": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+}
+
+SELF_SUPPORTING_DEG = 19.0
+"""Least slope to the platform that SLA prints without support: the 19 degrees of service bureaus'
+design guides for stereolithography (after Formlabs). Assumed: a printer's own may differ."""
+
+
+@dataclass(frozen=True)
+class PrintPose:
+    """How a printed part lies on the platform, for its files, the checks and the guide alike.
+
+    Platform frame: z away from it, every part at z >= 0; x, y along its sides.
+    down: the side of the part's frame that faces the platform; face: what that side is called.
+
+    tilt_deg: then turned by so much about the platform's x, which lifts the side at +y; such a
+    part stands on supports and touches the platform nowhere. supports: where they may be, and
+    none where it is empty.
+    """
+
+    down: Side = "-z"
+    face: str = "underside"
+    tilt_deg: float = 0.0
+    supports: str = ""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.tilt_deg <= 80 or (self.tilt_deg and not self.supports):
+            raise ValueError(
+                f"tilt_deg from 0 to 80, and a tilted part says where its supports are: "
+                f"{self.tilt_deg:g} with supports {self.supports!r}"
+            )
+
+    @property
+    def turn(self) -> Matrix:
+        """Rotation from the part's frame to the platform's; a part that lies flat, exactly."""
+        down = _DOWN[self.down]
+        if not self.tilt_deg:
+            return down
+        c, s = math.cos(math.radians(self.tilt_deg)), math.sin(math.radians(self.tilt_deg))
+        x, y, z = down
+        lower = tuple(c * b - s * a for a, b in zip(z, y, strict=True))
+        upper = tuple(s * b + c * a for a, b in zip(z, y, strict=True))
+        return x, (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
+
+    @property
+    def words(self) -> str:
+        """The same for whoever prints it."""
+        if self.tilt_deg:
+            return f"{self.face} down, tilted by {self.tilt_deg:g}°, supports {self.supports}"
+        how = f"supports {self.supports}" if self.supports else "no supports"
+        return f"{self.face} down, straight on the platform, {how}"
+
+    def size_mm(self, low: tuple[float, ...], high: tuple[float, ...]) -> tuple[float, ...]:
+        """Sides (x, y, z) as it lies, from its box; of a tilted part an upper bound."""
+        sides = [b - a for a, b in zip(low, high, strict=True)]
+        return tuple(sum(abs(t) * s for t, s in zip(row, sides, strict=True)) for row in self.turn)
 
 
 def nothing(design: Design) -> tuple[()]:
@@ -66,7 +130,7 @@ class Part:
     fits: its pairs with parts that it goes into or over, each told by one of the two.
 
     sections: sections of a design that it is made from. derived: lengths of Design that its shape
-    follows from. rules: the inequalities it must keep; bound_by: parts whose rules bind it too.
+    follows from. rules: the inequalities it must keep.
     wall_keys: where the thinnest wall that it is meant to have stands in a design, the least of
     them; what makes it may ask for more. in_view: it stands between lens and face and could cut
     into the view.
@@ -91,13 +155,12 @@ class Part:
     sections: tuple[str, ...] = ()
     derived: tuple[str, ...] = ()
     rules: Callable[[Design], Iterable[Rule]] = nothing
-    bound_by: tuple[str, ...] = ()
     fits: Callable[[Design], Iterable[PlayFit]] = nothing
     wall_keys: tuple[str, ...] = ()
     in_view: bool = False
     callouts: Callable[[Any], Callouts] | None = None
     note: str | Callable[[Design], str] = ""
-    lies: PrintPose = FLAT
+    lies: PrintPose = PrintPose()
     how: str = ""
     look_for: str = ""
     indenter: IndenterDimensions | None = None
@@ -124,4 +187,4 @@ class Part:
     def making(self) -> str:
         """How it is made, in words."""
         said = (self.lies.words if self.printed else "", self.how)
-        return "; ".join(words for words in said if words)
+        return "; ".join(words for words in said if words) or self.process

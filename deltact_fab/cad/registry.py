@@ -14,7 +14,7 @@ from . import parts
 from .design import IndenterList, load_indenters
 from .dimensions import Design
 from .part import GROUPS, Part
-from .parts.indenter_part import part as indenter_part
+from .parts.indenter import part as indenter_part
 
 
 def of_design(design: Design | None = None) -> list[Part]:
@@ -69,16 +69,15 @@ def find(name: str, indenters: IndenterList | None = None) -> Part:
     return every.get(part.name, part)
 
 
-def select(names: Iterable[str], indenters: IndenterList | None = None) -> list[Part]:
+def select(names: Iterable[str]) -> list[Part]:
     """The named parts in the order given, each once; every part when none is named.
 
     A name of GROUPS stands for all of its parts.
     """
-    known = load_indenters() if indenters is None else indenters
-    every = listed(known)
+    every = listed()
     wanted: dict[str, Part] = {}
     for name in names:
         grouped = [part for part in every if part.group == name]
-        for part in grouped or [find(name, known)]:
+        for part in grouped or [find(name)]:
             wanted[part.name] = part
     return list(wanted.values()) or every

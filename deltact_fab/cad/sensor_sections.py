@@ -7,24 +7,24 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from ..aliases import Point2
-from .record import Record, assumed, measured, number, standard_row
+from ..shapes.bounded import Bounded, assumed, measured, number
 from .standards import (
     CAP_SCREWS,
     CHEESE_SCREWS,
     CLEARANCE_MM,
     WASHER_MM,
     CapScrew,
+    CapThread,
     CheeseScrew,
+    CheeseThread,
+    Thread,
     next_e24,
 )
 
 
 @dataclass(frozen=True)
-class PlateDimensions(Record):
-    """The acrylic plate (part 2): how it lies, what it must bear under a press, its material.
-
-    measured: keys that a lab knows of its own plate; they no longer count as unverified.
-    """
+class PlateDimensions(Bounded):
+    """The acrylic plate (part 2): how it lies, what it must bear under a press, its material."""
 
     fit_mm: float = number(0.1, "clearance in the frame's pocket, per side", 0.02, 2)
     ledge_mm: float = number(0.5, "least width that lies on a ledge", 0.1, 10)
@@ -40,13 +40,10 @@ class PlateDimensions(Record):
 
 
 @dataclass(frozen=True)
-class CameraDimensions(Record):
+class CameraDimensions(Bounded):
     """The camera (part 5) as an envelope: an IMX219 board in the outline of a Raspberry Pi
     camera, and a fisheye lens. No drawing of the paper's module was found; others stand in
     cad/cameras.toml.
-
-    measured: keys that a lab has measured on its own module, or read off its maker's document;
-    they no longer count as unverified.
     """
 
     name: str = field(
@@ -83,7 +80,9 @@ class CameraDimensions(Record):
     cable_width_mm: float = assumed(16.0, "that cable, with the stiffener at its end", 0.5, 60)
     cable_height_mm: float = assumed(0.3, "the same, along z", 0.05, 20)
     tolerance_mm: float = assumed(0.05, "spread of board and lens, +-", 0.0, 1)
-    measured: tuple[str, ...] = measured("keys measured on the lab's own module")
+    measured: tuple[str, ...] = measured(
+        "keys measured on the lab's own module, or read off its maker's document"
+    )
 
     def angle_rad(self, at_mm: float) -> float:
         """The angle from the axis that the lens images at_mm from the middle of the chip."""
@@ -114,7 +113,7 @@ class CameraDimensions(Record):
 
 
 @dataclass(frozen=True)
-class HolderDimensions(Record):
+class HolderDimensions(Bounded):
     """The camera holder (part 6) behind the board, which two screws lock or a bond holds."""
 
     clearance_mm: float = number(3.0, "thickness, and room for the connector", 1, 30)
@@ -122,17 +121,13 @@ class HolderDimensions(Record):
     window_fit_mm: float = number(0.1, "connector in the window, per side", 0.02, 2)
     window_rest_mm: float = number(0.5, "board on the plate beside the window", 0.1, 5)
     wall_mm: float = number(1.5, "least wall beside a hole", 0.5, 10)
-    screw: str = field(
+    screw: CheeseThread = field(
         default="M2", metadata={"description": "ISO 1207 thread, or none: the board is bonded"}
     )
     screw_length_mm: float = number(3.0, "below the head", 2, 20)
     head_clearance_mm: float = number(0.3, "around the heads, below the light holder", 0.02, 2)
     bonded_mm: float = assumed(0.3, "how far off the middle a bonded board may lie", 0.01, 3)
     measured: tuple[str, ...] = measured("keys measured on the lab's own boards")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        standard_row(CHEESE_SCREWS, "screw", self.screw)
 
     @property
     def row(self) -> CheeseScrew:
@@ -141,7 +136,7 @@ class HolderDimensions(Record):
 
 
 @dataclass(frozen=True)
-class CoverDimensions(Record):
+class CoverDimensions(Bounded):
     """The cover (part 7): floor, four bosses for the screw heads, four snap-fit pegs."""
 
     floor_mm: float = number(1.5, "floor (paper: walls of 1.5)", 0.5, 20)
@@ -177,7 +172,7 @@ class CoverDimensions(Record):
 
 
 @dataclass(frozen=True)
-class LightDimensions(Record):
+class LightDimensions(Bounded):
     """The light holder (part 4): a translucent ring with a channel for the LED strip."""
 
     led_count: int = number(5, "LEDs (paper: five 5050)", 1, 200)
@@ -273,7 +268,7 @@ class LightDimensions(Record):
 
 
 @dataclass(frozen=True)
-class MountDimensions(Record):
+class MountDimensions(Bounded):
     """The end-effector mount on the shell's +y side (paper: 20 mm long).
 
     kind: `block`, a bar with two through holes along z; `franka`, a bar with a flange for a finger
@@ -286,7 +281,7 @@ class MountDimensions(Record):
     length_mm: float = number(20.0, "along y, from the shell, flange and all", 2, 100)
     width_mm: float = number(20.0, "along x", 4, 200)
     height_mm: float = number(10.0, "along z, from the shell's back", 3, 60)
-    screw: str = field(default="M3", metadata={"description": "screws through the mount"})
+    screw: Thread = field(default="M3", metadata={"description": "screws through the mount"})
     hole_pitch_mm: float = number(10.0, "between the two holes", 3, 100)
     flange_mm: float = number(6.5, "franka: thickness of the flange", 1, 50)
     flange_width_mm: float = assumed(30.0, "franka: flange along x", 4, 200)
@@ -299,10 +294,6 @@ class MountDimensions(Record):
     stress_limit_mpa: float = assumed(40.0, "franka: bending stress that the arm may take", 1, 500)
 
     measured: tuple[str, ...] = measured("keys measured on the lab's own finger")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        standard_row(CLEARANCE_MM, "screw", self.screw)
 
     @property
     def hole_mm(self) -> float:
@@ -321,17 +312,13 @@ class MountDimensions(Record):
 
 
 @dataclass(frozen=True)
-class ScrewDimensions(Record):
+class ScrewDimensions(Bounded):
     """The four screws that hold cover, shell and frame together (paper: M1.6, 19 mm)."""
 
-    thread: str = field(default="M1.6", metadata={"description": "ISO 4762 thread"})
+    thread: CapThread = field(default="M1.6", metadata={"description": "ISO 4762 thread"})
     length_mm: float = number(16.0, "below the head; M1.6 is sold up to 16 (paper: 19)", 3, 60)
     engagement_mm: float = number(4.6, "length that grips the frame", 1, 20)
     tip_clearance_mm: float = number(1.0, "pilot hole beyond the tip", 0.5, 10)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        standard_row(CAP_SCREWS, "thread", self.thread)
 
     @property
     def row(self) -> CapScrew:
@@ -345,7 +332,7 @@ class ScrewDimensions(Record):
 
 
 @dataclass(frozen=True)
-class ShellDimensions(Record):
+class ShellDimensions(Bounded):
     """The sensor shell (part 3): opaque, 1.5 mm walls."""
 
     wall_mm: float = number(1.5, "wall of shell, cover and bosses (paper: 1.5)", 0.5, 20)

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
+
+CapThread = Literal["M1.6", "M2", "M2.5", "M3"]
+CheeseThread = Literal["none", "M1.6", "M2", "M2.5", "M3"]
+Thread = Literal["M2", "M2.5", "M3", "M4", "M5", "M6"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +31,7 @@ class CapScrew:
     stock_mm: tuple[float, ...]
 
 
-CAP_SCREWS = {
+CAP_SCREWS: dict[CapThread, CapScrew] = {
     "M1.6": CapScrew(1.6, 3.14, 1.6, 1.5, 2.0, 1.35, 3.55, (2.5, 3, 4, 5, 6, 8, 10, 12, 16)),
     "M2": CapScrew(2.0, 3.98, 2.0, 1.5, 2.6, 1.65, 4.4, (3, 4, 5, 6, 8, 10, 12, 16, 20)),
     "M2.5": CapScrew(2.5, 4.68, 2.5, 2.0, 3.1, 2.1, 5.1, (4, 5, 6, 8, 10, 12, 16, 20, 25)),
@@ -49,7 +54,7 @@ class CheeseScrew:
     slot_depth_mm: float
 
 
-CHEESE_SCREWS = {
+CHEESE_SCREWS: dict[CheeseThread, CheeseScrew] = {
     "none": CheeseScrew(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     "M1.6": CheeseScrew(1.6, 3.0, 1.1, 1.35, 0.4, 0.45),
     "M2": CheeseScrew(2.0, 3.8, 1.4, 1.65, 0.5, 0.6),
@@ -58,11 +63,32 @@ CHEESE_SCREWS = {
 }
 
 # Through holes for what fixes the sensor (ISO 273, medium).
-CLEARANCE_MM = {"M2": 2.4, "M2.5": 2.9, "M3": 3.4, "M4": 4.5, "M5": 5.5, "M6": 6.6}
+CLEARANCE_MM: dict[Thread, float] = {
+    "M2": 2.4,
+    "M2.5": 2.9,
+    "M3": 3.4,
+    "M4": 4.5,
+    "M5": 5.5,
+    "M6": 6.6,
+}
 # Coarse pitches (ISO 261).
-PITCH_MM = {"M2": 0.4, "M2.5": 0.45, "M3": 0.5, "M4": 0.7, "M5": 0.8, "M6": 1.0}
+PITCH_MM: dict[Thread, float] = {
+    "M2": 0.4,
+    "M2.5": 0.45,
+    "M3": 0.5,
+    "M4": 0.7,
+    "M5": 0.8,
+    "M6": 1.0,
+}
 # Plain washers (ISO 7089): a little more than a head or a nut across its corners.
-WASHER_MM = {"M2": 5.0, "M2.5": 6.0, "M3": 7.0, "M4": 9.0, "M5": 10.0, "M6": 12.0}
+WASHER_MM: dict[Thread, float] = {
+    "M2": 5.0,
+    "M2.5": 6.0,
+    "M3": 7.0,
+    "M4": 9.0,
+    "M5": 10.0,
+    "M6": 12.0,
+}
 
 
 def screw_tolerance_mm(length_mm: float) -> float:

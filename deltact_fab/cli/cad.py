@@ -125,7 +125,7 @@ def _parts() -> Answer:
 
 
 def _cameras() -> Answer:
-    from ..cad.cameras import load_cameras
+    from ..cad.design import load_cameras
 
     columns = ("camera", "module", "focal_length_mm", "projection", "picture_px", "source")
     rows = [
@@ -152,19 +152,20 @@ def _designs() -> Answer:
 @of_design
 @answers
 def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
-    """Dimensions of PART with meaning and limits, and the inequalities that they must satisfy.
+    """Dimensions of PART with meaning and limits.
 
     PART is a name of `cad list`.
     """
     from ..cad.design import load_design
     from ..cad.registry import find
-    from ..cad.show import describe
+    from ..cad.show import dimensions
 
-    told = describe(find(part), load_design(design, changes))
-    lines: list[str] = []
-    for title, columns, rows in told.tables():
-        lines += [f"\n{title}" if title else "", *table(columns, rows)]
-    return Answer(asdict(told), lines)
+    found = find(part)
+    about = {n: getattr(found, n) for n in ("name", "group", "material", "process", "quantity")}
+    told = list(dimensions(found, load_design(design, changes)))
+    shown = table(("key", "value", "limits", "meaning"), [d.row for d in told])
+    data = {**about, "dimensions": [asdict(d) for d in told]}
+    return Answer(data, [*columns_of(tuple(about), [about]), "", *shown])
 
 
 @cad.command()

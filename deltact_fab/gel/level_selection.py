@@ -12,7 +12,7 @@ from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..levels import FINITE, LEVELS, LINEAR
 from ..shapes import Indenter, SkinDimensions
-from ..shapes.posed import edge_radius_mm
+from ..shapes.rigid import edge_radius_mm
 from .finite.mesh import GROWTH, unknowns
 from .footprint import (
     contact_radius_mm,

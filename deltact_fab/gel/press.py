@@ -14,7 +14,7 @@ from ..elasticity.material import GelMaterial, unusual
 from ..errors import DeltactFabError, InputError, TimeLimit
 from ..levels import FINITE
 from ..shapes import Indenter, SkinDimensions
-from ..shapes.posed import edge_radius_mm
+from ..shapes.rigid import edge_radius_mm
 from . import time_limit
 from .error_control import MeshConvergence, RefinedPress
 from .finite.mesh import unknowns

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cad.check.electric import EVEN_SHARE, lit
+from ..cad.check.arithmetic import EVEN_SHARE, lit
 from ..cad.dimensions import Design
 from ..errors import InputError, SensorError
 from ..files import disk_errors, write_together

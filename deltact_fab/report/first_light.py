@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..aliases import Float
-from ..cad.check.electric import lit
+from ..cad.check.arithmetic import lit
 from ..cad.dimensions import Design
 from ..imaging import GAMMA, ImageSensor, Printer
 from ..patterns.raster import albedo

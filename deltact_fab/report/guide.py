@@ -21,11 +21,11 @@ from ..cad.drafting.wiring import wiring
 from ..cad.fabrication import bom, quantities
 from ..cad.fabrication.paper_gaps import gaps
 from ..cad.fabrication.quantities import DEFAULT
-from ..cad.part import Part
-from ..cad.parts.coupon_mold import well_volume_mm3
+from ..cad.overhangs import laid, stand
+from ..cad.part import SELF_SUPPORTING_DEG, Part
+from ..cad.parts.coupons import well_volume_mm3
 from ..cad.parts.mold import RELEASE_AGENT
 from ..cad.parts.screw import stock_note
-from ..cad.print_orientation import SELF_SUPPORTING_DEG, laid, stand
 from ..cad.registry import listed, of_group
 from ..errors import MissingLibrary
 from ..patterns.quality import measure

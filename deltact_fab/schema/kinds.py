@@ -36,7 +36,7 @@ KINDS = {
         Kind("design", "cad", "the dimensions of a sensor and its tools", "cad.dimensions:Design"),
         Kind("indenters", "cad", "the indenters that a lab makes", "cad.design:IndenterList"),
         Kind("cameras", "cad", "the cameras that a design can be made for",
-             "cad.cameras:CameraList"),
+             "cad.design:CameraList"),
         Kind("parts", "cad", "where what is bought is ordered",
              "cad.fabrication.bom:BoughtParts"),
     )

@@ -3,9 +3,8 @@
 The CAD solids, the gel's contact solver and the protocol's footprint checks all read these.
 """
 
-from .posed import PosedTip
 from .prism import PrismTip
-from .rigid import Indenter, Tip
+from .rigid import Indenter, PosedTip, Tip
 from .sensor import SensorDimensions, SkinDimensions
 from .tips import EllipsoidTip, RidgeTip, SphereTip
 from .turned import TurnedTip

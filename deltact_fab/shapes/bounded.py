@@ -36,11 +36,22 @@ def number(
     )
 
 
+def assumed(default: float, meaning: str, low: float, high: float) -> Any:
+    """A number that nobody has measured: it counts as unverified."""
+    return number(default, meaning, low, high, unverified=True)
+
+
+def measured(what: str) -> Any:
+    """The field for keys that a lab has measured: these no longer count as unverified."""
+    return field(default=(), metadata={"description": what})
+
+
 @dataclass(frozen=True)
 class Bounded:
     """A record of numbers with meaning and limits, which `catalog.validate` reads from a file.
 
-    Raises ShapeError for a number beyond its limits, and for NaN.
+    One with keys that count as unverified has a field `measured` for those that a lab has measured.
+    Raises ShapeError for a number beyond its limits, for NaN, and for a key measured in vain.
     """
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by pydantic
@@ -52,6 +63,10 @@ class Bounded:
             value, low, high = getattr(self, f.name), f.metadata["ge"], f.metadata["le"]
             if not (math.isfinite(value) and low <= value <= high):
                 raise ShapeError(f"{low:g} <= {f.name} <= {high:g}: {value:g} fails")
+        open_keys = [f.name for f in fields(self) if is_unverified(f)]
+        for key in getattr(self, "measured", ()):
+            if key not in open_keys:
+                raise ShapeError(f"measured: of {', '.join(open_keys)}: {key!r} fails")
 
 
 def is_unverified(f: Field[Any]) -> bool:

@@ -11,9 +11,8 @@ from .. import catalog
 from ..errors import InputError
 from .bounded import ShapeError
 from .indenters import SHAPES
-from .posed import PlainTip, PosedTip
 from .prism import PrismTip
-from .rigid import REACH_MM, Indenter
+from .rigid import REACH_MM, Indenter, PlainTip, PosedTip
 from .tips import EllipsoidTip, RidgeTip, SphereTip, require_positive
 from .turned import TurnedTip
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 from solids import common_mm3, made
 
-from deltact_fab.cad.check import electric, fits
+from deltact_fab.cad.check import arithmetic
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.fabrication import quantities
 from deltact_fab.cad.features import features_of
-from deltact_fab.cad.parts import led_strip
+from deltact_fab.cad.parts import light_holder
 from deltact_fab.cad.registry import find
 from deltact_fab.cad.sensor_sections import LightDimensions
 
@@ -48,7 +48,7 @@ def test_the_stem_enters_the_holder_with_its_flat_at_plus_x_only() -> None:
 
     star, holder = find("star"), made("tool-holder")
     assert star.indenter is not None
-    mouth = star.indenter.plate_z_mm + star.indenter.body.plate_mm
+    mouth = star.indenter.indenter.reach_mm + star.indenter.body.plate_mm
     seated = made("star").translate(Vector(0, 0, -mouth))
     assert common_mm3(seated, holder) == pytest.approx(0.0, abs=1e-9)
     for turn in (90, 180):
@@ -57,7 +57,7 @@ def test_the_stem_enters_the_holder_with_its_flat_at_plus_x_only() -> None:
 
 def test_a_tight_bore_and_a_loose_one_fail_their_rows() -> None:
     for value, name in (("0.05", "stem in the bore"), ("0.5", "turned stem stays out")):
-        rows = fits.rows(load_design(changes=[f"tool.fit_mm={value}"]))
+        rows = arithmetic.fits(load_design(changes=[f"tool.fit_mm={value}"]))
         assert [row for row in rows if name in row.found and not row.passed]
 
 
@@ -70,9 +70,9 @@ def test_worst_currents_by_hand() -> None:
     assert light.resistor_most_w == pytest.approx(2.5**2 / 750)
     # 300 mA through 2.5 V take 8.33 ohm.
     assert light.least_resistor_ohm == 9.1
-    rows = {row.check: row for row in electric.rows(D)}
+    rows = {row.check: row for row in arithmetic.light(D)}
     assert all(row.passed for row in rows.values())
-    assert "light.led_limit_ma" in rows[electric.CURRENT].rests_on
+    assert "light.led_limit_ma" in rows["LED current"].rests_on
 
 
 def test_the_strip_s_own_resistors_are_in_parallel() -> None:
@@ -87,19 +87,19 @@ def test_the_strip_s_own_resistors_are_in_parallel() -> None:
     ("changes", "fails"),
     [
         # 2.5 V / 20 ohm = 125 mA: 41.7 mA a chip, 312 mW.
-        (("resistor_ohm=20", "led_count=1"), {electric.CURRENT, electric.HEAT, electric.EVEN}),
-        (("resistor_ohm=20", "resistor_rating_w=1", "supply_rating_ma=124"), {electric.SUPPLY}),
+        (("resistor_ohm=20", "led_count=1"), {"LED current", "LED resistor", "even light"}),
+        (("resistor_ohm=20", "resistor_rating_w=1", "supply_rating_ma=124"), {"LED supply"}),
         # Dark at the lower end.
-        (("led_v=4.6",), {electric.DARK}),
+        (("led_v=4.6",), {"LED current, least"}),
     ],
 )
 def test_too_bright_too_hot_too_much_and_dark(changes: tuple[str, ...], fails: set[str]) -> None:
-    rows = electric.rows(load_design(changes=[f"light.{change}" for change in changes]))
+    rows = arithmetic.light(load_design(changes=[f"light.{change}" for change in changes]))
     assert {row.check for row in rows if not row.passed} == fails
 
 
 def test_a_led_wider_than_its_piece_of_strip_is_refused() -> None:
-    rules = led_strip.rules(load_design(changes=["light.led_width_mm=7.9"]))
+    rules = light_holder.strip_rules(load_design(changes=["light.led_width_mm=7.9"]))
     assert [rule.holds for rule in rules] == [True, True]
     wide = replace(D, light=LightDimensions(leds_per_m=240))
-    assert [rule.holds for rule in led_strip.rules(wide)] == [False, True]
+    assert [rule.holds for rule in light_holder.strip_rules(wide)] == [False, True]

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltact_fab.cad.cameras import load_cameras
-from deltact_fab.cad.design import load_design
+from deltact_fab.cad.design import load_cameras, load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.fabrication import bom, quantities
 from deltact_fab.cad.fabrication.paper_gaps import gaps

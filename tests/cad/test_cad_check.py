@@ -11,7 +11,7 @@ import pytest
 from solids import box, made, mutated
 
 from deltact_fab.cad import check, rays
-from deltact_fab.cad.check import electric, inequalities, printed, soundness, thickness, visibility
+from deltact_fab.cad.check import arithmetic, each_part, visibility
 from deltact_fab.cad.check.built import MESH_MM, BuiltDesign
 from deltact_fab.cad.check.row import Row, at, verified
 from deltact_fab.cad.check.run import CHECKS
@@ -152,8 +152,8 @@ def test_measured_keys_are_no_longer_named():
     keys = {section: [key for of, key in every if of == section] for section, _ in every}
     assert {"focal_length_mm", "board_width_mm", "connector_width_mm"} <= set(keys["camera"])
     design = load_design("deltact", [f"{section}.measured={own}" for section, own in keys.items()])
-    assert all(row.verdict == "pass" for row in inequalities.rows(design))
-    rows = {row.part: row for row in inequalities.rows(D)}
+    assert all(row.verdict == "pass" for row in arithmetic.inequalities(design))
+    rows = {row.part: row for row in arithmetic.inequalities(D)}
     assert rows["camera-holder"].verdict == "pass (unverified: camera board)"
     assert rows["mold"].verdict == "pass"
     assert rows["mold"].found.endswith("closest: fit_mm + pry_mm < web_mm / 2: 2.6 < 4")
@@ -172,11 +172,11 @@ def test_what_is_no_solid_or_refused_by_the_gate_becomes_a_row(monkeypatch):
     cq = require()
     both = cq.Compound.makeCompound([_box((9, 9, 9)), _box((5, 5, 5), (20, 0, 0))])
     for shape, count in ((both, 2), (_box((9, 9, 9)).Faces()[0], 0)):
-        row = next(row for row in soundness.rows(_of("coupon-mold", shape)) if not row.passed)
+        row = next(row for row in each_part.soundness(_of("coupon-mold", shape)) if not row.passed)
         assert row.found == f"1 of 1 not: coupon-mold: {count} solids, expected one"
     # A builder that returns something else than its closed form.
     wrong = replace(cover.PARTS[0], build=skin_frame.build)
-    found = {row.part: row.found for row in soundness.rows(BuiltDesign(D, (wrong,)))}
+    found = {row.part: row.found for row in each_part.soundness(BuiltDesign(D, (wrong,)))}
     assert found["sensor"].startswith("1 of 1 not: cover: bounding box ")
 
 
@@ -211,7 +211,7 @@ def test_one_led_behind_the_middle_lights_by_the_fourth_power():
     h2 = design.z_light_mm**2
     at = [[h2 / (a**2 + (b - r) ** 2 + h2) ** 2 for b in np.linspace(-y, y, 31)]
           for a in np.linspace(-x, x, 31)]  # fmt: skip
-    assert electric.evenness(design) == pytest.approx(np.min(at) / np.mean(at), rel=1e-9)
+    assert arithmetic.evenness(design) == pytest.approx(np.min(at) / np.mean(at), rel=1e-9)
 
 
 def test_the_light_cone_goes_through_the_holder_s_bore_or_is_bent_away(inner):
@@ -230,7 +230,7 @@ def test_a_web_of_0_3_mm_and_holes_that_meet_fail():
     plate = _box((40, 40, 6), (-20, -20, 0))
     for x, web in ((18.2, "0.3"), (9.0, "-1.0")):
         holes = plate.cut(_rod(1.5, 8, (x, 7, -1))).cut(_rod(1.5, 8, (7, 7, -1)))
-        (row,) = thickness.rows(_of("stage-plate", holes))
+        (row,) = each_part.walls(_of("stage-plate", holes))
         assert row.found.startswith(web)
         assert not row.passed
 
@@ -239,7 +239,7 @@ def test_a_web_of_0_3_mm_and_holes_that_meet_fail():
 def test_a_wide_ceiling_without_supports_fails(side, passes):
     room = _box((side, side, 15), (-side / 2, -side / 2, 0))
     table = _box((80, 80, 20), (-40, -40, 0)).cut(room)
-    row = next(r for r in printed.rows(_of("cover", table)) if r.check == printed.CEILINGS)
+    row = next(r for r in each_part.printed(_of("cover", table)) if r.check == "ceilings")
     assert row.passed is passes
     assert f"{side**2:.1f} mm2" in row.found
     assert abs(float(row.found.split(", ")[1].split()[0]) - side) < 2
@@ -250,4 +250,4 @@ def test_the_foot_of_a_peg_s_leg_is_no_wall_of_the_cover():
     """The mesh of this cover has a point of a leg .8 um above the floor."""
     changes = ["skin.width_mm=53.7", "skin.length_mm=41.5", "screw.length_mm=16"]
     built = BuiltDesign(load_design(changes=changes), (find("cover"),), {})
-    assert [row.found[:8] for row in thickness.rows(built)] == ["1.500 mm", "0.600 mm"]
+    assert [row.found[:8] for row in each_part.walls(built)] == ["1.500 mm", "0.600 mm"]

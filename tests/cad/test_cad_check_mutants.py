@@ -49,8 +49,8 @@ class Sound:
         self.rows, self.looked_at = {}, {}
         for check in CHECKS:
             watched.looked_at = set()
-            self.rows[check.name] = of_built(watched, checks=[check])
-            self.looked_at[check.name] = watched.looked_at
+            self.rows[check] = of_built(watched, checks=[check])
+            self.looked_at[check] = watched.looked_at
 
     def failing(self, name, solid):
         """What the failing rows of the whole table find, by check and part, with another solid.
@@ -59,8 +59,8 @@ class Sound:
         """
         built, rows = mutated(self.built, {name: solid}), []
         for check in CHECKS:
-            if check.name == "drawings" or name not in self.looked_at[check.name]:
-                rows += self.rows[check.name]
+            if check == "drawings" or name not in self.looked_at[check]:
+                rows += self.rows[check]
             else:
                 rows += of_built(built, checks=[check])
         return {(row.check, row.part): row.found for row in rows if not row.passed}
@@ -77,7 +77,7 @@ def _fused(solid, more):
 
 
 def test_without_a_fault_nothing_fails(sound):
-    rows = [row for check in CHECKS for row in sound.rows[check.name]]
+    rows = [row for check in CHECKS for row in sound.rows[check]]
     found = {(row.check, row.part): row.found for row in rows}
     assert [row for row in rows if not row.passed] == []
     assert found["envelope", "assembly"] == "39 x 60 x 30 mm"
@@ -202,7 +202,7 @@ def test_a_part_that_cannot_be_built_fails_its_rows_and_stops_nothing(sound):
 def test_a_press_as_deep_as_the_tips_are_long_is_refused(sound):
     deep = Design(plate=type(D.plate)(depth_mm=11.5))
     built = BuiltDesign(deep, sound.built.parts, sound.built.solids)
-    stack = [check for check in CHECKS if check.name == "bench clear"]
+    stack = [check for check in CHECKS if check == "bench clear"]
     reach = next(row for row in of_built(built, checks=stack) if row.check == "bench reach")
     assert not reach.passed
     assert "plate.depth_mm" in reach.limit

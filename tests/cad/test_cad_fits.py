@@ -10,13 +10,13 @@ from click.testing import CliRunner
 
 from deltact_fab.cad import feasibility
 from deltact_fab.cad.build import build_part
-from deltact_fab.cad.check import fits
+from deltact_fab.cad.check import arithmetic
 from deltact_fab.cad.check.row import verified
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.fit import Length, PlayFit
 from deltact_fab.cad.parts.light_holder import led_room_mm
 from deltact_fab.cad.registry import find, of_design
+from deltact_fab.cad.rule import Length, PlayFit
 from deltact_fab.cli.main import main
 
 SHIPPED = (
@@ -71,7 +71,7 @@ def test_a_flat_led_needs_its_sagitta_too():
 def test_every_rule_and_every_pair_of_what_is_shipped_holds(name):
     design = load_design(name)
     feasibility.check(design)
-    rows = list(verified([*fits.rows(design), *fits.platform(design)], design))
+    rows = list(verified([*arithmetic.fits(design), *arithmetic.platform(design)], design))
     assert [row.found for row in rows if not row.passed] == []
     # Nobody has measured these machines, and each row that counts on them says so.
     pocket = next(row for row in rows if row.found.startswith("plate in its pocket"))

@@ -93,17 +93,16 @@ def test_the_underside_is_the_height_field(shape: Indenter) -> None:
     assert 30 < tips.sum() < 400
     assert np.abs(found[tips] - field[tips]).max() < 1e-6
     # In a ring's hole, too, nothing stands lower than the plate.
-    assert found[~tips].min() > dims.plate_z_mm - 1e-9
-    assert dims.plate_z_mm == shape.reach_mm
+    assert found[~tips].min() > dims.indenter.reach_mm - 1e-9
     # The plate covers the tips.
-    middle = dims.plate_z_mm + dims.body.plate_mm / 2
+    middle = dims.indenter.reach_mm + dims.body.plate_mm / 2
     over = np.column_stack([x, y])[tips & (abs(x) < hx) & (abs(y) < hy)][:60]
     assert all(solid.isInside(require().Vector(a, b, middle), 1e-6) for a, b in over.tolist())
 
 
 def test_a_ring_s_shank_is_a_tube_and_another_height_field_is_noticed() -> None:
     dims = IndenterDimensions(parse("ring"), IndenterBody())
-    solid, top = indenter_part.build(dims), dims.plate_z_mm
+    solid, top = indenter_part.build(dims), dims.indenter.reach_mm
     for z, inside in ((0.5 * top, False), (top - 0.01, False), (top + 0.01, True)):
         assert solid.isInside(require().Vector(0.0, 0.0, z)) is inside
         assert solid.isInside(require().Vector(3.0, 0.0, z))

@@ -12,13 +12,13 @@ from types import MethodType
 import pytest
 
 from deltact_fab import cache, digest
-from deltact_fab.cad.check.built import BuiltDesign
-from deltact_fab.cad.check.run import CHECKS, of_built
+from deltact_fab.cad.build import part_key
+from deltact_fab.cad.check.built import BuiltDesign, Facts
+from deltact_fab.cad.check.run import of_built
 from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.drafting.drawing import drawing
 from deltact_fab.cad.export.batch import BESIDE_DRAWINGS
-from deltact_fab.cad.part_key import Facts, part_key
 from deltact_fab.cad.registry import find, listed, of_design
 
 LIST = IndenterList(indenter=(ListedIndenter("sphere:10"),))
@@ -137,10 +137,6 @@ def test_other_code_finds_none_of_it(monkeypatch):
     assert [found(), found()] == [["a"], []]
     monkeypatch.setattr(digest, "of", lambda *_, **_package: "other")
     assert found() == ["a"]
-
-
-def test_names_of_checks_are_their_keys():
-    assert len({one.name for one in CHECKS}) == len(CHECKS)
 
 
 # With the kernel.

@@ -12,12 +12,13 @@ from closed_forms import segment_mm2
 
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
-from deltact_fab.cad.check import printed
 from deltact_fab.cad.check.built import BuiltDesign
+from deltact_fab.cad.check.each_part import printed
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.export import export_parts
 from deltact_fab.cad.mesh import mesh_solid
-from deltact_fab.cad.print_orientation import MIN_CONTACT_MM2, PrintPose, laid, stand
+from deltact_fab.cad.overhangs import MIN_CONTACT_MM2, laid, stand
+from deltact_fab.cad.part import PrintPose
 
 DESIGN = load_design()
 NAMES = ("light-holder", "cover", "skin-frame", "coupon-mold", "acrylic", "sphere:22", "star")
@@ -69,7 +70,7 @@ def test_each_file_stands_on_the_platform_as_the_manifest_turns_it(exported):
 def test_a_sphere_on_its_tip_touches_nothing_and_fails():
     part = registry.find("sphere:10")
     built = BuiltDesign(DESIGN, (part,), {part.name: build_part(part, DESIGN)[0]})
-    contact, ceilings = printed.rows(built)
+    contact, ceilings = printed(built)
     assert contact.passed
     # The stem's end with its flat, and the plate's ring around the stem.
     stem_mm2, plate_mm2 = 9 * np.pi - segment_mm2(2.2, 3.0), 25 * np.pi
@@ -78,7 +79,7 @@ def test_a_sphere_on_its_tip_touches_nothing_and_fails():
     assert "from 20.0 mm up, 2.0 mm across at most, on supports" in ceilings.found
     tip_down = replace(part, lies=PrintPose())
     built = BuiltDesign(DESIGN, (tip_down,), {part.name: build_part(part, DESIGN)[0]})
-    assert not next(iter(printed.rows(built))).passed
+    assert not next(iter(printed(built))).passed
 
 
 def test_a_shell_on_its_back_has_ceilings_and_none_as_it_is_tilted():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from deltact_fab.cad.check import fits
+from deltact_fab.cad.check import arithmetic
 from deltact_fab.cad.check.row import verified
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
@@ -87,7 +87,7 @@ def test_what_was_read_is_a_design_that_check_and_export_use(tmp_path):
     open_keys = design.unverified()
     assert "resin_printer.plane_mm" not in open_keys
     assert "resin_printer.bed_x_mm" in open_keys
-    rows = verified(fits.rows(design), design)
+    rows = verified(arithmetic.fits(design), design)
     (pocket,) = [r for r in rows if r.found.startswith("plate in its pocket, x")]
     assert pocket.verdict == "pass"
     again = CliRunner().invoke(main, ["cad", "fit", str(table), "--design", str(mine), "--json"])

@@ -120,12 +120,12 @@ def test_a_face_of_no_known_form_fails(cq):
 
 
 def test_a_row_names_the_part_and_what_its_drawing_lacks():
-    from deltact_fab.cad.check import drawings
     from deltact_fab.cad.check.built import BuiltDesign
+    from deltact_fab.cad.check.each_part import drawings
 
     plate = registry.find("acrylic")
     wrong = replace(plate, callouts=lambda _: Callouts((x_of(0.0, 1.0),)))
-    (row,) = drawings.rows(BuiltDesign(load_design(), (wrong,)))
+    (row,) = drawings(BuiltDesign(load_design(), (wrong,)))
     assert not row.passed
     assert row.part == "acrylic"
     assert "1 along x ends at 1, where the part has nothing" in row.found

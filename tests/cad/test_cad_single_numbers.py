@@ -9,9 +9,8 @@ from __future__ import annotations
 import pytest
 
 from deltact_fab import cache
-from deltact_fab.cad.check import Row, fits, inequalities, run
-from deltact_fab.cad.check.advice import advice
-from deltact_fab.cad.check.row import advised
+from deltact_fab.cad.check import Row, arithmetic, run
+from deltact_fab.cad.check.row import advice, advised
 from deltact_fab.cad.check.run import ARITHMETIC
 from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
 from deltact_fab.errors import InputError
@@ -78,11 +77,9 @@ def test_a_wrong_number_is_refused_or_fails_and_its_row_says_what_to_change(chan
     except InputError as why:
         rows = [Row("refused", "", "", str(why), False)]  # with the limits of its record
     else:
-        rows = list(inequalities.rows(design))
-        for arithmetic in ARITHMETIC:
-            rows += advised(arithmetic, design)
+        rows = [row for told in ARITHMETIC for row in advised(told, design)]
         if all(row.passed for row in rows):
-            rows += fits.platform(design)
+            rows += arithmetic.platform(design)
     failed = [row for row in rows if row.verdict == "FAIL"]
     assert any(key in row.limit for row in failed), failed
     told = [r.limit for r in failed if r.check != "refused" and f"{key}: " in r.limit]

@@ -18,7 +18,7 @@ from deltact_fab.cad import feasibility, registry, solid_gate
 from deltact_fab.cad.assembly import assemble, places
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.check.built import BuiltDesign
-from deltact_fab.cad.check.pairs import shared
+from deltact_fab.cad.check.together import shared
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.kernel import guarded, require

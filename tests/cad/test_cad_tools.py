@@ -15,7 +15,7 @@ from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.features import features_of
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
-from deltact_fab.cad.parts import coupon_mold, mold, skin, skin_frame
+from deltact_fab.cad.parts import coupons, mold, skin_frame
 
 DEFAULT = Design()
 
@@ -55,7 +55,7 @@ def cast(cq: Any, design: Design, at: tuple[float, float]) -> tuple[Any, Any]:
         put(cq.Solid.makeCylinder(row.pilot_mm / 2, depth_mm, cq.Vector(x, y, design.z_joint_mm)))
         for x, y in design.screw_centres_mm
     ]
-    return block.cut(mold.build(design), frame, *plugs), put(skin.build(design))
+    return block.cut(mold.build(design), frame, *plugs), put(skin_frame.skin_build(design))
 
 
 @pytest.mark.parametrize("name", ["uneven", "large fillet"])
@@ -91,7 +91,7 @@ def test_nothing_but_the_underside_looks_down(cq: Any) -> None:
         return sorted(set(corners[normal[:, 2] < -1e-6][:, :, 2].ravel().round(9).tolist()))
 
     assert looks_down(mold.build(VARIANTS["large fillet"])) == [0.0]
-    assert looks_down(coupon_mold.build(DEFAULT)) == [0.0]
+    assert looks_down(coupons.well_build(DEFAULT)) == [0.0]
     # A groove in the wall of the cavity whose wall stands at x = 5.5.
     undercut = mold.build(DEFAULT).cut(cq.Solid.makeBox(3, 3, 1, cq.Vector(4, 20, 6)))
     assert looks_down(undercut) == [0.0, 7.0]
@@ -100,9 +100,9 @@ def test_nothing_but_the_underside_looks_down(cq: Any) -> None:
 def test_the_coupon_mold_holds_its_wells() -> None:
     design = changed("coupon.wells=12", "coupon.wall_mm=1.5", "coupon.depth_mm=50")
     solid, found = held(registry.find("coupon-mold"), design)
-    x, y, z = design.coupon_outer_mm
+    x, y, z = np.multiply((2, 2, 1), coupons.well_box(design)[1])
     per_well = (x * y * z - found.volume_mm3) / design.coupon.wells
-    assert per_well == pytest.approx(coupon_mold.well_volume_mm3(design), rel=1e-6)
+    assert per_well == pytest.approx(coupons.well_volume_mm3(design), rel=1e-6)
     # The outermost wells keep the wall.
     floors = [f for f in solid.Faces() if abs(f.Center().z - design.coupon.base_mm) < 1e-9]
     ends = sorted(f.Center().x for f in floors)

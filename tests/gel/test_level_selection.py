@@ -17,7 +17,7 @@ from deltact_fab.gel.linear.validity import model_error
 from deltact_fab.gel.path.open import contact_of
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import KINDS, parse
-from deltact_fab.shapes.posed import edge_radius_mm
+from deltact_fab.shapes.rigid import edge_radius_mm
 
 SKIN, GEL = SkinDimensions(), GelMaterial()
 

@@ -6,8 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from deltact_fab.cad.check import indenters as check
 from deltact_fab.cad.check.built import BuiltDesign
+from deltact_fab.cad.check.each_part import height_fields
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.registry import find
 from deltact_fab.errors import InputError
@@ -60,7 +60,7 @@ def test_a_tilted_spheroid_is_its_quadric():
 @pytest.mark.parametrize("name", OWN)
 def test_the_solid_has_the_underside_of_the_numbers(name):
     built = BuiltDesign(load_design(), (find(name),), {})
-    assert [row.verdict for row in check.rows(built)] == ["pass"]
+    assert [row.verdict for row in height_fields(built)] == ["pass"]
 
 
 def test_mirrors_are_those_of_the_shape():

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from ... import cache
 from ...errors import RunFailed
-from ..build import build_from
+from ..build import build_from, made_by, part_key
 from ..dimensions import Design
 from ..features import Round, SolidFeatures, features_of
 from ..mesh import Mesh, mesh_solid
 from ..part import Part
-from ..part_key import Facts, part_key
 from ..solid_gate import Box
 
 # Rays and closure need no finer mesh: what they find is measured again on exact surfaces.
@@ -20,6 +22,39 @@ MESH_MM = 0.05
 
 NO_PART = "could not be built"
 Tell = Callable[[str], None]
+KIND, CODE = "cad-check", "cad.check.run"
+LIMIT_BYTES = 64 * 2**20
+MOST = 20_000  # facts; a design has some 500
+
+
+class Facts:
+    """Plain data about solids by what they were found on, in the user's cache."""
+
+    def __init__(self) -> None:
+        self._held: dict[str, Any] = cache.get(KIND, made_by(CODE)) or {}
+        self.computed: list[str] = []
+
+    def found(self, what: str, key: Any, compute: Callable[[], Any]) -> Any:
+        """What compute() returned for this key before, else returns now. What raises is not kept.
+
+        what: names the fact; key: plain data, everything that it depends on beside the code.
+        """
+        text = json.dumps([what, cache.plain(key)], sort_keys=True)
+        name = hashlib.sha256(text.encode()).hexdigest()
+        if name in self._held:
+            # Last again: the longest unused go first.
+            value = self._held.pop(name)
+        else:
+            value = json.loads(json.dumps(compute()))
+            self.computed.append(what)
+        self._held[name] = value
+        return value
+
+    def save(self) -> None:
+        """Store what is new for the next time; a folder that refuses costs time and no more."""
+        if self.computed:
+            kept = dict(list(self._held.items())[-MOST:])
+            cache.put(KIND, made_by(CODE), kept, LIMIT_BYTES)
 
 
 @dataclass
@@ -65,8 +100,8 @@ class BuiltDesign:
                 return part
         raise RunFailed(f"{name} {NO_PART}")
 
-    def why_not(self, name: str) -> str:
-        """Why a part cannot be built; empty when it can."""
+    def solid(self, name: str) -> Any:
+        """The solid of a part. Raises RunFailed when it cannot be built; `failed` says why."""
         if name not in self.solids and name not in self.failed:
             part = self.part(name)
             if self.tell is not None:
@@ -75,11 +110,7 @@ class BuiltDesign:
                 self.solids[name] = build_from(part, part.source(self.design))[0]
             except RunFailed as why:
                 self.failed[name] = str(why)
-        return self.failed.get(name, "")
-
-    def solid(self, name: str) -> Any:
-        """The solid of a part. Raises RunFailed when it could not be built."""
-        if self.why_not(name):
+        if name in self.failed:
             raise RunFailed(f"{name} {NO_PART}")
         return self.solids[name]
 

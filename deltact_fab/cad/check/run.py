@@ -2,88 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable
 
 from ...aliases import Progress
 from ...errors import RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded
-from ..part_key import Facts
 from ..registry import listed
-from . import (
-    bench,
-    bending,
-    casting,
-    drawings,
-    electric,
-    fits,
-    indenters,
-    inequalities,
-    printed,
-    screws,
-    soundness,
-    space,
-    thickness,
-    visibility,
-)
-from .built import NO_PART, BuiltDesign
+from . import arithmetic, each_part, together, visibility
+from .built import NO_PART, BuiltDesign, Facts
 from .row import NOT_RUN, Row, advised, verified
 
-
-@dataclass(frozen=True)
-class CheckKind:
-    """One kind of check, by the name that its row has when it cannot be made."""
-
-    name: str
-    rows: Callable[[BuiltDesign], Iterator[Row]]
-
-
-CHECKS = (
-    CheckKind(drawings.NAME, drawings.rows),
-    CheckKind(soundness.NAME, soundness.rows),
-    CheckKind(space.ENVELOPE, space.envelope),
-    CheckKind(space.INTERFERENCE, space.interference),
-    CheckKind("engagement", screws.engagement),
-    CheckKind(thickness.NAME, thickness.rows),
-    CheckKind(printed.CONTACT, printed.rows),
-    CheckKind(bending.DEFLECTION, bending.rows),
-    CheckKind("light cone", visibility.light_cone),
-    CheckKind("mold volume closure", casting.closure),
-    CheckKind(bench.CLEAR, bench.rows),
-    CheckKind("indenter height field", indenters.rows),
-)
-ARITHMETIC = (fits.rows, electric.rows, visibility.view)
+CHECKS: dict[str, Callable[[BuiltDesign], Iterable[Row]]] = {
+    "drawings": each_part.drawings,
+    "one valid closed solid": each_part.soundness,
+    "envelope": together.envelope,
+    "interference": together.interference,
+    "engagement": together.engagement,
+    "wall thickness": each_part.walls,
+    "bed contact": each_part.printed,
+    "plate deflection": lambda built: arithmetic.bending(built.design),
+    "light cone": visibility.light_cone,
+    "mold volume closure": together.closure,
+    "bench clear": together.bench,
+    "indenter height field": each_part.height_fields,
+}
+"""Each kind of check on solids by the name that its row has when it cannot be made."""
+ARITHMETIC = (arithmetic.inequalities, arithmetic.fits, arithmetic.light, visibility.view)
 
 
 def run(
     design: Design,
     progress: Progress | None = None,
-    solids: Mapping[str, Any] | None = None,
     indenters: IndenterList | None = None,
     cached: bool = False,
 ) -> list[Row]:
     """Check a design: inequalities first, then every part and the whole as built.
 
-    progress: called with (done, total, what) before each part that is built and each check. solids:
-    by part name, to be checked in place of what would be built; the gate does not see them.
-    indenters: cad/indenters.toml when None. cached: what earlier checks found on
-    parts that are the same is used, and what is found kept; when nothing is missing the CAD kernel
-    is not imported.
+    progress: called with (done, total, what) before each part that is built and each check.
+    indenters: cad/indenters.toml when None. cached: what earlier checks found on parts that are the
+    same is used, and what is found kept; when nothing is missing the CAD kernel is not imported.
 
     What fails is a row, a broken inequality and a part that cannot be built among them; one more
     row counts the checks that it leaves undone. Raises MissingLibrary without the CAD kernel, and
     InputError when the list of indenters is unusable.
     """
-    rows = list(inequalities.rows(design))
-    broken = not all(row.passed for row in rows)
-    for arithmetic in ARITHMETIC:
-        rows += verified(advised(arithmetic, design), design)
-    if broken:
+    rows = [r for told in ARITHMETIC for r in verified(advised(told, design), design)]
+    if not all(row.passed for row in rows if row.check == "inequalities"):
         return [*rows, not_run(len(CHECKS), "inequalities fail, see above")]
-    rows += verified(fits.platform(design), design)
+    rows += verified(arithmetic.platform(design), design)
     done = 0
 
     def tell(what: str) -> None:
@@ -92,8 +60,8 @@ def run(
             progress(done, total, what)
         done += 1
 
-    facts = Facts() if cached and not solids else None
-    built = BuiltDesign(design, tuple(listed(indenters, design)), dict(solids or {}), facts, tell)
+    facts = Facts() if cached else None
+    built = BuiltDesign(design, tuple(listed(indenters, design)), facts=facts, tell=tell)
     total = len(built.parts) + len(CHECKS)
     rows += of_built(built, tell)
     if facts is not None:
@@ -106,7 +74,7 @@ def run(
 def of_built(
     built: BuiltDesign,
     tell: Callable[[str], None] | None = None,
-    checks: Sequence[CheckKind] = CHECKS,
+    checks: Iterable[str] = CHECKS,
 ) -> list[Row]:
     """The checks on what is built; one row counts those that lack a part which cannot be built.
 
@@ -116,15 +84,15 @@ def of_built(
     undone = []
     for check in checks:
         if tell is not None:
-            tell(check.name)
+            tell(check)
         try:
-            with guarded(check.name):
-                rows += verified(check.rows(built), built.design)
+            with guarded(check):
+                rows += verified(CHECKS[check](built), built.design)
         except RunFailed as why:
             if str(why).endswith(NO_PART):
                 undone.append(str(why))
             else:
-                rows.append(Row(check.name, "", f"not run: {why}", "can be made", False))
+                rows.append(Row(check, "", f"not run: {why}", "can be made", False))
     if undone:
         rows.append(not_run(len(undone), "; ".join(dict.fromkeys(undone))))
     return rows

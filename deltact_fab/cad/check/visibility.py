@@ -12,30 +12,19 @@ from numpy.typing import NDArray
 from ...optics import half_angle_rad, reached_mm
 from ...shapes.sensor import N_ACRYLIC, N_SILICONE
 from ..dimensions import Design
-from ..features import Round, near
+from ..features import near
 from ..parts.camera import off_axis_mm
 from ..rays import first_hit
 from .built import BuiltDesign
 from .row import Row, at_least
 
 BORDER_RAYS = 96
-GRAZING_RAD = math.radians(
-    80.0
-)  # there the first face of the acrylic alone reflects 39 % (Fresnel)
+# There the first face of the acrylic alone reflects 39 % (Fresnel).
+GRAZING_RAD = math.radians(80.0)
 LENS = ("camera.focal_length_mm", "camera.lens_height_mm")
 PRESS_MM = 3.0
 BLUR_PX = 2.0  # the picture is sampled no finer
 CORNER_PX = 5.0  # a third of the 16 px of a dot of 0.6 mm: its middle is still found
-
-
-def _path_mm(built: BuiltDesign) -> tuple[float, float, float]:
-    """Air, acrylic and gel between lens and face, along the axis, from the solids."""
-    acrylic, skin = built.box("acrylic"), built.box("skin")
-    return (
-        acrylic[0][2] - built.box("camera")[1][2],
-        acrylic[1][2] - acrylic[0][2],
-        skin[1][2] - skin[0][2],
-    )
 
 
 def view(design: Design) -> Iterator[Row]:
@@ -117,11 +106,14 @@ def _seen_mm(design: Design, radius_mm: float, depth_mm: float) -> float:
 def light_cone(built: BuiltDesign) -> Iterator[Row]:
     """Rays from the lens to the border of the view, as far off the middle as it may stand."""
     design = built.design
-    path = _path_mm(built)
+    # Air, acrylic and gel along the axis, from the solids.
+    lens, acrylic, skin = built.box("camera")[1][2], built.box("acrylic"), built.box("skin")
+    path = acrylic[0][2] - lens, acrylic[1][2] - acrylic[0][2], skin[1][2] - skin[0][2]
     border = _border_mm(*design.optics.view_mm)
     radius = np.linalg.norm(border, axis=1)
     angle = np.array([half_angle_rad(float(r), *path) for r in radius])
-    bore = min((c.radius_mm for c in _rings(built) if c.hole), default=0.0)
+    rings = near(built.cylinders("light-holder"), 0.0, 0.0, 0.1)
+    bore = min((c.radius_mm for c in rings if c.hole), default=0.0)
     limit = f"{BORDER_RAYS} of {BORDER_RAYS} rays reach the face"
     keys = ("camera.lens_height_mm",)
     if not np.isfinite(angle).all():
@@ -130,15 +122,10 @@ def light_cone(built: BuiltDesign) -> Iterator[Row]:
         yield Row("light cone", "light-holder", found, limit, False, keys)
         return
     way = border / radius[:, None]
-    lens = built.box("camera")[1][2]
     heights = np.cumsum([lens, *path])
-    # Radii at acrylic's back and front; what is left of the path is gel.
-    at_radius = [
-        np.zeros(len(way)),
-        np.array([reached_mm(float(a), path[0], 0.0, 0.0) for a in angle]),
-        np.array([reached_mm(float(a), path[0], path[1], 0.0) for a in angle]),
-        radius,
-    ]
+    # Radii at the lens, acrylic's back and front, and the face.
+    depths = ((0.0, 0.0, 0.0), (path[0], 0.0, 0.0), (path[0], path[1], 0.0), path)
+    at_radius = [np.array([reached_mm(float(a), *mm) for a in angle]) for mm in depths]
     off = off_axis_mm(design)
     points = [
         np.column_stack([way * r[:, None], np.full(len(way), z)])
@@ -171,8 +158,3 @@ def _border_mm(view_x: float, view_y: float) -> NDArray[np.float64]:
     sides = [(t, -one), (one, t), (-t, one), (-one, -t)]
     x, y = (np.concatenate([side[i] for side in sides]) for i in (0, 1))
     return np.column_stack([x * view_x / 2, y * view_y / 2])
-
-
-def _rings(built: BuiltDesign) -> list[Round]:
-    """The light holder's cylinders about the lens's axis."""
-    return near(built.cylinders("light-holder"), 0.0, 0.0, 0.1)

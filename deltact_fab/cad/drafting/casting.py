@@ -15,7 +15,7 @@ from ..assembly import PlacedPart
 from ..dimensions import Design
 from ..kernel import require
 from ..part import BLACK, CLEAR, GREEN, STEEL, WHITE, Part
-from ..parts import coupon_mold, mold
+from ..parts import coupons, mold
 from ..registry import find
 
 OVER_MM = 12.0  # what is lifted, over where it came from
@@ -41,7 +41,7 @@ class Bench:
         seated = self._cast(frame, places[-1]) if len(places) > 1 else []
         yield "A.4", [*whole, *seated, *self._lifted(self._cast(frame, places[0]))]
 
-        wells = coupon_mold.centres_mm(d)
+        wells = coupons.centres_mm(d)
         base, deep, radius = d.coupon.base_mm, d.coupon.depth_mm, d.coupon.diameter_mm / 2
         block = self._part("coupon-mold")
         film = [self._disc(x, y, radius - 0.1, base, SEEN_MM) for x, y in wells[1:]]

@@ -14,8 +14,7 @@ from typing import Any, Literal
 
 from ...aliases import Vector
 from ...pdf import width_em
-from ...shapes.bounded import ShapeError
-from ..record import Record
+from ...shapes.bounded import Bounded, ShapeError
 
 Side = Literal["left", "right", "top", "bottom"]
 Limits = tuple[float, float]
@@ -171,7 +170,7 @@ def _line(meaning: str) -> Any:
 
 
 @dataclass(frozen=True)
-class TitleBlock(Record):
+class TitleBlock(Bounded):
     """The title block's fields that come from the lab, never from a clock: equal bytes stay equal.
 
     An empty one is drawn as a dash.

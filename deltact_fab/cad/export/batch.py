@@ -16,9 +16,9 @@ from ...errors import InputError, RunFailed
 from ...files import check_folder, making, write_together
 from ...jobs import arrivals, processors
 from .. import feasibility
+from ..build import made_by, part_key
 from ..dimensions import Design
 from ..part import Part
-from ..part_key import made_by, part_key
 from ..registry import of_group
 from .formats import meshes
 from .part_files import (

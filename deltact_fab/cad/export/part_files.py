@@ -16,8 +16,8 @@ from ..drafting.page import DrawingPage
 from ..drafting.wiring import wiring
 from ..kernel import guarded
 from ..mesh import Mesh, mesh_solid
-from ..part import BOUGHT, LASER_CUT, Part
-from ..print_orientation import Matrix, laid
+from ..overhangs import laid
+from ..part import BOUGHT, LASER_CUT, Matrix, Part
 from ..solid_gate import Box, SolidProperties, enclosing, shifted
 from .formats import dxf, meshes, step
 

@@ -1,1 +1,1 @@
-"""One file a part, everything of it in `PARTS` (see part.py); a file without them helps others."""
+"""A part is in one file, whole, in `PARTS` (see part.py); a file without them helps others."""

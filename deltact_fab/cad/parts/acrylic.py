@@ -13,22 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, x_of, y_of, z_of
-from ..fit import Length, PlayFit
-from ..kernel import Shape
+from ..kernel import Shape, prism, without_corners
 from ..part import CLEAR, LASER_CUT, Part
+from ..rule import Length, PlayFit
 from ..solid_gate import Box, around
-from .solids import prism, without_corners
-
-
-def notched(half_mm: Point2, notch_mm: Point2) -> list[Point2]:
-    """Corners of the rectangle +-half without a notch in each corner, counter-clockwise."""
-    w, h = half_mm
-    if min(notch_mm) <= 0:
-        return [(-w, -h), (w, -h), (w, h), (-w, h)]
-    return without_corners(half_mm, (w - notch_mm[0], h - notch_mm[1]))
 
 
 def box(design: Design) -> Box:
@@ -38,8 +28,10 @@ def box(design: Design) -> Box:
 
 def build(design: Design) -> Shape:
     """The plate as one solid in the sensor frame, z from the joint to the ledge."""
-    outline = notched(design.acrylic_half_mm, design.acrylic_notch_mm)
-    return prism(outline, design.z_joint_mm, design.optics.acrylic_mm).val()
+    (w, h), (x, y) = design.acrylic_half_mm, design.acrylic_notch_mm
+    return prism(
+        without_corners((w, h), (w - x, h - y)), design.z_joint_mm, design.optics.acrylic_mm
+    ).val()
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -123,14 +115,11 @@ PARTS = (
         explode_mm=14,
         colour=CLEAR,
         sections=("skin", "frame", "optics", "plate", "screw", "shell", "laser"),
-        derived=(
-            "acrylic_half_mm", "acrylic_notch_mm", "seat_half_mm", "post_edge_mm", "z_ledge_mm",
-            "z_joint_mm",
-        ),
+        derived=("acrylic_half_mm", "acrylic_notch_mm", "z_ledge_mm", "z_joint_mm"),
         fits=fits,
         callouts=callouts,
         note=note,
         how="cut by the DXF, step C",
         look_for="the edges are clear and without cracks",
     ),
-)  # fmt: skip
+)

@@ -22,13 +22,10 @@ from typing import Any
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut, shown, x_of, y_of, z_of
-from ..fit import Length, PlayFit
-from ..kernel import Shape, require
-from ..part import BLACK, PRINT, RESIN, Part
-from ..print_orientation import PrintPose
-from ..rule import Quantity, Rule
+from ..kernel import Shape, cuboid, cylinders, prism, require, without_corners
+from ..part import BLACK, PRINT, RESIN, Part, PrintPose
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
-from .solids import cuboid, cylinders, prism, without_corners
 
 
 def box(design: Design) -> Box:

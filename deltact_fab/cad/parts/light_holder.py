@@ -15,6 +15,11 @@ A slot of slot_mm through the outer wall at -y, above the floor, lets the wires 
 where the camera's cable leaves. The heads of the camera's two screws and the
 lips of the cover's pegs stand in reliefs of the floor.
 The paper gives the material and the LEDs (Imaging Subsystem), no dimensions.
+
+The LED strip, flat as it is cut and soldered, before it goes into the channel: led_count pieces of
+pitch_mm along x, cut from a strip that may be cut at every LED; a LED in the middle of each, taken
+to be square (5050: 5 x 5), pads on either side of a cut. The wires leave at the -x end. Its frame:
+z = 0 is the adhesive's side, z up to the LEDs, x and y from the middle of the strip.
 """
 
 from __future__ import annotations
@@ -24,14 +29,11 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, z_of
-from ..fit import Length, PlayFit
-from ..kernel import Shape, Workplane
-from ..part import PRINT, WHITE, Part
-from ..print_orientation import PrintPose
-from ..rule import Quantity, Rule
+from ..kernel import Shape, Workplane, cuboid, cylinders, require
+from ..part import AMBER, BOUGHT, PRINT, WHITE, Part, PrintPose
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
 from .camera import UPPER_HOLES
-from .solids import cuboid, cylinders
 
 WIRE = "0.08 mm²"
 WIRE_OUTER = Length(1.2, 0.1)  # of such a wire with its insulation (AWG 28, UL 1007)
@@ -154,6 +156,47 @@ def callouts(d: Design) -> Callouts:
     )  # fmt: skip
 
 
+def strip_box(design: Design) -> Box:
+    """Strip and LEDs."""
+    light = design.light
+    high = light.strip_thickness_mm + light.led_height_mm
+    return around(light.strip_mm / 2, light.strip_width_mm / 2, 0.0, high)
+
+
+def led_at_mm(design: Design) -> list[float]:
+    """x of each LED's middle."""
+    light = design.light
+    return [(k + 0.5) * light.pitch_mm - light.strip_mm / 2 for k in range(light.led_count)]
+
+
+def strip_build(design: Design) -> Shape:
+    """Strip and LEDs as one solid in its own frame."""
+    cq = require()
+    light = design.light
+    strip = cq.Workplane().rect(light.strip_mm, light.strip_width_mm)
+    body = strip.extrude(light.strip_thickness_mm)
+    leds = cq.Workplane().pushPoints([(x, 0.0) for x in led_at_mm(design)])
+    # From the strip's underside, so that the two share a volume and not only a face.
+    leds = leds.rect(light.led_width_mm, light.led_width_mm)
+    return body.union(leds.extrude(light.strip_thickness_mm + light.led_height_mm)).val()
+
+
+def strip_rules(d: Design) -> Iterator[Rule]:
+    """LEDs beside one another, on their strip."""
+    light = d.light
+    width = Quantity("led_width_mm", light.led_width_mm)
+    yield width.below("pitch = 1000 / leds_per_m", light.pitch_mm)
+    yield width.at_most("strip_width_mm", light.strip_width_mm)
+
+
+def led_turns(d: Design) -> list[float]:
+    """Angle of each LED about the lens's axis, from +x towards +y, in radians.
+
+    The strip lies on the channel's outer wall, its gap in the middle of the wire slot at -y.
+    """
+    return [math.pi / 2 + x / d.strip_radius_mm for x in led_at_mm(d)]
+
+
 PARTS = (
     Part(
         "light-holder",
@@ -167,9 +210,8 @@ PARTS = (
         sections=("light", "shell", "holder", "camera"),
         derived=(
             "light_radius_mm", "strip_radius_mm", "channel_inner_mm", "light_bore_mm",
-            "head_relief_mm", "peg_relief_mm", "peg_centres_mm",
-            "camera_screw_centres_mm", "z_light_mm", "z_joint_mm",
-            "z_board_front_mm",
+            "head_relief_mm", "peg_relief_mm", "peg_centres_mm", "camera_screw_centres_mm",
+            "z_light_mm", "z_board_front_mm",
         ),
         rules=rules,
         fits=fits,
@@ -178,5 +220,21 @@ PARTS = (
         callouts=callouts,
         lies=PrintPose(face="floor"),
         look_for="no resin left in the channel: blow it out before the post-cure",
+    ),
+    Part(
+        "led-strip",
+        "LED strip, 5050, white",
+        BOUGHT,
+        strip_build,
+        strip_box,
+        group="electronics",
+        colour=AMBER,
+        sections=("light",),
+        rules=strip_rules,
+        note="{d.light.led_count} single-LED cuts of {d.light.pitch_mm:.1f} x "
+        "{d.light.strip_width_mm:g} mm, {d.light.strip_mm:.1f} mm in all; a {d.light.supply_v:g} V "
+        "strip that is cut at every LED",
+        how="cut between the LEDs and soldered, by the wiring drawing",
+        look_for="plus to plus; no solder above the LEDs",
     ),
 )  # fmt: skip

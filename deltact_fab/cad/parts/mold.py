@@ -25,12 +25,10 @@ from typing import Any
 from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut, Leader, x_of, y_of, z_of
-from ..fit import PlayFit
-from ..kernel import Shape, require
+from ..kernel import Shape, cuboid, require
 from ..part import AMBER, PRINT, RESIN, Part
-from ..rule import Quantity, Rule
+from ..rule import PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
-from .solids import cuboid
 
 # The mold's drawing and the guide say the same.
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
@@ -126,11 +124,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(lengths, rounds, (), notes, (touched,), tuple(axes), Cut(cx))
 
 
-def note(d: Design) -> str:
-    """How many skins it casts."""
-    return f"casts {d.mold.columns * d.mold.rows} skins at a time"
-
-
 PARTS = (
     Part(
         "mold",
@@ -141,12 +134,12 @@ PARTS = (
         group="tools",
         colour=AMBER,
         sections=("mold", "skin", "frame"),
-        derived=("mold_outer_mm", "frame_outer_mm", "skin_volume_mm3"),
+        derived=("mold_outer_mm", "frame_outer_mm"),
         rules=rules,
         fits=fits,
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        note=note,
+        note="casts {d.mold.columns} x {d.mold.rows} skins at a time",
         look_for="cavity floors glossy: what is there is on every skin",
     ),
 )

@@ -21,17 +21,16 @@ A mount wider than the wall between the cover's bosses keeps `cover.fit_mm` from
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 from ...aliases import Point
 from ..dimensions import Design
 from ..drafting.dimensioning import Told, y_of, z_of
-from ..fit import Length, PlayFit
-from ..kernel import Workplane, require
-from ..rule import Quantity, Rule
+from ..kernel import Workplane, cuboid, require
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box
-from .solids import cuboid
+
+FLANGE = tuple(f"mount.flange_{key}_mm" for key in ("pitch", "height", "width", "hole"))
 
 
 def bars(design: Design) -> list[Box]:
@@ -67,18 +66,6 @@ def hole_axes(design: Design) -> list[tuple[Point, Point]]:
         rows = (z - mount.flange_pitch_mm / 2, z + mount.flange_pitch_mm / 2)
         return [((x, y0, row), (x, y1, row)) for row in rows]
     return []
-
-
-def arm_stress_mpa(design: Design) -> float:
-    """Bending stress in the arm under the press that the plate is made for; nan without an arm.
-
-    A cantilever from the flange, loaded in the middle of the face: 6 F l / (w h^2).
-    """
-    mount = design.mount
-    if mount.kind != "franka":
-        return math.nan
-    lever_mm = design.frame_outer_mm[1] / 2 + mount.length_mm - mount.flange_mm
-    return 6 * design.plate.force_n * lever_mm / (mount.width_mm * mount.arm_mm**2)
 
 
 def build(design: Design) -> Workplane:
@@ -137,9 +124,11 @@ def rules(d: Design) -> Iterator[Rule]:
 def _flange_rules(d: Design) -> Iterator[Rule]:
     """Counterbores on the flange, the arm between them, and screws that go in head last."""
     mount = d.mount
-    own = ("mount.flange_pitch_mm", "mount.flange_height_mm", "mount.flange_width_mm")
     screw_mm = float(mount.screw.removeprefix("M"))
     under_mm = mount.flange_mm - mount.counterbore_depth_mm
+    # A cantilever from the flange, pressed in the middle of the face: 6 F l / (w h^2).
+    lever_mm = d.frame_outer_mm[1] / 2 + mount.length_mm - mount.flange_mm
+    stress_mpa = 6 * d.plate.force_n * lever_mm / (mount.width_mm * mount.arm_mm**2)
     for name, value, what, room in (
         ("flange_pitch_mm + counterbore_mm + 3", mount.flange_pitch_mm + mount.counterbore_mm + 3,
          "flange_height_mm", mount.flange_height_mm),
@@ -157,14 +146,14 @@ def _flange_rules(d: Design) -> Iterator[Rule]:
          f"head {mount.screw}", mount.head_mm),
         ("counterbore_depth_mm + 2", mount.counterbore_depth_mm + 2.0,
          "flange_mm", mount.flange_mm),
-        ("stress in arm_mm under plate.force_n, MPa", arm_stress_mpa(d),
+        ("stress in arm_mm under plate.force_n, MPa", stress_mpa,
          "stress_limit_mpa", mount.stress_limit_mpa),
         # A screw that grips by 1.5 d goes in head last: the gap takes all of it.
         (f"flange under the head + 2.5 x {mount.screw}", under_mm + 2.5 * screw_mm,
          "gap between shell and flange", mount.length_mm - mount.flange_mm),
         ("front of the arm", d.flange_arm_z_mm[1], "joint", d.z_joint_mm),
     ):  # fmt: skip
-        rests_on = (*own, "mount.flange_hole_mm", "mount.stress_limit_mpa")
+        rests_on = (*FLANGE, "mount.stress_limit_mpa")
         yield Quantity(f"mount: {name}", value).at_most(what, room, rests_on)
 
 
@@ -192,10 +181,3 @@ def lengths(d: Design) -> list[Told]:
         return [whole, y_of(middle - pitch, middle + pitch, fitted=False)]
     middle, pitch = d.z_back_mm + mount.flange_height_mm / 2, mount.flange_pitch_mm / 2
     return [whole, z_of(middle - pitch, middle + pitch, fitted=False)]
-
-
-def rests_on(d: Design) -> tuple[str, ...]:
-    """Unverified keys that the drawing rests on."""
-    if d.mount.kind != "franka":
-        return ()
-    return tuple(f"mount.flange_{key}_mm" for key in ("width", "height", "pitch", "hole"))

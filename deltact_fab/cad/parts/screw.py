@@ -17,11 +17,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from ..kernel import Shape, require
+from ..kernel import Shape, cuboid, cylinders, require
 from ..part import BOUGHT, STEEL, Part, Shift
 from ..rule import Quantity, Rule
 from ..solid_gate import Box, around
-from .solids import cuboid, cylinders
 
 
 def box(design: Design) -> Box:
@@ -111,10 +110,9 @@ PARTS = (
         colour=STEEL,
         places=places,
         sections=("screw",),
-        derived=("z_head_mm", "screw_at_mm"),
+        derived=("z_head_mm",),
         rules=rules,
         note=note,
-        how="bought",
         look_for="measure the length below the head",
     ),
     Part(
@@ -128,10 +126,8 @@ PARTS = (
         colour=STEEL,
         places=camera_places,
         sections=("holder",),
-        derived=("camera_screw_centres_mm", "z_board_front_mm"),
-        bound_by=("camera-holder",),
+        derived=("z_board_front_mm",),
         note="{d.holder.screw} x {d.holder.screw_length_mm:g}, slotted",
-        how="bought",
         look_for="the head is no higher than the light holder's floor",
     ),
 )

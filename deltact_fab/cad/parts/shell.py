@@ -34,17 +34,13 @@ from ..drafting.dimensioning import (
     y_of,
     z_of,
 )
-from ..fit import Length, PlayFit
-from ..kernel import Shape, Workplane
-from ..part import BLACK, PRINT, RESIN, Part
-from ..print_orientation import PrintPose
-from ..rule import Quantity, Rule
+from ..kernel import Shape, Workplane, cuboid, cylinders, prism, without_corners
+from ..part import BLACK, PRINT, RESIN, Part, PrintPose
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around, enclosing
 from . import mount
-from .acrylic import notched
 from .light_holder import WIRE_OUTER
 from .mount import boss_room
-from .solids import cuboid, cylinders, prism
 
 
 def box(design: Design) -> Box:
@@ -64,26 +60,22 @@ def body(design: Design) -> Workplane:
     outer_x, outer_y = design.frame_outer_mm
     floor, joint = design.z_floor_mm, design.z_joint_mm
     ledge = joint - shell.ledge_height_mm
-    corner = (design.post_mm - shell.wall_mm, design.post_mm - shell.wall_mm)
     body = cuboid(((-outer_x / 2, -outer_y / 2, floor), (outer_x / 2, outer_y / 2, joint)))
     # One cutter inside the other: between the ledges the cavity is only narrower.
     inward = design.ledge_reach_mm
     for (dx, dy), high in (((0.0, 0.0), ledge), (inward, joint + 1)):
         low = floor - 1
-        outline = notched((x - dx, y - dy), (corner[0] - dx, corner[1] - dy))
+        outline = without_corners((x - dx, y - dy), design.post_edge_mm)
         body = body.cut(prism(outline, low, high - low))
     if shell.ledge_drop_mm > 0:
         drop = shell.ledge_drop_mm
-        body = body.cut(prism(notched((x, y), corner), joint - drop, drop + 1))
+        body = body.cut(prism(without_corners((x, y), design.post_edge_mm), joint - drop, drop + 1))
     body = body.cut(boss_room(design))
     clearance, deep = design.screw.row.clearance_mm, design.shell_depth_mm
     holes = cylinders(design.screw_centres_mm, clearance, floor - 1, deep + 2)
     half = shell.cable_width_mm / 2
-    notch: Box = (
-        (-half, -outer_y / 2 - 1, floor - 1),
-        (half, 1 - y, floor + shell.cable_height_mm),
-    )
-    return body.cut(holes).cut(cuboid(notch))
+    end = half, 1 - y, floor + shell.cable_height_mm
+    return body.cut(holes).cut(cuboid(((-half, -outer_y / 2 - 1, floor - 1), end)))
 
 
 def rules(d: Design) -> Iterator[Rule]:
@@ -168,7 +160,7 @@ def callouts(d: Design) -> Callouts:
     lengths = (*body_lengths(d), *mount.lengths(d))
     return Callouts(
         lengths, fitted=(d.screw.row.clearance_mm,), notes=notes, cut=Cut(0.0),
-        rests_on=mount.rests_on(d),
+        rests_on=mount.FLANGE,
     )  # fmt: skip
 
 
@@ -183,8 +175,8 @@ PARTS = (
         colour=BLACK,
         sections=("shell", "cover", "mount", "screw", "skin", "frame"),
         derived=(
-            "outer_mm", "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "ledge_reach_mm",
-            "post_mm", "post_edge_mm", "boss_room_mm", "screw_at_mm", "screw_centres_mm",
+            "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "ledge_reach_mm", "post_mm",
+            "post_edge_mm", "boss_room_mm", "screw_at_mm", "screw_centres_mm",
             "shell_depth_mm", "flange_arm_z_mm", "z_joint_mm", "z_boss_mm", "z_floor_mm",
             "z_back_mm",
         ),

@@ -16,6 +16,17 @@ The paper gives no drawing. A 3 mm wall cannot hold an M1.6 screw, so a square p
 corner and takes a corner of the window; the skin is notched there below the protrusion. Behind the
 skin the window is wider in y (and by seat_x in x), so that the acrylic plate rests on a ledge.
 Frame and skin share faces and no volume.
+
+The skin: the clear silicone block behind the pattern (paper, Tactile Subsystem).
+
+    z = 0               .--------------------.     edges of the touched face rounded, edge_fillet
+                        |   width x length   |
+    z = -protrusion     +--+              +--+     above: proud of the frame
+                           |              |
+    z = -thickness         +--------------+        below: fills the frame's window, notched around
+                                                   its corner posts
+
+The vertical edges stay sharp: the mold's cavity is the plain block above the frame.
 """
 
 from __future__ import annotations
@@ -23,17 +34,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, x_of, y_of, z_of
-from ..fit import Length, PlayFit
-from ..kernel import Shape, Workplane
-from ..part import BLACK, PRINT, RESIN, Part, nothing
-from ..print_orientation import PrintPose
-from ..rule import Quantity, Rule
+from ..kernel import Shape, cuboid, cylinders, prism, require, without_corners
+from ..part import BLACK, CLEAR, PRINT, RESIN, Part, PrintPose, nothing
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
 from ..standards import screw_tolerance_mm
-from .solids import cuboid, cylinders, prism, without_corners
 
 
 def box(design: Design) -> Box:
@@ -48,23 +55,15 @@ def build(design: Design) -> Shape:
     x, y = (side / 2 for side in design.frame_outer_mm)
     body = cuboid(around(x, y, bottom_mm, bottom_mm + design.frame_height_mm))
     # Cutters stand out at the ends: faces that coincide are where booleans go wrong.
+    low, posts = bottom_mm - 1, design.post_edge_mm
     window = (design.skin.width_mm / 2, design.skin.length_mm / 2)
     if design.skin.thickness_mm > design.skin.protrusion_mm:
-        body = body.cut(_prism(design, window, bottom_mm - 1, design.z_front_mm + 1))
-    body = body.cut(_prism(design, design.seat_half_mm, bottom_mm - 1, design.z_ledge_mm))
+        body = body.cut(prism(without_corners(window, posts), low, design.z_front_mm + 1 - low))
+    body = body.cut(
+        prism(without_corners(design.seat_half_mm, posts), low, design.z_ledge_mm - low)
+    )
     pilot = (screw.row.pilot_mm, bottom_mm - 1, screw.pilot_depth_mm + 1)
     return body.cut(cylinders(design.screw_centres_mm, *pilot)).val()
-
-
-def _prism(design: Design, half: Point2, low_mm: float, high_mm: float) -> Workplane:
-    """A prism of the rectangle +-half without the corners in which the posts stand."""
-    w, h = half
-    px, py = design.post_edge_mm
-    if px >= w or py >= h:
-        outline = [(-w, -h), (w, -h), (w, h), (-w, h)]
-    else:
-        outline = without_corners(half, (px, py))
-    return prism(outline, low_mm, high_mm - low_mm)
 
 
 def rules(d: Design) -> Iterator[Rule]:
@@ -135,7 +134,7 @@ FRAME = Part(
     colour=BLACK,
     sections=("skin", "frame", "optics", "screw", "shell"),
     derived=(
-        "frame_outer_mm", "frame_height_mm", "post_mm", "post_edge_mm", "post_in_window_mm",
+        "frame_outer_mm", "frame_height_mm", "post_edge_mm", "post_in_window_mm",
         "screw_at_mm", "screw_centres_mm", "seat_half_mm", "z_front_mm", "z_ledge_mm",
         "z_joint_mm",
     ),
@@ -153,6 +152,44 @@ FRAME = Part(
     "paper; a drill of the pilot's size turns freely",
 )  # fmt: skip
 
+
+def skin_box(design: Design) -> Box:
+    """The plain block."""
+    skin = design.skin
+    return around(skin.width_mm / 2, skin.length_mm / 2, -skin.thickness_mm, 0.0)
+
+
+def skin_build(design: Design) -> Shape:
+    """The skin as one solid in the sensor frame, z from -thickness to 0."""
+    cq = require()
+    skin = design.skin
+    w, h = skin.width_mm / 2, skin.length_mm / 2
+    x, y = design.post_in_window_mm
+    below_mm = skin.thickness_mm - skin.protrusion_mm
+    block = cuboid(around(w, h, -skin.thickness_mm, 0.0))
+    block = block.faces(">Z").edges().fillet(skin.edge_fillet_mm)
+    if x == 0 or below_mm == 0:
+        return block.val()
+    # One millimetre longer on the three outer sides, so that no face of the cutter coincides.
+    corners = [(sx * (w - (x - 1) / 2), sy * (h - (y - 1) / 2)) for sx in (-1, 1) for sy in (-1, 1)]
+    notches = cq.Workplane().workplane(offset=-skin.thickness_mm - 1).pushPoints(corners)
+    return block.cut(notches.rect(x + 1, y + 1).extrude(below_mm + 1)).val()
+
+
+def skin_rules(d: Design) -> Iterator[Rule]:
+    """The camera's picture ends within the face: there is nothing to see beside it."""
+    for view_mm, px, side in zip(
+        d.optics.view_mm, ("width", "height"), ("width", "length"), strict=True
+    ):
+        view = Quantity(f"view (optics.image_{px}_px x mm_per_px)", view_mm)
+        yield view.at_most(f"skin.{side}_mm", getattr(d.skin, f"{side}_mm"))
+
+
+def skin_note(d: Design) -> str:
+    """How much silicone one takes."""
+    return f"{d.skin_volume_mm3 / 1000:.2f} cm³ each; see Solaris"
+
+
 PARTS = (
     FRAME,
     replace(
@@ -163,9 +200,23 @@ PARTS = (
         explode_mm=0.0,
         rules=nothing,
         fits=nothing,
-        bound_by=("skin-frame",),
         in_view=False,
         note="for the chessboard; cast with a clear skin, no film, no coats",
         look_for="as the skin frame",
+    ),
+    Part(
+        "skin",
+        "Solaris silicone, Shore 15A, clear, 1:1",
+        "cast in the mold",
+        skin_build,
+        skin_box,
+        explode_mm=46,
+        colour=CLEAR,
+        sections=("skin", "frame", "screw", "shell"),
+        derived=("post_in_window_mm",),
+        rules=skin_rules,
+        note=skin_note,
+        how="cast in its frame, step D",
+        look_for="clear, dry, bonded to the acrylic",
     ),
 )

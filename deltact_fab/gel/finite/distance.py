@@ -29,7 +29,7 @@ from ...shapes import (
     TurnedTip,
 )
 from ...shapes.bounded import ShapeError
-from ...shapes.posed import PlainTip
+from ...shapes.rigid import PlainTip
 from ...shapes.turned import ProfilePiece
 
 _TINY = 1e-12

@@ -12,7 +12,7 @@ from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
-from ...shapes.posed import edge_radius_mm
+from ...shapes.rigid import edge_radius_mm
 from ..level import Choice, GelContact, IncrementDiagnostics, Reach, State
 from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, hermite, inside, means, measured
 from .distance import gap

@@ -12,7 +12,7 @@ from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
-from ...shapes.posed import edge_radius_mm
+from ...shapes.rigid import edge_radius_mm
 from ..level import IncrementDiagnostics
 from . import newton
 from .assembly import BulkAssembly, Pattern

@@ -1,4 +1,14 @@
-"""The plate on the stage's table that the testing shell stands on.
+"""The testing shell: the shell with two table tabs in place of the mount, one on each x side.
+
+Seen along -y:
+
+        +-------------------+
+        |       shell       |
+    +---+                   +---+     the tabs' undersides lie in the plane of the sensor's back:
+    |tab|                   |tab|     they are screwed to the table with the cover on it
+    +---+-------------------+---+
+
+The plate on the stage's table that the testing shell stands on.
 
 Seen along -z:  +--------------------------+
                 | (=)                  (=) |    slots for the table's screws, along x
@@ -20,14 +30,81 @@ from collections.abc import Iterator
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of
-from ..fit import Length, PlayFit
-from ..kernel import Shape, require
-from ..part import MACHINED, STEEL, Part
-from ..rule import Quantity, Rule
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, shown, x_of
+from ..kernel import Shape, Workplane, cuboid, cylinders, require
+from ..part import BLACK, MACHINED, PRINT, RESIN, STEEL, Part, PrintPose
+from ..rule import Length, PlayFit, Quantity, Rule
 from ..solid_gate import Box, around
 from ..standards import PITCH_MM
-from .solids import cuboid, cylinders
+from . import shell
+from .mount import boss_room
+
+
+def testing_box(design: Design) -> Box:
+    """Shell and tabs."""
+    x, y = (side / 2 for side in design.frame_outer_mm)
+    return around(x + design.table.tab_mm, y, design.z_back_mm, design.z_joint_mm)
+
+
+def testing_build(design: Design) -> Shape:
+    """The shell with two table tabs in place of the mount, one solid in the sensor frame."""
+    return shell.body(design).union(_tab(design, -1)).union(_tab(design, 1)).val()
+
+
+def _tab(design: Design, side: int) -> Workplane:
+    """One tab at +x (side 1) or -x (-1); it touches the wall and clears floor and bosses."""
+    table, fit = design.table, design.cover.fit_mm
+    face = design.frame_outer_mm[0] / 2
+    half, back = table.width_mm / 2, design.z_back_mm
+
+    def bar(near: float, far: float, y: float, low: float, high: float) -> Workplane:
+        x = sorted((side * near, side * far))
+        return cuboid(((x[0], -y, low), (x[1], y, high)))
+
+    tab = bar(face, face + table.tab_mm, half, back, back + table.height_mm)
+    tab = tab.cut(bar(face - 1, face + fit, half + 1, back - 1, design.z_floor_mm))
+    tab = tab.cut(boss_room(design))
+    at = [(x, y) for x, y in tab_centres_mm(design) if x * side > 0]
+    return tab.cut(cylinders(at, table.hole_mm, back - 1, table.height_mm + 2))
+
+
+def testing_rules(d: Design) -> Iterator[Rule]:
+    """Tabs around their holes, and higher than the cover."""
+    table = d.table
+    around = table.hole_mm + 2 * table.edge_mm
+    yield Quantity("table: hole + 2 edge_mm", around).at_most("tab_mm", table.tab_mm)
+    yield Quantity("table: pitch + hole + 2 edge_mm", table.hole_pitch_mm + around).at_most(
+        "width_mm", table.width_mm
+    )
+    yield Quantity("table: width_mm", table.width_mm).at_most("outer y", d.frame_outer_mm[1])
+    yield Quantity("cover + 2", d.cover.floor_mm + 2.0).at_most("table.height_mm", table.height_mm)
+    yield Quantity("table.height_mm", table.height_mm).at_most(
+        "cover and shell", d.z_joint_mm - d.z_back_mm
+    )
+
+
+def testing_fits(d: Design) -> Iterator[PlayFit]:
+    """The cover between the tabs."""
+    between = d.resin_printer.inner(d.frame_outer_mm[0] + 2 * d.cover.fit_mm)
+    cover = d.resin_printer.outer(d.frame_outer_mm[0])
+    parts = "testing-shell, cover"
+    yield PlayFit("cover between the tabs", parts, (between,), (cover,))
+
+
+def testing_callouts(d: Design) -> Callouts:
+    """The shell with its two table tabs."""
+    notes = (
+        f"Walls {shown(d.shell.wall_mm)} all around. Tabs clear the cover by "
+        f"{shown(d.cover.fit_mm)}.",
+        f"Undersides of both tabs level and flat: they stand on the table. {SQUARE_EDGES}",
+    )
+    ox = d.frame_outer_mm[0] / 2
+    lengths = (*shell.body_lengths(d), x_of(-ox, ox, fitted=False))
+    return Callouts(
+        lengths, fitted=(d.screw.row.clearance_mm,), notes=notes,
+        cut=Cut(0.0),
+    )  # fmt: skip
+
 
 KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
 
@@ -62,13 +139,13 @@ def tab_centres_mm(design: Design) -> list[Point2]:
     return [(sx * x, sy * y) for sy in (-1, 1) for sx in (-1, 1)]
 
 
-def box(design: Design) -> Box:
+def plate_box(design: Design) -> Box:
     """The plate; its top is the sensor's back."""
     (x, y), z = sides_mm(design), design.z_back_mm
     return around(x / 2, y / 2, z - design.stage_plate.thickness_mm, z)
 
 
-def build(design: Design) -> Shape:
+def plate_build(design: Design) -> Shape:
     """The plate as one solid in the sensor frame."""
     cq = require()
     plate = design.stage_plate
@@ -76,21 +153,21 @@ def build(design: Design) -> Shape:
     drills = cylinders(tab_centres_mm(design), plate.thread_hole_mm, low - 1, high + 2)
     slots = cq.Workplane(origin=(0, 0, low - 1)).pushPoints(slot_centres_mm(design))
     slots = slots.slot2D(plate.slot_length_mm, plate.slot_mm)
-    return cuboid(box(design)).cut(drills).cut(slots.extrude(high + 2)).val()
+    return cuboid(plate_box(design)).cut(drills).cut(slots.extrude(high + 2)).val()
 
 
 DRILL_MM = 0.1
 """What a drilled or milled hole comes out over its nominal, at most (assumed)."""
 
 
-def rules(d: Design) -> Iterator[Rule]:
+def plate_rules(d: Design) -> Iterator[Rule]:
     """Thread enough for the tabs' screws: one diameter of it in aluminium."""
     screw_mm = float(d.table.screw.removeprefix("M"))
     thick = d.stage_plate.thickness_mm
     yield Quantity(f"thread {d.table.screw}", screw_mm).at_most("stage_plate.thickness_mm", thick)
 
 
-def fits(d: Design) -> Iterator[PlayFit]:
+def plate_fits(d: Design) -> Iterator[PlayFit]:
     """Screws through the slots, and threads that are neither stripped nor too tight for the tap."""
     plate, part, screw = d.stage_plate, "stage-plate", d.table.screw
     off = DRILL_MM / 2
@@ -103,7 +180,7 @@ def fits(d: Design) -> Iterator[PlayFit]:
     yield PlayFit(f"{screw} can be tapped", part, (core,), (Length(major - depth),))
 
 
-def callouts(d: Design) -> Callouts:
+def plate_callouts(d: Design) -> Callouts:
     """Outline, slots and threads."""
     fx, fy = (side / 2 for side in d.frame_outer_mm)
     slot, half = slot_pitch_mm(d)[0] / 2, d.stage_plate.slot_travel_mm / 2
@@ -120,7 +197,7 @@ def callouts(d: Design) -> Callouts:
     return Callouts((travel,), rounds, notes=notes, axes=axes, rests_on=KEYS)
 
 
-def note(d: Design) -> str:
+def plate_note(d: Design) -> str:
     """What goes with it."""
     length = d.table.height_mm + d.stage_plate.thickness_mm
     return f"four {d.table.screw} into its threads, {length:g} mm at most; four M6 into the table"
@@ -128,21 +205,43 @@ def note(d: Design) -> str:
 
 PARTS = (
     Part(
+        "testing-shell",
+        f"{RESIN}, black",
+        PRINT,
+        testing_build,
+        testing_box,
+        group="bench",
+        colour=BLACK,
+        sections=("shell", "cover", "table", "screw", "skin", "frame"),
+        derived=(
+            "frame_outer_mm", "cavity_half_mm", "post_mm", "post_edge_mm", "boss_room_mm",
+            "ledge_half_mm", "ledge_reach_mm", "screw_at_mm", "screw_centres_mm", "shell_depth_mm",
+            "z_joint_mm", "z_boss_mm", "z_floor_mm", "z_back_mm",
+        ),
+        rules=testing_rules,
+        fits=testing_fits,
+        wall_keys=("shell.wall_mm",),
+        callouts=testing_callouts,
+        note="in place of the shell; {d.table.screw} screws into the table",
+        lies=PrintPose(face="back", tilt_deg=20, supports="outside only"),
+        look_for="as the shell; tabs flat on the table",
+    ),
+    Part(
         "stage-plate",
         "aluminium, EN AW-6082",
         MACHINED,
-        build,
-        box,
+        plate_build,
+        plate_box,
         group="bench",
         explode_mm=-40.0,
         colour=STEEL,
         sections=("stage_plate", "table", "frame"),
         derived=("frame_outer_mm", "z_front_mm", "z_back_mm"),
-        rules=rules,
-        fits=fits,
-        callouts=callouts,
-        note=note,
+        rules=plate_rules,
+        fits=plate_fits,
+        callouts=plate_callouts,
+        note=plate_note,
         how="milled or cut from sheet, four holes tapped",
         look_for="flat; the testing shell's tabs meet the threads",
     ),
-)
+)  # fmt: skip

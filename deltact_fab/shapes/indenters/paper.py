@@ -1,4 +1,5 @@
-"""The five indenters of the paper's pattern selection (Fig. 4c), and the pair that its text names.
+"""The five indenters of the paper's pattern selection (Fig. 4c), the pair that its text names, and
+what it reconstructs beside the sphere: cylinder, ring, toy hat.
 
 The paper gives no dimension. The defaults keep the longest side of the footprint at 9 mm, so that a
 shear of 10 mm each way stays on the skin of 36 x 34 mm, and give sharp edges the small radius of a
@@ -10,6 +11,7 @@ from __future__ import annotations
 from ..prism import PrismTip
 from ..rigid import Indenter
 from ..tips import EllipsoidTip, RidgeTip, SphereTip
+from ..turned import TurnedTip
 
 
 def four_dots(scale: float) -> Indenter:
@@ -55,6 +57,22 @@ def star(scale: float) -> Indenter:
     return Indenter("star", (PrismTip(0.0, 0.0, 5, 4.5 * scale, 2.25 * scale, **radii),))
 
 
+def cylinder(scale: float) -> Indenter:
+    """An upright cylinder with a flat end, its edge rounded."""
+    return Indenter("cylinder", (TurnedTip.cylinder(4.5 * scale, edge_mm=0.3),))
+
+
+def ring(scale: float) -> Indenter:
+    """A ring lying flat, half its round section out of a tube."""
+    return Indenter("ring", (TurnedTip.ring(4.5 * scale, 1.5 * scale),))
+
+
+def hat(scale: float) -> Indenter:
+    """A toy hat, crown first; see TurnedTip.hat for its dimensions."""
+    tip = TurnedTip.hat(4.5 * scale, 2.475 * scale, 2.7 * scale, flank_deg=60.0, edge_mm=0.3)
+    return Indenter("hat", (tip,))
+
+
 SHAPES = {
     "4dots": four_dots,
     "2dots": two_dots,
@@ -62,4 +80,7 @@ SHAPES = {
     "ellipsoid": ellipsoid,
     "hexprism": hexprism,
     "star": star,
+    "cylinder": cylinder,
+    "ring": ring,
+    "hat": hat,
 }

@@ -1,0 +1,199 @@
+"""What arithmetic on the dimensions tells, without a solid and so however much else fails.
+
+Inequalities, fits at the limits of what made the parts, the light, the plate under a press.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..dimensions import Design
+from ..feasibility import rules as all_rules
+from ..part import PRINT
+from ..parts.light_holder import below_plate, led_turns
+from ..registry import of_design
+from ..rule import Rule, first_of
+from ..stiffness import bend, plate_of, press
+from .row import Row, at_least
+
+LEAST_MA = 1.0  # a camera makes up for half of the paper's circuit, 2.1 mA at its least: one stop
+HEAT_SHARE = 0.5  # half of its rating keeps a resistor cool enough to touch
+EVEN_SHARE = 0.6  # least over mean, as EN 12464-1 has it for a place of reading
+RESTS_ON = ("supply_tolerance", "strip_resistor_ohm", "led_v", "led_spread_v")
+GEL = "plate.spread_mm"
+SOFT = (GEL, "plate.youngs_modulus_mpa", "plate.bead_modulus_mpa")
+
+
+def inequalities(design: Design) -> Iterator[Row]:
+    """A part's rules: how many hold, and the tightest one; or those that fail."""
+    groups: dict[str, list[Rule]] = {}
+    for rule in all_rules(design):
+        groups.setdefault(rule.part, []).append(rule)
+    for part, rules in groups.items():
+        broken = [rule.text for rule in rules if not rule.holds]
+        found = f"{len(rules)} of {len(rules)} hold, closest: {min(rules, key=_margin).text}"
+        if broken:
+            found = f"{len(broken)} of {len(rules)} fail: {first_of(broken, '; ')}"
+        rests_on = tuple(dict.fromkeys(key for rule in rules for key in rule.rests_on))
+        left = min(
+            rule.right.value - rule.left.value - (0.0 if rule.holds else 1e-6) for rule in rules
+        )
+        yield Row("inequalities", part, found, "all hold", not broken, rests_on, left)
+
+
+def _margin(rule: Rule) -> float:
+    """What is left between both sides, as a share of the larger one."""
+    left, right = rule.left.value, rule.right.value
+    return (right - left) / max(abs(left), abs(right), 1e-9)
+
+
+def fits(design: Design) -> Iterator[Row]:
+    """Each mating pair: least and most play, every length at its worst."""
+    for part in of_design(design):
+        for fit in part.fits(design):
+            low, high = fit.range_mm
+            limit = f">= {fit.least_mm:g} mm"
+            found = f"{fit.name}: {round(low, 3) + 0.0:.3f} to {high:.3f} mm"
+            left = low - fit.least_mm
+            yield Row("fit at its limits", fit.parts, found, limit, fit.holds, fit.rests_on, left)
+
+
+def platform(design: Design) -> Iterator[Row]:
+    """The printed part that leaves least room, as it lies or turned by a right angle in plan."""
+    printer = design.resin_printer
+    room = [*sorted((printer.bed_x_mm, printer.bed_y_mm), reverse=True), printer.bed_z_mm]
+    sides = {}
+    for part in of_design(design):
+        if part.process == PRINT:
+            low, high = part.box(part.source(design))
+            x, y, z = part.lies.size_mm(low, high)
+            sides[part.name] = [max(x, y), min(x, y), z]
+    left = {
+        name: min(r - s for r, s in zip(room, size, strict=True)) for name, size in sides.items()
+    }
+    keys = tuple(f"resin_printer.bed_{axis}_mm" for axis in "xyz")
+    limit = f"<= {_by(room)} mm (resin_printer.bed_x_mm, bed_y_mm, bed_z_mm)"
+    tight = [name for name in left if left[name] < 0] or [min(left, key=lambda name: left[name])]
+    for name in tight:
+        yield Row("fits the printer", name, f"{_by(sides[name])} mm", limit, left[name] >= 0, keys)
+
+
+def _by(sides_mm: list[float]) -> str:
+    return " x ".join(f"{side:.4g}" for side in sides_mm)
+
+
+def light(design: Design) -> Iterator[Row]:
+    """Most and least of what the supply gives, and the evenness.
+
+    LEDs in parallel are taken to share evenly; one LED's share may differ.
+    """
+    light = design.light
+    at = f"{light.resistor_ohm:g} ohm, {light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"
+    for name, found, limit, margin, rating in (
+        ("LED current", f"{light.chip_most_ma:.2f} mA a chip",
+         f"<= {light.led_limit_ma:g} mA a chip",
+         light.led_limit_ma - light.chip_most_ma, "led_limit_ma"),
+        ("LED current, least", f"{light.least_ma:.2f} mA for all LEDs", f">= {LEAST_MA:g} mA",
+         light.least_ma - LEAST_MA, "led_v"),
+        ("LED resistor", f"{1000 * light.resistor_most_w:.1f} mW",
+         f"<= {1000 * HEAT_SHARE * light.resistor_rating_w:g} mW, half of light.resistor_rating_w",
+         HEAT_SHARE * light.resistor_rating_w - light.resistor_most_w, "resistor_rating_w"),
+        ("LED supply", f"{light.most_ma:.2f} mA", f"<= {light.supply_rating_ma:g} mA",
+         light.supply_rating_ma - light.most_ma, "supply_rating_ma"),
+    ):  # fmt: skip
+        keys = tuple(f"light.{key}" for key in (*RESTS_ON, rating))
+        yield at_least(name, "light-holder", f"{found}, {at}", limit, margin, keys)
+    share = evenness(design)
+    yield at_least(
+        "even light",
+        "light-holder, skin",
+        f"least {share:.2f} of the mean over the view, {light.led_count} LEDs {light.pitch_mm:.1f} "
+        "mm apart",
+        f">= {EVEN_SHARE:g}",
+        share - EVEN_SHARE,
+    )
+
+
+def evenness(design: Design) -> float:
+    """Least over mean illuminance of the face in view.
+
+    Each LED counts as a Lambertian source in the ring's front, in the middle of the channel, that
+    looks at the face: h^2 / d^4. Refraction, walls and what the diffuser spreads along the ring
+    are left out: they make it more even.
+    """
+    x, y = np.meshgrid(*(np.linspace(-side / 2, side / 2, 31) for side in design.optics.view_mm))
+    light = lit(design, x, y)
+    return float(light.min() / light.mean())
+
+
+def lit(
+    design: Design, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], dark: int | None = None
+) -> NDArray[np.float64]:
+    """Illuminance at points of the face, as `evenness` has it; dark: an LED that gives none."""
+    r = (design.strip_radius_mm + design.channel_inner_mm) / 2
+    light = np.zeros_like(x_mm)
+    for led, turn in enumerate(led_turns(design)):
+        away = (x_mm - r * np.cos(turn)) ** 2 + (y_mm - r * np.sin(turn)) ** 2
+        if led != dark:
+            light += design.z_light_mm**2 / (away + design.z_light_mm**2) ** 2
+    return light
+
+
+def bending(design: Design) -> Iterator[Row]:
+    """The plate: its deflection, whether it rests on the light holder, the stress in it, the load.
+
+    The depth that a stage counts includes the plate's deflection; a light holder that bears a press
+    passes it on to the camera's board. The gel spreads no press beyond its own face.
+    """
+    plate, force_n = design.plate, design.plate.force_n
+    found = press(design, force_n)
+    bare = replace(plate_of(design), bead_mm=0.0)
+    of_plate_mm = force_n * bend(bare, plate.spread_mm).deflection_mm
+    bead_mm = found.deflection_mm - of_plate_mm
+    limit_mm = plate.deflection_share * plate.depth_mm
+    room_mm = below_plate(design).range_mm[0]
+    face_mm = min(design.skin.width_mm, design.skin.length_mm)
+
+    over_mm = found.over_ring_mm
+    rests_n = force_n * max(room_mm, 0.0) / over_mm if over_mm > 0 else math.inf
+
+    def row(name: str, found: str, passed: bool, limit: str, *keys: str) -> Row:
+        return Row(name, "acrylic", found, limit, passed, keys)
+
+    yield row(
+        "plate deflection",
+        f"{found.deflection_mm:.3f} mm under {force_n:g} N, {bead_mm:.3f} of it the bead: "
+        f"{100 * found.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth",
+        found.deflection_mm <= limit_mm,
+        f"<= {limit_mm:.3g} mm (plate.deflection_share of plate.depth_mm)",
+        *SOFT,
+    )
+    yield row(
+        "plate clear of the light",
+        f"bends {found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
+        f"{rests_n:.0f} N",
+        found.over_ring_mm <= room_mm,
+        f"<= {room_mm:.3g} mm, the least play (light.axial_fit_mm)",
+        *SOFT,
+    )
+    yield row(
+        "plate stress",
+        f"{found.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
+        f"{force_n * plate.stress_limit_mpa / found.stress_mpa:.0f} N",
+        found.stress_mpa <= plate.stress_limit_mpa,
+        f"<= {plate.stress_limit_mpa:g} MPa (plate.stress_limit_mpa)",
+        GEL,
+        "plate.stress_limit_mpa",
+    )
+    yield row(
+        "plate load",
+        f"{force_n:g} N spread on a disc of {plate.spread_mm:g} mm",
+        plate.spread_mm <= face_mm,
+        f"<= {face_mm:g} mm, the face's shorter side (plate.spread_mm)",
+        GEL,
+    )
