@@ -39,7 +39,7 @@ class Motion:
             shift_px = dots.displacement_px[dots.found]
             counts = len(dots.found), len(shift_px)
         else:
-            assert result.observation is not None, "`everything` asks for it"
+            assert result.observation is not None, "`measurement_of` asks for it"
             flow = FaceFlow.of(result.observation, camera, CELL_PX)
             shift_px = flow.shift_mm[flow.known] / np.float32(camera.mm_per_px)
         size = np.hypot(*shift_px.T)

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from .. import catalog, record
 from ..cad.design import load_design
 from ..errors import InputError, RunFailed, did_you_mean
-from ..measure.pipeline import Measurement, everything
+from ..measure.pipeline import Measurement
 from ..measure.pipeline.measurement import Rectifier
 from ..measure.sensor_id import SensorId, read_calibration, read_rest, require_same
+from ..measure.view import SensorView
 from ..optics import Fisheye, FlatField, Rectified, load_camera
 from ..rig.camera.model import raw_size_px
 from ..rig.interface import CameraFrame
@@ -195,7 +196,9 @@ def measurement_of(
     present = SensorId.of(known.camera, known.recipe, known.design, known.serial)
     for file in files:  # more is known here than a camera, which Measurement looks at
         require_same(read_calibration(file)[0], present, str(file))
-    return everything(known.camera, known.skin, files, show, rest=accepted_rest(known))
+    view = SensorView(known.camera, known.skin or SkinDimensions())
+    include = None if show is None else [*show, "observation"]
+    return Measurement(view, include, files, rest=accepted_rest(known))
 
 
 def acceptance_file(serial: str) -> Path:

@@ -15,6 +15,10 @@ from ..optics import CameraModel, axes_mm
 from .flow import FlowObservation, FlowState
 from .flow.fill import filled
 
+EVERY_PX = 8
+"""Between the points on which shape, depth and force rest: depth and contacts rest on cells of a
+millimetre and say no more on finer ones, and the relative depth is smoothed over more than that."""
+
 
 @dataclass(frozen=True)
 class FaceFlow:

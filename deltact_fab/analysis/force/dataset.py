@@ -17,7 +17,7 @@ from ... import cache, record
 from ...aliases import Array, Progress
 from ...errors import InputError, SolverError
 from ...jobs import each
-from ...measure.face import FaceFlow
+from ...measure.face import EVERY_PX, FaceFlow
 from ...measure.force import Features, make_features
 from ...measure.view import SensorView
 from ...record import UNKNOWN, Run
@@ -216,8 +216,8 @@ def points_of(
         wrench -= wrench[(rows["t_press_s"] <= WINDOW_S).to_numpy()].mean(0)
         wrench[:, np.isnan(wrench).all(axis=0)] = 0.0
     sets = [make_features(name, view) for name in names]
-    followed = {every: flows_of(run, press, every) for every in {one.every for one in sets}}
-    flows = next(iter(followed.values())).flows
+    followed = flows_of(run, press, EVERY_PX)
+    flows = followed.flows
     refused = ["" for _ in range(len(rows))]
     for k, flow in enumerate(flows):
         if saturated[k]:
@@ -230,7 +230,7 @@ def points_of(
             refused[k] = f"less than {MIN_COVER:.0%} of the view is known"
     values: dict[str, Array] = {}
     for one in sets:
-        values[one.name], failed = _features(one, view, followed[one.every])
+        values[one.name], failed = _features(one, view, followed)
         for k in failed:
             refused[k] = refused[k] or f"{one.name} found no solution"
     taken = np.array([not why for why in refused])
@@ -266,7 +266,7 @@ def _features(one: Features, view: SensorView, of: PressFlows) -> tuple[Array, l
     key = cache.key(
         type(one).__module__.partition(".")[2],
         of=of.key,
-        every_px=one.every,
+        every_px=EVERY_PX,
         by=one.name,
         view=repr((view.camera.as_dict(), (view.skin, view.poisson) if one.rests_on_gel else ())),
     )

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...aliases import Array, Progress
-from ...measure.face import FaceFlow
+from ...measure.face import EVERY_PX, FaceFlow
 from ...measure.force.inverse import Inverse
 from ...measure.regression import MIN_PRESSES
 from ...measure.view import SensorView
@@ -78,7 +78,7 @@ def told_gel(
         return None
     rows = np.unique(np.linspace(0, len(data) - 1, min(FRAMES, len(data))).astype(int))
     some = replace(data, points=data.points.iloc[rows], wrench=data.wrench[rows])
-    flows = [flow for *_, flow in point_flows(runs, some, Inverse.every)]
+    flows = [flow for *_, flow in point_flows(runs, some, EVERY_PX)]
     return search(view, errors_of(flows, some), progress)
 
 

@@ -20,7 +20,7 @@ from ...elasticity.cells import FaceCells
 from ...optics import CameraModel, axes_mm
 from ..face import FaceFlow, whole
 from ..view import SensorView
-from .wrench import TractionField
+from .model import TractionField
 
 STEP_MM = 1e-3
 

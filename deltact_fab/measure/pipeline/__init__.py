@@ -1,16 +1,7 @@
 """The measurement as a robot calls it: images in; flow, shape, force and contact out."""
 
-from .measurement import MarkerMeasurement, Measurement, everything
+from .measurement import MarkerMeasurement, Measurement
+from .outputs import OUTPUTS, Result
 from .pipeline import Pipeline
-from .plan import OUTPUTS, Calibration
-from .result import Result
 
-__all__ = [
-    "OUTPUTS",
-    "Calibration",
-    "MarkerMeasurement",
-    "Measurement",
-    "Pipeline",
-    "Result",
-    "everything",
-]
+__all__ = ["OUTPUTS", "MarkerMeasurement", "Measurement", "Pipeline", "Result"]

@@ -14,16 +14,13 @@ import numpy as np
 from ...aliases import Array
 from ...errors import InputError
 from ...optics import CameraModel, Rectified
-from ...shapes import SkinDimensions
 from ..compose import sample
 from ..dots import DotTracker
 from ..flow import FlowTracker, PreparedImage, Sampled, named_tracker, to_gray
 from ..flow.fused import to_half
-from ..force import LocalFeatures, features_of
 from ..health import Health
 from ..view import SensorView
-from .plan import Calibrated, Calibration, Plan
-from .result import Result
+from .outputs import CalibratedSensor, Calibration, Result
 
 
 class Rectifier:
@@ -93,12 +90,13 @@ class ImageTask:
 class Measurement:
     """Measures a sequence of images of one sensor.
 
-    view: of the sensor; for the output "flow" its rectified camera does. include: outputs, see
-    `OUTPUTS`; only what they need is run. calibrations: what the outputs need of them, at most one
-    a kind. every: px between the points of the flow that is given out, 2, 4, 8 ... flow: the
-    tracker, by the names of `named_tracker`. rest: the face untouched, as it is tracked, for the
-    state of health where no calibration keeps one. Raises InputError for unknown names and for a
-    calibration that is missing, given twice or another sensor's.
+    view: of the sensor; for the output "flow" its rectified camera does, and a calibration of force
+    brings its own gel. include: outputs, see `OUTPUTS`, None: all that the calibrations allow; only
+    what they need is run. calibrations: what the outputs need of them, at most one a kind. every:
+    px between the points of the flow that is given out, 2, 4, 8 ... flow: the tracker, by the names
+    of `named_tracker`. rest: the face untouched, as it is tracked, for the state of health where no
+    calibration keeps one. Raises InputError for unknown names and for a calibration that is
+    missing, given twice or another sensor's.
 
     The first image is the reference that all motion is counted from.
     """
@@ -106,27 +104,23 @@ class Measurement:
     def __init__(
         self,
         view: SensorView | CameraModel,
-        include: Sequence[str] = ("flow",),
+        include: Sequence[str] | None = ("flow",),
         calibrations: Sequence[Calibration] = (),
         *,
         every: int = 2,
         flow: str = "fused",
         rest: Array | None = None,
     ) -> None:
-        self._calibrated = Calibrated.of(view, calibrations, rest)
-        self.view, self.include = self._calibrated.view, tuple(include)
-        self._flow = flow
-        self._plan = Plan(self.include, self._calibrated, every)
+        self._sensor = CalibratedSensor(view, calibrations, rest)
+        self.view, self.include = self._sensor.view, tuple(include or ())
+        if include is None:
+            self.include = self._sensor.allowed
+        self._flow, self._every = flow, every
+        self._sensor.prepare(self.include)
         self._rectify = Rectifier(self.view.camera)
         self._lock = Lock()
         self._busy = False
         self.reset()
-
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """What is run for each image, in this order."""
-        first = ("rectify",) if isinstance(self.view.camera, Rectified) else ()
-        return (*first, "prepare", "follow", "judge", *self._plan.stages)
 
     def rectified(self, image: Array) -> Array:
         """The whole of an image as it is tracked. Raises InputError for another size."""
@@ -183,7 +177,7 @@ class Measurement:
         anchored = tracker.reference == "anchored"
         ready = tracker.prepare((rectify.sampled if anchored else rectify.view)(image))
         if not since.begun:
-            since.health, since.begun = self._calibrated.health(rectify.view(image)), True
+            since.health, since.begun = self._sensor.health(rectify.view(image)), True
         return ready
 
     def _follow(self, job: ImageTask) -> None:
@@ -193,8 +187,7 @@ class Measurement:
     def _finish(self, job: ImageTask) -> None:
         seen = job.since.tracker.judge(*job.made)
         job.made = ()
-        made = self._plan.run(seen)
-        outputs = {name: made[source] for name, source in self._plan.sources.items()}
+        outputs = self._sensor.outputs(self.include, seen, self._every)
         job.result = Result(
             seen.diagnostics.frame,
             job.t_s,
@@ -214,11 +207,6 @@ class MarkerMeasurement(Measurement):
 
     def __init__(self, camera: CameraModel) -> None:
         super().__init__(camera, ())
-
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """As Measurement."""
-        return ("markers",)
 
     def steps(self) -> tuple[Step, ...]:
         """As Measurement; one part."""
@@ -241,28 +229,3 @@ class MarkerMeasurement(Measurement):
         age_ms = (time.monotonic() - job.t_s) * 1e3
         job.result = Result(since.count, job.t_s, age_ms, held, held >= TRUSTED_SHARE, markers=seen)
         since.count += 1
-
-
-def everything(
-    camera: CameraModel,
-    skin: SkinDimensions | None = None,
-    calibrations: Sequence[Calibration] = (),
-    show: Sequence[str] | None = None,
-    **options: Any,
-) -> Measurement:
-    """Of the outputs named in `show`, else of all, and of what is tracked in any case.
-
-    skin: of the sensor, where it is known; a calibration of force brings its own view. options: as
-    of Measurement, which says what is raised.
-    """
-    known = Calibrated.of(camera, calibrations)
-    view: SensorView | CameraModel = SensorView(camera, skin or SkinDimensions())
-    include = ["flow", "shape"]
-    include += ["contacts"] if known.depth is not None else []
-    if known.force is not None:
-        view = camera
-        include.append("force")
-        if isinstance(features_of(known.force, known.view, "force model"), LocalFeatures):
-            include.append("traction")
-    wanted = dict.fromkeys([*(show or include), "observation"])
-    return Measurement(view, tuple(wanted), calibrations, **options)

@@ -10,7 +10,7 @@ from typing import Literal
 
 from ...aliases import Array
 from .measurement import ImageTask, Measurement, Step
-from .result import Result
+from .outputs import Result
 
 Policy = Literal["every", "newest"]
 _Belt = Queue[ImageTask | None]  # None: nothing more will come

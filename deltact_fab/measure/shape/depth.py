@@ -88,10 +88,10 @@ class DepthFinder:
         self.view, self.model = model.view(view), model
         self.inverse = inverse_for(self.view)
 
-    def of(self, flow: FaceFlow, press: TractionField | None = None) -> Depth:
-        """press: what the inverse found of this flow, where it was asked already."""
+    def of(self, flow: FaceFlow) -> Depth:
+        """Of a flow, in mm."""
         flow = whole(flow)
-        press = press or self.inverse.of(flow)
+        press = self.inverse.of(flow)
         depth = np.maximum(np.float32(self.model.gain) * self.found_mm(flow, press), 0)
         beyond = float(depth.max()) > BEYOND * self.model.deepest_mm
         return Depth(depth, flow.known, flow.x_mm, flow.y_mm, press.cover, beyond)
