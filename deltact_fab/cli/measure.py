@@ -114,7 +114,7 @@ def measure(
         def tell(health: str, unfit: str = "") -> None:
             click.echo(health, err=True)
             if page is not None:
-                page.tell(health, unfit)
+                page.health, page.unfit = health, unfit
 
         if lines := told_once(session):
             tell("\n".join(lines))
@@ -129,18 +129,18 @@ def measure(
 
 def _run(session: Session, outputs: list[Output], stay: bool) -> int:
     """Until the source ends or Ctrl-C; the exit code."""
-    status = INTERRUPTED
+    status, measured = INTERRUPTED, None
     try:
         for measured in session.results():
             for output in outputs:
                 output.show(measured)
         status = 0
         for output in outputs:
-            output.end("ended")
+            output.end("ended", measured)
         while stay:  # the page, with the last result
             time.sleep(1)
     except KeyboardInterrupt:
         if status:
             for output in outputs:
-                output.end("stopped")
+                output.end("stopped", measured)
     return status

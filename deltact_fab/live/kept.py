@@ -51,7 +51,7 @@ class KeptFolder(Output):
         self._add([column.name for column in COLUMNS])
 
     def show(self, measured: MeasuredImage) -> None:
-        """As Output. Raises RunFailed when the disk refuses."""
+        """Raises RunFailed when the disk refuses."""
         name = f"{measured.given.frame:06d}"
         fields, shown = f"fields/{name}.npz", f"pictures/{name}.png" if self._pictures else ""
         with disk_errors(self._folder):

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import IO
 
 from . import picture
 from .formatting import as_dict, line
-from .page import LivePage, PageResult
+from .page import LivePage
 from .session import MeasuredImage, Session
 from .source import Source
 
@@ -21,52 +20,45 @@ WINDOW_S = 30.0
 """Of time that the page draws of a live source; of others all that it has."""
 
 
-class Output(ABC):
+class Output:
     """Takes results one after another."""
 
-    @abstractmethod
     def show(self, measured: MeasuredImage) -> None:
         """One more. Raises BrokenPipeError when nobody reads any longer."""
 
-    def end(self, why: str) -> None:  # noqa: B027 - most have nothing to say
-        """There will be no more."""
+    def end(self, why: str, last: MeasuredImage | None) -> None:
+        """There will be no more; last: the last one."""
 
 
+@dataclass
 class StatusLine(Output):
     """One line that changes on a terminal; elsewhere one every few seconds, and the last one."""
 
-    def __init__(self, to: IO[str], simulated: str | None) -> None:
-        self._to = to
-        self._simulated = simulated
-        self._live = to.isatty()
-        self._next_s = 0.0
-        self._last: MeasuredImage | None = None
-        self._written: MeasuredImage | None = None
+    to: IO[str]
+    simulated: str | None
+    next_s: float = 0.0
+    written: MeasuredImage | None = None
 
     def show(self, measured: MeasuredImage) -> None:
-        """As Output."""
-        now_s = time.monotonic()
-        self._last = measured
-        if now_s >= self._next_s:
-            self._next_s = now_s + (TERMINAL_S if self._live else PIPED_S)
+        if (now_s := time.monotonic()) >= self.next_s:
+            self.next_s = now_s + (TERMINAL_S if self.to.isatty() else PIPED_S)
             self._write(measured)
 
-    def end(self, why: str) -> None:
-        """As Output: the last result, and why there are no more."""
-        if (last := self._last) is not None:
-            if last is not self._written:
+    def end(self, why: str, last: MeasuredImage | None) -> None:
+        if last is not None:
+            if last is not self.written:
                 self._write(last)
-            before = "\n" if self._live else ""
-            origin = f" ({self._simulated})" if self._simulated else ""
-            self._to.write(f"{before}{why} after {last.given.frame + 1} images{origin}\n")
-            self._to.flush()
+            before = "\n" if self.to.isatty() else ""
+            origin = f" ({self.simulated})" if self.simulated else ""
+            self.to.write(f"{before}{why} after {last.given.frame + 1} images{origin}\n")
+            self.to.flush()
 
     def _write(self, measured: MeasuredImage) -> None:
         # Back to the line's start, and what is left of a longer one erased.
         text = line(measured)
-        self._to.write(f"\r{text}\x1b[K" if self._live else f"{text}\n")
-        self._to.flush()
-        self._written = measured
+        self.to.write(f"\r{text}\x1b[K" if self.to.isatty() else f"{text}\n")
+        self.to.flush()
+        self.written = measured
 
 
 @dataclass
@@ -77,7 +69,6 @@ class JsonLines(Output):
     simulated: str | None
 
     def show(self, measured: MeasuredImage) -> None:
-        """As Output."""
         told = as_dict(measured)
         if self.simulated is not None:
             told["simulated"] = self.simulated
@@ -91,17 +82,11 @@ class Summary(Output):
 
     to: Callable[[object], None]
     simulated: str | None
-    last: MeasuredImage | None = None
 
-    def show(self, measured: MeasuredImage) -> None:
-        """As Output."""
-        self.last = measured
-
-    def end(self, why: str) -> None:
-        """As Output."""
-        images = 0 if self.last is None else self.last.given.frame + 1
-        last = None if self.last is None else as_dict(self.last)
-        self.to({"ended": why, "images": images, "simulated": self.simulated, "last": last})
+    def end(self, why: str, last: MeasuredImage | None) -> None:
+        images = 0 if last is None else last.given.frame + 1
+        told = None if last is None else as_dict(last)
+        self.to({"ended": why, "images": images, "simulated": self.simulated, "last": told})
 
 
 @dataclass
@@ -112,20 +97,15 @@ class PageOutput(Output):
     page: LivePage
 
     def show(self, measured: MeasuredImage) -> None:
-        """As Output; the work is done by the threads of the browsers."""
         session = self.session
+        self.page.show(
+            lambda: picture.data(measured, session.view),
+            lambda: picture.image(measured, session.rectified(measured.given.image)),
+            picture.point(measured),
+        )
 
-        def data() -> dict[str, object]:
-            return picture.data(measured, session.view)
-
-        def image() -> picture.Array:
-            return picture.image(measured, session.rectified(measured.given.image))
-
-        self.page.show(PageResult(data, image), picture.point(measured))
-
-    def end(self, why: str) -> None:
-        """As Output."""
-        self.page.end(why)
+    def end(self, why: str, last: MeasuredImage | None) -> None:
+        self.page.ended = why
 
 
 @dataclass
@@ -135,7 +115,6 @@ class HealthOutput(Output):
     tell: Callable[[str, str], None]
 
     def show(self, measured: MeasuredImage) -> None:
-        """As Output."""
         found = measured.result.health
         if measured.result.frame == 0 and found is not None:
             self.tell(f"state of health: {found.line}", "; ".join(found.reasons))

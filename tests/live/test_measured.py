@@ -45,7 +45,7 @@ def test_each_output_says_force_contacts_and_health(results: list[MeasuredImage]
     for output in outputs:
         for m in results:
             output.show(m)
-        output.end("ended")
+        output.end("ended", results[-1])
     rows = [json.loads(line) for line in program.getvalue().splitlines()]
     normal = [-row["force_n"][2] for row in rows]
     assert normal[0] == pytest.approx(0, abs=0.02)
