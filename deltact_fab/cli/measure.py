@@ -74,10 +74,10 @@ def measure(
         raise click.UsageError("--jsonl, --json: one of them, as both write to stdout")
     import cv2
 
-    from ..live import open_session, told_once
     from ..live.kept import KeptFolder, require_new
     from ..live.outputs import HealthOutput, JsonLines, PageOutput, StatusLine, Summary, about
     from ..live.page import LivePage
+    from ..live.session import open_session, told_once
 
     cv2.setNumThreads(1)  # the flow depends on their number, and more bring nothing
     if out is not None:

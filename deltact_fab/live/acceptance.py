@@ -35,9 +35,8 @@ from ..patterns.recipe import PatternRecipe
 from ..patterns.verify import Image, JudgedRow
 from ..record import encode_png
 from ..version import VERSION
-from .open import images
 from .print_in_view import RIM_PX, PrintInView, aligned, luma
-from .source import KnownSensor, Source
+from .source import KnownSensor, Source, images
 
 FRAMES = 100
 LEAST_FRAMES = 10  # of which noise can be told

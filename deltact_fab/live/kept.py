@@ -16,10 +16,9 @@ from ..files import disk_errors, making, whole, write_whole
 from ..record import encode_png
 from ..version import VERSION
 from . import picture
-from .begin import told_once
+from .formatting import COLUMNS, row_of
 from .outputs import Output
-from .rows import COLUMNS, row_of
-from .session import MeasuredImage, Session
+from .session import MeasuredImage, Session, told_once
 
 
 def require_new(folder: Path) -> None:
@@ -73,7 +72,7 @@ class KeptFolder(Output):
 
 
 def _arrays(m: MeasuredImage) -> Iterator[tuple[str, Array]]:
-    """By the names of `rows.ARRAYS`."""
+    """By the names of `formatting.ARRAYS`."""
     r = m.result
     parts: list[tuple[Any, str, str]] = [(r.markers, "", "position_px displacement_px")]
     if r.flow is None:

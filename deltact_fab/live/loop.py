@@ -10,9 +10,8 @@ import cv2
 
 from ..aliases import Array
 from ..measure.pipeline import Pipeline
-from .begin import open_session
 from .open import known_of, measurement_of, open_source
-from .session import MeasuredImage
+from .session import MeasuredImage, open_session
 
 
 def measure_source(

@@ -9,10 +9,9 @@ import cv2
 import numpy as np
 
 from ..aliases import Array
-from ..measure.face import FaceFlow
+from ..measure.face import EVERY_PX, FaceFlow
 from ..optics import CameraModel
 from .formatting import as_dict
-from .motion import CELL_PX
 from .session import MeasuredImage
 
 ARROW_MM = 1.5
@@ -48,7 +47,7 @@ def data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
     told["contacts"] = told["contacts"] or []
     f, least, arrow = result.flow, MIN_MM, ARROW_MM
     if in_px and result.observation is not None:
-        f, least, arrow = FaceFlow.of(result.observation, camera, CELL_PX), MIN_PX, ARROW_PX
+        f, least, arrow = FaceFlow.of(result.observation, camera, EVERY_PX), MIN_PX, ARROW_PX
     if f is not None:
         for contact in told["contacts"]:
             contact["seen_mm"] = _landed(contact["outline_mm"], f)

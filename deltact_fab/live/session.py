@@ -1,22 +1,29 @@
-"""A source's images through a measurement, with what belongs together kept together."""
+"""From a name to results: a source's images through a measurement, what belongs together together.
+
+What is measured of a source is chosen by what is known of it.
+"""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..measure.pipeline import Measurement, Pipeline, Result
-from ..measure.recognised import SeenPattern
+from ..errors import InputError, did_you_mean
+from ..measure.face import EVERY_PX, FaceFlow
+from ..measure.pipeline import OUTPUTS, MarkerMeasurement, Measurement, Pipeline, Result
+from ..measure.recognised import SeenPattern, recognise
+from ..optics import CameraModel, Pinhole
 from ..rig.interface import CameraFrame
-from .motion import Motion
-from .open import images
-from .source import Source
+from .open import measurement_of, open_source
+from .source import Source, images
 
 RATE_S = 2.0
 """Over so long the rate of results is taken."""
@@ -33,6 +40,38 @@ class SourceImage:
     t_s: float
     image: NDArray[np.uint8]
     given_s: float
+
+
+@dataclass(frozen=True)
+class Motion:
+    """From rest. largest_px, median_px: length of the motion where it is known, None where none is.
+
+    largest_mm: as much on the face, None where its scale is not known: in_px. markers,
+    markers_held: of the first image, and those of them that are found; None of a dense pattern.
+    """
+
+    largest_px: float | None
+    median_px: float | None
+    largest_mm: float | None
+    in_px: bool
+    markers: int | None = None
+    markers_held: int | None = None
+
+    @classmethod
+    def of(cls, result: Result, camera: CameraModel, in_px: bool) -> Motion:
+        """Of a result with "observation", or of markers; camera: of the tracked images."""
+        counts: tuple[int, ...] = ()
+        if (dots := result.markers) is not None:
+            shift_px = dots.displacement_px[dots.found]
+            counts = len(dots.found), len(shift_px)
+        else:
+            assert result.observation is not None, "`measurement_of` asks for it"
+            flow = FaceFlow.of(result.observation, camera, EVERY_PX)
+            shift_px = flow.shift_mm[flow.known] / np.float32(camera.mm_per_px)
+        size = np.hypot(*shift_px.T)
+        most, middle = (float(size.max()), float(np.median(size))) if len(size) else (None, None)
+        mm = None if in_px or most is None else most * camera.mm_per_px
+        return cls(most, middle, mm, in_px, *counts)
 
 
 @dataclass(frozen=True)
@@ -135,3 +174,73 @@ class Session:
         finally:
             self.source.close()
             pipeline.close()
+
+
+def open_session(
+    name: str,
+    camera_file: Path | None = None,
+    calibrations: Sequence[Path] = (),
+    show: Sequence[str] | None = None,
+    *,
+    design: str | None = None,
+    serial: str | None = None,
+    seed: int = 0,
+    mm_per_px: float | None = None,
+    follow_s: float | None = None,
+    most_hz: float | None = None,
+) -> Session:
+    """Open a source; `results` of what is returned measures its images.
+
+    name, camera_file, design, serial, seed, follow_s: as of `open_source`; calibrations, show: of
+    `measurement_of`; most_hz: as of Session. mm_per_px: of the resting face, where no camera is
+    known; with neither, lengths are in pixels. Where the source does not know its pattern and no
+    calibration is given, the first image is waited for, and markers are followed as such. Raises
+    InputError, one line, and what the source raises.
+    """
+    source = open_source(name, camera_file, design, serial, seed, follow_s=follow_s)
+    try:
+        frames, known = images(source), source.known
+        if known.camera is not None and mm_per_px is not None:
+            raise InputError(f"{name}: --mm-per-px: its camera is known, and has the scale")
+        if known.camera is None and calibrations:
+            raise InputError(
+                f"{calibrations[0]}: a calibration holds for the camera that it was made with: "
+                "name that camera's file with --camera"
+            )
+        if known.camera is not None and (calibrations or known.recipe is not None):
+            measurement = measurement_of(known, calibrations, show)
+            return Session(source, measurement, most_hz=most_hz, frames=frames)
+        first = next(frames)
+        if known.camera is None:
+            h, w = first.image.shape[:2]
+            camera = Pinhole(mm_per_px or 1.0, w, h, eye_distance_mm=1e3)  # stands for the lens
+            known = source.known = replace(known, camera=camera, in_px=mm_per_px is None)
+        if known.in_px:
+            if beyond := [one for one in show or () if one not in ("flow", "observation")]:
+                why = "needs a scale: --mm-per-px or --camera"
+                if beyond[0] not in OUTPUTS:
+                    why = f"unknown; {did_you_mean(beyond[0], OUTPUTS)}"
+                raise InputError(f"--show {beyond[0]}: {why}")
+            show = ("observation",)
+        measurement = measurement_of(known, (), show)
+        pattern = recognise(measurement.rectified(first.image))
+        if pattern.kind == "markers" and known.camera is not None:
+            measurement = MarkerMeasurement(known.camera)
+        frames = chain((first,), frames)
+        return Session(source, measurement, most_hz=most_hz, frames=frames, pattern=pattern)
+    except BaseException:
+        source.close()
+        raise
+
+
+def told_once(session: Session) -> list[str]:
+    """What a reader must know of a session's results, a line each."""
+    pattern = session.pattern
+    lines = [pattern.lacks] if pattern is not None and pattern.lacks else []
+    if session.source.known.in_px:
+        lines.append(
+            "in pixels, as no camera is known: --mm-per-px gives lengths on the face in mm; a "
+            "camera file (`deltact-fab calibrate lens`, --camera) takes the lens out, and with it "
+            "calibrations give depth, contacts and force"
+        )
+    return lines

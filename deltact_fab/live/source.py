@@ -1,15 +1,20 @@
-"""The one interface of whatever delivers images."""
+"""Whatever delivers images, and what it knows of the sensor that it shows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from ..errors import InputError, RunFailed
+from ..rig.camera.model import raw_size_px
 from ..rig.interface import CameraFrame
 
 if TYPE_CHECKING:
     from ..optics import CameraModel, FlatField
+    from ..rig.camera.config import CameraConfig
+    from ..rig.camera.files import Images
     from ..shapes.sensor import SkinDimensions
 
 
@@ -35,26 +40,71 @@ class KnownSensor:
     in_px: bool = False
 
 
-NOTHING = KnownSensor()
+@dataclass
+class Source:
+    """Images of one sensor, raw as its camera gives them, with times of one clock.
 
-
-class Source(Protocol):
-    """Images of one sensor, raw as its camera gives them, with times of one clock."""
+    frames: images (h, w, 3) BGR uint8 in order of time, the first at rest; with True only those of
+    a face that nothing touches, as far as the source can tell. It raises InputError or a kind of
+    RunFailed that names the source. live: images come whether they are taken or not: the newest
+    counts, and times are those of `time.monotonic`; else every image counts. close: lets go of
+    device or file, once no frames are read; again does nothing.
+    """
 
     name: str
-    live: bool
-    """Images come whether they are taken or not: the newest counts, and times are those of
-    `time.monotonic`. Else every image counts."""
     known: KnownSensor
+    frames: Callable[[bool], Iterator[CameraFrame]]
+    live: bool = False
+    close: Callable[[], None] = lambda: None
 
-    def frames(self) -> Iterator[CameraFrame]:
-        """Images (h, w, 3) BGR uint8 in order of time; the first is at rest.
 
-        Raises InputError or a kind of RunFailed that names the source.
-        """
+def images(source: Source, rest_only: bool = False) -> Iterator[CameraFrame]:
+    """The frames of an opened source, at least one, all of the size that its camera makes.
 
-    def at_rest(self) -> Iterator[CameraFrame]:
-        """Of `frames`, those of a face that nothing touches, as far as the source can tell."""
+    Of the size of the first, where no one knows the camera. Raises InputError, one line, for
+    another size; else as the source does.
+    """
+    camera = source.known.camera
+    wanted = None if camera is None else raw_size_px(camera)
+    whose = f"camera {'of the design' if source.known.nominal else 'that was calibrated'} makes"
+    k = -1
+    for k, frame in enumerate(source.frames(rest_only)):
+        h, w = frame.image.shape[:2]
+        if wanted is None:
+            wanted, whose = (w, h), "first image has"
+        if (w, h) != wanted:
+            raise InputError(
+                f"{source.name}: image {k} has {w} x {h} px; the {whose} "
+                f"{wanted[0]} x {wanted[1]} px"
+            )
+        yield frame
+    if k < 0:
+        raise RunFailed(f"{source.name}: ended before its first image")
 
-    def close(self) -> None:
-        """Let go of device or file, once `frames` is no longer read; again does nothing."""
+
+def camera_source(config: CameraConfig, folder: Path, known: KnownSensor | None = None) -> Source:
+    """A camera that runs by itself, and does not know what touches the face.
+
+    Raises InputError for one that cannot be opened; frames: SensorError when it stalls or is gone.
+    """
+    from ..rig.camera.open import open_camera
+    from ..rig.clock import WallClock
+
+    camera = open_camera(config, folder, WallClock())
+
+    def frames(_: bool) -> Iterator[CameraFrame]:
+        camera.begin("live")
+        while True:
+            yield camera.capture()
+
+    return Source(config.name, known or KnownSensor(), frames, live=True, close=camera.close)
+
+
+def file_source(images: Images) -> Source:
+    """Images from the disk; times as the file has them."""
+
+    def frames(_: bool) -> Iterator[CameraFrame]:
+        for k, image in enumerate(images.read()):
+            yield CameraFrame(image, k / images.rate_hz, k)
+
+    return Source(images.name, KnownSensor(), frames, close=images.close)

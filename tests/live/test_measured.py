@@ -12,8 +12,7 @@ import pytest
 from deltact_fab import record
 from deltact_fab.analysis.measured import FORCE, calibrations_of, measured
 from deltact_fab.errors import InputError
-from deltact_fab.live import open_source
-from deltact_fab.live.open import measurement_of
+from deltact_fab.live.open import measurement_of, open_source
 from deltact_fab.live.outputs import HealthOutput, JsonLines, StatusLine
 from deltact_fab.live.picture import LOST, data
 from deltact_fab.live.session import MeasuredImage, Session
