@@ -16,7 +16,8 @@ from .output import Answer, answers, columns_of, files_line, progress, save_figu
 
 if TYPE_CHECKING:
     from ..analysis.force import ForceResult
-    from ..measure.lens import Calibration, Checkerboard
+    from ..measure.lens.calibration import Calibration
+    from ..measure.lens.corners import Checkerboard
 
 
 @click.group(
@@ -59,7 +60,7 @@ def lens(
     --design are what is assumed beforehand.
     """
     from ..cad.design import load_design
-    from ..measure.lens import calibrate, flat_field
+    from ..measure.lens.calibration import calibrate, flat_field
 
     wanted = board_named(board, "--board")
     held = None if air_board is None else board_named(air_board, "--air-board")
@@ -79,7 +80,7 @@ def lens(
 
 def board_named(words: str, option: str) -> Checkerboard:
     """A board by its numbers, or the catalogue's chessboard skin."""
-    from ..measure.lens import Checkerboard
+    from ..measure.lens.corners import Checkerboard
     from ..patterns import load_recipe
 
     if words != "skin":

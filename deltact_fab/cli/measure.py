@@ -74,8 +74,16 @@ def measure(
         raise click.UsageError("--jsonl, --json: one of them, as both write to stdout")
     import cv2
 
-    from ..live.kept import KeptFolder, require_new
-    from ..live.outputs import HealthOutput, JsonLines, PageOutput, StatusLine, Summary, about
+    from ..live.outputs import (
+        HealthOutput,
+        JsonLines,
+        KeptFolder,
+        PageOutput,
+        StatusLine,
+        Summary,
+        about,
+        require_new,
+    )
     from ..live.page import LivePage
     from ..live.session import open_session, told_once
 

@@ -22,7 +22,7 @@ from ..optics import Fisheye, FlatField, Rectified, load_camera
 from ..rig.camera.model import raw_size_px
 from ..rig.interface import CameraFrame
 from ..shapes.sensor import SkinDimensions
-from .source import KnownSensor, Source, camera_source, file_source
+from .source import FollowedFolder, KnownSensor, Source, camera_source, file_source
 
 NAMES_A_FILE = re.compile(r"\w[\w.+-]*")  # of a serial number: others are never kept
 
@@ -111,8 +111,6 @@ def _followed(name: str, silence_s: float) -> Source:
     if not folder.is_dir() or (folder / "run.json").is_file():
         wanted = "a folder that images are written into"
         raise InputError(f"{name}: {wanted} is needed with --follow, as RUN/images of a run")
-    from .followed import FollowedFolder
-
     return file_source(FollowedFolder(folder, silence_s))
 
 

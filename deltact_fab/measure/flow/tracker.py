@@ -10,19 +10,18 @@ import numpy as np
 
 from ...aliases import Array
 from ...errors import InputError, SensorError, did_you_mean
-from ..compose import landing_px, sample, shrunk
-from .confidence import TEXTURE_MIN, ConfidenceEstimator
-from .fill import denoised, filled
-from .fused import COARSE, Plane, RefinementReference, Sampled, predict, to_full
-from .method import FUSED, PAPER, FlowMethod
-from .observation import (
+from ..compose import denoised, filled, landing_px, sample, shrunk
+from .confidence import (
+    TEXTURE_MIN,
+    ConfidenceEstimator,
     FlowDiagnostics,
     FlowObservation,
     PreparedImage,
     SequenceTracker,
     TrackedFrame,
 )
-from .renewed import RENEW_SHARE, RenewedTracker
+from .fused import COARSE, Plane, RefinementReference, Sampled, predict, to_full
+from .renewed import FUSED, PAPER, RENEW_SHARE, FlowMethod, RenewedTracker
 
 DARK, BRIGHT = 25, 235  # grey levels: beyond them a pattern has no room
 LOST_SHARE = 0.1

@@ -1,8 +1,7 @@
 """Shape of the contact from the flow: density, relative depth, depth in mm, separate contacts."""
 
-from .contacts import ContactRegion, contact_labels, contacts
 from .density import SIGMA_PX, Density, by_jacobian, relative_depth
-from .depth import Depth, DepthFinder, DepthModel
+from .depth import ContactRegion, Depth, DepthFinder, DepthModel, contact_labels, contacts
 
 __all__ = [
     "SIGMA_PX",
