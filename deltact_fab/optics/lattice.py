@@ -173,19 +173,10 @@ class SeenFace:
     ) -> None:
         self.camera, self.lattice, self.lens = camera, lattice, lens
 
-    def flow_px(self, u_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Projected displacement of what every pixel sees at rest, (h, w, 2) px."""
-        return self.both(u_mm)[0]
-
-    def in_plane_mm(self, u_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """In-plane displacement of what every pixel sees at rest, (h, w, 2) mm: not projected."""
-        u_mm = u_mm[..., :2]
-        return self._grid(u_mm) if self._through is None else self._through.at_rest(u_mm)
-
     def both(self, u_mm: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """`flow_px` and `in_plane_mm`, for little more than the first."""
+        """Motion of what every pixel sees at rest: projected, (h, w, 2) px, and in plane, mm."""
         if self._through is not None:
-            return self._through.flow_px(u_mm), self._through.at_rest(u_mm[..., :2])
+            return self._through.both(u_mm)
         moved_mm = self._grid(u_mm)
         return self.camera.project_px(self._rest_mm + moved_mm) - self._rest_px, moved_mm[..., :2]
 
@@ -235,10 +226,8 @@ class _Through:
         """Points (..., 3) mm, through the lens, to where the view takes them to be (..., 2) px."""
         return self._view.rest_px(self._view.lens.rest_mm(self._lens.project_px(xyz_mm)))
 
-    def flow_px(self, u_mm: NDArray[Any]) -> NDArray[Any]:
-        """Motion (h, w, 2) px of what each pixel sees at rest, from displacements (ny, nx, 3)."""
-        return self._at_seen(self._motion(u_mm)).reshape(self._shape)
-
-    def at_rest(self, u_mm: NDArray[Any]) -> NDArray[Any]:
-        """Displacements (ny, nx, 2) at what each pixel sees at rest, (h, w, 2)."""
-        return self._at_seen(self._motion.displaced(u_mm)).reshape(self._shape)
+    def both(self, u_mm: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """As SeenFace."""
+        parts = self._motion(u_mm), self._motion.displaced(u_mm[..., :2])
+        flow_px, at_rest_mm = (self._at_seen(part).reshape(self._shape) for part in parts)
+        return flow_px, at_rest_mm
