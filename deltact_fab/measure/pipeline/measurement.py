@@ -18,7 +18,7 @@ from ...errors import InputError
 from ...optics import CameraModel, Rectified
 from ..compose import sample
 from ..dots import DotTracker
-from ..flow import FlowTracker, PreparedImage, Sampled, named_tracker, to_gray
+from ..flow import FlowTracker, PreparedImage, Sampled, to_gray
 from ..flow.fused import to_half
 from ..health import Health
 from ..view import SensorView
@@ -29,37 +29,36 @@ class Rectifier:
     """Takes images of one camera, as its lens makes them or rectified already; maps made once."""
 
     def __init__(self, camera: CameraModel) -> None:
-        self._camera = camera
-        self._lens = camera.lens if isinstance(camera, Rectified) else None
-        if isinstance(camera, Rectified):
-            self._maps = camera.maps()
+        raw = camera.lens if isinstance(camera, Rectified) else camera
+        self._raw_px, self._maps = (raw.width_px, raw.height_px), camera.maps()
+        self._view_px = camera.width_px, camera.height_px
+        if self._maps is not None:
             self._nodes_px = to_half(np.stack(self._maps, axis=-1))
 
     def view(self, image: Array) -> Array:
         """The whole rectified image (h, w[, 3]). Raises InputError for a size that is neither."""
-        return np.asarray(self._camera.rectify(image)) if self._is_raw(image) else image  # type: ignore[attr-defined]
+        size = image.shape[1::-1]
+        if size not in (self._raw_px, self._view_px):
+            w, h = self._raw_px
+            lens = "" if self._maps is None else f", the lens makes {w} x {h} px"
+            raise InputError(
+                f"an image of {size[0]} x {size[1]} px; the view has {self._view_px[0]} x "
+                f"{self._view_px[1]} px{lens}"
+            )
+        if self._maps is None or size != self._raw_px:
+            return image
+        return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_CUBIC))
 
     def sampled(self, image: Array) -> Array | Sampled:
         """What the tracker reads: a raw colour image's luma, and all channels at the nodes alone.
 
         It saves half of the rectification. Raises as `view`.
         """
-        if not self._is_raw(image) or image.ndim != 3 or image.dtype != np.uint8:
+        raw = self._maps is not None and image.shape[1::-1] == self._raw_px
+        if not raw or self._maps is None or image.ndim != 3 or image.dtype != np.uint8:
             return self.view(image)
         luma = cv2.remap(to_gray(image), *self._maps, cv2.INTER_CUBIC)
         return Sampled(luma, sample(image, self._nodes_px))
-
-    def _is_raw(self, image: Array) -> bool:
-        camera, lens, size = self._camera, self._lens, image.shape[1::-1]
-        if lens is not None and size == (lens.width_px, lens.height_px):
-            return True
-        if size == (camera.width_px, camera.height_px):
-            return False
-        raw = "" if lens is None else f", the lens makes {lens.width_px} x {lens.height_px} px"
-        raise InputError(
-            f"an image of {size[0]} x {size[1]} px; the view has {camera.width_px} x "
-            f"{camera.height_px} px{raw}"
-        )
 
 
 TRUSTED_SHARE = 0.5
@@ -73,7 +72,6 @@ class Since:
 
     tracker: FlowTracker
     health: Health | None = None
-    begun: bool = False
     markers: DotTracker | None = None
     count: int = 0
 
@@ -95,10 +93,9 @@ class Measurement:
     view: of the sensor; for the output "flow" its rectified camera does, and a calibration of force
     brings its own gel. include: outputs, see `OUTPUTS`, None: all that the calibrations allow; only
     what they need is run. calibrations: what the outputs need of them, at most one a kind. every:
-    px between the points of the flow that is given out, 2, 4, 8 ... flow: the tracker, by the names
-    of `named_tracker`. rest: the face untouched, as it is tracked, for the state of health where no
-    calibration keeps one. Raises InputError for unknown names and for a calibration that is
-    missing, given twice or another sensor's.
+    px between the points of the flow that is given out, 2, 4, 8 ... rest: the face untouched, as it
+    is tracked, for the state of health where no calibration keeps one. Raises InputError for
+    unknown names and for a calibration that is missing, given twice or another sensor's.
 
     The first image is the reference that all motion is counted from.
     """
@@ -110,14 +107,13 @@ class Measurement:
         calibrations: Sequence[Calibration] = (),
         *,
         every: int = 2,
-        flow: str = "fused",
         rest: Array | None = None,
     ) -> None:
         self._sensor = CalibratedSensor(view, calibrations, rest)
         self.view, self.include = self._sensor.view, tuple(include or ())
         if include is None:
             self.include = self._sensor.allowed
-        self._flow, self._every = flow, every
+        self._every = every
         self._sensor.prepare(self.include)
         self._rectify = Rectifier(self.view.camera)
         self._lock = Lock()
@@ -134,7 +130,7 @@ class Measurement:
         May be called at any time and from any thread. Images given before are finished with the
         reference that they were given under. Raises as `update`, and then changes nothing.
         """
-        since = Since(named_tracker(self._flow, full=False))
+        since = Since(FlowTracker(full=False))
         if reference is not None:
             self._ready(since, reference)
         self._since = since
@@ -175,11 +171,9 @@ class Measurement:
         job.made = (self._ready(job.since, image),)
 
     def _ready(self, since: Since, image: Array) -> PreparedImage:
-        tracker, rectify = since.tracker, self._rectify
-        anchored = tracker.reference == "anchored"
-        ready = tracker.prepare((rectify.sampled if anchored else rectify.view)(image))
-        if not since.begun:
-            since.health, since.begun = self._sensor.health(rectify.view(image)), True
+        ready = since.tracker.prepare(self._rectify.sampled(image))
+        if ready.frame == 0:
+            since.health = self._sensor.health(self._rectify.view(image))
         return ready
 
     def _follow(self, job: ImageTask) -> None:
