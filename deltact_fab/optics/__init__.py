@@ -11,26 +11,3 @@ from .flat import FlatField, as_toml, camera_from_dict, load_camera
 from .lattice import FaceMotion, LatticeSampler, PointSampler, SeenFace, SurfaceLattice
 from .rectified import Rectified, aliased_share, raw_mm_per_px
 from .stage import StageFrame
-
-__all__ = [
-    "CameraModel",
-    "FaceMotion",
-    "Fisheye",
-    "FlatField",
-    "LatticeSampler",
-    "Medium",
-    "Pinhole",
-    "PointSampler",
-    "Rectified",
-    "SeenFace",
-    "StageFrame",
-    "SurfaceLattice",
-    "aliased_share",
-    "as_toml",
-    "axes_mm",
-    "camera_from_dict",
-    "half_angle_rad",
-    "load_camera",
-    "raw_mm_per_px",
-    "reached_mm",
-]

@@ -12,19 +12,3 @@ from .confidence import FlowDiagnostics, FlowObservation, FlowState, PreparedIma
 from .fused import Sampled, to_gray
 from .renewed import FLOW_METHODS, PAPER, RENEW_SHARE, FlowMethod
 from .tracker import FlowTracker, Reference, named_tracker
-
-__all__ = [
-    "FLOW_METHODS",
-    "PAPER",
-    "RENEW_SHARE",
-    "FlowDiagnostics",
-    "FlowMethod",
-    "FlowObservation",
-    "FlowState",
-    "FlowTracker",
-    "PreparedImage",
-    "Reference",
-    "Sampled",
-    "named_tracker",
-    "to_gray",
-]

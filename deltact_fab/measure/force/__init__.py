@@ -36,17 +36,3 @@ def features_of(model: ForceModel, view: SensorView, source: str) -> Features:
     if model.names != tuple(made.names):
         raise InputError(f"{source}: not of this version's features {made.name!r}; calibrate again")
     return made
-
-
-__all__ = [
-    "COMPONENTS",
-    "FEATURES",
-    "READINGS",
-    "Features",
-    "ForceModel",
-    "SensorView",
-    "TractionField",
-    "Wrench",
-    "features_of",
-    "make_features",
-]

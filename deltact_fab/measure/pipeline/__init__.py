@@ -2,5 +2,3 @@
 
 from .measurement import MarkerMeasurement, Measurement, Pipeline
 from .outputs import OUTPUTS, Result
-
-__all__ = ["OUTPUTS", "MarkerMeasurement", "Measurement", "Pipeline", "Result"]

@@ -2,16 +2,3 @@
 
 from .density import SIGMA_PX, Density, by_jacobian, relative_depth
 from .depth import ContactRegion, Depth, DepthFinder, DepthModel, contact_labels, contacts
-
-__all__ = [
-    "SIGMA_PX",
-    "ContactRegion",
-    "Density",
-    "Depth",
-    "DepthFinder",
-    "DepthModel",
-    "by_jacobian",
-    "contact_labels",
-    "contacts",
-    "relative_depth",
-]
