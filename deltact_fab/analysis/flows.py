@@ -13,7 +13,7 @@ from ..aliases import Array
 from ..errors import InputError
 from ..measure.face import FaceFlow
 from ..measure.flow import FlowTracker
-from ..measure.recognised import recognise
+from ..measure.health import recognise
 from ..record import Run
 from .frames import settled
 from .view import camera_of

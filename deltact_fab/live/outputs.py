@@ -131,15 +131,11 @@ class HealthOutput(Output):
 
 def about(source: Source, with_force: bool) -> dict[str, object]:
     """What the page says once of a source, and of the curves that it draws."""
+    unit, least = ("px", 2.0) if source.known.in_px else ("mm", 0.1)
+    names, title = ["largest motion"], f"Motion of the pattern, {unit}"
     if with_force:
-        names, title, least = (
-            ["z", "x", "y"],
-            "Force on the sensor, N; a press is negative in z",
-            0.2,
-        )
-    else:
-        unit, least = ("px", 2.0) if source.known.in_px else ("mm", 0.1)
-        names, title = ["largest motion"], f"Motion of the pattern, {unit}"
+        names, least = ["z", "x", "y"], 0.2
+        title = "Force on the sensor, N; a press is negative in z"
     return {
         "source": source.name,
         "simulated": source.known.simulated,

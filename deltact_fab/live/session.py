@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from ..aliases import Array
 from ..errors import InputError, did_you_mean
 from ..measure.face import EVERY_PX, FaceFlow
+from ..measure.health import SeenPattern, recognise
 from ..measure.pipeline import OUTPUTS, MarkerMeasurement, Measurement, Pipeline, Result
-from ..measure.recognised import SeenPattern, recognise
 from ..optics import CameraModel, Pinhole
 from ..rig.interface import CameraFrame
 from .open import known_of, measurement_of, open_source
