@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -242,27 +242,14 @@ class TrackedFrame:
     match: Refined | None = None
 
 
-class SequenceTracker(Protocol):
-    """A way to follow a sequence from its first image on, and the judge of what it finds."""
-
-    judge: ConfidenceEstimator
-
-    def ahead(self, plane: Plane) -> Array | None:
-        """The flow in px from the image before to this one, by coarse node, where it is asked."""
-
-    def step(self, ready: PreparedImage) -> TrackedFrame:
-        """Follow one more image."""
-
-
 class PreparedImage(NamedTuple):
     """An image of a sequence, made ready to be followed.
 
     frame: 0 for the first. plane, secondary_match: what is tracked of it and what
-    `ConfidenceEstimator.look` asks of it. ahead_px: the way's look ahead, by coarse node.
+    `ConfidenceEstimator.look` asks of it. ahead_px: a look ahead, by coarse node.
     start_s: process time when it came.
     """
 
-    way: SequenceTracker
     frame: int
     image: Array | Sampled
     plane: Plane

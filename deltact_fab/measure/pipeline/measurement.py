@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from queue import Empty, Queue
 from threading import Lock, Thread
-from types import TracebackType
 from typing import Any, Literal
 
 import cv2
@@ -205,7 +204,6 @@ class MarkerMeasurement(Measurement):
         super().__init__(camera, ())
 
     def steps(self) -> tuple[Step, ...]:
-        """As Measurement; one part."""
         return (self._measure,)
 
     def _ready(self, since: Since, image: Array) -> Array:  # type: ignore[override]
@@ -315,12 +313,7 @@ class Pipeline:
     def __enter__(self) -> Pipeline:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _make_room(self, which: int, size: int) -> None:
