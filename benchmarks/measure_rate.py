@@ -98,7 +98,6 @@ def _pattern(run: Run, frames: int) -> dict[str, Any]:
             "goal_hz": goal_hz,
             **_latency(measurement, raw[:TIMED]),
             **judged,
-            "stages": list(measurement.stages),
         }
     return rows
 

@@ -11,18 +11,18 @@ from .version import VERSION as __version__
 
 if TYPE_CHECKING:
     from .cad.build import build_named as build_part
-    from .live.loop import LiveMeasurement as Live
-    from .live.loop import measure_source, track
+    from .live.session import LiveMeasurement as Live
+    from .live.session import measure_source, track
     from .patterns import make as make_pattern
     from .record import open as load_run
 else:
     _HOMES = {
-        "Live": ("live.loop", "LiveMeasurement"),
+        "Live": ("live.session", "LiveMeasurement"),
         "build_part": ("cad.build", "build_named"),
         "load_run": ("record", "open"),
         "make_pattern": ("patterns", "make"),
-        "measure_source": ("live.loop", "measure_source"),
-        "track": ("live.loop", "track"),
+        "measure_source": ("live.session", "measure_source"),
+        "track": ("live.session", "track"),
     }
 
     def __getattr__(name: str) -> object:

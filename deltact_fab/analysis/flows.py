@@ -12,7 +12,7 @@ from ..aliases import Array
 from ..errors import InputError
 from ..measure.face import FaceFlow
 from ..measure.flow import FlowTracker
-from ..measure.recognised import recognise
+from ..measure.health import recognise
 from ..record import Run
 from .runs import camera_of, settled
 

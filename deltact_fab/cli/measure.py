@@ -74,10 +74,18 @@ def measure(
         raise click.UsageError("--jsonl, --json: one of them, as both write to stdout")
     import cv2
 
-    from ..live import open_session, told_once
-    from ..live.kept import KeptFolder, require_new
-    from ..live.outputs import HealthOutput, JsonLines, PageOutput, StatusLine, Summary, about
+    from ..live.outputs import (
+        HealthOutput,
+        JsonLines,
+        KeptFolder,
+        PageOutput,
+        StatusLine,
+        Summary,
+        about,
+        require_new,
+    )
     from ..live.page import LivePage
+    from ..live.session import open_session, told_once
 
     cv2.setNumThreads(1)  # the flow depends on their number, and more bring nothing
     if out is not None:
@@ -114,7 +122,7 @@ def measure(
         def tell(health: str, unfit: str = "") -> None:
             click.echo(health, err=True)
             if page is not None:
-                page.tell(health, unfit)
+                page.health, page.unfit = health, unfit
 
         if lines := told_once(session):
             tell("\n".join(lines))
@@ -129,18 +137,18 @@ def measure(
 
 def _run(session: Session, outputs: list[Output], stay: bool) -> int:
     """Until the source ends or Ctrl-C; the exit code."""
-    status = INTERRUPTED
+    status, measured = INTERRUPTED, None
     try:
         for measured in session.results():
             for output in outputs:
                 output.show(measured)
         status = 0
         for output in outputs:
-            output.end("ended")
+            output.end("ended", measured)
         while stay:  # the page, with the last result
             time.sleep(1)
     except KeyboardInterrupt:
         if status:
             for output in outputs:
-                output.end("stopped")
+                output.end("stopped", measured)
     return status

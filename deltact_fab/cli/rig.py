@@ -99,7 +99,7 @@ def photograph(
     from ..cad.design import load_design
     from ..rig import config
     from ..virtual.photographs import take
-    from .calibrate.lens import board_named
+    from .calibrate import board_named
 
     bench, path = config.load(name)
     if isinstance(bench, config.GrblConfig):

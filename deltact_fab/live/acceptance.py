@@ -9,7 +9,7 @@ health that every measurement uses.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
@@ -35,9 +35,8 @@ from ..patterns.recipe import PatternRecipe
 from ..patterns.verify import Image, JudgedRow
 from ..record import encode_png
 from ..version import VERSION
-from .open import images
 from .print_in_view import RIM_PX, PrintInView, aligned, luma
-from .source import KnownSensor, Source
+from .source import KnownSensor, Source, images
 
 FRAMES = 100
 LEAST_FRAMES = 10  # of which noise can be told
@@ -56,45 +55,23 @@ WIDE_MM = 2.0  # what differs alike over more is light
 
 
 @dataclass(frozen=True)
-class SensorFound:
-    """What the images show; lengths in mm of the sensor's frame.
-
-    turned_deg: of the sticker from where the design has it, counter-clockwise as the camera sees
-    it. scale: of the picture, over the camera's. keystone: by how much one side of the view is
-    larger than the other. blur_px: standard deviation in each tile, rows of y, None where there is
-    no pattern. level: of white, linear, 1 is full. evenness: least over mean; one_sided: by how
-    much it falls from side to side, of its mean. edges: what of each side shows no pattern, mm.
-    torn, places: (x, y, length) of what lacks pattern at the rim, and of what lies before it.
-    noise_mm: of a point of the face; None: not known. rest: what `health` says against it.
-    """
-
-    agreement: float
-    mirrored: bool
-    turned_deg: float
-    place_mm: tuple[float, float]
-    scale: float
-    keystone: float
-    blur_px: list[list[float | None]]
-    level: float
-    evenness: float
-    one_sided: float
-    saturated: float
-    face_share: float
-    edges: dict[str, float]
-    torn: tuple[tuple[float, float, float], ...]
-    places: tuple[tuple[float, float, float], ...]
-    noise_mm: float | None
-    rest: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Accepted:
-    """rows: the worst is the verdict. found: None where the pattern is not the recipe's."""
+    """rows: the worst is the verdict. found: None where the pattern is not the recipe's.
+
+    Of found, in mm of the sensor's frame: turned_deg: of the sticker from where the design has it,
+    counter-clockwise as the camera sees it. scale: of the picture, over the camera's. keystone: by
+    how much one side of the view is larger than the other. blur_px: standard deviation in each
+    tile, rows of y, None where there is no pattern. level: of white, linear, 1 is full. evenness:
+    least over mean; one_sided: by how much it falls from side to side, of its mean. edges: what of
+    each side shows no pattern. torn, places: (x, y, length) of what lacks pattern at the rim, and
+    of what lies before it. noise_mm: of a point of the face; None: not known. rest: what `health`
+    says against it.
+    """
 
     source: str
     images: int
     rows: tuple[JudgedRow, ...]
-    found: SensorFound | None
+    found: dict[str, Any] | None
     raw: NDArray[np.uint8]
     """The first image at rest, as the camera gave it, (h, w, 3) BGR."""
 
@@ -108,7 +85,7 @@ class Accepted:
         return {
             "passed": self.passed, "source": self.source, "images": self.images,
             "rows": [asdict(row) for row in self.rows],
-            "found": None if self.found is None else asdict(self.found),
+            "found": self.found,
         }  # fmt: skip
 
 
@@ -129,15 +106,15 @@ def accept(source: Source, recipe: PatternRecipe, design: Design, frames: int = 
     sticker = PrintInView(recipe, camera)
     placed = sticker.placed(view)
     compared = None if placed is None else _Compared(view, sticker, placed)
-    if placed is None or compared is None or compared.agreement < SURE:
+    if compared is None or compared.agreement < SURE:
         row = JudgedRow(
             "recipe", "not this recipe's pattern", "the recipe's pattern", False,
             "is it this recipe and sensor, its cover off the face, its light on? Guide E, G",
         )  # fmt: skip
         return Accepted(source.name, still.count, (row,), None, still.raw)
-    found = _found(compared, sticker, placed, design, still)
-    rows = _rows(found, sticker, design, still)
-    return Accepted(source.name, still.count, tuple(rows), found, still.raw)
+    found = {**compared.found(design), **still.found()}
+    rows = tuple(JudgedRow(*row) for row in _rows(found, sticker, design, still.count))
+    return Accepted(source.name, still.count, rows, found, still.raw)
 
 
 def save(accepted: Accepted, known: KnownSensor, seed: int, out: Path) -> None:
@@ -167,9 +144,8 @@ def save(accepted: Accepted, known: KnownSensor, seed: int, out: Path) -> None:
 def picture(accepted: Accepted, camera: CameraModel) -> bytes:
     """The face at rest as it is tracked, with what was found on it; PNG."""
     image = np.ascontiguousarray(Rectifier(camera).view(accepted.raw), np.uint8)
-    found = accepted.found
-    marks = () if found is None else (*found.torn, *found.places)
-    for x, y, long_mm in marks:
+    found = accepted.found or {"torn": (), "places": ()}
+    for x, y, long_mm in (*found["torn"], *found["places"]):
         at = camera.rest_px(np.array([x, y])).round().astype(int).tolist()
         reach = round((long_mm / 2 + 0.5) / camera.mm_per_px)
         cv2.circle(image, at, reach, (255, 255, 255), 5)
@@ -221,27 +197,18 @@ class _Still:
         assert self._sum is not None, "a source has an image, or it raises"
         return np.asarray(self._sum / self.count, np.float32)
 
-    @property
-    def few(self) -> bool:
-        """Too few images to tell noise."""
-        return self.count < LEAST_FRAMES
-
-    def noise_mm(self) -> float | None:
-        """Standard deviation of the motion of a point, median over the face; None: not known."""
-        if self.few:
-            return None
-        flows = np.stack(self._flows[1:])
-        spread = np.hypot(*np.moveaxis(flows.std(axis=0), -1, 0))
-        known = np.isfinite(spread)
-        return float(np.median(spread[known])) if known.any() else None
-
-    def unrest(self) -> tuple[str, ...]:
-        """What the state of health of the last image says against the first."""
+    def found(self) -> dict[str, Any]:
+        """What is full, the noise of a point, median over the face, and what moved meanwhile."""
+        noise_mm, rest = None, tuple[str, ...]()
+        if self.count >= LEAST_FRAMES:
+            spread = np.hypot(*np.moveaxis(np.stack(self._flows[1:]).std(axis=0), -1, 0))
+            known = np.isfinite(spread)
+            noise_mm = float(np.median(spread[known])) if known.any() else None
         if self.untrackable:
-            return (self.untrackable,)
-        if self._first is None or self.count < 2:
-            return ()
-        return health(self._first, self._last, self._camera).reasons
+            rest = (self.untrackable,)
+        elif self._first is not None and self.count > 1:
+            rest = health(self._first, self._last, self._camera).reasons
+        return {"saturated": self.saturated, "noise_mm": noise_mm, "rest": rest}
 
 
 class _Tiles:
@@ -279,7 +246,7 @@ class _Compared:
     """The recipe's print beside what is seen, at each of BLURS_PX: (blurs, ny, nx)."""
 
     def __init__(self, view: Image, sticker: PrintInView, to_px: NDArray[np.float64]) -> None:
-        self.seen = luma(view)
+        self.seen, self.sticker, self.to_px = luma(view), sticker, to_px
         self.tiles = tiles = _Tiles(self.seen.shape, sticker.camera.mm_per_px)
         self.drawn = aligned(self.seen, luma(sticker.seen(to_px, RIM_PX)))
         self.blurred = [
@@ -291,64 +258,53 @@ class _Compared:
         )
         self.agreement = float(np.median(self.like.max(axis=0)))
 
-
-def _found(
-    compared: _Compared, sticker: PrintInView, to_px: NDArray[np.float64], design: Design,
-    still: _Still,
-) -> SensorFound:  # fmt: skip
-    camera, seen, tiles, drawn = sticker.camera, compared.seen, compared.tiles, compared.drawn
-    blurred, like, slope, offset = (
-        compared.blurred, compared.like, compared.slope, compared.offset
-    )  # fmt: skip
-    best = like.argmax(axis=0)
-    # Contrast is compared at one blur: a tile without pattern may be like anything very soft.
-    usual = slope[int(np.median(best))]
-    shown = (like.max(axis=0) >= TILE_FOUND) & (usual >= TILE_GAIN * np.median(usual))
-    blur_px = _between(like, best)
-    slope, offset = (np.take_along_axis(one, best[None], 0)[0] for one in (slope, offset))
-    white = np.clip(slope + offset, 0, None) ** GAMMA
-    level = float(np.median(white[shown]))
-    even, one_sided = _evenness(white, shown, tiles)
-    edges, torn, inside = _missing(~shown, tiles)
-    wide = round(WIDE_MM / camera.mm_per_px)
-    slope_px, offset_px = (tiles.spread(_smooth(one, shown)) for one in (slope, offset))
-    index = tiles.spread(_smooth(best, shown)).round().astype(int)
-    expected = np.take_along_axis(np.stack(blurred), index[None], 0)[0] * slope_px + offset_px
-    off = seen - expected
-    off = np.abs(off - cv2.blur(off, (wide, wide))) / np.maximum(slope_px, 1e-3) / drawn.std()
-    marked = cv2.dilate((~shown & ~inside).astype(np.uint8), np.ones((5, 5), np.uint8))
-    # A dot is white beside any ink: what its edge mixes depends on light and code, not on dirt.
-    without = (tiles.spread(marked) > 0.5) | (sticker.dots(to_px) > 0)
-    places = _places(off, without, camera.mm_per_px)
-    way = np.linalg.inv(sticker.nominal) @ to_px
-    half = np.array([camera.width_px, camera.height_px]) * camera.mm_per_px / 2
-    scale, keystone = _scales(way, half)
-    centre = cv2.perspectiveTransform(np.zeros((1, 1, 2)), way)[0, 0]
-    mirrored = bool(np.linalg.det(way[:2, :2]) < 0)
-    turn = math.degrees(math.atan2(way[1, 1], way[0, 1])) - 90
-    width_mm, length_mm = design.skin.width_mm, design.skin.length_mm
-    return SensorFound(
-        agreement=compared.agreement,
-        mirrored=mirrored,
-        turned_deg=(turn + 180) % 360 - 180,
-        place_mm=(float(centre[0]), float(centre[1])),
-        scale=scale,
-        keystone=keystone,
-        blur_px=[
-            [round(float(b), 2) if there else None for b, there in zip(*row, strict=True)]
-            for row in zip(blur_px, shown, strict=True)
-        ],
-        level=level,
-        evenness=even,
-        one_sided=one_sided,
-        saturated=still.saturated,
-        face_share=float(shown.mean() * 4 * half[0] * half[1] / (width_mm * length_mm)),
-        edges=edges,
-        torn=torn,
-        places=places,
-        noise_mm=still.noise_mm(),
-        rest=still.unrest(),
-    )
+    def found(self, design: Design) -> dict[str, Any]:
+        """What the print shows, by the names of `Accepted`."""
+        camera, tiles, like = self.sticker.camera, self.tiles, self.like
+        best = like.argmax(axis=0)
+        # Contrast is compared at one blur: a tile without pattern may be like anything very soft.
+        usual = self.slope[int(np.median(best))]
+        shown = (like.max(axis=0) >= TILE_FOUND) & (usual >= TILE_GAIN * np.median(usual))
+        slope, offset = (
+            np.take_along_axis(one, best[None], 0)[0] for one in (self.slope, self.offset)
+        )
+        white = np.clip(slope + offset, 0, None) ** GAMMA
+        light = _smooth(white, shown)[shown]
+        mean = float(light.mean())
+        edges, torn, inside = _missing(~shown, tiles)
+        index = tiles.spread(_smooth(best, shown)).round().astype(int)
+        slope_px, offset_px = (tiles.spread(_smooth(one, shown)) for one in (slope, offset))
+        drawn = np.take_along_axis(np.stack(self.blurred), index[None], 0)[0]
+        off, wide = self.seen - (drawn * slope_px + offset_px), round(WIDE_MM / camera.mm_per_px)
+        off = np.abs(off - cv2.blur(off, (wide, wide)))
+        off = off / np.maximum(slope_px, 1e-3) / self.drawn.std()
+        marked = cv2.dilate((~shown & ~inside).astype(np.uint8), np.ones((5, 5), np.uint8))
+        # A dot is white beside any ink: its edge depends on light and code, not on dirt.
+        without = (tiles.spread(marked) > 0.5) | (self.sticker.dots(self.to_px) > 0)
+        way = np.linalg.inv(self.sticker.nominal) @ self.to_px
+        half = np.array([camera.width_px, camera.height_px]) * camera.mm_per_px / 2
+        scale, keystone = _scales(way, half)
+        turn = math.degrees(math.atan2(way[1, 1], way[0, 1])) - 90
+        face_mm2 = design.skin.width_mm * design.skin.length_mm
+        return {
+            "agreement": self.agreement,
+            "mirrored": bool(np.linalg.det(way[:2, :2]) < 0),
+            "turned_deg": (turn + 180) % 360 - 180,
+            "place_mm": tuple(cv2.perspectiveTransform(np.zeros((1, 1, 2)), way)[0, 0].tolist()),
+            "scale": scale,
+            "keystone": keystone,
+            "blur_px": [
+                [round(float(b), 2) if there else None for b, there in zip(*row, strict=True)]
+                for row in zip(_between(like, best), shown, strict=True)
+            ],
+            "level": float(np.median(white[shown])),
+            "evenness": float(light.min()) / mean,
+            "one_sided": _falls(light / mean, tiles.x_mm[shown], tiles.y_mm[shown]),
+            "face_share": float(shown.mean() * 4 * half[0] * half[1] / face_mm2),
+            "edges": edges,
+            "torn": torn,
+            "places": _places(off, without, camera.mm_per_px),
+        }
 
 
 def _between(like: NDArray[np.float64], best: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -367,15 +323,6 @@ def _smooth(values: NDArray[Any], known: NDArray[np.bool_]) -> Image:
 
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
     return np.asarray(cv2.medianBlur(values[tuple(nearest)].astype(np.float32), 3), np.float32)
-
-
-def _evenness(
-    white: NDArray[np.float64], shown: NDArray[np.bool_], tiles: _Tiles
-) -> tuple[float, float]:
-    """Least over mean, and how much it falls from side to side, of its mean."""
-    smooth = _smooth(white, shown)[shown]
-    mean = float(smooth.mean())
-    return float(smooth.min()) / mean, _falls(smooth / mean, tiles.x_mm[shown], tiles.y_mm[shown])
 
 
 def _falls(share: NDArray[Any], x_mm: NDArray[Any], y_mm: NDArray[Any]) -> float:
@@ -460,98 +407,72 @@ def _scales(way: NDArray[np.float64], half_mm: NDArray[np.float64]) -> tuple[flo
 
 
 def _rows(
-    found: SensorFound, sticker: PrintInView, design: Design, still: _Still
-) -> Iterator[JudgedRow]:
+    found: dict[str, Any], sticker: PrintInView, design: Design, count: int
+) -> list[tuple[str, str, str, bool, str]]:
+    """As `JudgedRow` has them, of so many images."""
     recipe, camera = sticker.recipe, sticker.camera
-    yield JudgedRow("recipe", f"found, agreement {found.agreement:.2f}", f">= {SURE:g}", True)
-    yield JudgedRow(
-        "mirror", "mirrored" if found.mirrored else "as it should be", "as the design has it",
-        not found.mirrored, "the print was made for the other side of the film: guide E.1",
-    )  # fmt: skip
-    yield JudgedRow(
-        "turn", f"{round(found.turned_deg, 1) + 0.0:g} degrees", f"within {TURN_DEG:g} of upright",
-        abs(found.turned_deg) <= TURN_DEG,
-        "lay the next sticker square to the frame, or turn the skin base: guide E.5, H.5",
-    )  # fmt: skip
-    x, y = found.place_mm
+    x, y = found["place_mm"]
     view_mm = np.array(design.optics.view_mm)
     room = (recipe.printed_mm - view_mm) / 2
     if (d := recipe.dots) is not None:
         spans = (d.columns - 1) * d.pitch_x_mm, (d.rows - 1) * d.pitch_y_mm
         room = np.minimum(room, (view_mm - spans - d.diameter_mm) / 2)
-    yield JudgedRow(
-        "place", f"its middle at ({x:.2f}, {y:.2f}) mm", f"within ({room[0]:.2f}, {room[1]:.2f})",
-        abs(x) <= room[0] and abs(y) <= room[1],
-        "the view leaves the sticker or its dots: lay the next one in the middle, guide E.5",
-    )  # fmt: skip
-    yield JudgedRow(
-        "scale", f"{found.scale:.3f} of the camera's", f"1 +- {SCALE_OFF:g}",
-        abs(found.scale - 1) <= SCALE_OFF,
-        "film stretched (E.5), skin of another thickness (D.7), or the lens off its height (H.1)",
-    )  # fmt: skip
-    yield JudgedRow(
-        "lens square to the face", f"{100 * found.keystone:.1f} % larger on one side",
-        f"<= {100 * KEYSTONE:g} %", found.keystone <= KEYSTONE,
-        "board or plate sits askew: guide H.1, H.3, H.5",
-    )  # fmt: skip
-    known = [b for row in found.blur_px for b in row if b is not None]
+    known = [b for row in found["blur_px"] for b in row if b is not None]
     most_px = max(LEAST_BLUR_PX, BLUR_PATCHES * sticker.patch_mm / camera.mm_per_px)
-    worst = float(np.percentile(known, 95))
-    middle_px = float(np.median(known))
-    yield JudgedRow(
-        "focus", f"blur {middle_px:.1f} px, worst of the face {worst:.1f}",
-        f"<= {most_px:.1f} px, half of a patch's contrast", worst <= most_px,
-        "turn the lens: guide H.5; worse on one side: the lens is tilted, H.1",
-    )  # fmt: skip
-    yield JudgedRow(
-        "light, level", f"white at {100 * found.level:.0f} % of full",
-        f"{100 * DARKEST:g} to {100 * BRIGHTEST:g} %", DARKEST <= found.level <= BRIGHTEST,
-        "exposure and gain of the camera; current of the light: guide G",
-    )  # fmt: skip
-    yield JudgedRow(
-        "light, even", f"least {found.evenness:.2f} of the mean", f">= {EVEN_SHARE:g}",
-        found.evenness >= EVEN_SHARE, "look at the LEDs and the diffuser: guide G, H.3",
-    )  # fmt: skip
-    dark = _one_led_dark(design)
-    yield JudgedRow(
-        "light, all LEDs", f"falls by {100 * found.one_sided:.0f} % from side to side",
-        f"<= {50 * dark:.0f} %, half of what one dark LED does", found.one_sided <= dark / 2,
-        "an LED is dark or hidden: guide G, H.3",
-    )  # fmt: skip
-    yield JudgedRow(
-        "saturation", f"{100 * found.saturated:.2f} % of pixels full", f"<= {100 * FULL_SHARE:g} %",
-        found.saturated <= FULL_SHARE, "less exposure; lamp off, notch closed: guide H.7, H.8",
-    )  # fmt: skip
-    lost = ", ".join(f"{mm:g} mm along {side}" for side, mm in found.edges.items())
-    yield JudgedRow(
-        "edges of the view", f"{lost or 'pattern on all four'}; {100 * found.face_share:.0f} % of "
-        "the face seen", "no frame, no end of the print", not found.edges,
-        "the frame or the film's end is in view: lens off the middle (H.1), sticker off it (E.5)",
-    )  # fmt: skip
-    yield _placed_row("film", found.torn, "whole", "torn, loose or folded: guide E.6, E.7")
-    yield _placed_row(
-        "bubbles, lint, dust", found.places, "none",
-        "in the gel: cast again (D.5, D.8); on lens or plate: open and clean (H.3, H.5)",
-    )  # fmt: skip
-    noise = found.noise_mm
-    told = f"{still.count} images: give {LEAST_FRAMES} or more" if still.few else "not tracked"
+    worst_px, dark = float(np.percentile(known, 95)), _one_led_dark(design)
+    lost = ", ".join(f"{mm:g} mm along {side}" for side, mm in found["edges"].items())
+    noise, few = found["noise_mm"], count < LEAST_FRAMES
+    told = f"{count} images: give {LEAST_FRAMES} or more" if few else "not tracked"
     if noise is not None:
-        told = f"{1000 * noise:.1f} um over {still.count} images"
-    yield JudgedRow(
-        "noise at rest", told,
-        "not judged" if still.few else f"<= {1000 * MAX_DEFORMATION_MM:g} um",
-        still.few or (noise is not None and noise <= MAX_DEFORMATION_MM),
-        "fix exposure and gain, more light; nothing may shake or flicker",
-    )  # fmt: skip
-    yield JudgedRow(
-        "at rest", "; ".join(found.rest) or "nothing moved", "as `health` has it", not found.rest,
-        "let nothing touch the face, and lock exposure, gain and white balance",
-    )  # fmt: skip
+        told = f"{1000 * noise:.1f} um over {count} images"
+    return [
+        ("recipe", f"found, agreement {found['agreement']:.2f}", f">= {SURE:g}", True, ""),
+        ("mirror", "mirrored" if found["mirrored"] else "as it should be", "as the design has it",
+         not found["mirrored"], "the print was made for the other side of the film: guide E.1"),
+        ("turn", f"{round(found['turned_deg'], 1) + 0.0:g} degrees",
+         f"within {TURN_DEG:g} of upright", abs(found["turned_deg"]) <= TURN_DEG,
+         "lay the next sticker square to the frame, or turn the skin base: guide E.5, H.5"),
+        ("place", f"its middle at ({x:.2f}, {y:.2f}) mm", f"within ({room[0]:.2f}, {room[1]:.2f})",
+         abs(x) <= room[0] and abs(y) <= room[1],
+         "the view leaves the sticker or its dots: lay the next one in the middle, guide E.5"),
+        ("scale", f"{found['scale']:.3f} of the camera's", f"1 +- {SCALE_OFF:g}",
+         abs(found["scale"] - 1) <= SCALE_OFF,
+         "film stretched (E.5), skin of another thickness (D.7), or the lens off its height (H.1)"),
+        ("lens square to the face", f"{100 * found['keystone']:.1f} % larger on one side",
+         f"<= {100 * KEYSTONE:g} %", found["keystone"] <= KEYSTONE,
+         "board or plate sits askew: guide H.1, H.3, H.5"),
+        ("focus", f"blur {float(np.median(known)):.1f} px, worst of the face {worst_px:.1f}",
+         f"<= {most_px:.1f} px, half of a patch's contrast", worst_px <= most_px,
+         "turn the lens: guide H.5; worse on one side: the lens is tilted, H.1"),
+        ("light, level", f"white at {100 * found['level']:.0f} % of full",
+         f"{100 * DARKEST:g} to {100 * BRIGHTEST:g} %", DARKEST <= found["level"] <= BRIGHTEST,
+         "exposure and gain of the camera; current of the light: guide G"),
+        ("light, even", f"least {found['evenness']:.2f} of the mean", f">= {EVEN_SHARE:g}",
+         found["evenness"] >= EVEN_SHARE, "look at the LEDs and the diffuser: guide G, H.3"),
+        ("light, all LEDs", f"falls by {100 * found['one_sided']:.0f} % from side to side",
+         f"<= {50 * dark:.0f} %, half of what one dark LED does", found["one_sided"] <= dark / 2,
+         "an LED is dark or hidden: guide G, H.3"),
+        ("saturation", f"{100 * found['saturated']:.2f} % of pixels full",
+         f"<= {100 * FULL_SHARE:g} %", found["saturated"] <= FULL_SHARE,
+         "less exposure; lamp off, notch closed: guide H.7, H.8"),
+        ("edges of the view",
+         f"{lost or 'pattern on all four'}; {100 * found['face_share']:.0f} % of the face seen",
+         "no frame, no end of the print", not found["edges"],
+         "the frame or the film's end is in view: lens off the middle (H.1), sticker off it (E.5)"),
+        ("film", _named(found["torn"], "whole"), "whole", not found["torn"],
+         "torn, loose or folded: guide E.6, E.7"),
+        ("bubbles, lint, dust", _named(found["places"], "none"), "none", not found["places"],
+         "in the gel: cast again (D.5, D.8); on lens or plate: open and clean (H.3, H.5)"),
+        ("noise at rest", told, "not judged" if few else f"<= {1000 * MAX_DEFORMATION_MM:g} um",
+         few or (noise is not None and noise <= MAX_DEFORMATION_MM),
+         "fix exposure and gain, more light; nothing may shake or flicker"),
+        ("at rest", "; ".join(found["rest"]) or "nothing moved", "as `health` has it",
+         not found["rest"],
+         "let nothing touch the face, and lock exposure, gain and white balance"),
+    ]  # fmt: skip
 
 
-def _placed_row(
-    check: str, places: Sequence[tuple[float, float, float]], limit: str, advice: str
-) -> JudgedRow:
+def _named(places: Sequence[tuple[float, float, float]], none: str) -> str:
+    """The first places in words."""
     shown = "; ".join(f"{long:g} mm at ({x:g}, {y:g})" for x, y, long in places[:3])
-    more = f" and {len(places) - 3} more" if len(places) > 3 else ""
-    return JudgedRow(check, (shown or limit) + more, limit, not places, advice)
+    return (shown or none) + (f" and {len(places) - 3} more" if len(places) > 3 else "")

@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -14,61 +13,18 @@ from numpy.typing import NDArray
 
 from .. import catalog, record
 from ..cad.design import load_design
-from ..errors import InputError, RunFailed, did_you_mean
-from ..measure.pipeline import Measurement, everything
+from ..errors import InputError, did_you_mean
+from ..measure.pipeline import Measurement
 from ..measure.pipeline.measurement import Rectifier
 from ..measure.sensor_id import SensorId, read_calibration, read_rest, require_same
+from ..measure.view import SensorView
 from ..optics import Fisheye, FlatField, Rectified, load_camera
 from ..rig.camera.model import raw_size_px
 from ..rig.interface import CameraFrame
 from ..shapes.sensor import SkinDimensions
-from .source import KnownSensor, Source
-
-if TYPE_CHECKING:
-    import pandas as pd
-
+from .source import FollowedFolder, KnownSensor, Source, camera_source, file_source
 
 NAMES_A_FILE = re.compile(r"\w[\w.+-]*")  # of a serial number: others are never kept
-
-
-class RecordedRun:
-    """A run's images as the camera gave them, in order of capture."""
-
-    live = False
-
-    def __init__(self, folder: Path) -> None:
-        """Raises InputError for a folder that is no run, or one without images."""
-        self.name = str(folder)
-        self._run = run = record.open(folder)
-        specimen = run.meta["protocol"]["specimen"]
-        skin = run.meta["sensor"]["skin"]
-        self.known = KnownSensor(
-            run.camera,
-            run.flat,
-            catalog.validate(SkinDimensions, skin, f"{folder}/run.json: sensor.skin"),
-            recipe=run.pattern.get("recipe"),
-            design=specimen.get("design"),
-            serial=specimen.get("serial"),
-            simulated=f"simulated, seed {run.meta['seed']}" if run.simulated else None,
-        )
-        self._frames = run.frames().dropna(subset=["file"])
-        if self._frames.empty:
-            raise InputError(f"{folder}: a run without images")
-
-    def frames(self) -> Iterator[CameraFrame]:
-        """As Source; times of the rig's clock."""
-        yield from self._read(self._frames)
-
-    def at_rest(self) -> Iterator[CameraFrame]:
-        """As Source: one of each press."""
-        yield from self._read(self._frames[self._frames["step_id"].str.endswith("/rest")])
-
-    def _read(self, rows: pd.DataFrame) -> Iterator[CameraFrame]:
-        for file, t_s in zip(rows["file"], rows["t_s"], strict=True):
-            yield CameraFrame(self._run.raw(str(file)), float(t_s))
-
-    def close(self) -> None:
-        """Nothing is held open."""
 
 
 def open_source(
@@ -111,30 +67,6 @@ def open_source(
     return source
 
 
-def images(source: Source, rest_only: bool = False) -> Iterator[CameraFrame]:
-    """The frames of an opened source, at least one, all of the size that its camera makes.
-
-    Of the size of the first, where no one knows the camera. Raises InputError, one line, for
-    another size; else as the source does.
-    """
-    camera = source.known.camera
-    wanted = None if camera is None else raw_size_px(camera)
-    whose = f"camera {'of the design' if source.known.nominal else 'that was calibrated'} makes"
-    k = -1
-    for k, frame in enumerate(source.at_rest() if rest_only else source.frames()):
-        h, w = frame.image.shape[:2]
-        if wanted is None:
-            wanted, whose = (w, h), "first image has"
-        if (w, h) != wanted:
-            raise InputError(
-                f"{source.name}: image {k} has {w} x {h} px; the {whose} "
-                f"{wanted[0]} x {wanted[1]} px"
-            )
-        yield frame
-    if k < 0:
-        raise RunFailed(f"{source.name}: ended before its first image")
-
-
 def known_of(camera_file: Path, design: str | None = None) -> KnownSensor:
     """What a camera file and a design say. Raises InputError."""
     sensor = load_design(design or "deltact")
@@ -149,10 +81,12 @@ def _opened(name: str, given: KnownSensor | None, design: str | None, seed: int)
     """What is imported is what that kind of source needs."""
     path = Path(name)
     if name.isdecimal() or path.is_char_device() or "://" in name:
-        from .camera import CameraSource, asked
+        from ..rig.tables import CameraConfig
 
         camera = None if given is None else given.camera
-        return CameraSource(asked(name, None if camera is None else raw_size_px(camera)), Path())
+        w, h = (None, None) if camera is None else raw_size_px(camera)
+        asked = {"source": int(name) if name.isdecimal() else name, "width_px": w, "height_px": h}
+        return camera_source(catalog.validate(CameraConfig, asked, f"camera {name}"), Path())
     rig, _, protocol = name.partition(":")
     rigs = catalog.names("protocols/rigs")
     if Path(rig).suffix == ".toml" or (rig in rigs and not path.exists()):
@@ -160,12 +94,11 @@ def _opened(name: str, given: KnownSensor | None, design: str | None, seed: int)
 
         return rig_source(rig, protocol, design, seed)
     if (path / "run.json").is_file():
-        return RecordedRun(path)
+        return _recorded(path)
     if path.is_dir() or path.is_file():
         from ..rig.camera.files import images_of
-        from .camera import FileSource
 
-        return FileSource(images_of(path))
+        return file_source(images_of(path))
     near = did_you_mean(rig, rigs)
     raise InputError(
         f"{name}: no camera number, address, video, folder, run or rig of that name; of the rigs "
@@ -178,10 +111,36 @@ def _followed(name: str, silence_s: float) -> Source:
     if not folder.is_dir() or (folder / "run.json").is_file():
         wanted = "a folder that images are written into"
         raise InputError(f"{name}: {wanted} is needed with --follow, as RUN/images of a run")
-    from .camera import FileSource
-    from .followed import FollowedFolder
+    return file_source(FollowedFolder(folder, silence_s))
 
-    return FileSource(FollowedFolder(folder, silence_s))
+
+def _recorded(folder: Path) -> Source:
+    """A run's images as the camera gave them, at rest one of each press; times of the rig's clock.
+
+    Raises InputError for a folder that is no run, or one without images.
+    """
+    run = record.open(folder)
+    rows = run.frames().dropna(subset=["file"])
+    if rows.empty:
+        raise InputError(f"{folder}: a run without images")
+    specimen = run.meta["protocol"]["specimen"]
+    skin = run.meta["sensor"]["skin"]
+    known = KnownSensor(
+        run.camera,
+        run.flat,
+        catalog.validate(SkinDimensions, skin, f"{folder}/run.json: sensor.skin"),
+        recipe=run.pattern.get("recipe"),
+        design=specimen.get("design"),
+        serial=specimen.get("serial"),
+        simulated=f"simulated, seed {run.meta['seed']}" if run.simulated else None,
+    )
+
+    def frames(rest_only: bool) -> Iterator[CameraFrame]:
+        chosen = rows[rows["step_id"].str.endswith("/rest")] if rest_only else rows
+        for file, t_s in zip(chosen["file"], chosen["t_s"], strict=True):
+            yield CameraFrame(run.raw(str(file)), float(t_s))
+
+    return Source(str(folder), known, frames)
 
 
 def measurement_of(
@@ -195,7 +154,9 @@ def measurement_of(
     present = SensorId.of(known.camera, known.recipe, known.design, known.serial)
     for file in files:  # more is known here than a camera, which Measurement looks at
         require_same(read_calibration(file)[0], present, str(file))
-    return everything(known.camera, known.skin, files, show, rest=accepted_rest(known))
+    view = SensorView(known.camera, known.skin or SkinDimensions())
+    include = None if show is None else [*show, "observation"]
+    return Measurement(view, include, files, rest=accepted_rest(known))
 
 
 def acceptance_file(serial: str) -> Path:

@@ -1,20 +1,18 @@
 """The live page: a small server on the loopback that shows the newest result to any browser here.
 
-The measurement only leaves its newest result here. Each browser has a thread of its own that takes
-whatever is newest when it is ready for more, so one that is slow misses results and stops nobody;
-numbers and picture are made ready once for all of them, and only when one asks.
+The measurement only leaves its newest result here. A browser asks ten times a second for what is
+new and has a thread of its own, so one that is slow misses results and stops nobody; numbers and
+picture are made when one asks.
 """
 
 from __future__ import annotations
 
 import json
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -26,61 +24,33 @@ from numpy.typing import NDArray
 from ..errors import InputError
 
 LOOPBACK = "127.0.0.1"
-MAX_HZ = 10.0
 JPEG_QUALITY = 80
 HISTORY = 1200
 """Points of the traces that a browser which comes later is shown."""
-
-
-@dataclass
-class PageResult:
-    """One result for the page: its numbers and its picture, made when they are first asked for."""
-
-    data: Callable[[], dict[str, Any]]
-    image: Callable[[], NDArray[np.uint8]]
-
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def json(self) -> str:
-        """The numbers, made once."""
-        with self._lock:
-            return self._json
-
-    def jpeg(self) -> bytes:
-        """The picture, made once."""
-        with self._lock:
-            return self._jpeg
-
-    @cached_property
-    def _json(self) -> str:
-        return json.dumps(self.data(), allow_nan=False, separators=(",", ":"))
-
-    @cached_property
-    def _jpeg(self) -> bytes:
-        done, data = cv2.imencode(".jpg", self.image(), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-        return data.tobytes() if done else b""
 
 
 class LivePage:
     """Serves the live page until it is closed.
 
     reference: called when a browser asks for a new reference. about: what the page says of the
-    source, once. Anyone on this computer may look and press the two buttons, and nobody else:
-    it listens on the loopback, and answers no page of another origin.
+    source, once. ended: why no more results will come. health, unfit: the sensor's state of health,
+    and why its results are not to be trusted. Anyone on this computer may look and press the two
+    buttons, and nobody else: it listens on the loopback, and answers no page of another origin.
     """
 
     def __init__(self, about: dict[str, Any], reference: Callable[[], None], port: int = 0) -> None:
         """port: 0 takes a free one. Raises InputError for one that cannot be had."""
-        self._about = about
-        self._reference = reference
-        self._came = threading.Condition()
-        self._newest: tuple[int, PageResult] | None = None
+        self._about, self._lock = about, threading.Lock()
         self._trace: deque[tuple[float | None, ...]] = deque(maxlen=HISTORY)
+        self._number, self._data = -1, cache(dict[str, Any])
+        self.jpeg: Callable[[], bytes] = bytes
+        """The newest picture."""
+        self.ended: str | None = None
+        self.health = self.unfit = ""
         self._going = threading.Event()
         self._going.set()
-        self._ended: str | None = None
-        self._health = self._unfit = ""
-        self._closed = False
+        self.deeds = {"reference": reference, "pause": self._going.clear, "go": self._going.set}
+        """What a browser may ask for."""
         page = self
 
         class Handler(_Handler):
@@ -93,83 +63,47 @@ class LivePage:
         self._server.daemon_threads = True
         self.port = int(self._server.server_address[1])
         self.url = f"http://{LOOPBACK}:{self.port}/"
-        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
-        self._thread.start()
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
-    def show(self, shot: PageResult, point: tuple[float | None, ...]) -> None:
-        """Leave a result, and its point of the traces (time, then values). Costs nothing."""
-        with self._came:
-            self._newest = (self._newest[0] + 1 if self._newest else 0, shot)
+    def show(
+        self,
+        data: Callable[[], dict[str, Any]],
+        image: Callable[[], NDArray[np.uint8]],
+        point: tuple[float | None, ...],
+    ) -> None:
+        """Leave a result: its numbers, its picture, its point of the traces (time, then values)."""
+
+        def jpeg() -> bytes:
+            done, file = cv2.imencode(".jpg", image(), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+            return file.tobytes() if done else b""
+
+        with self._lock:
+            self._number, self._data, self.jpeg = self._number + 1, cache(data), cache(jpeg)
             self._trace.append(point)
-            self._came.notify_all()
 
     def going(self, timeout_s: float) -> bool:
         """False while a browser holds the measurement; waits up to timeout_s for its end."""
         return self._going.wait(timeout_s)
 
-    def tell(self, health: str, unfit: str = "") -> None:
-        """The sensor's state of health; unfit: why its results are not to be trusted."""
-        with self._came:
-            self._health, self._unfit = health, unfit
-            self._came.notify_all()
-
-    def end(self, why: str) -> None:
-        """No more results will come, and why; the page stays."""
-        with self._came:
-            self._ended = why
-            self._came.notify_all()
-
     def close(self) -> None:
-        """Let every browser go and stop listening."""
-        with self._came:
-            self._closed = True
-            self._came.notify_all()
+        """Stop listening."""
         self._server.shutdown()
         self._server.server_close()
 
-    # What follows is called by the threads of the browsers.
-
-    def about(self) -> str:
+    def about(self) -> dict[str, Any]:
         """What a browser is told first, with the traces so far."""
-        with self._came:
-            return json.dumps({**self._about, "trace": list(self._trace)}, allow_nan=False)
+        with self._lock:
+            return {**self._about, "trace": list(self._trace)}
 
-    def state(self) -> dict[str, Any]:
-        """Whether the measurement is held or over, and the sensor's health."""
-        held = not self._going.is_set()
-        return {"paused": held, "ended": self._ended, "health": self._health, "unfit": self._unfit}
-
-    def next(
-        self, seen: tuple[int, dict[str, Any]], timeout_s: float
-    ) -> tuple[int, PageResult] | None:
-        """The newest result that is not `seen`, or None when the state changed or time is up."""
-        with self._came:
-            self._came.wait_for(
-                lambda: (
-                    self._closed
-                    or self.state() != seen[1]
-                    or (self._newest is not None and self._newest[0] != seen[0])
-                ),
-                timeout_s,
-            )
-            if self._closed:
-                raise ConnectionAbortedError
-            return self._newest if self._newest and self._newest[0] != seen[0] else None
-
-    def newest(self) -> PageResult | None:
-        """The newest result."""
-        with self._came:
-            return self._newest[1] if self._newest else None
-
-    def hold(self, held: bool) -> None:
-        """Hold the measurement, or let it go on."""
-        with self._came:
-            (self._going.clear if held else self._going.set)()
-            self._came.notify_all()
-
-    def refer(self) -> None:
-        """A new reference."""
-        self._reference()
+    def newest(self, seen: str) -> dict[str, Any]:
+        """What a browser is told that has seen the result of that number."""
+        with self._lock:
+            number, data = self._number, self._data
+        return {
+            "paused": not self._going.is_set(), "ended": self.ended,
+            "health": self.health, "unfit": self.unfit, "number": number,
+            "result": None if seen == str(number) else data(),
+        }  # fmt: skip
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -185,32 +119,28 @@ class _Handler(BaseHTTPRequestHandler):
             super().handle()
 
     def do_GET(self) -> None:
-        path = self.path.partition("?")[0]
+        path, _, words = self.path.partition("?")
         if not self._from_here():
             self._answer(403, "text/plain", b"only pages of this server")
         elif path == "/":
             self._answer(200, "text/html; charset=utf-8", _PAGE.read_bytes())
-        elif path == "/about":
-            self._answer(200, "application/json", self.shown.about().encode())
         elif path == "/style.css":
             self._answer(200, "text/css; charset=utf-8", _STYLE.read_bytes())
-        elif path == "/image.jpg" and (shot := self.shown.newest()) is not None:
-            self._answer(200, "image/jpeg", shot.jpeg())
-        elif path == "/events":
-            self._events()
+        elif path == "/image.jpg":
+            self._answer(200, "image/jpeg", self.shown.jpeg())
+        elif path in ("/about", "/newest"):
+            told = self.shown.about() if path == "/about" else self.shown.newest(words)
+            text = json.dumps(told, allow_nan=False, separators=(",", ":"))
+            self._answer(200, "application/json", text.encode())
         else:
             self._answer(404, "text/plain", b"not here")
 
     def do_POST(self) -> None:
-        deeds = {
-            "/reference": self.shown.refer,
-            "/pause": lambda: self.shown.hold(True),
-            "/go": lambda: self.shown.hold(False),
-        }
+        deed = self.shown.deeds.get(self.path[1:])
         if not self._from_here():
             self._answer(403, "text/plain", b"only pages of this server")
-        elif self.path in deeds:
-            deeds[self.path]()
+        elif deed is not None:
+            deed()
             self._answer(204, "text/plain", b"")
         else:
             self._answer(404, "text/plain", b"not here")
@@ -230,25 +160,6 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
         self.wfile.write(body)
-
-    def _events(self) -> None:
-        self.send_response(200)
-        self.send_header("Content-Type", "text/event-stream")
-        self.send_header("Cache-Control", "no-store")
-        self.send_header("Connection", "close")
-        self.end_headers()
-        self.close_connection = True
-        number, state = -1, dict[str, Any]()
-        while True:
-            began_s = time.monotonic()
-            found = self.shown.next((number, state), 5.0)
-            state = self.shown.state()
-            lines = [f"event: state\ndata: {json.dumps(state)}\n\n"]
-            if found is not None:
-                number = found[0]
-                lines.append(f"data: {found[1].json()}\n\n")
-            self.wfile.write("".join(lines).encode())
-            time.sleep(max(0.0, began_s + 1 / MAX_HZ - time.monotonic()))
 
 
 _PAGE = Path(__file__).parent / "page.html"

@@ -9,16 +9,13 @@ import cv2
 import numpy as np
 
 from ..aliases import Array
-from ..measure.face import FaceFlow
+from ..measure.face import EVERY_PX, FaceFlow
 from ..optics import CameraModel
 from .formatting import as_dict
-from .motion import CELL_PX
 from .session import MeasuredImage
 
 ARROW_MM = 1.5
 """Between arrows: sparse, as the paper's figure of the force distribution has them."""
-MAX_CELLS = 160
-"""Of a map's longer side; the browser draws it smooth."""
 LOST = 255
 ARROW_PX, MIN_PX = 32.0, 1.0  # the same where lengths are in pixels
 MIN_MM = 0.05
@@ -48,7 +45,7 @@ def data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
     told["contacts"] = told["contacts"] or []
     f, least, arrow = result.flow, MIN_MM, ARROW_MM
     if in_px and result.observation is not None:
-        f, least, arrow = FaceFlow.of(result.observation, camera, CELL_PX), MIN_PX, ARROW_PX
+        f, least, arrow = FaceFlow.of(result.observation, camera, EVERY_PX), MIN_PX, ARROW_PX
     if f is not None:
         for contact in told["contacts"]:
             contact["seen_mm"] = _landed(contact["outline_mm"], f)
@@ -121,22 +118,18 @@ def _map(
     times: float, unit: str,
 ) -> dict[str, Any]:  # fmt: skip
     """Values (h, w) as bytes, 0 and less dark, the most 254, what is not known LOST."""
-    n = -(-max(values.shape) // MAX_CELLS)
-    h, w = (side // n * n for side in values.shape)
-    part = np.ascontiguousarray(values[:h, :w], np.float32)
-    lost = np.zeros((h, w), np.uint8) if known is None else (~known[:h, :w]).astype(np.uint8)
-    part[lost > 0] = 0
-    small = cv2.resize(part, (w // n, h // n), interpolation=cv2.INTER_AREA)
-    gone = cv2.resize(lost, (w // n, h // n), interpolation=cv2.INTER_NEAREST) > 0
-    most = max(least, float(small.max()))
-    levels = np.clip(np.rint(small / most * (LOST - 1)), 0, LOST - 1).astype(np.uint8)
+    h, w = values.shape
+    gone = np.zeros((h, w), bool) if known is None else ~known
+    shown = np.where(gone, 0, values).astype(np.float32)
+    most = max(least, float(shown.max()))
+    levels = np.clip(np.rint(shown / most * (LOST - 1)), 0, LOST - 1).astype(np.uint8)
     levels[gone] = LOST
     half_x, half_y = float(x_mm[1] - x_mm[0]) / 2, float(y_mm[1] - y_mm[0]) / 2
     return {
         "name": name, "times": times, "unit": unit, "most": most,
-        "width": w // n, "height": h // n, "lost": bool(gone.any()), "data": _text(levels),
-        "x_mm": [float(x_mm[0]) - half_x, float(x_mm[w - 1]) + half_x],
-        "y_mm": [float(y_mm[0]) - half_y, float(y_mm[h - 1]) + half_y],
+        "width": w, "height": h, "lost": bool(gone.any()), "data": _text(levels),
+        "x_mm": [float(x_mm[0]) - half_x, float(x_mm[-1]) + half_x],
+        "y_mm": [float(y_mm[0]) - half_y, float(y_mm[-1]) + half_y],
     }  # fmt: skip
 
 

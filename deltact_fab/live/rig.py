@@ -20,8 +20,7 @@ from ..protocols.plan import Step
 from ..rig import config
 from ..rig.camera.model import flat_field, tracked_view
 from ..rig.interface import CameraFrame, Devices
-from .camera import CameraSource
-from .source import KnownSensor, Source
+from .source import KnownSensor, Source, camera_source
 
 DEFAULT_PROTOCOL = "smoke"
 
@@ -34,7 +33,7 @@ def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> S
     """
     bench, path = config.load(rig_name)
     if isinstance(bench, config.VirtualConfig):
-        return RigSource(rig_name, protocol or DEFAULT_PROTOCOL, seed)
+        return virtual_source(rig_name, protocol or DEFAULT_PROTOCOL, seed)
     if protocol:
         raise InputError(
             f"{path}: kind: {bench.kind!r} moves a real stage, and `measure` only looks: name the "
@@ -48,62 +47,48 @@ def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> S
     seen = None if view is None or flat is None else flat.seen_by(view)
     told = "simulated devices" if bench.served else None
     known = KnownSensor(view, seen, sensor.skin, simulated=told)
-    return CameraSource(bench.camera, path.parent, known)
+    return camera_source(bench.camera, path.parent, known)
 
 
-class RigSource:
-    """The images of a protocol on a virtual rig, in order; every image counts.
+def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
+    """The images of a protocol on a virtual rig, in order; of those at rest there is no end.
 
-    Time is virtual: images come as quickly as they are drawn.
+    Time is virtual: images come as quickly as they are drawn. Raises InputError for a protocol
+    without images or that does not fit.
     """
+    request = RunRequest(protocol_name, rig_name, seed=seed)
+    protocol, source = request.protocol, str(request.source)
+    if "image" not in protocol.channels:
+        raise InputError(f"{source}: channels: without 'image' there is nothing to measure")
+    # What the measurement does not need is not solved either.
+    wanted = protocol.channels & {"image", "shear"}
+    request.protocol = protocol = protocol.model_copy(update={"channels": wanted})
+    sensor, kind = request.design, request.kind
+    rows = limits.check(protocol, sensor, request.rig.stage, request.steps)
+    rows.append(limits.refusals(kind.part, kind.refusals(protocol, sensor, source)))
+    limits.require(rows, source)
+    view, flat = request.view, kind.flat(protocol)
+    known = KnownSensor(
+        view,
+        None if view is None or flat is None else flat.seen_by(view),
+        sensor.skin,
+        recipe=request.recipe.model_dump(mode="json"),
+        design=protocol.specimen.design,
+        serial=protocol.specimen.serial,
+        simulated=f"simulated, seed {seed}",
+    )
 
-    live = False
-
-    def __init__(self, rig_name: str, protocol_name: str, seed: int = 0) -> None:
-        """Raises InputError for a protocol without images or that does not fit."""
-        self.name = f"{rig_name}:{protocol_name}"
-        self._request = request = RunRequest(protocol_name, rig_name, seed=seed)
-        protocol, source = request.protocol, str(request.source)
-        if "image" not in protocol.channels:
-            raise InputError(f"{source}: channels: without 'image' there is nothing to measure")
-        # What the measurement does not need is not solved either.
-        wanted = protocol.channels & {"image", "shear"}
-        request.protocol = protocol = protocol.model_copy(update={"channels": wanted})
-        sensor, kind = request.design, request.kind
-        rows = limits.check(protocol, sensor, request.rig.stage, request.steps)
-        rows.append(limits.refusals(kind.part, kind.refusals(protocol, sensor, source)))
-        limits.require(rows, source)
-        view, flat = request.view, kind.flat(protocol)
-        self.known = KnownSensor(
-            view,
-            None if view is None or flat is None else flat.seen_by(view),
-            sensor.skin,
-            recipe=request.recipe.model_dump(mode="json"),
-            design=protocol.specimen.design,
-            serial=protocol.specimen.serial,
-            simulated=f"simulated, seed {seed}",
-        )
-
-    def frames(self) -> Iterator[CameraFrame]:
-        """As Source; times of the rig's clock."""
-        yield from self._carried_out()
-
-    def _carried_out(self, at_rest: bool = False) -> Iterator[CameraFrame]:
+    def frames(rest_only: bool) -> Iterator[CameraFrame]:
         from ..virtual.rig import VirtualRig
 
-        request = self._request
-        with TemporaryDirectory() as folder:
-            job = request.setup(Path(folder))
-            with closing(request.kind.build(job)) as rig:
-                assert isinstance(rig, VirtualRig), "a real one has another source"
-                yield from _carried_out(request.steps, rig, at_rest)
+        with (
+            TemporaryDirectory() as folder,
+            closing(kind.build(request.setup(Path(folder)))) as rig,
+        ):
+            assert isinstance(rig, VirtualRig), "a real one has another source"
+            yield from _carried_out(request.steps, rig, rest_only)
 
-    def at_rest(self) -> Iterator[CameraFrame]:
-        """As Source, before the first press, without end."""
-        yield from self._carried_out(at_rest=True)
-
-    def close(self) -> None:
-        """The devices are closed when `frames` ends."""
+    return Source(f"{rig_name}:{protocol_name}", known, frames)
 
 
 def _carried_out(steps: Sequence[Step], devices: Devices, at_rest: bool) -> Iterator[CameraFrame]:

@@ -12,8 +12,12 @@ import numpy as np
 
 from ..aliases import Array
 from ..optics import CameraModel, axes_mm
+from .compose import filled
 from .flow import FlowObservation, FlowState
-from .flow.fill import filled
+
+EVERY_PX = 8
+"""Between the points on which shape, depth and force rest: depth and contacts rest on cells of a
+millimetre and say no more on finer ones, and the relative depth is smoothed over more than that."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,7 @@ def _mean(values: Array, size: tuple[int, int]) -> Array:
 def whole(flow: FaceFlow) -> FaceFlow:
     """The same flow with its shift replaced wherever it is not known; finite everywhere.
 
-    There it goes on as planes fitted to the known points around (`flow.fill.filled`), held between
+    There it goes on as planes fitted to the known points around (`compose.filled`), held between
     the least and the largest of the known shifts. A point that is not finite, or that moved farther
     than the view is wide, is not known whatever the flow says. With nothing known the shift is 0.
     """

@@ -6,33 +6,8 @@ lens as it is, behind air, acrylic and gel, and `Rectified` the view of the face
 """
 
 from .camera import CameraModel, Medium, Pinhole, axes_mm
-from .camera_file import as_toml, camera_from_dict, load_camera
-from .face import SeenFace
 from .fisheye import Fisheye, half_angle_rad, reached_mm
-from .flat import FlatField
-from .lattice import FaceMotion, LatticeSampler, PointSampler, SurfaceLattice
+from .flat import FlatField, as_toml, camera_from_dict, load_camera
+from .lattice import FaceMotion, LatticeSampler, PointSampler, SeenFace, SurfaceLattice
 from .rectified import Rectified, aliased_share, raw_mm_per_px
 from .stage import StageFrame
-
-__all__ = [
-    "CameraModel",
-    "FaceMotion",
-    "Fisheye",
-    "FlatField",
-    "LatticeSampler",
-    "Medium",
-    "Pinhole",
-    "PointSampler",
-    "Rectified",
-    "SeenFace",
-    "StageFrame",
-    "SurfaceLattice",
-    "aliased_share",
-    "as_toml",
-    "axes_mm",
-    "camera_from_dict",
-    "half_angle_rad",
-    "load_camera",
-    "raw_mm_per_px",
-    "reached_mm",
-]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from math import ceil
 from typing import Any
 
@@ -18,6 +19,9 @@ from numpy.typing import NDArray
 
 from ..aliases import Array
 from ..errors import InputError
+from .camera import CameraModel, axes_mm
+from .fisheye import Fisheye
+from .rectified import Rectified
 
 
 @dataclass(frozen=True)
@@ -156,3 +160,74 @@ class FaceMotion:
         """Displacement (ny, nx, 3) on its lattice to motion in px on `lattice`, (ny, nx, 2)."""
         moved = self._rest + self.displaced(displacement_mm)
         return np.asarray(self._project_px(moved) - self._rest_px)
+
+
+class SeenFace:
+    """Motion of the face, (ny, nx, 3) mm on a lattice, as the pixels of a view show it.
+
+    lens: what the frames were drawn through; None: through the camera itself.
+    """
+
+    def __init__(
+        self, camera: CameraModel, lattice: SurfaceLattice, lens: Fisheye | None = None
+    ) -> None:
+        self.camera, self.lattice, self.lens = camera, lattice, lens
+
+    def both(self, u_mm: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Motion of what every pixel sees at rest: projected, (h, w, 2) px, and in plane, mm."""
+        if self._through is not None:
+            return self._through.both(u_mm)
+        moved_mm = self._grid(u_mm)
+        return self.camera.project_px(self._rest_mm + moved_mm) - self._rest_px, moved_mm[..., :2]
+
+    def points_px(
+        self, u_mm: NDArray[np.float64], xy_mm: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Projected displacement (n, 2) px of points of the resting face (n, 2) mm."""
+        moved_mm = PointSampler(self.lattice, xy_mm)(u_mm)
+        rest_mm = np.column_stack((xy_mm, np.zeros(len(xy_mm))))
+        project_px = (self._through or self.camera).project_px
+        return np.asarray(project_px(rest_mm + moved_mm) - project_px(rest_mm))
+
+    @cached_property
+    def _grid(self) -> LatticeSampler:
+        return LatticeSampler.make(self.lattice, *axes_mm(self.camera))
+
+    @cached_property
+    def _rest_mm(self) -> NDArray[np.float64]:
+        x_mm, y_mm = np.meshgrid(*axes_mm(self.camera))
+        return np.stack((x_mm, y_mm, np.zeros_like(x_mm)), axis=-1)
+
+    @cached_property
+    def _rest_px(self) -> NDArray[np.float64]:
+        return self.camera.project_px(self._rest_mm)
+
+    @cached_property
+    def _through(self) -> _Through | None:
+        if self.lens is None:
+            return None
+        assert isinstance(self.camera, Rectified), "a lens's frames are rectified"
+        return _Through(self.lens, self.camera, self.lattice)
+
+
+class _Through:
+    """What a rectified view shows of frames that were drawn through another lens than it holds."""
+
+    def __init__(self, lens: Fisheye, view: Rectified, lattice: SurfaceLattice) -> None:
+        self._lens, self._view = lens, view
+        columns, rows = np.meshgrid(np.arange(view.width_px), np.arange(view.height_px))
+        px = np.stack((columns, rows), axis=-1).astype(float)
+        seen_mm = lens.rest_mm(view.lens.rest_px(view.rest_mm(px))).reshape(-1, 2)
+        self._shape = px.shape
+        self._motion = FaceMotion(lattice, self.project_px)
+        self._at_seen = PointSampler(self._motion.lattice, seen_mm)
+
+    def project_px(self, xyz_mm: NDArray[Any]) -> NDArray[Any]:
+        """Points (..., 3) mm, through the lens, to where the view takes them to be (..., 2) px."""
+        return self._view.rest_px(self._view.lens.rest_mm(self._lens.project_px(xyz_mm)))
+
+    def both(self, u_mm: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """As SeenFace."""
+        parts = self._motion(u_mm), self._motion.displaced(u_mm[..., :2])
+        flow_px, at_rest_mm = (self._at_seen(part).reshape(self._shape) for part in parts)
+        return flow_px, at_rest_mm

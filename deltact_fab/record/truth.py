@@ -84,7 +84,7 @@ class RunTruth:
 
     def flow_px(self, frame_id: str) -> NDArray[np.float64]:
         """Projected displacement of what every pixel sees at rest, (h, w, 2) px."""
-        return self._seen.flow_px(self.displacement_mm(frame_id))
+        return self._seen.both(self.displacement_mm(frame_id))[0]
 
     def flow_and_in_plane(self, frame_id: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """`flow_px`, and the displacement in the plane, (h, w, 2) mm: not projected."""

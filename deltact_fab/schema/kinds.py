@@ -45,9 +45,9 @@ OUTPUTS = {
     kind.name: kind
     for kind in (
         Kind("measured", "", "columns that `measure --out` keeps of each image",
-             "live.rows:MeasuredRow"),
+             "live.formatting:MeasuredRow"),
         Kind("fields", "", "arrays that `measure --out` keeps of each image",
-             "live.rows:FieldArrays"),
+             "live.formatting:FieldArrays"),
     )
 }  # fmt: skip
 """What the program writes: no one edits them."""

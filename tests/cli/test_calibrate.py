@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from deltact_fab.cli.calibrate.lens import lens as calibrate
+from deltact_fab.cli.calibrate import lens as calibrate
 from deltact_fab.cli.rig import rig
 from deltact_fab.errors import InputError
 from deltact_fab.optics import Fisheye, FlatField, Rectified, load_camera

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import shutil
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from deltact_fab.imaging import ImageSensor, Printer
 from deltact_fab.live.acceptance import Accepted, accept
 from deltact_fab.live.known_step import known_steps
 from deltact_fab.live.open import acceptance_file
-from deltact_fab.live.source import KnownSensor
+from deltact_fab.live.source import KnownSensor, Source
 from deltact_fab.optics import Fisheye, Pinhole, Rectified, SurfaceLattice
 from deltact_fab.patterns import load_recipe
 from deltact_fab.patterns.raster import albedo
@@ -204,28 +204,16 @@ BAD: dict[str, tuple[Made, tuple[str, ...], dict[str, Any]]] = {
 SPOILED = "film", "bubbles, lint, dust", "light, all LEDs", "light, even"
 
 
-class Given:
+def given(images: list[np.ndarray], camera: Pinhole | Rectified) -> Source:
     """Images that are there already, as a source."""
-
-    live, name = False, "given"
-
-    def __init__(self, images: list[np.ndarray], camera: Pinhole | Rectified) -> None:
-        self.known, self._images = KnownSensor(camera), images
-
-    def frames(self) -> Iterator[CameraFrame]:
-        for k, image in enumerate(self._images):
-            yield CameraFrame(image, k / 10, k)
-
-    at_rest = frames
-
-    def close(self) -> None:
-        pass
+    frames = [CameraFrame(image, k / 10, k) for k, image in enumerate(images)]
+    return Source("given", KnownSensor(camera), lambda _: iter(frames))
 
 
 def judged(made: Made, images: int = 2, recipe: str = "") -> Accepted:
     through_lens = made.fisheye or made.lens
     camera = Rectified.of(DESIGN, Fisheye.of(DESIGN)) if through_lens else Pinhole.of(DESIGN)
-    source = Given(photographs(made, max(images, made.images)), camera)
+    source = given(photographs(made, max(images, made.images)), camera)
     return accept(source, load_recipe(recipe or made.recipe), DESIGN)
 
 
@@ -236,10 +224,10 @@ def failed(done: Accepted) -> set[str]:
 def test_a_bubble_is_found_where_it_is_and_nothing_else_is_wrong():
     done = judged(Made(paint=(bubble(4.0, -3.0, 1.0),)))
     assert failed(done) == {"bubbles, lint, dust"}
-    ((x, y, long_mm),) = done.found.places
+    ((x, y, long_mm),) = done.found["places"]
     assert (x, y) == pytest.approx((4.0, -3.0), abs=0.2)
     assert long_mm == pytest.approx(1.0, abs=0.4)
-    assert done.found.noise_mm is None  # of two images nothing is said
+    assert done.found["noise_mm"] is None  # of two images nothing is said
 
 
 @pytest.mark.slow
@@ -254,9 +242,9 @@ def test_a_bad_sensor_fails_its_own_row_and_no_other_without_cause(name):
     made, (own, *follow), painted = BAD[name]
     done = judged(made, recipe="dense-with-dots" if name == "wrong pattern" else "")
     assert own in failed(done) <= {own, *follow}
-    assert {key: getattr(done.found, key) for key in painted} == painted
+    assert {key: done.found[key] for key in painted} == painted
     if name == "far out of focus":  # print, mosaic and demosaicing have nearly a pixel of their own
-        blur_px = np.median([b for row in done.found.blur_px for b in row if b is not None])
+        blur_px = np.median([b for row in done.found["blur_px"] for b in row if b is not None])
         assert 4 <= blur_px <= np.hypot(4, 0.95) + 0.6
 
 
@@ -265,7 +253,7 @@ def test_the_guide_s_pictures_are_what_they_are_said_to_be():
     pair = pairs(DESIGN, load_recipe("recommended"))["sensor"]
     for jpeg, rows in zip(pair, (set(), set(SPOILED)), strict=True):
         image = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR))
-        done = accept(Given([image], Pinhole.of(DESIGN)), load_recipe("recommended"), DESIGN)
+        done = accept(given([image], Pinhole.of(DESIGN)), load_recipe("recommended"), DESIGN)
         assert failed(done) == rows
 
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deltact_fab.live.page import LivePage, PageResult
+from deltact_fab.live.page import LivePage
 
 
 @pytest.fixture
@@ -29,11 +29,10 @@ def page(asked: list[str]) -> Iterator[LivePage]:
     made.close()
 
 
-def shot(k: int, size: int = 1) -> PageResult:
+def show(page: LivePage, k: int, size: int = 1) -> None:
     """A result of number k that weighs so many numbers."""
-    return PageResult(
-        lambda: {"frame": k, "load": [k] * size}, lambda: np.full((8, 8, 3), 10 * k, np.uint8)
-    )
+    numbers = {"frame": k, "load": [k] * size}
+    page.show(lambda: numbers, lambda: np.full((8, 8, 3), 10 * k, np.uint8), (k, 2 * k, 1))
 
 
 def ask(page: LivePage, path: str, method: str = "GET", **headers: str) -> tuple[int, bytes]:
@@ -45,32 +44,24 @@ def ask(page: LivePage, path: str, method: str = "GET", **headers: str) -> tuple
     return answer.status, body
 
 
-def events(page: LivePage) -> Iterator[dict[str, Any]]:
-    """The results that a browser is told."""
-    link = http.client.HTTPConnection("127.0.0.1", page.port, timeout=10)
-    link.request("GET", "/events")
-    answer = link.getresponse()
-    kind = "message"
-    while line := answer.readline().decode():
-        if line.startswith("event: "):
-            kind = line.removeprefix("event: ").strip()
-        elif line.startswith("data: "):
-            yield {"kind": kind, **json.loads(line.removeprefix("data: "))}
-            kind = "message"
+def newest(page: LivePage, seen: int = -1) -> dict[str, Any]:
+    return json.loads(ask(page, f"/newest?{seen}")[1])
 
 
 def test_a_browser_gets_the_page_the_newest_picture_and_the_traces_so_far(page: LivePage) -> None:
     for k in range(3):
-        page.show(shot(k), (float(k), 2.0 * k, 1.0))
+        show(page, k)
     status, body = ask(page, "/")
     assert status == 200
-    assert b"EventSource" in body
+    assert b"/newest" in body
     assert b"http://" not in body.replace(b"http://www.w3.org", b"")  # nothing is fetched elsewhere
     assert json.loads(ask(page, "/about")[1])["trace"] == [[0, 0, 1], [1, 2, 1], [2, 4, 1]]
     picture = cv2.imdecode(np.frombuffer(ask(page, "/image.jpg?2")[1], np.uint8), 1)
     assert picture is not None
     assert abs(int(picture.mean()) - 20) <= 2
     assert ask(page, "/etc/passwd")[0] == 404
+    assert newest(page, 1)["result"]["frame"] == 2
+    assert newest(page, 2)["result"] is None
 
 
 def test_only_this_computer_may_ask_and_no_page_of_another_server(
@@ -90,30 +81,23 @@ def test_a_browser_that_reads_nothing_holds_up_neither_measurement_nor_others(
     page: LivePage,
 ) -> None:
     """Every result is some megabytes: more than the buffers between server and browser take."""
+    show(page, 0, 1 << 20)
     deaf = socket.create_connection(("127.0.0.1", page.port))
-    deaf.sendall(f"GET /events HTTP/1.1\r\nHost: 127.0.0.1:{page.port}\r\n\r\n".encode())
-    heard = (e for e in events(page) if e["kind"] == "message")
-    seen = []
-    for k in range(8):
-        page.show(shot(k, 1 << 20), (float(k), 0.0, 1.0))
-        if k % 2:
-            seen.append(next(heard)["frame"])
-    assert seen[-1] >= 6
-    assert sorted(set(seen)) == seen
+    deaf.sendall(f"GET /newest?-1 HTTP/1.1\r\nHost: 127.0.0.1:{page.port}\r\n\r\n".encode())
+    for k in range(1, 8):
+        show(page, k, 1 << 20)
+        assert newest(page, k - 1)["result"]["frame"] == k
     deaf.close()
 
 
-def test_pause_and_end_are_told_to_every_browser(page: LivePage) -> None:
-    told = [(e for e in events(page) if e["kind"] == "state") for _ in range(2)]
-    assert [next(t)["paused"] for t in told] == [False, False]
+def test_pause_health_and_end_are_told_to_every_browser(page: LivePage) -> None:
+    assert not newest(page)["paused"]
     assert page.going(0.0)
     ask(page, "/pause", "POST")
-    assert [next(t)["paused"] for t in told] == [True, True]
+    assert newest(page)["paused"]
     assert not page.going(0.0)
     threading.Timer(0.05, lambda: ask(page, "/go", "POST")).start()
     assert page.going(10.0)
-    page.tell("state of health: fit to use")
-    page.end("ended")
-    for t in told:
-        last = next(s for s in t if s["ended"])
-        assert last["health"] == "state of health: fit to use"
+    page.health, page.ended = "state of health: fit to use", "ended"
+    told = newest(page)
+    assert (told["health"], told["ended"]) == ("state of health: fit to use", "ended")

@@ -12,8 +12,7 @@ import pytest
 from deltact_fab import record
 from deltact_fab.analysis.measured import FORCE, calibrations_of, measured
 from deltact_fab.errors import InputError
-from deltact_fab.live import open_source
-from deltact_fab.live.open import measurement_of
+from deltact_fab.live.open import measurement_of, open_source
 from deltact_fab.live.outputs import HealthOutput, JsonLines, StatusLine
 from deltact_fab.live.picture import LOST, data
 from deltact_fab.live.session import MeasuredImage, Session
@@ -45,7 +44,7 @@ def test_each_output_says_force_contacts_and_health(results: list[MeasuredImage]
     for output in outputs:
         for m in results:
             output.show(m)
-        output.end("ended")
+        output.end("ended", results[-1])
     rows = [json.loads(line) for line in program.getvalue().splitlines()]
     normal = [-row["force_n"][2] for row in rows]
     assert normal[0] == pytest.approx(0, abs=0.02)

@@ -13,8 +13,8 @@ import pytest
 
 from deltact_fab import record
 from deltact_fab.errors import DeltactFabError, SensorError
-from deltact_fab.live import open_source
-from deltact_fab.live.open import images
+from deltact_fab.live.open import open_source
+from deltact_fab.live.source import images
 from deltact_fab.optics import Pinhole, as_toml
 
 

@@ -15,7 +15,7 @@ from called import called
 from numpy.typing import NDArray
 
 from deltact_fab import catalog
-from deltact_fab.measure.recognised import recognise
+from deltact_fab.measure.health import recognise
 from deltact_fab.patterns import load_recipe
 from deltact_fab.patterns.raster import raster_window
 from deltact_fab.schema import kind_named, rows

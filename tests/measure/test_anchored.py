@@ -10,14 +10,14 @@ import pytest
 
 import benchmarks.renewal
 from deltact_fab.errors import InputError
+from deltact_fab.measure import compose
+from deltact_fab.measure.compose import filled
 from deltact_fab.measure.flow import (
     FLOW_METHODS,
     FlowState,
     FlowTracker,
-    fill,
     named_tracker,
 )
-from deltact_fab.measure.flow.fill import filled
 
 MM_PER_PX = 0.0378
 
@@ -113,7 +113,7 @@ def test_a_fill_continues_what_its_neighbours_do(monkeypatch):
     assert not filled(shown, np.zeros_like(kept), np.zeros_like(kept)).any()
     assert np.array_equal(filled(shown, kept, np.ones_like(kept)), shown)
     with monkeypatch.context() as patch:
-        patch.setattr(fill, "SLOPES", 1e9)  # means instead of planes
+        patch.setattr(compose, "SLOPES", 1e9)  # means instead of planes
         flat = filled(shown, kept, kept)
     assert off_px(out, truth)[~kept].mean() < 0.5 * off_px(flat, truth)[~kept].mean()
 

@@ -17,7 +17,7 @@ from ... import cache, record
 from ...aliases import Array, Progress
 from ...errors import InputError, SolverError
 from ...jobs import each
-from ...measure.face import FaceFlow
+from ...measure.face import EVERY_PX, FaceFlow
 from ...measure.force import Features, make_features
 from ...measure.view import SensorView
 from ...record import UNKNOWN, Run
@@ -165,7 +165,7 @@ def point_flows(runs: Sequence[Run], data: ForceData) -> Iterator[FaceFlow]:
     for (label, press), part in data.points.groupby(["run", "press"], sort=False):
         run, name = of_run[str(label)], str(press).removeprefix(f"{label}/")
         frames = settled(run.frames(name))["frame_id"].tolist()
-        flows = flows_of(run, name, Features.every)
+        flows = flows_of(run, name, EVERY_PX)
         for frame_id in part["frame_id"]:
             yield flows[frames.index(frame_id)]
 
@@ -212,7 +212,7 @@ def points_of(
         wrench -= wrench[(rows["t_press_s"] <= WINDOW_S).to_numpy()].mean(0)
         wrench[:, np.isnan(wrench).all(axis=0)] = 0.0
     sets = [make_features(name, view) for name in names]
-    flows, key = flows_of(run, press, Features.every), key_of(run, press)
+    flows, key = flows_of(run, press, EVERY_PX), key_of(run, press)
     refused = ["" for _ in range(len(rows))]
     for k, flow in enumerate(flows):
         if saturated[k]:
@@ -266,7 +266,7 @@ def _features(
     key = cache.key(
         type(one).__module__.partition(".")[2],
         of=of,
-        every_px=one.every,
+        every_px=EVERY_PX,
         by=one.name,
         view=repr((view.camera.as_dict(), (view.skin, view.poisson) if one.rests_on_gel else ())),
     )

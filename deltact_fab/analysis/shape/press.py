@@ -13,7 +13,7 @@ from ... import record
 from ...aliases import Array
 from ...errors import InputError
 from ...measure.face import FaceFlow
-from ...measure.force import Features, LocalFeatures, TractionField, Wrench, features_of
+from ...measure.force import Features, TractionField, Wrench, features_of
 from ...measure.force.calibration import ForceCalibration
 from ...measure.shape import (
     ContactRegion,
@@ -166,12 +166,12 @@ def _found(
     force: ForceCalibration | None,
 ) -> _Found:
     press = finder.inverse.of(flow)
-    depth = finder.of(flow, press)
+    depth = finder.of(flow)
     density = by_jacobian(flow, finder.view.camera.mm_per_px)
     field = wrench = None
     if features is not None and force is not None:
         wrench = force.model.wrench(features.of(flow), flow.cover)
-        if isinstance(features, LocalFeatures):
+        if features.local:
             field = features.traction(flow, force.model)
     return _Found(
         density, relative_depth(density, flow), depth,

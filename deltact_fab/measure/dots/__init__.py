@@ -10,5 +10,3 @@ blob is which dot), `tracker`.
 
 from .detect import FoundDots, Polarity, find_dots
 from .tracker import DotObservation, DotTracker
-
-__all__ = ["DotObservation", "DotTracker", "FoundDots", "Polarity", "find_dots"]

@@ -8,25 +8,7 @@ Results of DIS depend on cv2's number of threads (it splits the image by thread)
 it with cv2.setNumThreads, and records it where bytes must repeat.
 """
 
-from .confidence import FlowState
+from .confidence import FlowDiagnostics, FlowObservation, FlowState, PreparedImage
 from .fused import Sampled, to_gray
-from .method import FLOW_METHODS, PAPER, FlowMethod
-from .observation import FlowDiagnostics, FlowObservation, PreparedImage
-from .renewed import RENEW_SHARE
+from .renewed import FLOW_METHODS, PAPER, RENEW_SHARE, FlowMethod
 from .tracker import FlowTracker, Reference, named_tracker
-
-__all__ = [
-    "FLOW_METHODS",
-    "PAPER",
-    "RENEW_SHARE",
-    "FlowDiagnostics",
-    "FlowMethod",
-    "FlowObservation",
-    "FlowState",
-    "FlowTracker",
-    "PreparedImage",
-    "Reference",
-    "Sampled",
-    "named_tracker",
-    "to_gray",
-]

@@ -10,19 +10,17 @@ import numpy as np
 
 from ...aliases import Array
 from ...errors import InputError, SensorError, did_you_mean
-from ..compose import landing_px, sample, shrunk
-from .confidence import TEXTURE_MIN, ConfidenceEstimator
-from .fill import denoised, filled
-from .fused import COARSE, Plane, RefinementReference, Sampled, predict, to_full
-from .method import FUSED, PAPER, FlowMethod
-from .observation import (
+from ..compose import denoised, filled, landing_px, sample, shrunk
+from .confidence import (
+    TEXTURE_MIN,
+    ConfidenceEstimator,
     FlowDiagnostics,
     FlowObservation,
     PreparedImage,
-    SequenceTracker,
     TrackedFrame,
 )
-from .renewed import RENEW_SHARE, RenewedTracker
+from .fused import COARSE, Plane, RefinementReference, Sampled, predict, to_full
+from .renewed import FUSED, PAPER, RENEW_SHARE, FlowMethod, RenewedTracker
 
 DARK, BRIGHT = 25, 235  # grey levels: beyond them a pattern has no room
 LOST_SHARE = 0.1
@@ -100,11 +98,7 @@ class FlowTracker:
             )
         self.reference = found
         self.full, self.renew_share = full, renew_share
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything: the next image is the first."""
-        self._way: SequenceTracker | None = None
+        self._way: AnchoredTracker | RenewedTracker | None = None
         self._shape: tuple[int, ...] = ()
         self._frame = 0
 
@@ -128,8 +122,8 @@ class FlowTracker:
         start_s = time.process_time()
         plane = Plane.of(image)
         if self._way is None:
-            self._way, self._shape, self._frame = self._begin(image, plane), image.shape, 0
-            return PreparedImage(self._way, 0, image, plane, [], None, start_s)
+            self._way, self._shape = self._begin(image, plane), image.shape
+            return PreparedImage(0, image, plane, [], None, start_s)
         if image.shape != self._shape:
             # Height and width say it, unless it is the channels that differ.
             size = slice(0, 2 if image.ndim == len(self._shape) else 3)
@@ -138,19 +132,21 @@ class FlowTracker:
             )
         self._frame += 1
         match, ahead = self._way.judge.secondary_match(image), self._way.ahead(plane)
-        return PreparedImage(self._way, self._frame, image, plane, match, ahead, start_s)
+        return PreparedImage(self._frame, image, plane, match, ahead, start_s)
 
     def follow(self, ready: PreparedImage) -> TrackedFrame:
         """What only the flow of the image before allows."""
+        assert self._way is not None, "made ready"
         if ready.frame:
-            return ready.way.step(ready)
-        textured = ready.way.judge.textured
+            return self._way.step(ready)
+        textured = self._way.judge.textured
         nothing = np.zeros((*textured.shape, 2), np.float32)
         return TrackedFrame(nothing, np.ones(textured.shape, bool), textured)
 
     def judge(self, ready: PreparedImage, seen: TrackedFrame) -> FlowObservation:
         """What the next image does not wait for."""
-        judge, shape, flow = ready.way.judge, ready.plane.shape, seen.flow_px
+        assert self._way is not None, "made ready"
+        judge, shape, flow = self._way.judge, ready.plane.shape, seen.flow_px
         inside = _inside(flow, shape)
         confident, agreeing = judge.textured, seen.agreeing
         if ready.frame:
@@ -175,7 +171,7 @@ class FlowTracker:
                             share, cpu_ms),
         )  # fmt: skip
 
-    def _begin(self, image: Array | Sampled, plane: Plane) -> SequenceTracker:
+    def _begin(self, image: Array | Sampled, plane: Plane) -> AnchoredTracker | RenewedTracker:
         judge = ConfidenceEstimator(image, plane)
         if not judge.textured.any():
             raise SensorError(

@@ -6,32 +6,22 @@ in FEATURES.
 
 from __future__ import annotations
 
-import importlib
-
 from ...errors import InputError, did_you_mean
 from ..view import SensorView
-from .model import Features, ForceModel, LocalFeatures
-from .wrench import COMPONENTS, TractionField, Wrench
+from .inverse import Inverse
+from .model import COMPONENTS, Features, ForceModel, TractionField, Wrench
+from .paper import Paper, Signed, Sums
 
-# Module and class, imported only when asked for.
-FEATURES = {
-    "sums": ("paper", "Sums"),
-    "paper": ("paper", "Paper"),
-    "inverse-placed": ("inverse", "Inverse"),
-}
-
-
-# Other readings of a set: of what the paper says, looked at by studies; no model is made of them.
-READINGS = {"paper-signed": ("paper", "Signed")}
+FEATURES = {"sums": Sums, "paper": Paper, "inverse-placed": Inverse}
+READINGS = {"paper-signed": Signed}
+"""Another reading of what the paper says, looked at by studies; no model is made of it."""
 
 
 def make_features(name: str, view: SensorView) -> Features:
     """The named set for a sensor. Raises InputError for an unknown name."""
     if name not in FEATURES | READINGS:
         raise InputError(f"force features {name!r}: unknown; {did_you_mean(name, FEATURES)}")
-    module, kind = (FEATURES | READINGS)[name]
-    made: Features = getattr(importlib.import_module(f"{__name__}.{module}"), kind)(view)
-    return made
+    return (FEATURES | READINGS)[name](view)
 
 
 def features_of(model: ForceModel, view: SensorView, source: str) -> Features:
@@ -46,18 +36,3 @@ def features_of(model: ForceModel, view: SensorView, source: str) -> Features:
     if model.names != tuple(made.names):
         raise InputError(f"{source}: not of this version's features {made.name!r}; calibrate again")
     return made
-
-
-__all__ = [
-    "COMPONENTS",
-    "FEATURES",
-    "READINGS",
-    "Features",
-    "ForceModel",
-    "LocalFeatures",
-    "SensorView",
-    "TractionField",
-    "Wrench",
-    "features_of",
-    "make_features",
-]

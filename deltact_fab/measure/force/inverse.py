@@ -14,15 +14,14 @@ import numpy as np
 from ...aliases import Array
 from ..face import FaceFlow
 from ..view import SensorView
-from .model import ForceModel, LocalFeatures
+from .model import Features, ForceModel, TractionField
 from .press import FaceInverse, inverse_for
-from .wrench import TractionField
 
 _SUMS = ("Fx/E mm2", "Fy/E mm2", "Fz/E mm2", "Tx/E mm3", "Ty/E mm3", "Tz/E mm3")
 _PLACED = ("Fx r2/E mm4", "Fy r2/E mm4", "Fz r2/E mm4")
 
 
-class Inverse(LocalFeatures):
+class Inverse(Features):
     """Sums and moments of the inverse's traction: two factors a force, two a tilting torque.
 
     A force's second factor goes with the square of its distance from the centre: the centre gives
@@ -32,7 +31,7 @@ class Inverse(LocalFeatures):
     """
 
     name = "inverse-placed"
-    rests_on_gel = True
+    rests_on_gel = local = True
     names = _SUMS + _PLACED
     held = dict.fromkeys(_PLACED, 130.0)  # in mm2
     explains = {  # noqa: RUF012

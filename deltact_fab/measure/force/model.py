@@ -1,4 +1,4 @@
-"""A force model: features of one frame, and a regression from them to the wrench.
+"""What a frame says of the force on the sensor: features, and a regression from them to the wrench.
 
 What is not linear happens in the features, so a fit is a small least squares and a cross-validation
 costs nothing on features that were kept.
@@ -18,7 +18,69 @@ from ...aliases import Array
 from ...errors import InputError
 from ..face import FaceFlow
 from ..regression import RegressionFit, least_squares, relative_leverage
-from .wrench import COMPONENTS, TractionField, Wrench
+
+COMPONENTS = ("fx", "fy", "fz", "tx", "ty", "tz")
+"""Order of a wrench (6,): N on the sensor, and N mm about the centre of its resting face."""
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """Force and torque on the sensor about the centre of its resting face; a press has Fz < 0.
+
+    force_n, torque_nmm (3,) float64, nan where it was not calibrated. cover: share of the points
+    it rests on whose motion is known; where it is 0 nothing was seen and the wrench is 0.
+    extrapolated: a feature lies beyond what the model was trained on, so no error that was measured
+    then holds.
+    """
+
+    force_n: Array
+    torque_nmm: Array
+    cover: float
+    extrapolated: bool
+
+
+@dataclass(frozen=True)
+class TractionField:
+    """Traction on the sensor at points of the resting face, (ny, nx, 3) float64, MPa = N / mm2.
+
+    x_mm (nx,), y_mm (ny,): the points, equally spaced, each standing for its cell. cover: as of a
+    Wrench.
+    """
+
+    traction_mpa: Array
+    x_mm: Array
+    y_mm: Array
+    cover: float
+
+    @property
+    def cell_mm2(self) -> float:
+        """Area that a point stands for."""
+        return float((self.x_mm[1] - self.x_mm[0]) * (self.y_mm[1] - self.y_mm[0]))
+
+    @property
+    def pressed(self) -> bool:
+        """Whether anything touches the face."""
+        return bool(self.traction_mpa[..., 2].any())
+
+    def centre_mm(self) -> Array:
+        """Centre of the pressure on the resting face, (2,); its middle where nothing presses."""
+        pressure = self.traction_mpa[..., 2]
+        total = pressure.sum() or 1.0
+        return np.array([(pressure @ self.x_mm).sum(), (self.y_mm @ pressure).sum()]) / total
+
+    @property
+    def force_n(self) -> Array:
+        """Its integral, (3,)."""
+        return np.asarray(self.traction_mpa.sum(axis=(0, 1), dtype=float) * self.cell_mm2)
+
+    @property
+    def torque_nmm(self) -> Array:
+        """Its moment about the centre of the resting face, (3,), taken on the resting face."""
+        tx, ty, tz = np.moveaxis(self.traction_mpa, -1, 0)
+        x, y = self.x_mm, self.y_mm[:, None]
+        moments = [(y * tz).sum(), -(x * tz).sum(), (x * ty - y * tx).sum()]
+        return np.array(moments) * self.cell_mm2
+
 
 REACH = 2.0  # times the largest leverage in training, beyond which a frame is extrapolated
 
@@ -26,35 +88,31 @@ REACH = 2.0  # times the largest leverage in training, beyond which a frame is e
 class Features(ABC):
     """A few numbers of a frame that the force on the sensor is linear in.
 
-    name: as registered. every: pixels between the points of the FaceFlow that it wants. names: a
-    label for each of the k numbers, unit included. explains: the labels that each of COMPONENTS is
-    fitted by. held: labels whose coefficients few presses could not tell: this times the size of
-    the component's first feature is the prior of `least_squares`. rests_on_gel: whether more of the
-    view than its camera matters.
+    name: as registered. names: a label for each of the k numbers, unit included. explains: the
+    labels that each of COMPONENTS is fitted by. held: labels whose coefficients few presses could
+    not tell: this times the size of the component's first feature is the prior of `least_squares`.
+    rests_on_gel: whether more of the view than its camera matters. local: they say where on the
+    face the force is.
     """
 
     name: str
-    every = 8
     names: tuple[str, ...]
     explains: Mapping[str, tuple[str, ...]]
     held: Mapping[str, float] = MappingProxyType({})
     rests_on_gel = False
+    local = False
 
     @abstractmethod
     def of(self, flow: FaceFlow) -> Array:
-        """The numbers (k,) float64: finite, 0 of a face at rest or of which nothing is known."""
+        """Of a flow at EVERY_PX, (k,) float64: finite, 0 at rest or where nothing is known."""
 
     def cover(self, flow: FaceFlow) -> float:
         """Share of what the numbers rest on whose motion is known."""
         return flow.cover
 
-
-class LocalFeatures(Features):
-    """Features that also say where on the face the force is."""
-
-    @abstractmethod
     def traction(self, flow: FaceFlow, model: ForceModel) -> TractionField:
-        """The force's distribution by a model that was fitted to these features."""
+        """The force's distribution by a model that was fitted to these; of `local` ones."""
+        raise NotImplementedError(self.name)
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from ..face import FaceFlow, whole
 from ..hodge import Hodge, decompose
 from ..shape.density import by_jacobian
 from ..view import SensorView
-from .model import Features, ForceModel, LocalFeatures
-from .wrench import TractionField
+from .model import Features, ForceModel, TractionField
 
 TURNING = ("x ry mm4", "y rx mm4", "x hy mm4", "y hx mm4")
 _D = ("D mm2", "D^2 mm2", "D^3 mm2")
@@ -76,7 +75,7 @@ def turning(parts: Hodge, flow: FaceFlow) -> Array:
     return np.concatenate(pairs)
 
 
-class Paper(LocalFeatures):
+class Paper(Features):
     """The model as it is printed.
 
     Its even powers take no part in a mirror: the face and its mirror image, pressed and sheared
@@ -85,6 +84,7 @@ class Paper(LocalFeatures):
     """
 
     name = "paper"
+    local = True
     names = (*_D, *_A, *_B, *_XD, *_YD, *TURNING)
     explains = {  # noqa: RUF012
         "fx": _A + _B,

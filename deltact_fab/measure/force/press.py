@@ -13,14 +13,14 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy import linalg, ndimage
+from scipy import linalg, ndimage, optimize
 
 from ...aliases import Array
 from ...elasticity.block import FaceCells
 from ...optics import CameraModel, axes_mm
 from ..face import FaceFlow, whole
 from ..view import SensorView
-from .wrench import TractionField
+from .model import TractionField
 
 STEP_MM = 1e-3
 
@@ -49,7 +49,6 @@ ROUGH = {"pressure": 3e-3, "shear": 1.5e-2}
 LITTLE = {"pressure": 3e-4, "shear": 7e-3}
 LEAST = 0.05  # of the first look's peak, for cells that it saw nothing in
 FOREIGN = 0.55  # of the shift's size, left over beside noise: that was no press
-MAX_STEPS, PATIENCE = 200, 3  # of the signed least squares
 FLOOR = 5.0  # a peak of the first look this many times what noise makes of it is a contact
 
 
@@ -244,8 +243,7 @@ def _roughness(at: Array, shape: tuple[int, int]) -> Array:
 def least_squares_signed(matrix: Array, right: Array, signed: Array) -> Array:
     """The t (n,) that makes t' matrix t / 2 - right' t least, with t <= 0 where signed (n,) bool.
 
-    matrix (n, n): symmetric, positive definite. Raises ArithmeticError where rounding keeps it from
-    an end, which has not been seen.
+    matrix (n, n): symmetric, positive definite.
     """
     # Those without a sign go first and once; the search is then among the others only.
     a, b = np.flatnonzero(~signed), np.flatnonzero(signed)
@@ -254,37 +252,10 @@ def least_squares_signed(matrix: Array, right: Array, signed: Array) -> Array:
     both = linalg.solve_triangular(lower, both, lower=True, overwrite_b=True, check_finite=False)
     across, known = both[:, :-1], both[:, -1]
     t = np.empty(len(right))
-    t[b] = _not_positive(matrix[np.ix_(b, b)] - across.T @ across, right[b] - across.T @ known)
+    rest = linalg.cholesky(matrix[np.ix_(b, b)] - across.T @ across, lower=True, overwrite_a=True)
+    aim = linalg.solve_triangular(rest, across.T @ known - right[b], lower=True)
+    t[b] = -optimize.nnls(rest.T, aim)[0]
     t[a] = linalg.solve_triangular(
         lower, known - across @ t[b], lower=True, trans="T", check_finite=False
     )
     return t
-
-
-def _not_positive(matrix: Array, right: Array) -> Array:
-    """The same for unknowns that all have the sign, by block principal pivoting.
-
-    All that break a condition change sides at once, and one alone where that does not help
-    (Portugal, Judice and Vicente 1994).
-    """
-    free = np.ones(len(right), bool)
-    least, patience = len(right) + 1, PATIENCE
-    slack = 1e-9 * float(np.abs(right).max(initial=0.0))
-    for _ in range(MAX_STEPS):
-        t = np.zeros(len(right))
-        at = np.flatnonzero(free)
-        t[at] = linalg.solve(
-            matrix[np.ix_(at, at)], right[at], assume_a="pos", overwrite_a=True, check_finite=False
-        )
-        pull = matrix @ t - right
-        wrong = np.flatnonzero((free & (t > 0)) | (~free & (pull > slack)))
-        if not wrong.size:
-            return t
-        if wrong.size < least:
-            least, patience = wrong.size, PATIENCE
-        elif patience:
-            patience -= 1
-        else:
-            wrong = wrong[-1:]
-        free[wrong] = ~free[wrong]
-    raise ArithmeticError(f"signed least squares: {wrong.size} of {len(right)} undecided")

@@ -1,12 +1,13 @@
-"""Images in, results out: one after another, or with their stages side by side."""
+"""Images in, results out: one after another, or with their parts side by side over cores."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from threading import Lock
-from typing import Any
+from queue import Empty, Queue
+from threading import Lock, Thread
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -14,53 +15,49 @@ import numpy as np
 from ...aliases import Array
 from ...errors import InputError
 from ...optics import CameraModel, Rectified
-from ...shapes import SkinDimensions
 from ..compose import sample
 from ..dots import DotTracker
-from ..flow import FlowTracker, PreparedImage, Sampled, named_tracker, to_gray
+from ..flow import FlowTracker, PreparedImage, Sampled, to_gray
 from ..flow.fused import to_half
-from ..force import LocalFeatures, features_of
 from ..health import Health
 from ..view import SensorView
-from .plan import Calibrated, Calibration, Plan
-from .result import Result
+from .outputs import CalibratedSensor, Calibration, Result
 
 
 class Rectifier:
     """Takes images of one camera, as its lens makes them or rectified already; maps made once."""
 
     def __init__(self, camera: CameraModel) -> None:
-        self._camera = camera
-        self._lens = camera.lens if isinstance(camera, Rectified) else None
-        if isinstance(camera, Rectified):
-            self._maps = camera.maps()
+        raw = camera.lens if isinstance(camera, Rectified) else camera
+        self._raw_px, self._maps = (raw.width_px, raw.height_px), camera.maps()
+        self._view_px = camera.width_px, camera.height_px
+        if self._maps is not None:
             self._nodes_px = to_half(np.stack(self._maps, axis=-1))
 
     def view(self, image: Array) -> Array:
         """The whole rectified image (h, w[, 3]). Raises InputError for a size that is neither."""
-        return np.asarray(self._camera.rectify(image)) if self._is_raw(image) else image  # type: ignore[attr-defined]
+        size = image.shape[1::-1]
+        if size not in (self._raw_px, self._view_px):
+            w, h = self._raw_px
+            lens = "" if self._maps is None else f", the lens makes {w} x {h} px"
+            raise InputError(
+                f"an image of {size[0]} x {size[1]} px; the view has {self._view_px[0]} x "
+                f"{self._view_px[1]} px{lens}"
+            )
+        if self._maps is None or size != self._raw_px:
+            return image
+        return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_CUBIC))
 
     def sampled(self, image: Array) -> Array | Sampled:
         """What the tracker reads: a raw colour image's luma, and all channels at the nodes alone.
 
         It saves half of the rectification. Raises as `view`.
         """
-        if not self._is_raw(image) or image.ndim != 3 or image.dtype != np.uint8:
+        raw = self._maps is not None and image.shape[1::-1] == self._raw_px
+        if not raw or self._maps is None or image.ndim != 3 or image.dtype != np.uint8:
             return self.view(image)
         luma = cv2.remap(to_gray(image), *self._maps, cv2.INTER_CUBIC)
         return Sampled(luma, sample(image, self._nodes_px))
-
-    def _is_raw(self, image: Array) -> bool:
-        camera, lens, size = self._camera, self._lens, image.shape[1::-1]
-        if lens is not None and size == (lens.width_px, lens.height_px):
-            return True
-        if size == (camera.width_px, camera.height_px):
-            return False
-        raw = "" if lens is None else f", the lens makes {lens.width_px} x {lens.height_px} px"
-        raise InputError(
-            f"an image of {size[0]} x {size[1]} px; the view has {camera.width_px} x "
-            f"{camera.height_px} px{raw}"
-        )
 
 
 TRUSTED_SHARE = 0.5
@@ -74,7 +71,6 @@ class Since:
 
     tracker: FlowTracker
     health: Health | None = None
-    begun: bool = False
     markers: DotTracker | None = None
     count: int = 0
 
@@ -93,12 +89,12 @@ class ImageTask:
 class Measurement:
     """Measures a sequence of images of one sensor.
 
-    view: of the sensor; for the output "flow" its rectified camera does. include: outputs, see
-    `OUTPUTS`; only what they need is run. calibrations: what the outputs need of them, at most one
-    a kind. every: px between the points of the flow that is given out, 2, 4, 8 ... flow: the
-    tracker, by the names of `named_tracker`. rest: the face untouched, as it is tracked, for the
-    state of health where no calibration keeps one. Raises InputError for unknown names and for a
-    calibration that is missing, given twice or another sensor's.
+    view: of the sensor; for the output "flow" its rectified camera does, and a calibration of force
+    brings its own gel. include: outputs, see `OUTPUTS`, None: all that the calibrations allow; only
+    what they need is run. calibrations: what the outputs need of them, at most one a kind. every:
+    px between the points of the flow that is given out, 2, 4, 8 ... rest: the face untouched, as it
+    is tracked, for the state of health where no calibration keeps one. Raises InputError for
+    unknown names and for a calibration that is missing, given twice or another sensor's.
 
     The first image is the reference that all motion is counted from.
     """
@@ -106,27 +102,22 @@ class Measurement:
     def __init__(
         self,
         view: SensorView | CameraModel,
-        include: Sequence[str] = ("flow",),
+        include: Sequence[str] | None = ("flow",),
         calibrations: Sequence[Calibration] = (),
         *,
         every: int = 2,
-        flow: str = "fused",
         rest: Array | None = None,
     ) -> None:
-        self._calibrated = Calibrated.of(view, calibrations, rest)
-        self.view, self.include = self._calibrated.view, tuple(include)
-        self._flow = flow
-        self._plan = Plan(self.include, self._calibrated, every)
+        self._sensor = CalibratedSensor(view, calibrations, rest)
+        self.view, self.include = self._sensor.view, tuple(include or ())
+        if include is None:
+            self.include = self._sensor.allowed
+        self._every = every
+        self._sensor.prepare(self.include)
         self._rectify = Rectifier(self.view.camera)
         self._lock = Lock()
         self._busy = False
         self.reset()
-
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """What is run for each image, in this order."""
-        first = ("rectify",) if isinstance(self.view.camera, Rectified) else ()
-        return (*first, "prepare", "follow", "judge", *self._plan.stages)
 
     def rectified(self, image: Array) -> Array:
         """The whole of an image as it is tracked. Raises InputError for another size."""
@@ -138,7 +129,7 @@ class Measurement:
         May be called at any time and from any thread. Images given before are finished with the
         reference that they were given under. Raises as `update`, and then changes nothing.
         """
-        since = Since(named_tracker(self._flow, full=False))
+        since = Since(FlowTracker(full=False))
         if reference is not None:
             self._ready(since, reference)
         self._since = since
@@ -179,11 +170,9 @@ class Measurement:
         job.made = (self._ready(job.since, image),)
 
     def _ready(self, since: Since, image: Array) -> PreparedImage:
-        tracker, rectify = since.tracker, self._rectify
-        anchored = tracker.reference == "anchored"
-        ready = tracker.prepare((rectify.sampled if anchored else rectify.view)(image))
-        if not since.begun:
-            since.health, since.begun = self._calibrated.health(rectify.view(image)), True
+        ready = since.tracker.prepare(self._rectify.sampled(image))
+        if ready.frame == 0:
+            since.health = self._sensor.health(self._rectify.view(image))
         return ready
 
     def _follow(self, job: ImageTask) -> None:
@@ -193,8 +182,7 @@ class Measurement:
     def _finish(self, job: ImageTask) -> None:
         seen = job.since.tracker.judge(*job.made)
         job.made = ()
-        made = self._plan.run(seen)
-        outputs = {name: made[source] for name, source in self._plan.sources.items()}
+        outputs = self._sensor.outputs(self.include, seen, self._every)
         job.result = Result(
             seen.diagnostics.frame,
             job.t_s,
@@ -215,13 +203,7 @@ class MarkerMeasurement(Measurement):
     def __init__(self, camera: CameraModel) -> None:
         super().__init__(camera, ())
 
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """As Measurement."""
-        return ("markers",)
-
     def steps(self) -> tuple[Step, ...]:
-        """As Measurement; one part."""
         return (self._measure,)
 
     def _ready(self, since: Since, image: Array) -> Array:  # type: ignore[override]
@@ -243,26 +225,114 @@ class MarkerMeasurement(Measurement):
         since.count += 1
 
 
-def everything(
-    camera: CameraModel,
-    skin: SkinDimensions | None = None,
-    calibrations: Sequence[Calibration] = (),
-    show: Sequence[str] | None = None,
-    **options: Any,
-) -> Measurement:
-    """Of the outputs named in `show`, else of all, and of what is tracked in any case.
+Policy = Literal["every", "newest"]
+_Belt = Queue[ImageTask | None]  # None: nothing more will come
+_KEPT = 64  # results of a live source that wait to be read
 
-    skin: of the sensor, where it is known; a calibration of force brings its own view. options: as
-    of Measurement, which says what is raised.
+
+class Pipeline:
+    """Runs the parts of one measurement in a thread each.
+
+    policy: "every" image is measured, `submit` waits for room: for files. "newest": an image that
+    waits gives way to a newer one, and so does a result that no one reads: for cameras; `dropped`
+    counts both. While it is open the measurement's own `update` is refused; `reset` works.
+
+        with Pipeline(measurement) as p:
+            for image in images:
+                p.submit(image)
+        for result in p.results():
+            ...
     """
-    known = Calibrated.of(camera, calibrations)
-    view: SensorView | CameraModel = SensorView(camera, skin or SkinDimensions())
-    include = ["flow", "shape"]
-    include += ["contacts"] if known.depth is not None else []
-    if known.force is not None:
-        view = camera
-        include.append("force")
-        if isinstance(features_of(known.force, known.view, "force model"), LocalFeatures):
-            include.append("traction")
-    wanted = dict.fromkeys([*(show or include), "observation"])
-    return Measurement(view, tuple(wanted), calibrations, **options)
+
+    def __init__(self, measurement: Measurement, policy: Policy = "every") -> None:
+        measurement.take(True)
+        self.measurement, self.policy = measurement, policy
+        self._giving, self._closed, self._fell = Lock(), False, {0: 0, -1: 0}
+        steps = measurement.steps()
+        self._belts: list[_Belt] = [*(Queue(1) for _ in steps), Queue()]
+        self._threads = [
+            Thread(target=self._work, args=(step, *ends), daemon=True)
+            for step, *ends in zip(steps, self._belts, self._belts[1:], strict=False)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def dropped(self) -> int:
+        """Images and results that gave way so far."""
+        return sum(self._fell.values())
+
+    def submit(self, image: Array, t_s: float | None = None) -> None:
+        """Give one image, as to `Measurement.update`; it must not be changed afterwards.
+
+        What is wrong with it is raised where its result is asked for. Raises RuntimeError when the
+        pipeline is closed.
+        """
+        job = self.measurement.job(image, t_s)
+        with self._giving:
+            if self._closed:
+                raise RuntimeError("the pipeline is closed")
+            self._make_room(0, 1)
+            self._belts[0].put(job)
+
+    def result(self, timeout_s: float | None = None) -> Result | None:
+        """The next result, in the order of the images; None when closed and none is left.
+
+        Raises what the stages raise of its image, TimeoutError when none came in time.
+        """
+        try:
+            job = self._belts[-1].get(timeout=timeout_s)
+        except Empty:
+            raise TimeoutError from None
+        if job is None:
+            self._belts[-1].put(None)  # for whoever asks again
+            return None
+        if job.error is not None:
+            raise job.error
+        return job.result
+
+    def results(self) -> Iterator[Result]:
+        """All results until the pipeline closes. Raises as `result`; may then be called again."""
+        while (result := self.result()) is not None:
+            yield result
+
+    def close(self) -> None:
+        """Finish what was given and let the measurement go; results can still be read.
+
+        From any thread, and more than once.
+        """
+        with self._giving:
+            first, self._closed = not self._closed, True
+            if first:
+                self._belts[0].put(None)
+        for thread in self._threads:
+            thread.join()
+        if first:
+            self.measurement.take(False)
+
+    def __enter__(self) -> Pipeline:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _make_room(self, which: int, size: int) -> None:
+        """On a belt of a live source: what waits longest falls off."""
+        while self.policy == "newest" and self._belts[which].qsize() >= size:
+            try:
+                self._belts[which].get_nowait()
+            except Empty:  # taken meanwhile
+                return
+            self._fell[which] += 1
+
+    def _work(self, step: Step, before: _Belt, after: _Belt) -> None:
+        while (job := before.get()) is not None:
+            if job.error is None:
+                try:
+                    step(job)
+                except Exception as why:  # whoever asks for the result gets it
+                    job.error = why
+            if after is self._belts[-1]:
+                self._make_room(-1, _KEPT)
+            after.put(job)
+        after.put(None)

@@ -1,18 +1,4 @@
 """Shape of the contact from the flow: density, relative depth, depth in mm, separate contacts."""
 
-from .contacts import ContactRegion, contact_labels, contacts
-from .density import SIGMA_PX, Density, by_jacobian, relative_depth
-from .depth import Depth, DepthFinder, DepthModel
-
-__all__ = [
-    "SIGMA_PX",
-    "ContactRegion",
-    "Density",
-    "Depth",
-    "DepthFinder",
-    "DepthModel",
-    "by_jacobian",
-    "contact_labels",
-    "contacts",
-    "relative_depth",
-]
+from .density import Density, by_jacobian, relative_depth
+from .depth import ContactRegion, Depth, DepthFinder, DepthModel, contact_labels, contacts
