@@ -58,7 +58,7 @@ def list_() -> Answer:
 @pattern.command(epilog="Example: deltact-fab pattern new mine --law octave")
 @click.argument("name")
 @click.option("--law", default="algorithm1", metavar="LAW",
-              help="How patches are coloured; `schema pattern law` lists the laws.")  # fmt: skip
+              help="How patches are coloured; `schema pattern` lists the laws.")  # fmt: skip
 @NEW_FILE
 @answers
 def new(name: str, law: str, out: Path | None) -> Answer:
