@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from pydantic import Field, create_model
 
 from ..configuration import Table
-from ..record.export.tables import TableColumn
 from .formatting import as_dict
 from .session import MeasuredImage
+
+
+@dataclass(frozen=True)
+class TableColumn:
+    """One column. kind: string, int64, float64 or bool."""
+
+    name: str
+    kind: str
+    unit: str
+    text: str
 
 
 def _columns(kind: str, **texts: str) -> list[TableColumn]:

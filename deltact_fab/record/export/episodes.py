@@ -1,6 +1,6 @@
 """A run as a learner takes it: presses of frames, with image, motion and what was felt.
 
-What a frame has is one table, `FIELDS`; its columns, units and meanings are those of `TABLES`.
+What a frame has is one table, `FIELDS`, of columns of `TABLES`.
 """
 
 from __future__ import annotations
@@ -17,21 +17,16 @@ from ...errors import InputError
 from ..run import Run
 from ..streams import FORCE_COLUMNS, POSE_COLUMNS
 from ..timeline import TimeLine
-from .tables import LINE, TABLES, TableColumn, of_press
+from .tables import LINE, TABLES, of_press
 
 if TYPE_CHECKING:
     import pandas as pd
 
 CONTACT_N = 0.1  # several times the noise of the sensors that a bench has
-_CONTACT = (
-    f"1: fz_n < -{CONTACT_N:g} N, or, where no force is known, z_mm < 0; 0: neither; "
-    "-1: neither is known"
-)
 _TARGET = ("target_x_mm", "target_y_mm", "target_z_mm")
-COLUMNS = {column.name: column for column in TABLES["frames"]}
-COLUMNS["contact"] = TableColumn("contact", "int8", "", _CONTACT)
-for name in _TARGET:
-    COLUMNS[name] = TableColumn(name, "float64", "mm", "where the step under way leads the tip")
+COLUMNS = {**TABLES["frames"], "contact": "int8", **dict.fromkeys(_TARGET, "float64")}
+"""contact: 1 where fz_n < -CONTACT_N or, where no force is known, z_mm < 0; 0 where neither; -1
+where neither is known. target: where the step under way leads the tip."""
 
 FIELDS: dict[str, tuple[str, ...]] = {
     "time_ns": (LINE,),
@@ -54,7 +49,7 @@ y_mm (h,), trusted."""
 
 def values_of(table: pd.DataFrame, columns: tuple[str, ...]) -> NDArray[Any]:
     """(n,) of one column, (n, columns) of more; nan where a float is not known."""
-    values = table[list(columns)].to_numpy(COLUMNS[columns[0]].kind)
+    values = table[list(columns)].to_numpy(COLUMNS[columns[0]])
     return values if len(columns) > 1 else values[:, 0]
 
 

@@ -32,14 +32,6 @@ if TYPE_CHECKING:
 CHUNK_BYTES = 4 * 1024 * 1024  # a frame of 1280 x 720 and what was felt with it
 SENSOR = "sensor"  # frame of reference: the sensor frame, z = 0 at the resting face
 CAMERA = "camera"
-ATTACHED = {
-    "run.json": "application/json",
-    "protocol.toml": "application/toml",
-    "pattern.json": "application/json",
-    "summary.json": "application/json",
-    "notes.jsonl": "application/jsonl",
-    "camera.flat.png": "image/png",
-}
 # Of foxglove.Log: 2 info, 4 error; what is neither is a trouble that a run went on with, 3.
 USUAL = ("session", "begin", "homed", "indenter", "begun", "complete", "note")
 LEVELS = {**dict.fromkeys(USUAL, 2), "fault": 4, "stop": 4}
@@ -105,9 +97,6 @@ def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
             data = json.dumps(message, separators=(",", ":")).encode()
             writer.add_message(channels[topic], time_ns, data, time_ns, counts[topic])
             counts[topic] += 1
-        for name, media_type in ATTACHED.items():
-            if (run.folder / name).is_file():
-                writer.add_attachment(0, 0, name, media_type, (run.folder / name).read_bytes())
         writer.finish()
     return counts
 
