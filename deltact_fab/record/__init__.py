@@ -11,7 +11,7 @@ from __future__ import annotations
 from .check import check, require_whole
 from .conditions import require_same
 from .description import about
-from .files import UNKNOWN, lattice_file, lens_file, truth_file
+from .files import LATTICE, LENS, UNKNOWN, truth_file
 from .images import decode, encode_png, image_format, rate_held_hz
 from .images import require as require_format
 from .importing import import_recording
@@ -25,6 +25,8 @@ from .writer import RunWriter
 
 __all__ = [
     "CLOCK_COLUMNS",
+    "LATTICE",
+    "LENS",
     "PRESS_TABLES",
     "UNKNOWN",
     "WALL_COLUMNS",
@@ -39,8 +41,6 @@ __all__ = [
     "encode_png",
     "image_format",
     "import_recording",
-    "lattice_file",
-    "lens_file",
     "open",
     "rate_held_hz",
     "require_format",

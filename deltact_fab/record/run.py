@@ -18,7 +18,7 @@ from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
 from ..shapes import Indenter
 from ..shapes.indenter import of_run
 from . import notes
-from .files import IMPORTED, flat_file, kept, lattice_file
+from .files import FLAT, IMPORTED, LATTICE, kept
 from .images import decode
 from .journal import misfits
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
@@ -164,7 +164,7 @@ class Run:
     @cached_property
     def flat(self) -> FlatField | None:
         """Of the rectified view, where there is one. Raises InputError when it is damaged."""
-        path, view = flat_file(self.folder), self.camera
+        path, view = self.folder / FLAT, self.camera
         if not path.is_file():
             return None
         assert isinstance(view, Rectified), "a flat field comes with a lens"
@@ -221,7 +221,7 @@ class Run:
 
         Raises RunFailed when it is damaged.
         """
-        if not lattice_file(self.folder).is_file():
+        if not (self.folder / LATTICE).is_file():
             return None
         with self.reader() as db:
             rows = db.execute("SELECT press FROM frames GROUP BY press ORDER BY min(seq)")

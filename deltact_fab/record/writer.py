@@ -22,8 +22,8 @@ from ..optics import FlatField
 from ..protocols.plan import Step
 from .check import RunVerdict, judge, unlike_hashes
 from .files import (
+    FLAT,
     FORMAT,
-    flat_file,
     frame_id_of,
     image_file,
     json_bytes,
@@ -109,7 +109,7 @@ class RunWriter:
                 "pattern.json": json_bytes(pattern),
             }
             if flat is not None:
-                given[flat_file(made).name] = flat.png()
+                given[FLAT] = flat.png()
             for name, data in given.items():
                 write_whole(made / name, data)
             with journal_errors(made), closing(connect(made, new=True)) as db:

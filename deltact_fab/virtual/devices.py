@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import RunFailed
 from ..files import write_whole
 from ..optics import Fisheye, SurfaceLattice
-from ..record import lattice_file, lens_file, truth_file
+from ..record import LATTICE, LENS, truth_file
 from ..rig.interface import CameraFrame, Clock
 from ..units import stream_number
 from .drawing import noise_of
@@ -46,9 +46,9 @@ class TruthWriter:
             path.parent.mkdir(exist_ok=True)
         except OSError as why:
             raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
-        about: dict[Path, SurfaceLattice | Fisheye] = {lattice_file(self.folder): self.lattice}
+        about: dict[Path, SurfaceLattice | Fisheye] = {self.folder / LATTICE: self.lattice}
         if self.lens is not None:
-            about[lens_file(self.folder)] = self.lens
+            about[self.folder / LENS] = self.lens
         for where, what in about.items():
             write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
         knots = self.scene.knots
