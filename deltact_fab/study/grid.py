@@ -228,6 +228,4 @@ class _Books:
 
 
 def _do(job: GridJob) -> Value:
-    """A job's value as it is found again, so that a fresh and a stored one are the same."""
-    value: Value = cache.unpacked(*cache.packed(job.work(json.loads(job.text()))))
-    return value
+    return job.work(json.loads(job.text()))
