@@ -72,11 +72,8 @@ def write_together(
             left.unlink(missing_ok=True)
 
 
-def check_place(path: Path, in_a_folder: str) -> None:
-    """Raise InputError where a file cannot be: a folder, no folder to hold it, no right, too long.
-
-    in_a_folder: what to say of a folder.
-    """
+def check_place(path: Path) -> None:
+    """Raise InputError where a file cannot be: a folder, in no folder, no right, too long."""
     try:
         # Path.is_dir raises on a name that is too long, and says False to one that may not be read
         path.lstat()
@@ -85,7 +82,7 @@ def check_place(path: Path, in_a_folder: str) -> None:
     except OSError as why:
         raise InputError(_unwritable(path, why)) from why
     if path.is_dir():
-        raise InputError(f"{path}: is a folder; {in_a_folder}")
+        raise InputError(f"{path}: is a folder; expected the name of a file")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; create it first")
     if not os.access(path.parent, os.W_OK):

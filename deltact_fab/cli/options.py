@@ -37,7 +37,7 @@ class Target(click.Path):
 
 def checked(file: Path) -> Path:
     """A file that a command writes where none was named. Raises InputError where it cannot be."""
-    check_place(file, "expected the name of a file")
+    check_place(file)
     return file
 
 

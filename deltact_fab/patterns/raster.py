@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files import check_place, write_together
+from ..files import write_together
 from ..shapes import SensorDimensions
 from ..units import MM_PER_INCH
 from . import dots, metadata
 from .cell_grid import CellGrid, edges_mm
 from .code import patches_hash
-from .laws import chessboard
+from .laws import plain
 from .recipe import PatternRecipe, draw_patches, load_recipe
 
 DEFAULT_DPI = 1200.0
@@ -73,31 +73,6 @@ class PatternFiles:
             "sha256": self.image_sha256,
             "files": [str(p) for p in (self.image, self.dots_csv) if p is not None],
         }
-
-    def lines(self) -> list[str]:
-        """The same for a person."""
-        r = self.recipe
-        said = [f"{self.image}: {r.law}, {r.printed_mm:g} x {r.printed_mm:g} mm"]
-        if r.patch_mm is not None:
-            asked = "" if r.printed_mm == r.size_mm else f" ({r.size_mm:g} mm requested)"
-            said[0] += asked
-            what = [f"{r.n} x {r.n} whole patches", f"d {r.patch_mm:g} mm"]
-            if r.r is not None:
-                what.append(f"r {r.r!r}".removesuffix(".0"))
-            if r.scales_mm is not None:
-                what.append(f"scales {', '.join(f'{scale_mm:g}' for scale_mm in r.scales_mm)} mm")
-            said.append("  " + ", ".join([*what, f"seed {r.seed}"]))
-        if self.inner_corners is not None:
-            columns, rows = self.inner_corners
-            said.append(f"  {columns} x {rows} inner corners in the camera's view")
-        pixel = "a patch" if self.dpi is None else f"a printer dot at {self.dpi:g} dpi"
-        said.append(f"  {self.side_px} x {self.side_px} pixels, each {pixel}")
-        if r.dots is not None and self.dots_csv is not None:
-            count = r.dots.columns * r.dots.rows
-            said.append(f"  {count} dots of {r.dots.diameter_mm:g} mm: {self.dots_csv}")
-        said.append(f"  patches {self.patches_sha256}")
-        said.append(f"  sha256 {self.image_sha256}")
-        return said
 
 
 def raster(recipe: PatternRecipe, dpi: float) -> NDArray[np.uint8]:
@@ -190,16 +165,13 @@ def make(
     file cannot be written; then both places are as they were.
     """
     recipe, path = load_recipe(recipe) if isinstance(recipe, str) else recipe, Path(path)
-    check_place(path, "name a file in it, as in out.png")
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: the pattern is a PNG: end the name in .png")
     table_path = None if recipe.dots is None else path.with_suffix(".dots.csv")
-    if table_path is not None:
-        check_place(table_path, "the list of the dots goes there")
     view_mm = (sensor or SensorDimensions()).optics.view_mm
     if check_view:
         check_seen(recipe, view_mm)
-    corners = chessboard.inner_corners(recipe, view_mm) if recipe.law == "chessboard" else None
+    corners = plain.inner_corners(recipe, view_mm) if recipe.law == "chessboard" else None
     if dpi is None and (recipe.dots is not None or recipe.patch_mm is None):
         least, largest = _dpi_range(recipe)
         dpi = float(max(least, min(DEFAULT_DPI, largest)))
@@ -238,7 +210,7 @@ def check_seen(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
     if recipe.dots is not None:
         dots.check_inside(recipe.dots, view_mm)
     if recipe.law == "chessboard":
-        chessboard.check_covers(recipe, view_mm)
+        plain.check_covers(recipe, view_mm)
 
 
 def checked_mm_per_px(recipe: PatternRecipe, dpi: float, whole: bool = True) -> float:

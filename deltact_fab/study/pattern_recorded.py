@@ -16,7 +16,7 @@ from ..analysis.frames import recorded
 from ..analysis.tracking_error.follow import ONLY_DOTS, scene_of
 from ..analysis.tracking_error.run import analyse_press
 from ..errors import InputError
-from ..patterns.series.job import recipes
+from ..patterns.series import recipes
 from ..record import Run
 from .grid import GridJob
 from .pattern_errors import PrintedPattern

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from ..cad.design import load_design
 from ..errors import InputError, did_you_mean
-from ..patterns.series.job import SeriesEntry, recipes
+from ..patterns.series import SeriesEntry, recipes
 from ..protocols import plan
 from ..protocols.plan import Protocol, expand
 from ..rig.config import VirtualConfig

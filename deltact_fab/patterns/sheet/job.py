@@ -28,7 +28,7 @@ from typing import Any, Literal
 
 from ...aliases import Progress
 from ...errors import InputError, did_you_mean
-from ...files import check_place, write_together
+from ...files import write_together
 from ...shapes import SensorDimensions
 from ...version import VERSION
 from ..cell_grid import CellGrid
@@ -36,8 +36,7 @@ from ..code import encode
 from ..raster import check_seen
 from ..recipe import PatternRecipe
 from . import layout, page_marks, stickers
-from .layout import Sheet, StickerCell
-from .marks import Mark
+from .layout import Mark, Sheet, StickerCell
 from .pdf import INSET_MM, Pdf
 
 Transfer = Literal["face-down", "slide"]
@@ -89,31 +88,6 @@ class SheetReport:
         """Plain data, as `pattern sheet --json` prints it."""
         return {**asdict(self), "out": str(self.out)}
 
-    def lines(self) -> list[str]:
-        """The same for a person."""
-        mirrored = "mirrored" if self.transfer == "slide" else "not mirrored"
-        pages = "1 page" if self.pages == 1 else f"{self.pages} pages"
-        count = "1 sticker" if len(self.stickers) == 1 else f"{len(self.stickers)} stickers"
-        said = [
-            f"{self.out}: {pages} of {self.paper} at {self.dpi:g} dpi, {count}, "
-            f"{self.bytes / 1e6:.2f} MB",
-            f"  transfer {self.transfer}: {mirrored}; the F marks the corner (-x, -y)",
-        ]
-        if self.scale != (1.0, 1.0):
-            said.append(f"  stretched by {self.scale[0]:g} in x and {self.scale[1]:g} in y")
-        for s in {s.code: s for s in self.stickers}.values():
-            patch = "" if s.dots_per_patch is None else f"{s.dots_per_patch:.3g} dots per patch, "
-            sides = dict.fromkeys(
-                f"{side_mm:.5f} mm ({1000 * off_mm:+.1f} um)"
-                for side_mm, off_mm in zip(s.file_side_mm, s.side_error_mm, strict=True)
-            )
-            said += [
-                f"  {s.code}",
-                f"    {patch}edges within {1000 * s.print_error_mm:.3g} um",
-                f"    side {s.side_mm:.6g} mm, in the file {' x '.join(sides)}",
-            ]
-        return [*said, f"  sha256 {self.sha256}"]
-
 
 def write(
     recipes: Sequence[PatternRecipe],
@@ -135,7 +109,6 @@ def write(
     Raises InputError for anything that cannot be printed as requested, or that the sensor's camera
     cannot use (`raster.check_seen`): nothing is written then.
     """
-    check_place(out, "name a file in it, as in sheet.pdf")
     if out.suffix.lower() != ".pdf":
         raise InputError(f"{out}: a sheet is a PDF: end the name in .pdf")
     paper = next((name for name in layout.PAPERS if name.lower() == paper.lower()), paper)

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from ...pdf import Document, figure, glyphs
 from ...units import POINTS_PER_MM
 from ..cell_grid import CellGrid
-from .marks import FilledRectangle, Mark, TextLine
+from .layout import FilledRectangle, Mark, TextLine
 
 INSET_MM = 1e-4
 """By which a picture's box is smaller on each side than its place.
