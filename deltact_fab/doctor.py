@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import importlib.util
 import platform
 import re
 import sys
@@ -79,33 +78,15 @@ def required(line: str) -> tuple[str, str]:
 def _package(name: str, group: str, line: str) -> InstalledItem:
     brings = "" if group == NEEDED else EXTRAS[group]
     get = "pip install " + (name if group == NEEDED else f"'{PACKAGE}[{group}]'")
-    again = f"pip install --force-reinstall {name}"
     if "platform_machine" in line and platform.machine() not in line:
         return InstalledItem(
             group, name, "ok", f"not made for {platform.machine()}, and not needed"
         )
     try:
-        distribution = metadata.distribution(name)
+        version = metadata.version(name)
     except metadata.PackageNotFoundError:
         return InstalledItem(group, name, "missing", "not installed", brings, get)
-    version, module = distribution.version, module_of(distribution)
-    try:
-        there = importlib.util.find_spec(module) is not None
-    except (ImportError, ValueError):
-        there = False
-    if not there:
-        return InstalledItem(group, name, "broken", f"{version}, without {module}", brings, again)
     return InstalledItem(group, name, "ok", version)
-
-
-def module_of(distribution: metadata.Distribution) -> str:
-    """What it is imported as, from its own list of modules or of files."""
-    named = (distribution.read_text("top_level.txt") or "").split()
-    if not named:
-        paths = [path.parts for path in distribution.files or ()]
-        named = [parts[0] for parts in paths if len(parts) == 2 and parts[1] == "__init__.py"]
-    own = [name for name in named if not name.startswith("_")]
-    return own[0] if own else distribution.name.replace("-", "_")
 
 
 def _system() -> Iterator[InstalledItem]:

@@ -106,14 +106,12 @@ def albedo(
     recipe: PatternRecipe,
     mm_per_px: float,
     size_px: tuple[int, int] | None = None,
-    base: tuple[float, float, float] = (1.0, 1.0, 1.0),
 ) -> NDArray[np.float32]:
     """Colour of the sticker as designed, (h, w, 3) float32 RGB in 0..1, linear in the file's value.
 
-    A file value v gives base v / 255: base is the layer behind, and beyond the sticker there is no
-    ink. No gamma is applied: that belongs to `imaging.Printer`, which takes these values. Each
-    pixel holds the mean over its area (patches exactly, marker dots to about 1e-3 of a pixel).
-    Printer dots, halftone and ink spread are not in it.
+    White is no ink, as beyond the sticker. No gamma is applied: that belongs to `imaging.Printer`,
+    which takes these values. Each pixel holds the mean over its area (patches exactly, marker dots
+    to about 1e-3 of a pixel). Printer dots, halftone and ink spread are not in it.
 
     mm_per_px: side of a pixel. size_px: (h, w); by default the least square that covers the
     sticker. The image is centred on the sensor's origin (see the module for pixel to mm).
@@ -132,14 +130,13 @@ def albedo(
     rows_mm, columns_mm = (
         np.linspace(-length / 2, length / 2, length + 1) * mm_per_px for length in size_px
     )
-    layer = np.asarray(base, np.float64)
     strip = 256  # rows at a time: float64 intermediates of a whole fine image would be gigabytes
     for first in range(0, size_px[0], strip):
         band = cell_means(ink, steps_mm, rows_mm[first : first + strip + 1])
         band = cell_means(band.swapaxes(0, 1), steps_mm, columns_mm).swapaxes(0, 1)
-        out[first : first + strip] = band * layer
+        out[first : first + strip] = band
     if recipe.dots is not None:
-        dots.blend(out, recipe.dots, mm_per_px, np.array(recipe.dots.rgb) / 255.0 * layer)
+        dots.blend(out, recipe.dots, mm_per_px, np.array(recipe.dots.rgb) / 255.0)
     return out
 
 

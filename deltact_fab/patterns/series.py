@@ -26,8 +26,7 @@ from ..errors import InputError
 from ..files import disk_errors, making, whole
 from ..version import VERSION
 from .code import encode
-from .quality.measure import MM_PER_PX, measure
-from .quality.photo import photograph, sent
+from .quality.measure import MM_PER_PX, measure, photograph, sent
 from .recipe import DEFAULT_SEED, PatternRecipe, recipe_from
 from .sheet import job as sheet
 

@@ -292,8 +292,7 @@ def _damages(run: Run, press: str, frames: Mapping[str, FileAndHash]) -> Iterato
         drawn = True
         if why := _damage(run.folder / file, digest):
             yield f"{file}: {why}"
-    for which in run.damaged_samples(press):
-        yield f"its samples are damaged: {which}"
+    yield from run.damaged_samples(press)
     if drawn and run.simulated and run.meta["rig"]["kind"] == "virtual":
         yield from _truth_damages(run, press, list(frames))
 

@@ -1,4 +1,4 @@
-"""Writing a run, frame by frame, and taking an interrupted one up again. See `pipeline`."""
+"""Writing a run, frame by frame, and taking an interrupted one up again. See `journal`."""
 
 from __future__ import annotations
 
@@ -35,13 +35,14 @@ from .images import encode, image_format, require
 from .journal import (
     PRESS_TABLES,
     SCHEMA,
+    TableRow,
+    WriterThreads,
     claim,
     connect,
     insert,
     journal_errors,
     keep_hashes,
 )
-from .pipeline import TableRow, WriterThreads
 from .run import Run
 from .streams import Chunk, pack
 
