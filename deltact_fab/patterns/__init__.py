@@ -12,20 +12,3 @@ from .recipe import (
     recipe_from,
     recipe_from_options,
 )
-
-__all__ = [
-    "DotGrid",
-    "PatternFiles",
-    "PatternRecipe",
-    "albedo",
-    "centres_csv",
-    "centres_mm",
-    "check_inside",
-    "draw_patches",
-    "load_recipe",
-    "make",
-    "raster",
-    "read_recipe",
-    "recipe_from",
-    "recipe_from_options",
-]

@@ -21,30 +21,3 @@ from .run import Run, about, open
 from .streams import Chunk
 from .truth import RunTruth
 from .writer import RunWriter
-
-__all__ = [
-    "CLOCK_COLUMNS",
-    "LATTICE",
-    "LENS",
-    "PRESS_TABLES",
-    "UNKNOWN",
-    "WALL_COLUMNS",
-    "Chunk",
-    "Run",
-    "RunTruth",
-    "RunWriter",
-    "about",
-    "add_note",
-    "check",
-    "decode",
-    "encode_png",
-    "image_format",
-    "import_recording",
-    "open",
-    "rate_held_hz",
-    "require_format",
-    "require_same",
-    "require_whole",
-    "truth_file",
-    "usable_note",
-]
