@@ -1,6 +1,6 @@
 """Patterns: a recipe becomes patches, dots, a printer's file and a virtual sticker's colours."""
 
-from .dots import centres_csv, check_inside
+from .dots import check_inside
 from .metadata import read_recipe
 from .raster import PatternFiles, albedo, make, raster
 from .recipe import (

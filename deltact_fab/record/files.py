@@ -126,16 +126,12 @@ class _Rig(TypedDict, total=False):
     force: dict[str, Any] | None
 
 
-class _Sensor(TypedDict, total=False):
-    skin: dict[str, Any]
-
-
 class _RunFile(TypedDict, total=False):
     name: str
     protocol: _Protocol
     rig_name: str
     rig: _Rig
-    sensor: _Sensor
+    sensor: dict[str, Any]
     shapes: dict[str, Any]
     camera: dict[str, Any] | None
     simulated: bool
@@ -145,12 +141,8 @@ class _RunFile(TypedDict, total=False):
     imported: dict[str, Any]
 
 
-class _Recipe(TypedDict, total=False):
-    law: str
-
-
 class _PatternFile(TypedDict, total=False):
-    recipe: _Recipe
+    recipe: dict[str, Any]
     dots_mm: list[tuple[Number, Number]]
     dot_diameter_mm: Annotated[float, Field(ge=0, le=1000)]
 

@@ -1,1 +1,1 @@
-"""Print jobs: job.py is the way in; stickers and page marks make marks, pdf writes them."""
+"""Print jobs: job.py is the way in and writes the file; stickers and page marks make marks."""
