@@ -25,8 +25,7 @@ from deltact_fab.analysis.flows import follower
 from deltact_fab.protocols.plan import Step
 from deltact_fab.record import Chunk, RunWriter
 from deltact_fab.record.export import export
-from deltact_fab.record.export.episodes import FIELDS, episodes, values_of
-from deltact_fab.record.export.lerobot import MOTION, RAW, levels
+from deltact_fab.record.export.lerobot import FIELDS, MOTION, RAW, episodes, levels, values_of
 
 PRESSES, FRAMES = 20, 50
 SIZE_PX = (320, 240)

@@ -114,7 +114,7 @@ class Recording:
     """Frames at FRAME_RATE_HZ into the run's pipeline. kept, dropped: how many."""
 
     def __init__(self, folder: Path, image_format: str) -> None:
-        from deltact_fab.record.pipeline import WriterThreads
+        from deltact_fab.record.journal import WriterThreads
 
         (folder / "images").mkdir()
         self._folder = folder

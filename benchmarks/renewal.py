@@ -19,7 +19,7 @@ from deltact_fab.analysis.tracking_error.dots import off_dots
 from deltact_fab.measure.flow import RENEW_SHARE, FlowMethod, FlowTracker, Reference, to_gray
 from deltact_fab.measure.flow.renewed import photometric_error, unrelated_difference
 from deltact_fab.patterns.recipe import PatternRecipe
-from deltact_fab.patterns.series.job import recipes
+from deltact_fab.patterns.series import recipes
 from deltact_fab.shapes import SensorDimensions
 from deltact_fab.study.pattern_selection import Selection
 from deltact_fab.study.request import StudyRequest, virtual_rig

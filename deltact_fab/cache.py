@@ -1,8 +1,8 @@
 """The one content-hash store: what was measured or computed once, found again by what it was from.
 
-An entry lies in the user's cache folder under the SHA-256 of its key: one line of JSON with the key
-and the value, then the bytes of the arrays and files in it, all held against a SHA-256. Losing the
-folder costs time and nothing else.
+An entry lies in the user's cache folder under the SHA-256 of its key: the value as Python packs it,
+behind a SHA-256 of both. Losing the folder costs time and nothing else. What lies there is trusted
+as the compiled code is that numba keeps: let nobody else write into it.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import hashlib
 import importlib.metadata
 import json
 import os
+import pickle
 import platform
 import time
 import zlib
@@ -27,7 +28,7 @@ from .version import VERSION
 
 FOLDER_VARIABLE = "DELTACT_FAB_CACHE"
 _ABANDONED_S = 3600.0
-_BYTES = "\0bytes"  # a name that no plain data has
+_SEAL_BYTES = 32
 
 
 def user_folder() -> Path:
@@ -78,39 +79,31 @@ def _versions(libraries: tuple[str, ...]) -> dict[str, str]:
 
 
 def get(kind: str, key: dict[str, Any]) -> Any | None:
-    """The value stored under a key, or None; a damaged entry counts as none.
-
-    It is as `packed` and `unpacked` give it back.
-    """
-    key, path = _place(kind, key)
+    """The value stored under a key, or None; a damaged entry counts as none."""
+    path = _place(kind, key)
     try:
-        head, newline, data = path.read_bytes().partition(b"\n")
-        entry = json.loads(head)
-    except (OSError, ValueError):
+        entry = path.read_bytes()
+    except OSError:
         return None
-    if not (newline and isinstance(entry, dict) and entry.keys() >= {"key", "value", "sha256"}):
-        return None
-    if entry["key"] != key or entry["sha256"] != _seal(key, entry["value"], data):
+    seal, data = entry[:_SEAL_BYTES], entry[_SEAL_BYTES:]
+    if seal != _seal(path, data):
         return None
     # Its last use, which `trim` goes by.
     with contextlib.suppress(OSError):
         os.utime(path)
-    return unpacked(entry["value"], data)
+    return pickle.loads(data)
 
 
 def put(kind: str, key: dict[str, Any], value: Any, limit_bytes: int | None = None) -> bool:
-    """Store a value under a key, whole or not at all; False when the folder refuses.
+    """Store plain data with arrays under a key, whole or not at all; False when the folder refuses.
 
-    limit_bytes: what the kind may take of the disk; the longest unused entries make room. Raises
-    TypeError as `packed`.
+    limit_bytes: what the kind may take of the disk; the longest unused entries make room.
     """
-    key, path = _place(kind, key)
-    value, data = packed(value)
-    head = {"key": key, "value": value, "sha256": _seal(key, value, data)}
+    path, data = _place(kind, key), pickle.dumps(value)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole(path, sync=False) as part:
-            part.write_bytes(json.dumps(head).encode() + b"\n" + data)
+            part.write_bytes(_seal(path, data) + data)
     except OSError:
         return False
     if limit_bytes is not None:
@@ -118,62 +111,9 @@ def put(kind: str, key: dict[str, Any], value: Any, limit_bytes: int | None = No
     return True
 
 
-def packed(value: Any) -> tuple[Any, bytes]:
-    """JSON data in which the type and shape of each array and of bytes stand for it; their bytes.
-
-    Tuples become lists. Raises TypeError for what is neither plain data nor an array of numbers or
-    texts.
-    """
-    import numpy as np  # here, for `doctor` tells of one that is broken
-
-    parts: list[bytes] = []
-
-    def told(one: Any) -> Any:
-        if isinstance(one, Mapping):
-            return {name: told(inner) for name, inner in one.items()}
-        if isinstance(one, list | tuple):
-            return [told(inner) for inner in one]
-        if isinstance(one, bytes):
-            parts.append(one)
-            return {_BYTES: ["bytes", [len(one)]]}
-        if isinstance(one, np.ndarray):
-            if one.dtype.hasobject or one.dtype.names:
-                raise TypeError(f"an array of {one.dtype} cannot be kept")
-            parts.append(one.tobytes())
-            return {_BYTES: [one.dtype.str, one.shape]}
-        return one
-
-    return _json(told(value)), b"".join(parts)
-
-
-def unpacked(value: Any, data: bytes) -> Any:
-    """The value of what `packed` gave."""
-    import numpy as np
-
-    at = 0
-
-    def told(one: Any) -> Any:
-        nonlocal at
-        if isinstance(one, list):
-            return [told(inner) for inner in one]
-        if not isinstance(one, dict):
-            return one
-        if _BYTES not in one:
-            return {name: told(inner) for name, inner in one.items()}
-        start, (kind, shape) = at, one[_BYTES]
-        if kind == "bytes":
-            at += shape[0]
-            return data[start:at]
-        array = np.ndarray(shape, kind, data, start).copy()
-        at += array.nbytes
-        return array
-
-    return told(value)
-
-
 def file_of(kind: str, key: dict[str, Any]) -> Path:
     """Where `put` under a key leaves its file, from the user's folder: it may be copied there."""
-    return _place(kind, key)[1].relative_to(user_folder())
+    return _place(kind, key).relative_to(user_folder())
 
 
 def copy_in(name: str, data: bytes) -> None:
@@ -219,19 +159,11 @@ def trim(kind: str, limit_bytes: int) -> int:
     return freed
 
 
-def _seal(key: Any, value: Any, data: bytes) -> str:
-    return hashlib.sha256(_text([key, value]) + b"\n" + data).hexdigest()
+def _seal(path: Path, data: bytes) -> bytes:
+    return hashlib.sha256(path.stem.encode() + data).digest()
 
 
-def _place(kind: str, key: dict[str, Any]) -> tuple[dict[str, Any], Path]:
-    """A key as JSON gives it back, and where its entry lies."""
-    name = hashlib.sha256(_text(key)).hexdigest()
-    return _json(key), user_folder() / kind / f"{name}.bin"
-
-
-def _text(data: Any) -> bytes:
-    return json.dumps(data, sort_keys=True, separators=(",", ":")).encode()
-
-
-def _json(data: Any) -> Any:
-    return json.loads(json.dumps(data))
+def _place(kind: str, key: dict[str, Any]) -> Path:
+    """Where the entry of a key lies."""
+    text = json.dumps(key, sort_keys=True, separators=(",", ":"))
+    return user_folder() / kind / f"{hashlib.sha256(text.encode()).hexdigest()}.bin"

@@ -8,9 +8,8 @@ from __future__ import annotations
 import json
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from .analysis.shape import ShapeResult
 
 Bar = Callable[[str], AbstractContextManager[Callable[[int, int, str], None]]]
+Work = Callable[[Path, int], Any]
 MARKER = "demo.json"
 RIG = "usb"
 PROTOCOL, CALIBRATION = "demo", "demo-calibration"
@@ -40,13 +40,13 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     require_pages()
     started = time.monotonic()
     _clear(out)
-    first = [
-        _DemoStage("calibration (simulated)", _calibrate, out, seed),
-        _DemoStage("indentation (simulated)", _indent, out, seed),
-        _DemoStage("parts", _parts, out, seed),
-        _DemoStage("pattern", _pattern, out, seed),
-    ]
-    (calibrated, summary, parts, made) = _side_by_side("parts, pattern, runs", first, bar)
+    first = {
+        "calibration (simulated)": _calibrate,
+        "indentation (simulated)": _indent,
+        "parts": _parts,
+        "pattern": _pattern,
+    }
+    calibrated, summary, parts, made = _side_by_side("parts, pattern, runs", first, out, seed, bar)
     say(parts["said"])
     say(f"pattern: {made}")
     for line in calibrated:
@@ -55,11 +55,8 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
         f"run: {summary['frames']} frames through a USB camera and a fisheye, "
         f"{summary['rig_seconds']:.0f} s of rig time in {summary['wall_seconds']:.0f} s"
     )
-    then = [
-        _DemoStage("tracking", _track, out, seed),
-        _DemoStage("shape and force", _measure, out, seed),
-    ]
-    tracking, (shape, found) = _side_by_side("tracking, shape, force", then, bar)
+    then = {"tracking": _track, "shape and force": _measure}
+    tracking, (shape, found) = _side_by_side("tracking, shape, force", then, out, seed, bar)
 
     from .report.page import write
 
@@ -69,69 +66,54 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     say(f"report: {page} ({seconds:.0f} s in all)")
     say(f"simulated, seed {seed}; calibrated on sphere:25, measured on other indenters:")
     say(f"tracking error: {tracking.verdict.line}")
-    for line in _results(shape, found):
-        say(line)
+    say(f"shape: {shape.line}")
+    if found.force is not None:
+        say(f"force error: {found.force.line}")
     return page
 
 
-@dataclass(frozen=True)
-class _DemoStage:
-    """Something to be done under out, in a process of its own."""
-
-    name: str
-    work: Callable[[_DemoStage], Any]
-    out: Path
-    seed: int
-
-    @property
-    def folder(self) -> Path:
-        """Of the run that is measured."""
-        return self.out / "run"
-
-    @property
-    def calibration(self) -> Path:
-        """Folder of the run that force and depth are calibrated on."""
-        return self.out / "calibration"
-
-    @property
-    def files(self) -> tuple[Path, Path]:
-        """The calibrations of force and depth, with the run that they were made from."""
-        kept = self.calibration / "analysis"
-        return kept / "calibration.toml", kept / "depth.toml"
-
-    def tick(self, done: int, total: int, what: str) -> None:
-        """Tell the parent how far this is."""
-        jobs.tell((done / max(total, 1), what))
-
-
-def _side_by_side(title: str, stages: Sequence[_DemoStage], bar: Bar) -> list[Any]:
-    """What the stages return, in their order; what takes longest is named first."""
-    shares = [0.0] * len(stages)
+def _side_by_side(
+    title: str, works: Mapping[str, Work], out: Path, seed: int, bar: Bar
+) -> list[Any]:
+    """What the works return, in their order; what takes longest is named first."""
+    shares, names = [0.0] * len(works), list(works)
     with bar(title) as tick:
 
         def told(index: int, said: Any) -> None:
             shares[index], what = said
-            tick(round(100 * sum(shares)), 100 * len(stages), f"{stages[index].name} {what}")
+            tick(round(100 * sum(shares)), 100 * len(works), f"{names[index]} {what}")
 
-        return jobs.each(_do, stages, [stage.name for stage in stages], told=told)
-
-
-def _do(stage: _DemoStage) -> Any:
-    return stage.work(stage)
+        jobs_of = [(work, out, seed) for work in works.values()]
+        return jobs.each(_do, jobs_of, names, told=told)
 
 
-def _calibrate(stage: _DemoStage) -> tuple[str, str]:
+def _do(job: tuple[Work, Path, int]) -> Any:
+    """In a process of its own."""
+    work, out, seed = job
+    return work(out, seed)
+
+
+def _tick(done: int, total: int, what: str) -> None:
+    """Tell the parent how far this is."""
+    jobs.tell((done / max(total, 1), what))
+
+
+def _calibrations(out: Path) -> tuple[Path, Path]:
+    """The calibrations of force and depth, with the run that they were made from."""
+    kept = out / "calibration" / "analysis"
+    return kept / "calibration.toml", kept / "depth.toml"
+
+
+def _calibrate(out: Path, seed: int) -> tuple[str, str]:
     """Press a ball in the middle, and fit force and depth to it. What was found, in two lines."""
     from .analysis.force import calibrate, write_calibration
     from .analysis.shape import calibrate_depth
     from .files import write_whole
 
-    folder, (force_file, depth_file) = stage.calibration, stage.files
+    folder, (force_file, depth_file) = out / "calibration", _calibrations(out)
     # Another noise than that of the run that is measured.
-    experiment.run(
-        experiment.RunRequest(CALIBRATION, RIG, folder, seed=stage.seed + 1, progress=stage.tick)
-    )
-    force = calibrate([folder], (FORCE_MODEL,), stage.seed)
+    experiment.run(experiment.RunRequest(CALIBRATION, RIG, folder, seed=seed + 1, progress=_tick))
+    force = calibrate([folder], (FORCE_MODEL,), seed)
     write_calibration(force.calibration, force_file)
     depth = calibrate_depth(folder, force_file)
     write_whole(depth_file, depth.toml().encode())
@@ -142,49 +124,28 @@ def _calibrate(stage: _DemoStage) -> tuple[str, str]:
     )
 
 
-def _indent(stage: _DemoStage) -> dict[str, Any]:
+def _indent(out: Path, seed: int) -> dict[str, Any]:
     return experiment.run(
-        experiment.RunRequest(PROTOCOL, RIG, stage.folder, seed=stage.seed, progress=stage.tick)
+        experiment.RunRequest(PROTOCOL, RIG, out / "run", seed=seed, progress=_tick)
     )
 
 
-def _track(stage: _DemoStage) -> Any:
+def _track(out: Path, seed: int) -> Any:
     from .analysis.tracking_error import analyse
 
-    result = analyse(stage.folder, progress=stage.tick)
-    result.save(stage.folder / "analysis")
+    result = analyse(out / "run", progress=_tick)
+    result.save(out / "run" / "analysis")
     return result
 
 
-def _measure(stage: _DemoStage) -> tuple[ShapeResult, MeasuredRun]:
+def _measure(out: Path, seed: int) -> tuple[ShapeResult, MeasuredRun]:
     from . import record
     from .analysis.measured import measured
     from .analysis.shape import analyse
 
-    shape = analyse(stage.folder, stage.files[1], progress=stage.tick)
-    shape.save(stage.folder / "analysis")
-    return shape, measured(record.open(stage.folder), stage.files, progress=stage.tick)
-
-
-def _results(shape: ShapeResult, found: MeasuredRun) -> list[str]:
-    """Depth, contact and force in a line each, by indenter."""
-    depth, contact = [], []
-    for name in shape.indenters:
-        means = shape.means(name)
-        error, zero = means["depth_error_contact_mm"], means["zero_error_contact_mm"]
-        if error is None:
-            continue
-        depth.append(f"{name} {error:.2f} mm of {zero:.2f} mm")
-        contact.append(
-            f"{name} {means['centroid_error_mm']:.2f} mm off, {means['contact_iou']:.0%} overlap"
-        )
-    lines = [
-        f"depth error: mean over the true contact: {', '.join(depth)}",
-        f"contact: {', '.join(contact)} with the true one",
-    ]
-    if found.force is not None:
-        lines.append(f"force error: {found.force.line}")
-    return lines
+    shape = analyse(out / "run", _calibrations(out)[1], progress=_tick)
+    shape.save(out / "run" / "analysis")
+    return shape, measured(record.open(out / "run"), _calibrations(out), progress=_tick)
 
 
 def _clear(out: Path) -> None:
@@ -198,16 +159,14 @@ def _clear(out: Path) -> None:
     (out / MARKER).write_text(json.dumps({"finished": False}) + "\n")
 
 
-def _parts(stage: _DemoStage) -> dict[str, Any]:
+def _parts(out: Path, seed: int) -> dict[str, Any]:
     """A row a part, and what is said of them."""
     from .cad.design import load_design
     from .cad.export import FORMATS, export_parts
     from .cad.registry import select
 
     try:
-        files = export_parts(
-            load_design(), select(["sensor"]), FORMATS, 0.01, stage.out / "cad", stage.tick
-        )
+        files = export_parts(load_design(), select(["sensor"]), FORMATS, 0.01, out / "cad", _tick)
     except MissingLibrary as why:
         note = f"left out: {why}"
         return {"parts": [], "note": f"The parts were {note}", "said": f"cad: {note}"}
@@ -226,14 +185,14 @@ def _parts(stage: _DemoStage) -> dict[str, Any]:
                 "mesh_deviation_mm": max(off_mm, default=None),
             }
         )
-    return {"parts": rows, "note": "", "said": f"cad: {len(files)} files in {stage.out / 'cad'}"}
+    return {"parts": rows, "note": "", "said": f"cad: {len(files)} files in {out / 'cad'}"}
 
 
-def _pattern(stage: _DemoStage) -> str:
+def _pattern(out: Path, seed: int) -> str:
     from .patterns.raster import make
     from .patterns.recipe import load_recipe
 
-    folder = stage.out / "pattern"
+    folder = out / "pattern"
     folder.mkdir()
     made = make(load_recipe("dense-with-dots"), folder / "dense-with-dots.png")
     recipe = made.recipe

@@ -3,36 +3,28 @@
 from __future__ import annotations
 
 import ctypes
-import importlib.util
-import os
 import platform
 import re
-import shutil
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 from typing import Literal
 
-from . import cache
 from .extras import EXTRAS
-from .rig.devices import cameras, ports
 
 State = Literal["ok", "missing", "broken"]
 PACKAGE = "deltact-fab"
 NEEDED = "core"
 LIBRARIES = {"libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libX11.so.6": "libx11-6"}
-MIN_FREE_GB = 6.0
-"""Of the folder: the paper's force calibration takes 5.5 GB."""
 
 
 @dataclass(frozen=True)
 class InstalledItem:
     """One thing that is there or is not.
 
-    group: `core`, an extra, `system`, `device` or `disk`. brings, get: what it is for, and the
-    command that installs it, where it is missing or broken.
+    group: `core`, an extra or `system`. brings, get: what it is for, and the command that installs
+    it, where it is missing or broken.
     """
 
     group: str
@@ -53,7 +45,7 @@ def look() -> list[InstalledItem]:
     """Everything, in order. Fast: no large package is imported."""
     found = f"{platform.python_version()} {sys.executable}"
     python = InstalledItem(NEEDED, "python", "ok", found)
-    return [python, *_packages(), *_system(), *_devices(), *_disk()]
+    return [python, *_packages(), *_system()]
 
 
 def is_broken(findings: list[InstalledItem]) -> bool:
@@ -86,33 +78,15 @@ def required(line: str) -> tuple[str, str]:
 def _package(name: str, group: str, line: str) -> InstalledItem:
     brings = "" if group == NEEDED else EXTRAS[group]
     get = "pip install " + (name if group == NEEDED else f"'{PACKAGE}[{group}]'")
-    again = f"pip install --force-reinstall {name}"
     if "platform_machine" in line and platform.machine() not in line:
         return InstalledItem(
             group, name, "ok", f"not made for {platform.machine()}, and not needed"
         )
     try:
-        distribution = metadata.distribution(name)
+        version = metadata.version(name)
     except metadata.PackageNotFoundError:
         return InstalledItem(group, name, "missing", "not installed", brings, get)
-    version, module = distribution.version, module_of(distribution)
-    try:
-        there = importlib.util.find_spec(module) is not None
-    except (ImportError, ValueError):
-        there = False
-    if not there:
-        return InstalledItem(group, name, "broken", f"{version}, without {module}", brings, again)
     return InstalledItem(group, name, "ok", version)
-
-
-def module_of(distribution: metadata.Distribution) -> str:
-    """What it is imported as, from its own list of modules or of files."""
-    named = (distribution.read_text("top_level.txt") or "").split()
-    if not named:
-        paths = [path.parts for path in distribution.files or ()]
-        named = [parts[0] for parts in paths if len(parts) == 2 and parts[1] == "__init__.py"]
-    own = [name for name in named if not name.startswith("_")]
-    return own[0] if own else distribution.name.replace("-", "_")
 
 
 def _system() -> Iterator[InstalledItem]:
@@ -126,41 +100,3 @@ def _system() -> Iterator[InstalledItem]:
                           f"apt-get install {package}")  # fmt: skip
         else:
             yield InstalledItem("system", library, "ok", "found")
-
-
-def _devices() -> Iterator[InstalledItem]:
-    for what, find, brings, group in (
-        ("serial port", ports, "a stage or a scale", "dialout"),
-        ("camera", cameras, "`measure`, `rig photograph`", "video"),
-    ):
-        try:
-            devices = find()
-        except ImportError:
-            continue  # the package's own row says that it is missing
-        if not devices:
-            yield InstalledItem("device", what, "missing", "none is plugged in", brings)
-        for device in devices:
-            if os.access(device.name, os.R_OK | os.W_OK):
-                yield InstalledItem("device", device.name, "ok", device.text or what)
-            else:
-                yield InstalledItem("device", device.name, "broken", "no permission", brings,
-                              f"sudo usermod -aG {group} $USER, then log in again")  # fmt: skip
-
-
-def _disk() -> Iterator[InstalledItem]:
-    free_gb = shutil.disk_usage(Path()).free / 1e9
-    low = free_gb < MIN_FREE_GB
-    yield InstalledItem("disk", "this folder", "missing" if low else "ok", f"{free_gb:.1f} GB free",
-                  f"runs of up to {MIN_FREE_GB:g} GB" if low else "")  # fmt: skip
-    kept = cache.user_folder()
-    size_mb = sum(_bytes(path) for path in kept.rglob("*")) / 1e6 if kept.is_dir() else 0.0
-    yield InstalledItem(
-        "disk", "cache", "ok", f"{size_mb:.0f} MB in {kept}; may be deleted, which costs time"
-    )
-
-
-def _bytes(path: Path) -> int:
-    try:
-        return path.lstat().st_size
-    except OSError:  # gone since it was listed
-        return 0

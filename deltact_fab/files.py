@@ -32,7 +32,7 @@ def whole(path: Path, sync: bool = True, sync_name: bool = True) -> Iterator[Pat
     On any error it is removed, and `path` is as it was. sync: False for what may be lost in a power
     cut. sync_name: False where the caller syncs the folder, once for many files. Raises OSError.
     """
-    part = _beside(path, "part")
+    part = _beside(path)
     try:
         yield part
         if sync:
@@ -52,50 +52,28 @@ def write_together(
 ) -> None:
     """Write all files, in their order, or none: no half file is ever seen.
 
-    gone: files that go at the same time. Raises `error` in one line when one cannot be written;
-    then every file is as it was.
+    gone: files that go when all are there. Raises `error` in one line when one cannot be written.
     """
-    parts = {path: _beside(path, "part") for path in wanted}
-    olds = {path: _beside(path, "old") for path in (*gone, *wanted)}
-    changed: list[Path] = []
+    parts = {path: _beside(path) for path in wanted}
     try:
         for path, content in wanted.items():
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
             parts[path].write_bytes(content)
             _sync(parts[path])
-        if len(olds) > 1:
-            for path, old in olds.items():
-                if path.is_file():
-                    _keep(path, old)
-        for path in gone:
-            path.unlink(missing_ok=True)
-            changed.append(path)
         for path, part in parts.items():
             part.replace(path)
-            changed.append(path)
-    except BaseException as why:
-        for target, old in olds.items():
-            if old.exists() and target in changed:
-                old.replace(target)
-            elif target in changed:
-                target.unlink(missing_ok=True)
-            else:
-                old.unlink(missing_ok=True)
-        if isinstance(why, OSError):
-            raise error(_unwritable(path, why)) from why
-        raise
+        for path in gone:
+            path.unlink(missing_ok=True)
+    except OSError as why:
+        raise error(_unwritable(path, why)) from why
     finally:
         for left in parts.values():
             left.unlink(missing_ok=True)
-    # Not in `finally`: a file that could not be put back is still here under this name
-    for old in olds.values():
-        old.unlink(missing_ok=True)
 
 
-def check_place(path: Path, in_a_folder: str) -> None:
-    """Raise InputError where a file cannot be: a folder, no folder to hold it, no right, too long.
-
-    in_a_folder: what to say of a folder.
-    """
+def check_place(path: Path) -> None:
+    """Raise InputError where a file cannot be: a folder, in no folder, no right, too long."""
     try:
         # Path.is_dir raises on a name that is too long, and says False to one that may not be read
         path.lstat()
@@ -104,7 +82,7 @@ def check_place(path: Path, in_a_folder: str) -> None:
     except OSError as why:
         raise InputError(_unwritable(path, why)) from why
     if path.is_dir():
-        raise InputError(f"{path}: is a folder; {in_a_folder}")
+        raise InputError(f"{path}: is a folder; expected the name of a file")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; create it first")
     if not os.access(path.parent, os.W_OK):
@@ -170,11 +148,11 @@ def _unwritable(path: Path, why: OSError) -> str:
     return f"{shown}: cannot be written: {why.strerror}"
 
 
-def _beside(path: Path, kind: str) -> Path:
+def _beside(path: Path) -> Path:
     """A name in the same folder, short where the file's own is nearly as long as names can be."""
     name = os.fsencode(path.name)
     key = path.name if len(name) < 200 else hashlib.sha256(name).hexdigest()[:8]
-    return path.with_name(f".{key}.{os.getpid()}.{kind}")
+    return path.with_name(f".{key}.{os.getpid()}.part")
 
 
 def _remove(path: Path) -> None:
@@ -184,12 +162,3 @@ def _remove(path: Path) -> None:
     else:
         with suppress(OSError):
             path.unlink()
-
-
-def _keep(path: Path, old: Path) -> None:
-    """Hold a file under a second name, so that its own is never empty meanwhile."""
-    old.unlink(missing_ok=True)
-    try:
-        os.link(path, old)
-    except OSError:  # a file system without links
-        shutil.copy2(path, old)

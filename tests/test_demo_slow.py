@@ -88,10 +88,10 @@ def test_the_demo_ends_with_shape_contact_and_force_beside_the_tracking_error(de
 
 def test_the_demo_s_last_lines_are_its_figures(demo: Path) -> None:
     said = (demo / "said.txt").read_text().splitlines()
-    heads = [line.partition(":")[0] for line in said[-6:]]
+    heads = [line.partition(":")[0] for line in said[-5:]]
     assert heads == [
-        "report", "simulated, seed 3; calibrated on sphere", "tracking error", "depth error",
-        "contact", "force error",
+        "report", "simulated, seed 3; calibrated on sphere", "tracking error", "shape",
+        "force error",
     ]  # fmt: skip
 
 

@@ -119,9 +119,9 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str, str, str]] = {
             (r / "protocol.toml").read_text().replace("1.5", "1.25")),
         "damaged", "protocol.toml", "differs",
     ),
-    "summary": (lambda r: (r / "summary.json").write_text("{}"), "differs", "summary.json", ""),
+    "summary": (lambda r: (r / "summary.json").write_text("{}"), "damaged", "summary.json", ""),
     "lattice's value": (
-        lambda r: flip(record.lattice_file(r)), "damaged", "truth/lattice.json", "hash",
+        lambda r: flip(r / record.LATTICE), "damaged", "truth/lattice.json", "hash",
     ),
     "hashed, and gone": (
         lambda r: (r / "truth/lattice.json").unlink(), "missing", "truth/lattice.json", "",

@@ -21,7 +21,7 @@ from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.measure.force.calibration import load_force
 from deltact_fab.optics import as_toml
-from deltact_fab.record.lag import lag_of, motion
+from deltact_fab.record.importing import lag_of, motion
 
 # Half of the usual pixels: a quarter of the work.
 DESIGN = "[optics]\nimage_width_px = 400\nimage_height_px = 300\n"

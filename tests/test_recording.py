@@ -12,7 +12,7 @@ import pytest
 from deltact_fab import record
 from deltact_fab.errors import RunFailed
 from deltact_fab.protocols.plan import Step
-from deltact_fab.record import RunWriter, pipeline
+from deltact_fab.record import RunWriter, journal
 
 STEP = Step("a/p1/d1.00/press", "a/p1", "sphere:10", "press", (0, 0, -1.0), 30.0, 40)
 PATTERN = {"recipe": {}, "dots_mm": [], "dot_diameter_mm": 0.0}
@@ -34,13 +34,13 @@ def put(run: RunWriter, k: int, wait: bool = True) -> str | None:
 @pytest.fixture
 def held(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
     """No file is written before it is set."""
-    go, write = threading.Event(), pipeline.write_whole
+    go, write = threading.Event(), journal.write_whole
 
     def waiting(path: Path, data: bytes, sync_name: bool) -> None:
         go.wait(30)
         write(path, data, sync_name)
 
-    monkeypatch.setattr(pipeline, "write_whole", waiting)
+    monkeypatch.setattr(journal, "write_whole", waiting)
     return go
 
 
@@ -75,7 +75,7 @@ def test_rows_come_in_the_order_of_the_calls(tmp_path: Path) -> None:
 def test_a_full_queue_says_so_or_waits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: threading.Event
 ) -> None:
-    monkeypatch.setattr(pipeline, "MAX_IMAGES", 4)
+    monkeypatch.setattr(journal, "MAX_IMAGES", 4)
     run = writer(tmp_path / "r")
     assert all(put(run, k) for k in range(1, 5))
     assert put(run, 5, wait=False) is None
@@ -100,7 +100,7 @@ def test_a_full_queue_says_so_or_waits(
 def test_so_many_bytes_wait_and_no_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: threading.Event
 ) -> None:
-    monkeypatch.setattr(pipeline, "MAX_BYTES", 3 * image(0).nbytes)
+    monkeypatch.setattr(journal, "MAX_BYTES", 3 * image(0).nbytes)
     run = writer(tmp_path / "r")
     assert [put(run, k, wait=False) is not None for k in range(1, 6)] == [True] * 3 + [False] * 2
     held.set()
@@ -110,14 +110,14 @@ def test_so_many_bytes_wait_and_no_more(
 def test_a_file_that_cannot_be_written_ends_the_order_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write, told = pipeline.write_whole, threading.Event()
+    write, told = journal.write_whole, threading.Event()
 
     def full(path: Path, data: bytes, sync_name: bool) -> None:
         if path.name.endswith("007.png"):
             raise RunFailed(f"{path}: cannot be written: No space left on device")
         write(path, data, sync_name)
 
-    monkeypatch.setattr(pipeline, "write_whole", full)
+    monkeypatch.setattr(journal, "write_whole", full)
     run = writer(tmp_path / "r")
     reasons: list[RunFailed] = []
 

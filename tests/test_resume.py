@@ -26,10 +26,10 @@ from deltact_fab.record import CLOCK_COLUMNS, PRESS_TABLES, RunWriter
 # `write_whole` (an image), before it or after its rename, or os.fsync (anything).
 KILLED = """
 import os, signal, sys
-from deltact_fab.record import pipeline
+from deltact_fab.record import journal
 
 where, last, calls = sys.argv[1], int(sys.argv[2]), [0]
-fsync, write_whole = os.fsync, pipeline.write_whole
+fsync, write_whole = os.fsync, journal.write_whole
 
 def counted():
     calls[0] += 1
@@ -52,7 +52,7 @@ def in_write(path, data, sync_name):
     if where == "renamed" and counted():
         die()
 
-os.fsync, pipeline.write_whole = in_fsync, in_write
+os.fsync, journal.write_whole = in_fsync, in_write
 sys.argv = ["deltact-fab", *sys.argv[3:]]
 from deltact_fab.cli.main import entry
 entry()

@@ -23,6 +23,8 @@ MOVED = {
 }
 """What was typed before, and what is typed now. PATH: an option or a path, which stays."""
 
+BEGIN = ("init", "demo", "doctor", "schema")
+
 
 class CommandGroup(click.Group):
     """A group whose commands stand in its help as they were added. noun: what one is called."""
@@ -67,8 +69,9 @@ class CommandGroup(click.Group):
 
 
 def loaded(noun: str) -> click.Command:
-    """The command of a noun, which stands in the module of its name."""
-    command: click.Command = getattr(importlib.import_module(f"{__package__}.{noun}"), noun)
+    """The command of a noun, which stands in the module of its name, or in `begin`."""
+    module = "begin" if noun in BEGIN else noun
+    command: click.Command = getattr(importlib.import_module(f"{__package__}.{module}"), noun)
     return command
 
 

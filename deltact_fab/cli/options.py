@@ -21,37 +21,31 @@ PATH = click.Path(path_type=Path)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
-class Target(click.Path):
-    """What a command writes: refused before the work where it cannot be, by an InputError."""
-
-    def __init__(self, check: Callable[[Path], object]) -> None:
-        super().__init__(path_type=Path)
-        self._check = check
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """As click has it."""
-        path = Path(str(super().convert(value, param, ctx)))
-        self._check(path)
-        return path
-
-
 def checked(file: Path) -> Path:
     """A file that a command writes where none was named. Raises InputError where it cannot be."""
-    check_place(file, "expected the name of a file")
+    check_place(file)
     return file
 
 
-NEW, FOLDER = Target(checked), Target(check_folder)
+def _target(check: Callable[[Path], object], *names: str, **given: Any) -> Decorator:
+    """What a command writes: refused before the work where it cannot be, by an InputError."""
+
+    def writable(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
+        if path is not None:
+            check(path)
+        return path
+
+    return click.option(*names, type=PATH, callback=writable, **given)
 
 
-def out_file(help: str, name: str = "out", **given: Any) -> Decorator:
+def out_file(help: str, name: str = "out", flag: str = "-o", **given: Any) -> Decorator:
     """`-o FILE`, the one file that a command writes."""
-    return click.option("-o", name, type=NEW, metavar="FILE", help=help, **given)
+    return _target(check_place, flag, name, metavar="FILE", help=help, **given)
 
 
 def out_folder(help: str, flag: str = "--out", **given: Any) -> Decorator:
     """`--out DIR`, the folder that a command writes into."""
-    return click.option(flag, type=FOLDER, metavar="DIR", help=help, **given)
+    return _target(check_folder, flag, metavar="DIR", help=help, **given)
 
 
 NEW_FILE = out_file(

@@ -14,7 +14,18 @@ from ..errors import InputError, MissingLibrary
 from .cad import load, of_design
 from .group import CommandGroup
 from .options import NAME_OR_PATH, NEW_FILE, PATH, SEED, out_file, out_folder, seed
-from .output import Answer, answers, facts, judged, listed, progress, table, written
+from .output import (
+    Answer,
+    answers,
+    columns_of,
+    facts,
+    files_line,
+    judged,
+    listed,
+    progress,
+    table,
+    written,
+)
 
 if TYPE_CHECKING:
     from ..patterns import PatternRecipe
@@ -58,7 +69,7 @@ def list_() -> Answer:
 @pattern.command(epilog="Example: deltact-fab pattern new mine --law octave")
 @click.argument("name")
 @click.option("--law", default="algorithm1", metavar="LAW",
-              help="How patches are coloured; `schema pattern law` lists the laws.")  # fmt: skip
+              help="How patches are coloured; `schema pattern` lists the laws.")  # fmt: skip
 @NEW_FILE
 @answers
 def new(name: str, law: str, out: Path | None) -> Answer:
@@ -106,7 +117,8 @@ def make(
     else:
         chosen = recipe_from_options(recipe, patch_mm, factor, size_mm, seed, with_dots)
         made = make_file(chosen, out, dpi)
-    return Answer(made.as_dict(), made.lines())
+    data = made.as_dict()
+    return Answer(data, table(("key", "value"), facts(data)))
 
 
 @pattern.command(epilog="Example: deltact-fab pattern show sticker.png")
@@ -139,7 +151,7 @@ def quality(
     """Figures of merit of each RECIPE, as designed and as printed and photographed (simulated)."""
     from ..imaging import Printer
     from ..patterns import load_recipe
-    from ..patterns.quality import measure
+    from ..patterns.quality.measure import measure
 
     chosen = [(name, load_recipe(name)) for name in recipes]
     model = Printer(dpi=dpi)
@@ -216,7 +228,7 @@ def sheet(
     Around each sticker is the margin of film that the design's skin needs; cut as the guide says.
     """
     from ..patterns import load_recipe
-    from ..patterns.sheet import write
+    from ..patterns.sheet.job import write
 
     scale = (1.0, 1.0)
     if printer is not None:
@@ -239,7 +251,11 @@ def sheet(
             scale=_scales(scale_x, scale_y, scale), sensor=sensor,
             progress=tell,
         )  # fmt: skip
-    return Answer(done.as_dict(), done.lines())
+    data = done.as_dict()
+    told = table(("key", "value"), facts({**data, "stickers": None, "codes": None}))
+    columns = ("dots_per_patch", "side_mm", "file_side_mm", "print_error_mm", "code")
+    kinds = columns_of(columns, {s["code"]: s for s in data["stickers"]}.values())
+    return Answer(data, [*told, "", *kinds])
 
 
 @pattern.command(epilog="Example: deltact-fab pattern verify scan.png dense -o my-printer.toml")
@@ -299,4 +315,6 @@ def series(
         done = write(
             out, seed=seed, dpi=dpi, paper=paper, transfer=transfer, page=page, progress=tell,
         )  # fmt: skip
-    return Answer(done.as_dict(), done.lines(), asides=asides)
+    data = done.as_dict()
+    told = table(("key", "value"), facts({**done.figures, "patterns": None}))
+    return Answer(data, [*told, files_line(done.files)], asides=asides)

@@ -101,8 +101,8 @@ def export(
     """Write RUN as CSV, Parquet or MCAP, or one or more as a LeRobot dataset.
 
     csv and parquet give tables of frames, force, pose, steps and events, without images; the names
-    of the columns have the units. mcap gives one file for Foxglove with images, pose (m), wrench
-    (N, N m) and events on one time line over all sessions, and every image is verified against its
+    of the columns have the units. mcap gives one file for Foxglove with images, pose (m) and
+    wrench (N, N m) on one time line over all sessions, and every image is verified against its
     hash. lerobot gives a LeRobotDataset 3.0, an episode a press: video of the images (lossy) and of
     the measured deformation, and pose, wrench, contact and action as float32. All but csv need the
     extra `export`.

@@ -19,7 +19,6 @@ from .options import (
     DESIGN,
     JSON,
     NAME_OR_PATH,
-    NEW,
     NEW_FILE,
     PATH,
     TIP_IS_CLEAR,
@@ -224,7 +223,7 @@ def check(name: str, seconds: float) -> Answer:
               metavar="N", help="Images at rest to look at.")  # fmt: skip
 @click.option("--step", type=PATH, metavar="RUN",
               help="Run of the protocol known-step on this sensor.")  # fmt: skip
-@click.option("--picture", type=NEW, metavar="FILE", help="PNG of the face to write, marked.")
+@out_file("PNG of the face to write, marked.", "picture", "--picture")
 @seed("Seed of a virtual rig.")
 @out_file("Where to keep it.", show_default="sensors/SERIAL.toml")
 @answers

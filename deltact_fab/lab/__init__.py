@@ -1,6 +1,219 @@
 """A lab's own files: a folder of them to begin with, and new ones with every key explained."""
 
-from .folder import init
-from .new import design, pattern, protocol, rig
+from __future__ import annotations
 
-__all__ = ["design", "init", "pattern", "protocol", "rig"]
+import json
+import os
+import tomllib
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .. import catalog
+from ..errors import InputError, did_you_mean
+from ..files import disk_errors
+from ..schema import KINDS, described, document
+from .commented import commented
+
+if TYPE_CHECKING:
+    from ..cad.intent import Wish
+    from ..rig.devices import FoundDevice
+
+SHIPPED = ("cad", "patterns", "protocols")
+SCHEMAS = "schemas"
+
+
+def init(folder: Path) -> list[Path]:
+    """Write a working folder: the shipped files, schemas for editors and a first tour; its files.
+
+    Raises InputError for a folder that holds anything but hidden files, RunFailed when the disk
+    refuses.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: a file; expected the name of a new or empty folder")
+    if folder.is_dir() and any(not path.name.startswith(".") for path in folder.iterdir()):
+        raise InputError(f"{folder}: not empty; expected the name of a new or empty folder")
+    texts = _texts()
+    for name, text in texts.items():
+        with disk_errors(folder / name):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in texts]
+
+
+def _texts() -> dict[str, str]:
+    """The text of each file, by its path in the folder."""
+    tour = Path(__file__).with_name("tour.md")
+    texts = {"README.md": tour.read_text(encoding="utf-8")}
+    for kind in KINDS.values():
+        text = json.dumps(document(kind), indent=1, ensure_ascii=False, allow_nan=False)
+        texts[f"{SCHEMAS}/{kind.name}.json"] = text + "\n"
+    for top in SHIPPED:
+        shipped = catalog.shipped_dir(top)
+        for file in sorted(shipped.rglob("*")):
+            if file.suffix not in (".toml", ".py"):
+                continue
+            name = Path(top) / file.relative_to(shipped)
+            text, folder = file.read_text(encoding="utf-8"), name.parent.as_posix()
+            if file.suffix == ".toml" and folder in catalog.KINDS:  # a camera file has no schema
+                text = schema_line(kind_of(folder, catalog.read(file)), name.parent) + text
+            texts[name.as_posix()] = text
+    return texts
+
+
+def kind_of(folder: str, data: dict[str, Any]) -> str:
+    """The name in `KINDS` of what stands in a folder of the catalogue."""
+    if folder == "cad":
+        return next((kind for key, kind in catalog.LISTS.items() if key in data), "design")
+    if folder == "protocols/rigs":
+        return f"{data['kind']}-rig"
+    return next(kind.name for kind in KINDS.values() if kind.catalogue == folder)
+
+
+def schema_line(kind_name: str, folder: Path) -> str:
+    """The line by which an editor (taplo, Even Better TOML) finds the schema of a file."""
+    schema = os.path.relpath(Path(SCHEMAS, f"{kind_name}.json"), folder)
+    return f"#:schema {Path(schema).as_posix()}\n"
+
+
+ABOUT_RIG = (
+    "A real bench: a GRBL 1.1 or grblHAL stage, with a force sensor, a camera and indenters.",
+    "`deltact-fab rig new bench` writes such a file with the devices that it finds,",
+    "`deltact-fab rig check bench.toml` says what is wrong with it, and nothing moves.",
+    "No software is an emergency stop: have a switch that cuts the motors' power.",
+    "",
+    "Machine coordinates are mm, 0 at the homed end of each axis and negative below it. The sensor",
+    "frame is mm from the centre of the gel's resting face: x along its width, y along its length,",
+    "z out of it. Paths count from this file. What has MEASURE beside it is to be measured.",
+    "",
+)
+
+
+def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
+    """Write a protocol that begins as another one does, and return its file.
+
+    Raises InputError as `catalog.write_new`, and for a name or a source that is none.
+    """
+    from ..protocols import plan
+
+    _, path = plan.load(source, by_hand=True)
+    text = f"As {source}; say here what the experiment is for."
+    given = {**catalog.read(path), "name": name, "description": text}
+    about = (
+        f"An indentation experiment, begun from {source!r}. Places count from the centre of the",
+        "resting face: x along its width, y along its length, z out of it. Afterwards:",
+        f"    deltact-fab protocol check {name}",
+        f"    deltact-fab protocol show {name}",
+        f"    deltact-fab run {name} --rig virtual --out {name}-run",
+    )
+    return _write("protocol", name, out, commented(KINDS["protocol"], given, about))
+
+
+def design(
+    name: str, base: str = "deltact", out: Path | None = None, wish: Wish | None = None
+) -> Path:
+    """Write a design that states its base, and what a wish changes of it, and return its file.
+
+    Raises InputError as `catalog.write_new`, for a name or a base that is none, and for a wish as
+    `cad.intent.wished`.
+    """
+    from ..cad.design import load_design
+
+    hoped = ""
+    inherited = asdict(load_design(base))
+    given: dict[str, Any] = {"base": base}
+    if wish is not None:
+        from ..cad.intent import wished
+
+        made = asdict(wished(wish, load_design(base)))
+        for section, values in made.items():
+            changed = {k: v for k, v in values.items() if v != inherited[section][k]}
+            given |= {section: changed} if changed else {}
+        x, y = wish.face_mm
+        hoped = f"Made for a face of {x:g} x {y:g} mm, {100 * wish.share:g} % of it seen. "
+    about = (
+        f"{hoped}A design that takes from {base!r} all that it does not set itself. Afterwards:",
+        f"    deltact-fab cad check --design {name}",
+        f"    deltact-fab cad export --design {name} --out parts",
+        "What is assumed and not measured is to be measured, and then listed under `measured`.",
+    )
+    return _write("design", name, out, commented(KINDS["design"], given, about, inherited))
+
+
+def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path:
+    """Write a recipe with the keys that its law takes, and return its file.
+
+    Raises InputError as `catalog.write_new`, and for a name or a law that is none.
+    """
+    from ..patterns.laws import LAWS
+    from ..patterns.laws.law import KEYS
+    from ..patterns.recipe import DEFAULT_SEED
+
+    if law not in LAWS:
+        raise InputError(f"--law {law!r}: no such law; {did_you_mean(law, LAWS)}")
+    taken = LAWS[law].needs + LAWS[law].may
+    keys = described(KINDS["pattern"])["properties"]
+    given: dict[str, Any] = {"law": law, "seed": DEFAULT_SEED}
+    for key in LAWS[law].needs:
+        # White dots show the white layer behind: on clear film there is none.
+        black = {"colour": "#000000"}
+        given[key] = black if key == "dots" else keys[key]["examples"][0]
+    about = (
+        f"A sticker of law {law}: {LAWS[law].about}. Afterwards:",
+        f"    deltact-fab pattern quality {name}",
+        f"    deltact-fab pattern make {name} -o {name}.png",
+        f"    deltact-fab pattern sheet {name} -o {name}.pdf",
+    )
+    out_of_place = set(KEYS) - set(taken)
+    return _write(
+        "pattern", name, out, commented(KINDS["pattern"], given, about, leave_out=out_of_place)
+    )
+
+
+def rig(name: str, out: Path | None = None) -> tuple[Path, dict[str, list[FoundDevice]]]:
+    """Write a rig file for the devices of this computer; the file, ports and cameras.
+
+    Raises InputError as `catalog.write_new`, and for a name that is none.
+    """
+    from ..rig import devices
+
+    found = {"ports": devices.ports(), "cameras": devices.cameras()}
+    return _write("grbl-rig", name, out, rig_text(**found)), found
+
+
+def rig_text(ports: Sequence[FoundDevice] = (), cameras: Sequence[FoundDevice] = ()) -> str:
+    """The text of a rig file for a real bench; the shipped `grbl-bench` is the one for no device.
+
+    Of ports and of cameras the first is taken, the others stand beside it in comments.
+    """
+    given: dict[str, Any] = {"kind": "grbl"}
+    written = {}
+    for table, key, found in (("stage", "port", ports), ("camera", "source", cameras)):
+        values = [f"{catalog.literal(one.name)}  # {one.text}".rstrip(" #") for one in found]
+        if found:
+            given[table] = {key: found[0].name}
+            written[f"{table}.{key}"] = f"\n#or {key} = ".join(values)
+    if not ports:
+        given["stage"] = {"port": "/dev/ttyACM0"}
+        written["stage.port"] = '"/dev/ttyACM0"  # an example: none was found'
+    return commented(KINDS["grbl-rig"], given, ABOUT_RIG, written=written)
+
+
+def _write(kind_name: str, name: str, out: Path | None, text: str) -> Path:
+    """Write a file of a kind under a name, with the line of its schema where the folder has one.
+
+    Raises InputError for a path in place of a name, and as `catalog.validate` and `write_new`.
+    """
+    if not name or Path(name).name != name or name.endswith(".toml") or not name.isprintable():
+        raise InputError(f"{name!r}: expected a name, as in mine; -o FILE.toml says where it goes")
+    kind = KINDS[kind_name]
+    folder = Path(kind.catalogue)
+    file = out or (folder if folder.is_dir() else Path()) / f"{name}.toml"
+    data = tomllib.loads(text)
+    data.pop("base", None)
+    catalog.validate(kind.model(), data, name)
+    if Path(SCHEMAS, f"{kind_name}.json").is_file():
+        text = schema_line(kind_name, file.parent) + text
+    catalog.write_new(file, text)
+    return file

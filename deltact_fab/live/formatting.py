@@ -5,13 +5,13 @@ The last by name and unit, as `deltact-fab schema` prints it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import isnan
 from typing import Any
 
 from pydantic import Field, create_model
 
 from ..configuration import Table
-from ..record.export.tables import TableColumn
 from .session import MeasuredImage
 
 
@@ -94,6 +94,16 @@ def line(m: MeasuredImage) -> str:
     if m.dropped:
         parts.append(f"{m.dropped} dropped")
     return "  ".join(parts)
+
+
+@dataclass(frozen=True)
+class TableColumn:
+    """One column. kind: string, int64, float64 or bool."""
+
+    name: str
+    kind: str
+    unit: str
+    text: str
 
 
 def _columns(kind: str, **texts: str) -> list[TableColumn]:

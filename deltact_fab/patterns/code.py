@@ -14,6 +14,7 @@ before. The second tells a misread text from a program that draws other patches.
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 from typing import Any
 
@@ -112,13 +113,7 @@ def _table(entries: list[str], inner: bool = False) -> dict[str, Any]:
 def _value(text: str) -> Any:
     if text.endswith("*"):
         return [_value(part) for part in text[:-1].split("*")]
-    if text in ("true", "false"):
-        return text == "true"
-    for number in (int, float):
-        # Only what `encode` writes: int("1_0") and float("nan") would pass as well
-        if re.fullmatch(r"-?[0-9.]+(e-?[0-9]+)?", text):
-            try:
-                return number(text)
-            except ValueError:
-                continue
-    return text.replace("%", "#")
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):  # also of "nan" and "1_0"
+        return text.replace("%", "#")

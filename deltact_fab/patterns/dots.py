@@ -35,19 +35,14 @@ def check_inside(grid: DotGrid, view_mm: tuple[float, float]) -> None:
             )
 
 
-def centres_csv(
-    grid: DotGrid, mm_per_px: float | None = None, size_px: tuple[int, int] | None = None
-) -> bytes:
+def centres_csv(grid: DotGrid, mm_per_px: float, size_px: tuple[int, int]) -> bytes:
     """The dots as CSV, one row a dot in the order of `centres_mm`, positions to a nanometre.
 
-    With an image's mm_per_px and size_px (h, w) two more columns hold the centres in it, in px.
+    Also where the centres are in an image of size_px (h, w), in px.
     """
-    columns = ["index", "row", "col", "x_mm", "y_mm", "diameter_mm"]
+    columns = ["index", "row", "col", "x_mm", "y_mm", "diameter_mm", "x_px", "y_px"]
     xy_mm = centres_mm(grid)
-    places = xy_mm
-    if mm_per_px is not None and size_px is not None:
-        columns += ["x_px", "y_px"]
-        places = np.hstack((xy_mm, to_px(xy_mm, mm_per_px, size_px)))
+    places = np.hstack((xy_mm, to_px(xy_mm, mm_per_px, size_px)))
     lines = [",".join(columns)]
     for index, place in enumerate(places):
         row, column = divmod(index, grid.columns)

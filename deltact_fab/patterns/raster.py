@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files import check_place, write_together
+from ..files import write_together
 from ..shapes import SensorDimensions
 from ..units import MM_PER_INCH
 from . import dots, metadata
 from .cell_grid import CellGrid, edges_mm
 from .code import patches_hash
-from .laws import chessboard
+from .laws import plain
 from .recipe import PatternRecipe, draw_patches, load_recipe
 
 DEFAULT_DPI = 1200.0
@@ -74,31 +74,6 @@ class PatternFiles:
             "files": [str(p) for p in (self.image, self.dots_csv) if p is not None],
         }
 
-    def lines(self) -> list[str]:
-        """The same for a person."""
-        r = self.recipe
-        said = [f"{self.image}: {r.law}, {r.printed_mm:g} x {r.printed_mm:g} mm"]
-        if r.patch_mm is not None:
-            asked = "" if r.printed_mm == r.size_mm else f" ({r.size_mm:g} mm requested)"
-            said[0] += asked
-            what = [f"{r.n} x {r.n} whole patches", f"d {r.patch_mm:g} mm"]
-            if r.r is not None:
-                what.append(f"r {r.r!r}".removesuffix(".0"))
-            if r.scales_mm is not None:
-                what.append(f"scales {', '.join(f'{scale_mm:g}' for scale_mm in r.scales_mm)} mm")
-            said.append("  " + ", ".join([*what, f"seed {r.seed}"]))
-        if self.inner_corners is not None:
-            columns, rows = self.inner_corners
-            said.append(f"  {columns} x {rows} inner corners in the camera's view")
-        pixel = "a patch" if self.dpi is None else f"a printer dot at {self.dpi:g} dpi"
-        said.append(f"  {self.side_px} x {self.side_px} pixels, each {pixel}")
-        if r.dots is not None and self.dots_csv is not None:
-            count = r.dots.columns * r.dots.rows
-            said.append(f"  {count} dots of {r.dots.diameter_mm:g} mm: {self.dots_csv}")
-        said.append(f"  patches {self.patches_sha256}")
-        said.append(f"  sha256 {self.image_sha256}")
-        return said
-
 
 def raster(recipe: PatternRecipe, dpi: float) -> NDArray[np.uint8]:
     """The sticker in printer dots, (h, h, 3) uint8 RGB, h = printed side in dots.
@@ -131,14 +106,12 @@ def albedo(
     recipe: PatternRecipe,
     mm_per_px: float,
     size_px: tuple[int, int] | None = None,
-    base: tuple[float, float, float] = (1.0, 1.0, 1.0),
 ) -> NDArray[np.float32]:
     """Colour of the sticker as designed, (h, w, 3) float32 RGB in 0..1, linear in the file's value.
 
-    A file value v gives base v / 255: base is the layer behind, and beyond the sticker there is no
-    ink. No gamma is applied: that belongs to `imaging.Printer`, which takes these values. Each
-    pixel holds the mean over its area (patches exactly, marker dots to about 1e-3 of a pixel).
-    Printer dots, halftone and ink spread are not in it.
+    White is no ink, as beyond the sticker. No gamma is applied: that belongs to `imaging.Printer`,
+    which takes these values. Each pixel holds the mean over its area (patches exactly, marker dots
+    to about 1e-3 of a pixel). Printer dots, halftone and ink spread are not in it.
 
     mm_per_px: side of a pixel. size_px: (h, w); by default the least square that covers the
     sticker. The image is centred on the sensor's origin (see the module for pixel to mm).
@@ -157,14 +130,13 @@ def albedo(
     rows_mm, columns_mm = (
         np.linspace(-length / 2, length / 2, length + 1) * mm_per_px for length in size_px
     )
-    layer = np.asarray(base, np.float64)
     strip = 256  # rows at a time: float64 intermediates of a whole fine image would be gigabytes
     for first in range(0, size_px[0], strip):
         band = cell_means(ink, steps_mm, rows_mm[first : first + strip + 1])
         band = cell_means(band.swapaxes(0, 1), steps_mm, columns_mm).swapaxes(0, 1)
-        out[first : first + strip] = band * layer
+        out[first : first + strip] = band
     if recipe.dots is not None:
-        dots.blend(out, recipe.dots, mm_per_px, np.array(recipe.dots.rgb) / 255.0 * layer)
+        dots.blend(out, recipe.dots, mm_per_px, np.array(recipe.dots.rgb) / 255.0)
     return out
 
 
@@ -190,16 +162,13 @@ def make(
     file cannot be written; then both places are as they were.
     """
     recipe, path = load_recipe(recipe) if isinstance(recipe, str) else recipe, Path(path)
-    check_place(path, "name a file in it, as in out.png")
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: the pattern is a PNG: end the name in .png")
     table_path = None if recipe.dots is None else path.with_suffix(".dots.csv")
-    if table_path is not None:
-        check_place(table_path, "the list of the dots goes there")
     view_mm = (sensor or SensorDimensions()).optics.view_mm
     if check_view:
         check_seen(recipe, view_mm)
-    corners = chessboard.inner_corners(recipe, view_mm) if recipe.law == "chessboard" else None
+    corners = plain.inner_corners(recipe, view_mm) if recipe.law == "chessboard" else None
     if dpi is None and (recipe.dots is not None or recipe.patch_mm is None):
         least, largest = _dpi_range(recipe)
         dpi = float(max(least, min(DEFAULT_DPI, largest)))
@@ -238,7 +207,7 @@ def check_seen(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
     if recipe.dots is not None:
         dots.check_inside(recipe.dots, view_mm)
     if recipe.law == "chessboard":
-        chessboard.check_covers(recipe, view_mm)
+        plain.check_covers(recipe, view_mm)
 
 
 def checked_mm_per_px(recipe: PatternRecipe, dpi: float, whole: bool = True) -> float:

@@ -1,7 +1,7 @@
 """A run is a folder that survives: frozen inputs, an SQLite journal, images written whole.
 
 `docs/architecture.md` lists its files. The folder appears whole, by one rename. Rows are committed
-in batches, each after its files (`pipeline`). A press is complete when its last step is journalled;
+in batches, each after its files (`journal`). A press is complete when its last step is journalled;
 what else it leaves (images, truth) is on the disk before that, and the samples of a step's streams
 come with its row. See docs/decisions/0005-resume.md and 0032-runner.md.
 """
@@ -10,42 +10,14 @@ from __future__ import annotations
 
 from .check import check, require_whole
 from .conditions import require_same
-from .description import about
-from .files import UNKNOWN, lattice_file, lens_file, truth_file
+from .files import LATTICE, LENS, UNKNOWN, truth_file
 from .images import decode, encode_png, image_format, rate_held_hz
 from .images import require as require_format
 from .importing import import_recording
 from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
 from .notes import add as add_note
 from .notes import usable as usable_note
-from .run import Run, open
+from .run import Run, about, open
 from .streams import Chunk
 from .truth import RunTruth
 from .writer import RunWriter
-
-__all__ = [
-    "CLOCK_COLUMNS",
-    "PRESS_TABLES",
-    "UNKNOWN",
-    "WALL_COLUMNS",
-    "Chunk",
-    "Run",
-    "RunTruth",
-    "RunWriter",
-    "about",
-    "add_note",
-    "check",
-    "decode",
-    "encode_png",
-    "image_format",
-    "import_recording",
-    "lattice_file",
-    "lens_file",
-    "open",
-    "rate_held_hz",
-    "require_format",
-    "require_same",
-    "require_whole",
-    "truth_file",
-    "usable_note",
-]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 import zipfile
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,19 +14,10 @@ import numpy as np
 
 from .. import catalog
 from ..aliases import Progress
-from ..errors import DeltactFabError, InputError, RunFailed
+from ..errors import InputError, RunFailed
 from ..protocols.plan import Protocol, Step, expand
-from ..shapes import SkinDimensions
 from . import notes
-from .files import (
-    UNHASHED,
-    frame_id_of,
-    lattice_file,
-    lens_file,
-    metadata,
-    truth_file,
-    written,
-)
+from .files import LATTICE, LENS, UNHASHED, frame_id_of, metadata, truth_file, written
 from .journal import being_written
 from .run import Run
 
@@ -128,13 +119,10 @@ def check(folder: Path, progress: Progress | None = None) -> RunVerdict:
             steps = _planned(run)
         except InputError as why:
             add(Damage("damaged", "protocol.toml", str(why)))
-    verdict.problems += _misread(run)
     try:
         with run.reader() as db:
             db.execute("BEGIN")  # one moment of a run that goes on
             verdict.problems += judge(run, db, steps, verdict, progress)
-            if run.finished and verdict.presses and steps:
-                verdict.problems += _summary(run, len(steps), verdict)
             if run.format == UNHASHED:
                 verdict.unhashed += [f for end in (False, True) for f in metadata(folder, end)]
             else:
@@ -176,36 +164,13 @@ def _damage(path: Path, digest: str | None) -> str:
     return "" if same else "differs from its hash in the journal"
 
 
-def _misread(run: Run) -> Iterator[Damage]:
-    """What in run.json is none of what an analysis makes of it: camera, indenters, skin.
-
-    Rig and recipe have their models in rooms that the record does not know.
-    """
-    skin = (run.meta.get("sensor") or {}).get("skin")
-    source = f"{run.folder / 'run.json'}: sensor.skin"
-    names = (run.meta.get("protocol") or {}).get("indenters", ())
-    reads: tuple[Callable[[], object], ...] = (
-        lambda: run.meta.get("camera") and run.camera,
-        lambda: [run.indenter(name) for name in names],
-        lambda: skin and catalog.validate(SkinDimensions, skin, source),
-    )
-    for read in reads:
-        try:
-            read()
-        except InputError as why:
-            yield Damage("damaged", "run.json", str(why))
-
-
 def _planned(run: Run) -> list[Step]:
     """The steps that the run's protocol becomes.
 
-    Raises InputError when protocol.toml cannot be read or says something else than run.json.
+    Raises InputError when protocol.toml cannot be read.
     """
     path = run.folder / "protocol.toml"
     protocol = catalog.validate(Protocol, catalog.read(path), str(path))
-    source = f"{run.folder / 'run.json'}: protocol"
-    if catalog.validate(Protocol, run.meta.get("protocol"), source) != protocol:
-        raise InputError(f"{path}: differs from the protocol in run.json")
     return expand(protocol, bool(run.meta.get("air")))
 
 
@@ -327,17 +292,14 @@ def _damages(run: Run, press: str, frames: Mapping[str, FileAndHash]) -> Iterato
         drawn = True
         if why := _damage(run.folder / file, digest):
             yield f"{file}: {why}"
-    for which in run.damaged_samples(press):
-        yield f"its samples are damaged: {which}"
+    yield from run.damaged_samples(press)
     if drawn and run.simulated and run.meta["rig"]["kind"] == "virtual":
         yield from _truth_damages(run, press, list(frames))
 
 
 def _truth_damages(run: Run, press: str, frame_ids: list[str]) -> Iterator[str]:
-    needed = [lattice_file(run.folder)]
-    if (run.meta["camera"] or {}).get("model") == "rectified":
-        needed.append(lens_file(run.folder))
-    needed.append(truth_file(run.folder, press))
+    lens = [run.folder / LENS] * ((run.meta["camera"] or {}).get("model") == "rectified")
+    needed = [run.folder / LATTICE, *lens, truth_file(run.folder, press)]
     for path in needed:
         if not path.is_file():
             yield f"{path.relative_to(run.folder)}: its truth is missing"
@@ -361,22 +323,6 @@ def _strays(run: Run, named: Iterable[str], plan: Iterable[str]) -> Iterator[Dam
     for path in sorted(written(run.folder)):
         if path not in known:
             yield Damage("extra", str(path.relative_to(run.folder)), "no row names it")
-
-
-def _summary(run: Run, steps: int, verdict: RunVerdict) -> Iterator[Damage]:
-    """steps: as many as the plan has."""
-    try:
-        said = run.summary()
-    except DeltactFabError as why:
-        yield Damage("damaged", "summary.json", str(why))
-        return
-    taken = verdict.frames - verdict.lost_frames
-    wanted = {"steps": steps, "frames": taken, "missed_frames": verdict.lost_frames}
-    wanted |= {key: run.meta[key] for key in ("simulated", "air", "seed") if key in run.meta}
-    for key, value in wanted.items():
-        if (key in said or key in ("steps", "frames")) and said.get(key) != value:
-            text = f"{key} = {said.get(key)}, the rest of the run has {value}"
-            yield Damage("differs", "summary.json", text)
 
 
 def _uncounted(run: Run) -> Iterator[Damage]:

@@ -22,6 +22,13 @@ UNHASHED = 5  # the format of 0.2.0, in which the metadata have no hashes
 IMPORTED, UNKNOWN = "imported", "unknown"
 """The mark of a run that was recorded elsewhere, in run.json and pattern.json; the kind of its
 frames, and their indenter where nobody said it."""
+LATTICE, LENS = "truth/lattice.json", "truth/lens.json"
+"""Of a virtual rig: what its truth stands on, and the lens that it draws through, which is not the
+calibrated one."""
+FLAT = "camera.flat.png"
+"""The flat field of a calibrated camera, if that has one."""
+NOTES = "notes.jsonl"
+"""Operators' notes, a JSON object a line."""
 
 
 def frame_id_of(step: Step, k: int) -> str:
@@ -47,30 +54,16 @@ def truth_file(folder: Path, press: str) -> Path:
     return folder / "truth" / f"{press.replace('/', '_')}.npz"
 
 
-def lattice_file(folder: Path) -> Path:
-    """Where a virtual rig keeps the lattice that its truth stands on."""
-    return folder / "truth" / "lattice.json"
-
-
-def flat_file(folder: Path) -> Path:
-    """Where a run keeps the flat field of its calibrated camera, if that has one."""
-    return folder / "camera.flat.png"
-
-
-def notes_file(folder: Path) -> Path:
-    """Where operators' notes on a run stand, a JSON object a line."""
-    return folder / "notes.jsonl"
-
-
 def metadata(folder: Path, at_the_end: bool) -> list[str]:
     """What there is in a run beside journal, images, notes and truths of presses, in its order.
 
     at_the_end: what is known when the run ends, else what it begins with. Paths in the folder.
     """
-    names = ["run.json", "protocol.toml", "pattern.json", flat_file(folder).name]
-    if at_the_end:
-        names = ["summary.json", *(f"truth/{at(folder).name}" for at in (lattice_file, lens_file))]
-    return [name for name in names if (folder / name).is_file()]
+    begun, ended = (
+        ("run.json", "protocol.toml", "pattern.json", FLAT),
+        ("summary.json", LATTICE, LENS),
+    )
+    return [name for name in (ended if at_the_end else begun) if (folder / name).is_file()]
 
 
 def written(folder: Path) -> Iterator[Path]:
@@ -78,11 +71,6 @@ def written(folder: Path) -> Iterator[Path]:
     inside = ("images/*.png", "images/*.jxl", "images/.*.part", "truth/*.npz", "truth/.*.part")
     for pattern in (".*.part", *inside):
         yield from folder.glob(pattern)
-
-
-def lens_file(folder: Path) -> Path:
-    """Where a virtual rig keeps the lens that it draws through, which is not the calibrated one."""
-    return folder / "truth" / "lens.json"
 
 
 def json_bytes(data: dict[str, Any]) -> bytes:
@@ -138,16 +126,12 @@ class _Rig(TypedDict, total=False):
     force: dict[str, Any] | None
 
 
-class _Sensor(TypedDict, total=False):
-    skin: dict[str, Any]
-
-
 class _RunFile(TypedDict, total=False):
     name: str
     protocol: _Protocol
     rig_name: str
     rig: _Rig
-    sensor: _Sensor
+    sensor: dict[str, Any]
     shapes: dict[str, Any]
     camera: dict[str, Any] | None
     simulated: bool
@@ -157,12 +141,8 @@ class _RunFile(TypedDict, total=False):
     imported: dict[str, Any]
 
 
-class _Recipe(TypedDict, total=False):
-    law: str
-
-
 class _PatternFile(TypedDict, total=False):
-    recipe: _Recipe
+    recipe: dict[str, Any]
     dots_mm: list[tuple[Number, Number]]
     dot_diameter_mm: Annotated[float, Field(ge=0, le=1000)]
 

@@ -17,7 +17,7 @@ from typing import Any
 from .. import reading
 from ..errors import InputError, RunFailed
 from ..files import sync_folder
-from .files import notes_file
+from .files import NOTES
 
 LONGEST = 4000  # characters: so that one write of the file system holds a note whole
 
@@ -31,7 +31,7 @@ def add(folder: Path, text: str) -> dict[str, Any]:
     if not (folder / "run.json").is_file():
         raise InputError(f"{folder}: not a run folder (no run.json)")
     note = {"wall_s": time.time(), "text": usable(text)}
-    path = notes_file(folder)
+    path = folder / NOTES
     new = not path.exists()
     try:
         with path.open("a+b", buffering=0) as file:
@@ -66,7 +66,7 @@ def lines(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
     With text and wall_s comes whether the line has a hash: those of 0.2.0 have none. Raises
     RunFailed when they cannot be read.
     """
-    path = notes_file(folder)
+    path = folder / NOTES
     try:
         written = path.read_bytes().splitlines() if path.exists() else []
     except OSError as why:

@@ -18,9 +18,9 @@ from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
 from ..shapes import Indenter
 from ..shapes.indenter import of_run
 from . import notes
-from .files import IMPORTED, flat_file, kept, lattice_file
+from .files import FLAT, IMPORTED, LATTICE, kept
 from .images import decode
-from .journal import misfits
+from .journal import being_written, misfits
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
 from .truth import RunTruth, load
 
@@ -164,7 +164,7 @@ class Run:
     @cached_property
     def flat(self) -> FlatField | None:
         """Of the rectified view, where there is one. Raises InputError when it is damaged."""
-        path, view = flat_file(self.folder), self.camera
+        path, view = self.folder / FLAT, self.camera
         if not path.is_file():
             return None
         assert isinstance(view, Rectified), "a flat field comes with a lens"
@@ -221,7 +221,7 @@ class Run:
 
         Raises RunFailed when it is damaged.
         """
-        if not lattice_file(self.folder).is_file():
+        if not (self.folder / LATTICE).is_file():
             return None
         with self.reader() as db:
             rows = db.execute("SELECT press FROM frames GROUP BY press ORDER BY min(seq)")
@@ -265,26 +265,16 @@ class Run:
         return pd.concat(parts, ignore_index=True)
 
     def damaged_samples(self, press: str) -> Iterator[str]:
-        """Stream and step of each chunk of a press that cannot be unpacked."""
+        """Of each stream the first chunk of a press that cannot be unpacked."""
         for stream in _STREAMS:
-            for _, step_id, stored in self._stored(stream, press):
-                try:
-                    unpack(*stored)
-                except ValueError:
-                    yield f"{stream} of {step_id}"
+            try:
+                for _ in self._chunks(stream, press):
+                    pass
+            except RunFailed as why:
+                yield str(why)
 
     def _chunks(self, stream: str, press: str | None) -> Iterator[tuple[str, str, Chunk]]:
         """Press, step and samples, step by step. Raises RunFailed for a damaged chunk."""
-        for of_press, step_id, stored in self._stored(stream, press):
-            try:
-                yield of_press, step_id, unpack(*stored)
-            except ValueError as why:
-                raise RunFailed(
-                    f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged: {why}"
-                ) from why
-
-    def _stored(self, stream: str, press: str | None) -> Iterator[tuple[str, str, Any]]:
-        """Press, step and packed samples, step by step."""
         with self.reader() as db:
             rows = db.execute(
                 "SELECT press, step_id, stream, origin_s, n, columns, data FROM samples "
@@ -292,7 +282,12 @@ class Run:
                 (stream, press),
             )
             for of_press, step_id, *stored in rows:
-                yield of_press, step_id, stored
+                try:
+                    yield of_press, step_id, unpack(*stored)
+                except ValueError as why:
+                    raise RunFailed(
+                        f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged: {why}"
+                    ) from why
 
     def _table(self, name: str, press: str | None = None) -> pd.DataFrame:
         import pandas as pd
@@ -325,3 +320,62 @@ class Run:
 def open(folder: str | Path) -> Run:
     """Open a run folder. Raises InputError when it is none."""
     return Run(Path(folder))
+
+
+def about(run: Run) -> dict[str, Any]:
+    """Protocol, specimen, rig, counts, events by kind, notes, as plain data. Raises RunFailed.
+
+    begun_s, ended_s: the day's time of the first and the last event.
+    """
+    meta, summary, events = run.meta, run.summary(), run.events()
+    protocol = meta.get("protocol") or {}
+    with run.reader() as db:
+        frames, images = db.execute("SELECT count(*), count(file) FROM frames").fetchone()
+        steps = db.execute("SELECT count(*) FROM steps").fetchone()[0]
+        presses = db.execute(
+            "SELECT count(DISTINCT press) FROM steps WHERE kind = 'press'"
+        ).fetchone()[0]
+    state = "finished" if run.finished else "unfinished"
+    return {
+        "folder": str(run.folder),
+        "state": "being written now" if being_written(run.folder) else state,
+        "format": run.format,
+        "protocol": protocol.get("name"),
+        "description": protocol.get("description"),
+        "channels": protocol.get("channels"),
+        "specimen": protocol.get("specimen"),
+        "rig": meta.get("rig_name"),
+        "kind": (meta.get("rig") or {}).get("kind"),
+        "simulated": meta.get("simulated"),
+        "air": meta.get("air", False),
+        "seed": meta.get("seed"),
+        "begun_s": float(events["wall_s"].min()),
+        "ended_s": float(events["wall_s"].max()),
+        "sessions": int((events["kind"] == "session").sum()),
+        "steps": steps,
+        "presses": presses,
+        "frames": frames,
+        "images": images,
+        "events": {str(k): int(n) for k, n in events["kind"].value_counts(sort=False).items()},
+        "registration": _registration(meta),
+        "indenters": _mounted(events),
+        "camera": None if meta.get("camera") is None else meta["camera"].get("model", "pinhole"),
+        "devices": summary.get("devices"),
+        "remarks": summary.get("notes", []),
+        "notes": run.notes().to_dict("records"),
+        "versions": meta.get("versions"),
+    }
+
+
+def _registration(meta: dict[str, Any]) -> dict[str, Any]:
+    """Where the rig file had the face, and the file that it was registered by, if it was."""
+    stage = (meta.get("rig") or {}).get("stage") or {}
+    keys = ("registration", "origin_machine_mm", "angle_deg", "tilt_deg")
+    return {key: stage.get(key) for key in keys}
+
+
+def _mounted(events: pd.DataFrame) -> list[str]:
+    """What was mounted in the last session, and where its tip found the face."""
+    begun = events.index[events["kind"] == "session"]
+    last = events.loc[begun[-1] :] if len(begun) else events
+    return [str(text) for text in last["text"][last["kind"] == "indenter"]]

@@ -23,7 +23,7 @@ from ..optics import (
     SurfaceLattice,
     camera_from_dict,
 )
-from .files import lattice_file, lens_file, truth_file
+from .files import LATTICE, LENS, truth_file
 
 KEPT = ("displacement_mm", "traction_mpa", "x_mm", "y_mm")
 
@@ -117,7 +117,7 @@ def load(
     folder: Path, camera: CameraModel, presses: Iterable[str], tractions: bool = False
 ) -> RunTruth:
     """The truth of all complete ones of these presses. Raises RunFailed when it is damaged."""
-    index, drawn = lattice_file(folder), lens_file(folder)
+    index, drawn = folder / LATTICE, folder / LENS
     lens = None
     try:
         lattice = catalog.validate(SurfaceLattice, reading.json_object(index), str(index))

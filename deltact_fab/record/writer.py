@@ -1,4 +1,4 @@
-"""Writing a run, frame by frame, and taking an interrupted one up again. See `pipeline`."""
+"""Writing a run, frame by frame, and taking an interrupted one up again. See `journal`."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from ..optics import FlatField
 from ..protocols.plan import Step
 from .check import RunVerdict, judge, unlike_hashes
 from .files import (
+    FLAT,
     FORMAT,
-    flat_file,
     frame_id_of,
     image_file,
     json_bytes,
@@ -35,13 +35,14 @@ from .images import encode, image_format, require
 from .journal import (
     PRESS_TABLES,
     SCHEMA,
+    TableRow,
+    WriterThreads,
     claim,
     connect,
     insert,
     journal_errors,
     keep_hashes,
 )
-from .pipeline import TableRow, WriterThreads
 from .run import Run
 from .streams import Chunk, pack
 
@@ -109,7 +110,7 @@ class RunWriter:
                 "pattern.json": json_bytes(pattern),
             }
             if flat is not None:
-                given[flat_file(made).name] = flat.png()
+                given[FLAT] = flat.png()
             for name, data in given.items():
                 write_whole(made / name, data)
             with journal_errors(made), closing(connect(made, new=True)) as db:

@@ -28,7 +28,7 @@ from ..cad.parts.mold import RELEASE_AGENT
 from ..cad.parts.screw import stock_note
 from ..cad.registry import listed, of_group
 from ..errors import MissingLibrary
-from ..patterns.quality import measure
+from ..patterns.quality.measure import measure
 from ..patterns.recipe import RECOMMENDED, draw_patches, load_recipe
 from . import first_light
 from .templating import Finding, fixed, render, require_pages, save, table, verdict, warnings

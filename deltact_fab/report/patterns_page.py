@@ -11,7 +11,7 @@ import pandas as pd
 
 from .. import reading
 from ..errors import InputError
-from ..patterns.series import job as series
+from ..patterns import series
 from . import figures
 from .templating import Finding, named, render, save, table, verdict
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis.tracking_error.tally import ErrorTally, Mean
-from ..patterns.series.job import SeriesEntry
+from ..patterns.series import SeriesEntry
 from . import intervals
 from .intervals import Interval
 

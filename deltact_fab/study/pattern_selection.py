@@ -24,7 +24,7 @@ from ..analysis.tracking_error.follow import ONLY_DOTS
 from ..errors import InputError, did_you_mean
 from ..jobs import at_a_time
 from ..measure.flow import RENEW_SHARE
-from ..patterns.series.job import SeriesEntry, recipes
+from ..patterns.series import SeriesEntry, recipes
 from ..protocols import plan
 from ..protocols.plan import Protocol, expand
 from ..record import Run

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from ..patterns.series.job import GRIDS
+from ..patterns.series import GRIDS
 from ..report.result import Claim, ClaimReading, Headline, ReportFigure, ReportTable
 from .intervals import headline
 from .pattern_errors import (

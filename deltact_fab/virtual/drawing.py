@@ -18,7 +18,7 @@ from ..imaging import ImageSensor, Printer
 from ..optics import Fisheye, Pinhole, Rectified, SurfaceLattice
 from ..patterns.raster import albedo
 from ..patterns.recipe import PatternRecipe
-from ..record import lattice_file, lens_file, truth_file
+from ..record import LATTICE, LENS, truth_file
 from ..rig.config import SimulatorConfig, VirtualConfig
 from ..rig.interface import CameraFrame, Clock
 from ..shapes import SensorDimensions
@@ -137,9 +137,9 @@ class VirtualCamera:
             path.parent.mkdir(exist_ok=True)
         except OSError as why:
             raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
-        about: dict[Path, SurfaceLattice | Fisheye] = {lattice_file(self._folder): self._lattice}
+        about: dict[Path, SurfaceLattice | Fisheye] = {self._folder / LATTICE: self._lattice}
         if self._lens is not None:
-            about[lens_file(self._folder)] = self._lens
+            about[self._folder / LENS] = self._lens
         for where, what in about.items():
             write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
         knots = self._scene.knots

@@ -94,7 +94,7 @@ def pages(
 
     from deltact_fab.cad.design import load_design
     from deltact_fab.numerics import harness
-    from deltact_fab.patterns.series import job
+    from deltact_fab.patterns import series as job
     from deltact_fab.report import guide, index_page, patterns_page, study_page
 
     def series(out: Path) -> None:

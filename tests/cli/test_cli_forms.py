@@ -8,12 +8,14 @@ import shlex
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 import pytest
 
 from benchmarks.reference import commands
+from deltact_fab import files
 from deltact_fab.cli import options, output
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
@@ -31,7 +33,7 @@ def test_json_a_file_and_a_folder_are_asked_for_in_one_way() -> None:
             if flag in by_name:
                 assert by_name[flag].metavar == metavar, (path, flag)
                 free = flag == "--seed" or path == "deltact-fab run"  # a finished one is read only
-                assert free or isinstance(by_name[flag].type, options.Target), path
+                assert free or by_name[flag].callback.__name__ == "writable", path
         if "--seed" in by_name:
             assert by_name["--seed"].type is options.SEED, path
 
@@ -39,16 +41,24 @@ def test_json_a_file_and_a_folder_are_asked_for_in_one_way() -> None:
 @pytest.mark.parametrize(
     ("what", "place", "says"),
     [
-        (options.NEW, "held", "held: is a folder; expected the name of a file"),
-        (options.NEW, "gone/x.toml", "gone/x.toml: there is no folder gone; create it first"),
-        (options.NEW, "locked/x.toml", "locked/x.toml: cannot be written: locked is read-only"),
-        (options.FOLDER, "file", "file: file is a file; expected a folder"),
-        (options.FOLDER, "file/x/y", "file/x/y: .*file is a file; expected a folder"),
-        (options.FOLDER, "locked/x", "locked/x: cannot be written: .*locked is read-only"),
+        (files.check_place, "held", "held: is a folder; expected the name of a file"),
+        (files.check_place, "gone/x.toml", "gone/x.toml: there is no folder gone; create it first"),
+        (
+            files.check_place,
+            "locked/x.toml",
+            "locked/x.toml: cannot be written: locked is read-only",
+        ),
+        (files.check_folder, "file", "file: file is a file; expected a folder"),
+        (files.check_folder, "file/x/y", "file/x/y: .*file is a file; expected a folder"),
+        (files.check_folder, "locked/x", "locked/x: cannot be written: .*locked is read-only"),
     ],
 )
 def test_a_place_that_cannot_be_written_is_refused_before_the_work(
-    what: options.Target, place: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    what: Callable[[Path], None],
+    place: str,
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for folder in ("held", "locked"):
@@ -57,7 +67,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
     # The superuser, who may write everywhere, is told so of no folder.
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "locked")
     with pytest.raises(InputError, match=says):
-        what.convert(place, None, None)
+        what(Path(place))
     assert sorted(p.name for p in Path().iterdir()) == ["file", "held", "locked"]
 
 

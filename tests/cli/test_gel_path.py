@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from rig_text import VIRTUAL_STAGE
 
 from deltact_fab import cache, experiment
-from deltact_fab.cli.gel_path import path as command
+from deltact_fab.cli.gel import path as command
 from deltact_fab.gel.path.solver import KIND
 
 PROTOCOL = """
@@ -96,7 +96,7 @@ def test_a_press_that_fails_is_one_line_and_exit_1(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_killed_it_goes_on_with_what_is_whole(tmp_path: Path) -> None:
     protocol, rig = files(tmp_path, "hyperelastic", "[[0, 0], [1, 0], [2, 0], [3, 0]]")
-    code = "from deltact_fab.cli.gel_path import path; path()"
+    code = "from deltact_fab.cli.gel import path; path()"
     arguments = [protocol, "--rig", rig, "--jobs", "1"]
     store = cache.user_folder() / KIND
     with subprocess.Popen(

@@ -14,7 +14,7 @@ from deltact_fab import catalog, lab
 from deltact_fab.cad.design import load_design
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
-from deltact_fab.lab.folder import SHIPPED
+from deltact_fab.lab import SHIPPED
 from deltact_fab.patterns import load_recipe
 from deltact_fab.patterns.laws import LAWS
 from deltact_fab.protocols import plan

@@ -19,8 +19,15 @@ from deltact_fab.patterns.quality.figures import (
     grey,
     sssig,
 )
-from deltact_fab.patterns.quality.measure import MAX_DOTS, MAX_PX, field_px, kept, measure
-from deltact_fab.patterns.quality.photo import photograph, sent
+from deltact_fab.patterns.quality.measure import (
+    MAX_DOTS,
+    MAX_PX,
+    field_px,
+    kept,
+    measure,
+    photograph,
+    sent,
+)
 
 RNG_SEED = 4
 VIEW_MM = (320 * 0.0378,) * 2

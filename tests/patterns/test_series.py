@@ -12,10 +12,9 @@ import pytest
 
 from deltact_fab.errors import InputError
 from deltact_fab.imaging import Printer
-from deltact_fab.patterns import load_recipe, recipe_from
+from deltact_fab.patterns import load_recipe, recipe_from, series
 from deltact_fab.patterns.code import decode
 from deltact_fab.patterns.quality.measure import measure
-from deltact_fab.patterns.series import job as series
 
 SIDE_MM = 5.0
 
@@ -86,7 +85,6 @@ def test_what_is_in_the_folder(written, entries):
         assert float(line["designed.sssig"]) == row["quality"]["designed"]["sssig"]
         contrast = row["quality"]["photographed"]["contrast"]
         assert float(line["photographed.contrast.5"]) == contrast[5]
-    assert written.lines()[0] == f"{written.out}: 2 patterns, 1 page to print"
     for entry, row in zip(entries, written.figures["patterns"], strict=True):
         assert decode(row["code"]) == entry.recipe
 

@@ -17,8 +17,7 @@ from deltact_fab.errors import InputError
 from deltact_fab.patterns import draw_patches, load_recipe, raster, recipe_from, recipe_from_options
 from deltact_fab.patterns.cell_grid import CellGrid
 from deltact_fab.patterns.sheet import job as sheet
-from deltact_fab.patterns.sheet.layout import Sheet
-from deltact_fab.patterns.sheet.marks import FilledRectangle, TextLine, width_mm
+from deltact_fab.patterns.sheet.layout import FilledRectangle, Sheet, TextLine, width_mm
 from deltact_fab.pdf import width_em
 
 PLAIN = recipe_from_options(None, 0.2, 0.3, size_mm=6.0)
@@ -193,7 +192,7 @@ D = recipe_from_options
         (PLAIN, {"transfer": "facedown"}, "did you mean 'face-down'?"),
         (PLAIN, {"copies": 3000}, "at most 2000"),
         (PLAIN, {"out": "s.png"}, "a sheet is a PDF: end the name in .pdf"),
-        (PLAIN, {"out": "no/s.pdf"}, "there is no folder"),
+        (PLAIN, {"out": "no/s.pdf"}, "No such file"),
     ],
 )
 def test_what_cannot_be_printed_is_one_line_and_no_file(tmp_path, recipe, options, says):

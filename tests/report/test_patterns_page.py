@@ -10,7 +10,7 @@ import pytest
 from seen_page import SeenPage, offline
 
 from deltact_fab.errors import InputError
-from deltact_fab.patterns.series import job as series
+from deltact_fab.patterns import series
 from deltact_fab.report import patterns_page
 
 

@@ -15,7 +15,7 @@ from made_up_study import study
 
 from deltact_fab import record
 from deltact_fab.cad.design import load_design
-from deltact_fab.patterns.series import job
+from deltact_fab.patterns import series as job
 from deltact_fab.report import (
     guide,
     index_page,

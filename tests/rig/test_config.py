@@ -13,7 +13,7 @@ from board import rig_file
 from click.testing import CliRunner
 
 from deltact_fab import catalog
-from deltact_fab.cli.gel_path import path as gel_path
+from deltact_fab.cli.gel import path as gel_path
 from deltact_fab.cli.rig import rig as command
 from deltact_fab.errors import InputError
 from deltact_fab.rig import config

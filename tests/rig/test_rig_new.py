@@ -16,7 +16,7 @@ from serial.tools import list_ports
 from deltact_fab import catalog, lab
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
-from deltact_fab.lab.new import rig_text
+from deltact_fab.lab import rig_text
 from deltact_fab.rig import config, devices
 from deltact_fab.rig.devices import FoundDevice
 

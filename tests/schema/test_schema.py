@@ -15,10 +15,18 @@ from pydantic import TypeAdapter
 from deltact_fab import catalog
 from deltact_fab.configuration import resolved
 from deltact_fab.errors import InputError
-from deltact_fab.lab.folder import kind_of
-from deltact_fab.schema import KINDS, OUTPUTS, Kind, described, document, matching, rows
-from deltact_fab.schema.document import unit_of
-from deltact_fab.schema.rows import limits_of, type_of
+from deltact_fab.lab import kind_of
+from deltact_fab.schema import (
+    KINDS,
+    OUTPUTS,
+    Kind,
+    described,
+    document,
+    limits_of,
+    rows,
+    type_of,
+    unit_of,
+)
 
 EXAMPLES = {
     "protocol": "smoke",
@@ -154,13 +162,3 @@ def test_types_and_limits_in_plain_words(key: dict[str, Any], says: tuple[str, s
 )  # fmt: skip
 def test_the_unit_is_the_end_of_the_name(key: str, unit: str) -> None:
     assert unit_of(key) == unit
-
-
-def test_a_table_a_key_and_a_name_are_found() -> None:
-    kind = KINDS["protocol"]
-    assert [row.key for row in matching(kind, "capture.hold")] == [
-        "capture.hold", "capture.hold.s", "capture.hold.rate_hz",
-    ]  # fmt: skip
-    assert [row.key for row in matching(kind, "settle_s")] == ["capture.settle_s"]
-    (row,) = matching(kind, "shear.points_per_side")
-    assert (row.type, row.default, row.limits) == ("whole number", "1", "1 to 100")

@@ -13,7 +13,7 @@ import pytest
 from deltact_fab import record
 from deltact_fab.analysis.tracking_error.tally import ErrorTally
 from deltact_fab.errors import InputError
-from deltact_fab.patterns.series.job import recipes
+from deltact_fab.patterns.series import recipes
 from deltact_fab.report.result import StudyResult
 from deltact_fab.study import pattern_selection
 from deltact_fab.study.pattern_errors import (

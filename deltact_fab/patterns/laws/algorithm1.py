@@ -126,7 +126,6 @@ def _pick(uniforms: Uniforms, low: Levels, high: Levels, step: int, levels: int)
 
 
 def _draw(recipe: PatchRecipe) -> Patches:
-    assert recipe.r is not None  # the recipe's own check
     return fill(uniforms(recipe), recipe.r).astype(np.uint8)
 
 

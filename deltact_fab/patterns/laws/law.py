@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,25 +15,8 @@ KEYS = ("patch_mm", "r", "channels", "scales_mm", "weights", "dots")
 """The keys of a recipe that belong to some laws only."""
 
 
-class PatchRecipe(Protocol):
-    """The fields of `PatternRecipe` that laws read."""
-
-    @property
-    def seed(self) -> int: ...
-    @property
-    def n(self) -> int: ...
-    @property
-    def channels(self) -> int: ...
-    @property
-    def printed_mm(self) -> float: ...
-    @property
-    def patch_mm(self) -> float | None: ...
-    @property
-    def r(self) -> float | None: ...
-    @property
-    def scales_mm(self) -> tuple[float, ...] | None: ...
-    @property
-    def weights(self) -> tuple[float, ...] | None: ...
+PatchRecipe = Any
+"""A `recipe.PatternRecipe`; that file imports this one."""
 
 
 @dataclass(frozen=True)

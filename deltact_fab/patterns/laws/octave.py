@@ -107,8 +107,6 @@ class SumOfUniforms:
 
 
 def _draw(recipe: PatchRecipe) -> Patches:
-    assert recipe.scales_mm is not None  # the recipe's own checks
-    assert recipe.patch_mm is not None
     blocks = [round(scale_mm / recipe.patch_mm) for scale_mm in recipe.scales_mm]
     rng = np.random.Generator(np.random.PCG64(recipe.seed))
     weights = recipe.weights or (1.0,) * len(blocks)

@@ -1,5 +1,1 @@
-"""Print jobs: job.py is the way in; stickers and page marks make marks, pdf writes them."""
-
-from .job import SheetReport, Sticker, write
-
-__all__ = ["SheetReport", "Sticker", "write"]
+"""Print jobs: job.py is the way in and writes the file; stickers and page marks make marks."""

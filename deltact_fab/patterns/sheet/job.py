@@ -21,24 +21,25 @@ rulers measure 100 mm. If they do not, multiply the correction by 100 / what the
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+import zlib
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from ...aliases import Progress
 from ...errors import InputError, did_you_mean
-from ...files import check_place, write_together
+from ...files import write_together
+from ...pdf import Document, figure, glyphs
 from ...shapes import SensorDimensions
+from ...units import POINTS_PER_MM
 from ...version import VERSION
 from ..cell_grid import CellGrid
 from ..code import encode
 from ..raster import check_seen
 from ..recipe import PatternRecipe
 from . import layout, page_marks, stickers
-from .layout import Sheet, StickerCell
-from .marks import Mark
-from .pdf import INSET_MM, Pdf
+from .layout import FilledRectangle, Mark, Sheet, StickerCell, TextLine
 
 Transfer = Literal["face-down", "slide"]
 
@@ -46,6 +47,12 @@ TRANSFERS = ("face-down", "slide")
 DPI_RANGE = (100.0, 9600.0)
 SCALE_RANGE = (0.9, 1.1)
 MAX_STICKERS = 2000
+INSET_MM = 1e-4
+"""By which a picture's box is smaller on each side than its place.
+
+Renderers fill every dot that a picture's box touches. A box that ends exactly at a dot's edge
+touches the next dot through rounding, and the picture would grow by one dot and be resampled.
+"""
 
 
 @dataclass(frozen=True)
@@ -89,31 +96,6 @@ class SheetReport:
         """Plain data, as `pattern sheet --json` prints it."""
         return {**asdict(self), "out": str(self.out)}
 
-    def lines(self) -> list[str]:
-        """The same for a person."""
-        mirrored = "mirrored" if self.transfer == "slide" else "not mirrored"
-        pages = "1 page" if self.pages == 1 else f"{self.pages} pages"
-        count = "1 sticker" if len(self.stickers) == 1 else f"{len(self.stickers)} stickers"
-        said = [
-            f"{self.out}: {pages} of {self.paper} at {self.dpi:g} dpi, {count}, "
-            f"{self.bytes / 1e6:.2f} MB",
-            f"  transfer {self.transfer}: {mirrored}; the F marks the corner (-x, -y)",
-        ]
-        if self.scale != (1.0, 1.0):
-            said.append(f"  stretched by {self.scale[0]:g} in x and {self.scale[1]:g} in y")
-        for s in {s.code: s for s in self.stickers}.values():
-            patch = "" if s.dots_per_patch is None else f"{s.dots_per_patch:.3g} dots per patch, "
-            sides = dict.fromkeys(
-                f"{side_mm:.5f} mm ({1000 * off_mm:+.1f} um)"
-                for side_mm, off_mm in zip(s.file_side_mm, s.side_error_mm, strict=True)
-            )
-            said += [
-                f"  {s.code}",
-                f"    {patch}edges within {1000 * s.print_error_mm:.3g} um",
-                f"    side {s.side_mm:.6g} mm, in the file {' x '.join(sides)}",
-            ]
-        return [*said, f"  sha256 {self.sha256}"]
-
 
 def write(
     recipes: Sequence[PatternRecipe],
@@ -135,7 +117,6 @@ def write(
     Raises InputError for anything that cannot be printed as requested, or that the sensor's camera
     cannot use (`raster.check_seen`): nothing is written then.
     """
-    check_place(out, "name a file in it, as in sheet.pdf")
     if out.suffix.lower() != ".pdf":
         raise InputError(f"{out}: a sheet is a PDF: end the name in .pdf")
     paper = next((name for name in layout.PAPERS if name.lower() == paper.lower()), paper)
@@ -235,3 +216,79 @@ def _sticker(
         patch_mm=recipe.patch_mm,
         code=picture.key,
     )
+
+
+class Pdf:
+    """Marks as pages of a PDF: rectangles, text and pictures at exact printer dots, lossless.
+
+    A picture has one pixel per printer dot, so a printer at the sheet's resolution does not
+    resample it. page_px: size in printer dots; dpi: dots an inch.
+    """
+
+    def __init__(self, page_px: tuple[int, int], dpi: float):
+        self._dpi = dpi
+        # Rounded down: a renderer counts a dot's fraction at the page's edge as one more
+        self._size_pt = tuple(int(side * 72 / dpi * 1e5) / 1e5 for side in page_px)
+        self._file = Document()
+        self._images: dict[str, int] = {}
+
+    def page(self, marks: Iterable[Mark]) -> None:
+        """Add a page."""
+        content: list[str] = []
+        used: dict[str, int] = {}
+        for mark in marks:
+            if isinstance(mark, FilledRectangle):
+                content.append(self._box(mark))
+            elif isinstance(mark, TextLine):
+                content.append(self._words(mark))
+            else:
+                number = self._image(mark)
+                used[f"I{number}"] = number
+                content.append(self._placed(mark, number))
+        self._file.page(self._size_pt, "\n".join(content), used)
+
+    def finish(self, title: str, producer: str, keywords: Sequence[str]) -> bytes:
+        """The file."""
+        return self._file.finish(title, producer, keywords)
+
+    def _image(self, picture: CellGrid) -> int:
+        if picture.key in self._images:
+            return self._images[picture.key]
+        space = "/DeviceRGB" if picture.cells.ndim == 3 else "/DeviceGray"
+        opening = (
+            f"<< /Type /XObject /Subtype /Image /Width {picture.width_px} "
+            f"/Height {picture.height_px} /ColorSpace {space} /BitsPerComponent 8 "
+            "/Interpolate false /Filter /FlateDecode"
+        )
+        deflate = zlib.compressobj()
+        packed = [deflate.compress(band.tobytes()) for band in picture.bands()]
+        number = self._file.stream(opening, b"".join([*packed, deflate.flush()]))
+        self._images[picture.key] = number
+        return number
+
+    def _placed(self, picture: CellGrid, number: int) -> str:
+        left, low, wide, high = self._place(picture)
+        return f"q {wide} 0 0 {high} {left} {low} cm /I{number} Do Q"
+
+    def _box(self, box: FilledRectangle) -> str:
+        ink = (
+            f"{figure(box.ink / 255)} g"
+            if isinstance(box.ink, int)
+            else " ".join(figure(v / 255) for v in box.ink) + " rg"
+        )
+        return f"{ink} {' '.join(self._place(box))} re f"
+
+    def _place(self, mark: CellGrid | FilledRectangle) -> list[str]:
+        """Left, lower edge, width and height in points, less the inset on each side."""
+        inset = INSET_MM * POINTS_PER_MM
+        left, low = self._at(mark.x_px, mark.y_px + mark.height_px)
+        sides = (px * 72 / self._dpi - 2 * inset for px in (mark.width_px, mark.height_px))
+        return [figure(v) for v in (left + inset, low + inset, *sides)]
+
+    def _words(self, words: TextLine) -> str:
+        x, y = (figure(v) for v in self._at(words.x_px, words.y_px))
+        return f"BT 0 g /F {figure(words.size_pt)} Tf {x} {y} Td <{glyphs(words.text)}> Tj ET"
+
+    def _at(self, x_px: float, y_px: float) -> tuple[float, float]:
+        """A place in points from the lower left corner."""
+        return x_px * 72 / self._dpi, self._size_pt[1] - y_px * 72 / self._dpi

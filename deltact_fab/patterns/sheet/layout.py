@@ -13,8 +13,9 @@ A page, as it is read:
      _    [QR] law, d, r ...                   never mirrored
          footer
 
-Everything is placed at whole printer dots. With a scale correction, lengths here are those on the
-paper; those in the file are longer by the scale.
+Everything is placed at whole printer dots, x to the right and y down from the page's top left
+corner, so that every edge is sharp on the printer and rounding errors do not accumulate. With a
+scale correction, lengths here are those on the paper; those in the file are longer by the scale.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...errors import InputError
-from ...units import MM_PER_INCH
+from ...pdf import width_em
+from ...units import MM_PER_INCH, POINTS_PER_MM
 from ..cell_grid import CellGrid
-from .marks import FilledRectangle, TextLine, width_mm
 
 PAPERS = {
     "A5": (148.0, 210.0),
@@ -55,6 +56,47 @@ QUIET_MM = 1.6
 MODULE_MM = 0.33
 LABEL_MM = 28.5
 """Width of a label's text beside its QR code."""
+
+
+@dataclass(frozen=True)
+class FilledRectangle:
+    """A filled rectangle. ink: one byte of grey (black ink alone), or three of RGB."""
+
+    x_px: int
+    y_px: int
+    width_px: int
+    height_px: int
+    ink: int | tuple[int, int, int] = 0
+
+
+@dataclass(frozen=True)
+class TextLine:
+    """A line in black; (x, y) is the left end of its baseline. ASCII only."""
+
+    x_px: int
+    y_px: int
+    size_pt: float
+    text: str
+
+
+Mark = FilledRectangle | TextLine | CellGrid
+
+
+def width_mm(text: str, size_pt: float) -> float:
+    """Width of a line in mm."""
+    return width_em(text) * size_pt / POINTS_PER_MM
+
+
+def wrapped(words: list[str], room_mm: float, size_pt: float, between: str = "  ") -> list[str]:
+    """Words joined into lines that fit; a word that is too long stands alone on its line."""
+    lines: list[str] = []
+    for word in words:
+        longer = f"{lines[-1]}{between}{word}" if lines else word
+        if lines and width_mm(longer, size_pt) <= room_mm:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,18 @@ from dataclasses import replace
 from itertools import product
 
 from ...version import VERSION
-from .layout import HEAD_PT, LEFT_BAND_MM, MARGIN_MM, TEXT_PT, Sheet, line_mm
-from .marks import FilledRectangle, Mark, width_mm, wrapped
+from .layout import (
+    HEAD_PT,
+    LEFT_BAND_MM,
+    MARGIN_MM,
+    TEXT_PT,
+    FilledRectangle,
+    Mark,
+    Sheet,
+    line_mm,
+    width_mm,
+    wrapped,
+)
 
 RULER_MM = 100.0
 LINE_MM = 0.1

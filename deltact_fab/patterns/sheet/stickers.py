@@ -12,8 +12,7 @@ from ..cell_grid import CellGrid
 from ..raster import finest_mm
 from ..recipe import PatternRecipe, draw_patches
 from . import layout, page_marks
-from .layout import Sheet, StickerCell
-from .marks import Mark, wrapped
+from .layout import Mark, Sheet, StickerCell, wrapped
 
 MAX_STICKER_PX = 120_000_000
 """Largest raster of a sticker: some seconds; bands keep its memory small at any size."""

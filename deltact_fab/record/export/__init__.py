@@ -5,15 +5,15 @@ CSV, Parquet and MCAP are of one run; a dataset of LeRobot may be of several.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from ...aliases import Progress
 from ...errors import InputError
 from ...extras import require
 from ...files import disk_errors, whole
 from ..run import Run
-from .episodes import Follow
 
 FORMATS = {
     "csv": (),
@@ -29,7 +29,7 @@ def export(
     form: str,
     out: Path,
     progress: Progress | None = None,
-    follow: Follow | None = None,
+    follow: Callable[[Run], Any] | None = None,
 ) -> dict[str, int]:
     """Write runs to `out`, a new file (mcap) or folder; return rows by table.
 

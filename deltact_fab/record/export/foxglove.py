@@ -1,4 +1,4 @@
-"""A run as one MCAP file that Foxglove shows: images, pose, wrench and events on one time line.
+"""A run as one MCAP file that Foxglove shows: images, pose and wrench on one time line.
 
 Messages are JSON with Foxglove's own schemas, so that the file needs no library but `mcap` to be
 written and says by itself what it holds; chunks are packed with zstd, which takes back what base64
@@ -14,35 +14,22 @@ from collections.abc import Iterator
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+from mcap.writer import Writer
 from numpy.typing import NDArray
 
 from ...aliases import Progress
 from ..images import encode_png
 from ..run import Run
 from ..streams import FORCE_COLUMNS, POSE_COLUMNS
-from ..timeline import TimeLine
-from .tables import LINE, described, events, of_press
-
-if TYPE_CHECKING:
-    import pandas as pd
+from .tables import LINE, TimeLine, described, of_press
 
 CHUNK_BYTES = 4 * 1024 * 1024  # a frame of 1280 x 720 and what was felt with it
 SENSOR = "sensor"  # frame of reference: the sensor frame, z = 0 at the resting face
 CAMERA = "camera"
-ATTACHED = {
-    "run.json": "application/json",
-    "protocol.toml": "application/toml",
-    "pattern.json": "application/json",
-    "summary.json": "application/json",
-    "notes.jsonl": "application/jsonl",
-    "camera.flat.png": "image/png",
-}
-# Of foxglove.Log: 2 info, 4 error; what is neither is a trouble that a run went on with, 3.
-USUAL = ("session", "begin", "homed", "indenter", "begun", "complete", "note")
-LEVELS = {**dict.fromkeys(USUAL, 2), "fault": 4, "stop": 4}
 ABOUT = {
     "time": "log_time: ns since 1970 UTC; the rig's clock, moved by one offset a session to the "
     "day's time at its first event, and never back behind the session before",
@@ -72,10 +59,6 @@ SCHEMAS = {
         header=_object(stamp=_TIME, frame_id=_STRING), wrench=_object(force=_XYZ, torque=_XYZ),
         saturated=_BOOLEAN,
     )),
-    "/events": ("foxglove.Log", _object(
-        timestamp=_TIME, level=_INTEGER, line=_INTEGER,
-        **dict.fromkeys(("message", "name", "file"), _STRING),
-    )),
 }  # fmt: skip
 """Of each topic the schema's name, by which Foxglove knows what to draw, and its fields."""
 Message = tuple[int, str, dict[str, Any]]  # time, topic, what is said
@@ -86,8 +69,6 @@ def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
 
     Raises RunFailed for a damaged run, MissingLibrary for JPEG XL without the extra `images`.
     """
-    from mcap.writer import Writer
-
     line = TimeLine.of(run)
     counts = dict.fromkeys(SCHEMAS, 0)
     with path.open("wb") as out:
@@ -100,14 +81,10 @@ def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
             channels[topic] = writer.register_channel(topic, "json", schema_id)
         said = {key: json.dumps(value) for key, value in described(run).items()}
         writer.add_metadata("deltact-fab", {**said, **ABOUT})
-        messages = merge(_events(run, line), _presses(run, line, progress), key=itemgetter(0))
-        for time_ns, topic, message in messages:
+        for time_ns, topic, message in _presses(run, line, progress):
             data = json.dumps(message, separators=(",", ":")).encode()
             writer.add_message(channels[topic], time_ns, data, time_ns, counts[topic])
             counts[topic] += 1
-        for name, media_type in ATTACHED.items():
-            if (run.folder / name).is_file():
-                writer.add_attachment(0, 0, name, media_type, (run.folder / name).read_bytes())
         writer.finish()
     return counts
 
@@ -164,17 +141,3 @@ def _wrenches(table: pd.DataFrame) -> Iterator[Message]:
 
 def _vector(values: NDArray[np.float64]) -> dict[str, float]:
     return dict(zip("xyz", values.tolist(), strict=True))
-
-
-def _events(run: Run, line: TimeLine) -> Iterator[Message]:
-    for row in events(run, line).to_dict("records"):
-        time_ns = int(row[LINE])
-        message = {
-            "timestamp": _stamp(time_ns),
-            "level": LEVELS.get(row["kind"], 3),
-            "message": str(row["text"]) or str(row["kind"]),
-            "name": str(row["kind"]),
-            "file": row["step_id"] if isinstance(row["step_id"], str) else "",
-            "line": 0,
-        }
-        yield time_ns, "/events", message

@@ -9,19 +9,25 @@ float32; the motion is exact to its levels, the image is lossy.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import av
+import cv2
 import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from ...aliases import Progress
 from ...errors import InputError
 from ..files import UNKNOWN, json_bytes
 from ..run import Run
-from .episodes import FIELDS, Episode, Follow, episodes, values_of
-from .tables import described
+from ..streams import FORCE_COLUMNS, POSE_COLUMNS
+from .tables import LINE, TABLES, TimeLine, described, of_press
 
 RAW, MOTION = "observation.images.raw", "observation.images.deformation"
 MM_PER_LEVEL, REST = 0.025, 128
@@ -47,6 +53,95 @@ def levels(motion: Any) -> NDArray[np.uint8]:
     return np.dstack([shift, np.where(motion.known, 255, 0)]).astype(np.uint8)
 
 
+CONTACT_N = 0.1  # several times the noise of the sensors that a bench has
+_TARGET = ("target_x_mm", "target_y_mm", "target_z_mm")
+COLUMNS = {**TABLES["frames"], "contact": "int8", **dict.fromkeys(_TARGET, "float64")}
+"""contact: 1 where fz_n < -CONTACT_N or, where no force is known, z_mm < 0; 0 where neither; -1
+where neither is known. target: where the step under way leads the tip."""
+
+FIELDS: dict[str, tuple[str, ...]] = {
+    "time_ns": (LINE,),
+    "t_press_s": ("t_press_s",),
+    "seq": ("seq",),
+    "settled": ("settled",),
+    "observation.state": POSE_COLUMNS,
+    "observation.wrench": FORCE_COLUMNS,
+    "observation.contact": ("contact",),
+    "action": _TARGET,
+}
+"""The columns that each feature of the dataset is made of."""
+
+Follow = Callable[[Run], Callable[[NDArray[np.uint8]], Any]]
+"""What follows a press of a run, from its first image on; the record knows no tracker.
+
+It gives the pattern's motion at points of the face: shift_mm (h, w, 2), known (h, w), x_mm (w,),
+y_mm (h,), trusted."""
+
+
+def values_of(table: pd.DataFrame, columns: tuple[str, ...]) -> NDArray[Any]:
+    """(n,) of one column, (n, columns) of more; nan where a float is not known."""
+    values = table[list(columns)].to_numpy(COLUMNS[columns[0]])
+    return values if len(columns) > 1 else values[:, 0]
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A press with frames. table: of its frames, with `COLUMNS`; follow: None without motion."""
+
+    run: Run
+    line: TimeLine
+    press: str
+    table: pd.DataFrame
+    follow: Follow | None
+
+    @property
+    def indenter(self) -> str:
+        """Which was mounted."""
+        return str(self.table["indenter"].iloc[0])
+
+    def images(self) -> Iterator[tuple[NDArray[np.uint8], Any]]:
+        """Of each frame the image as the camera gave it, (h, w, 3) RGB, and the motion.
+
+        One at a time; none of a run without images. Raises as `Run.image` and the tracker do.
+        """
+        track = self.follow(self.run) if self.follow and self.run.meta["camera"] else None
+        for file in self.table["file"].dropna():
+            raw = self.run.raw(file)
+            motion = track(self.run.image(file)) if track else None
+            yield np.asarray(cv2.cvtColor(raw, cv2.COLOR_BGR2RGB), np.uint8), motion
+
+
+def episodes(runs: Sequence[Run], follow: Follow | None, progress: Progress) -> Iterator[Episode]:
+    """All presses that have frames, run by run in the order they were begun.
+
+    Raises InputError where no run has one, or where one has images and another has not.
+    """
+    lines = [TimeLine.of(run) for run in runs]
+    done, total, seen = 0, sum(len(line.presses) for line in lines), set()
+    for run, line in zip(runs, lines, strict=True):
+        for press in line.presses:
+            done += 1
+            table = of_press(run, line, "frames", press)
+            if table.empty:  # a change of the indenter
+                continue
+            seen.add(bool(table["file"].notna().all()))
+            if len(seen) > 1:
+                raise InputError(f"{run.folder}: {press}: frames with and without images")
+            yield Episode(run, line, press, _told(run, line, press, table), follow)
+            progress(done, total, press)
+    if not seen:
+        raise InputError(f"{runs[0].folder}: no press has frames")
+
+
+def _told(run: Run, line: TimeLine, press: str, table: pd.DataFrame) -> pd.DataFrame:
+    """With targets and contact."""
+    targets = of_press(run, line, "steps", press).set_index("step_id")[list(POSE_COLUMNS)]
+    named = targets.rename(columns=dict(zip(POSE_COLUMNS, _TARGET, strict=True)))
+    fz_n, z_mm = table["fz_n"], table["z_mm"]
+    contact = np.select([fz_n.notna(), z_mm.notna()], [fz_n < -CONTACT_N, z_mm < 0], -1)
+    return table.join(named, on="step_id").assign(contact=contact.astype(np.int8))
+
+
 class _Part:
     """The n-th file of each kind: whole episodes, numbers held until it ends, videos written."""
 
@@ -66,8 +161,6 @@ class _Part:
 
     def film(self, key: str, image: NDArray[np.uint8]) -> None:
         """Add an image (h, w, 3) RGB to a video."""
-        import av
-
         if key not in self._videos:
             out = av.open(self.place(f"videos/{key}", "mp4"), "w")
             options = {"g": "2", "deadline": "realtime", "cpu-used": "8", **QUALITY[key]}
@@ -80,9 +173,6 @@ class _Part:
 
     def close(self) -> None:
         """End all files."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         for out, stream in self._videos.values():
             out.mux(stream.encode())
             out.close()
@@ -99,8 +189,6 @@ def write(
 
     Raises InputError for runs of different rates or images, else as `episodes` and its images do.
     """
-    import pandas as pd
-
     rates = {str(run.folder): _rate_hz(run) for run in runs}
     if len(set(rates.values())) > 1:
         raise InputError(f"runs at different rates make no dataset, which has one: {rates} Hz")
@@ -180,7 +268,6 @@ def _single(values: NDArray[Any]) -> NDArray[Any]:
 
 def _table(columns: dict[str, NDArray[Any]]) -> Any:
     """As Arrow: a column of vectors is one of lists of one length."""
-    import pyarrow as pa
 
     def arrow(values: NDArray[Any]) -> Any:
         flat = pa.array(values.ravel())

@@ -3,21 +3,103 @@
 from __future__ import annotations
 
 import json
+import math
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 
 from ...aliases import Progress
+from ...units import to_ns
 from ..files import json_bytes
 from ..run import Run
-from ..timeline import TimeLine
+from ..streams import FORCE_COLUMNS, POSE_COLUMNS
 
-if TYPE_CHECKING:
-    import pandas as pd
+
+@dataclass(frozen=True)
+class TimeLine:
+    """One time line for all that a run recorded, over its sessions: nanoseconds since 1970, UTC.
+
+    The record's stamps are of the rig's clock, which starts anew with each session. Within a
+    session they are kept as they are, each as far from the next as the clock had it, and moved by
+    one offset: that of the day's time over the rig's clock at the session's first event. A session
+    that would begin before the one before it ended (simulated time goes faster than the day's, and
+    the day's clock may be set back) is moved on to that end. So times never go back, and on a real
+    rig they are those of the day, as exact as its clock was when the session began.
+
+    offsets_ns: of each session; sessions: of each press and each event's seq, from 0.
+    presses: all that have rows, changes of the indenter among them, in the order they were begun.
+    """
+
+    presses: tuple[str, ...]
+    offsets_ns: tuple[int, ...]
+    press_session: dict[str, int]
+    event_session: dict[int, int]
+    imported_ns: int | None = None
+    """Of the first image of an imported run, whose times are the recording's own."""
+
+    @classmethod
+    def of(cls, run: Run) -> TimeLine:
+        """The time line of a run. Raises RunFailed for a journal that cannot be read."""
+        with run.reader() as db:
+            rows = db.execute(
+                "SELECT press, min(a), max(b), max(wall_s), min(wall_s - b), min(wall_s) FROM ("
+                "SELECT press, t_start_s a, t_end_s b, wall_s FROM steps UNION ALL "
+                "SELECT press, t_s, t_s, wall_s FROM frames) GROUP BY press ORDER BY max(wall_s)"
+            ).fetchall()
+            what = "SELECT seq, kind, press, t_s, wall_s FROM events ORDER BY seq"
+            events = db.execute(what).fetchall()
+        begun: list[float] = []  # the day's time of each session's first event
+        # Of each session: from, to by its clock, and the day's time over it.
+        spans: dict[int, list[tuple[float, float, float]]] = defaultdict(list)
+        press_session: dict[str, int] = {}
+        event_session: dict[int, int] = {}
+        for seq, kind, press, t_s, wall_s in events:
+            if kind == "session" or not begun:
+                begun.append(wall_s)
+            at = event_session[seq] = len(begun) - 1
+            if press is not None:
+                press_session[press] = at  # the last one: a press may be done again
+            if t_s is not None:
+                spans[at].append((t_s, t_s, wall_s - t_s))
+        for press, first_s, last_s, wall_s, over_s, _ in rows:
+            if press not in press_session:  # a change of the indenter has no event of its own
+                earlier = [n for n, begun_s in enumerate(begun) if begun_s <= wall_s]
+                press_session[press] = max(earlier, default=0)
+            spans[press_session[press]].append((first_s, last_s, over_s))
+        offsets = [0] * len(begun)  # of a session that was over before its clock ran
+        end_ns = 0
+        for at, span in sorted(spans.items()):
+            first_s, last_s = min(first for first, _, _ in span), max(last for _, last, _ in span)
+            offsets[at] = max(to_ns(span[0][2]), end_ns - to_ns(first_s))
+            end_ns = offsets[at] + to_ns(last_s)
+        imported_ns = None
+        if run.imported and rows:
+            first_s = min(row[1] for row in rows)
+            # The recording's own times, moved where they would begin before 1970.
+            early_s = np.nanmin([first_s, run.force()["t_s"].min(), run.pose()["t_s"].min()])
+            moved_ns = to_ns(max(-float(early_s), 0.0))
+            offsets, imported_ns = [moved_ns] * len(offsets), to_ns(first_s) + moved_ns
+        presses = tuple(row[0] for row in sorted(rows, key=itemgetter(5)))
+        return cls(presses, tuple(offsets), press_session, event_session, imported_ns)
+
+    def of_press_ns(self, press: str, t_s: NDArray[np.float64] | float) -> NDArray[np.int64]:
+        """Times of the rig's clock in a press, on the line."""
+        t_ns = np.rint(np.asarray(t_s, float) * 1e9).astype(np.int64)
+        return np.asarray(t_ns + self.offsets_ns[self.press_session[press]], np.int64)
+
+    def of_event_ns(self, seq: int, t_s: float | None, wall_s: float) -> int:
+        """An event's time on the line; of the day where the rig's clock did not run yet."""
+        if t_s is None or math.isnan(t_s):
+            return to_ns(wall_s) if self.imported_ns is None else self.imported_ns
+        return to_ns(t_s) + self.offsets_ns[self.event_session[seq]]
 
 
 def described(run: Run) -> dict[str, Any]:
@@ -32,99 +114,37 @@ def described(run: Run) -> dict[str, Any]:
 LINE = "time_ns"  # the column of every table that puts it on the time line
 
 
-@dataclass(frozen=True)
-class TableColumn:
-    """One column. kind: string, int64, float64 or bool."""
-
-    name: str
-    kind: str
-    unit: str
-    text: str
+def _floats(*names: str) -> dict[str, str]:
+    return dict.fromkeys(names, "float64")
 
 
-def _numbers(names: str, unit: str, text: str) -> list[TableColumn]:
-    return [TableColumn(name, "float64", unit, text) for name in names.split()]
+_PRESS = {"press": "string", "step_id": "string"}
+_STEP = {"indenter": "string", "kind": "string"}
+_SAMPLE = {LINE: "int64", **_PRESS, **_floats("t_s", "t_press_s")}
+_POSE, _FORCE = _floats(*POSE_COLUMNS), _floats(*FORCE_COLUMNS)
+TABLES: dict[str, dict[str, str]] = {
+    "frames": {
+        LINE: "int64", "frame_id": "string", "seq": "int64", **_PRESS, **_STEP, "k": "int64",
+        "settled": "bool", "file": "string", "sha256": "string",
+        **_floats("t_s", "t_step_s", "t_press_s"), **_POSE, **_FORCE,
+        **_floats("pose_skew_s", "force_skew_s", "late_s"), "late": "bool", "dropped": "int64",
+        "repeated": "int64", "wall_s": "float64",
+    },
+    "force": {**_SAMPLE, **_FORCE, "saturated": "bool"},
+    "pose": {**_SAMPLE, **_POSE},
+    "steps": {
+        LINE: "int64", "seq": "int64", **_PRESS, **_STEP, **_POSE,
+        **_floats("feed_mm_min", "planned_s"), "missed": "int64",
+        **_floats("t_start_s", "t_end_s", "wall_s"),
+    },
+    "events": {
+        LINE: "int64", "seq": "int64", "kind": "string", **_PRESS, "text": "string",
+        **_floats("t_s", "wall_s"),
+    },
+}  # fmt: skip
+"""The type of each column, by its table and name; what they mean stands in `Run`'s docstrings.
 
-
-_TIME = TableColumn(
-    LINE, "int64", "ns", "since 1970-01-01 UTC, one line over all sessions of the run"
-)
-_PRESS = [
-    TableColumn("press", "string", "", "indenter/position"),
-    TableColumn("step_id", "string", "", "indenter/position/depth/leg"),
-]
-_CLOCKS = [
-    *_numbers("t_s", "s", "on the rig's clock, which starts anew with each session"),
-    *_numbers("t_press_s", "s", "since the press was tared"),
-]
-_WALL = _numbers("wall_s", "s", "since 1970-01-01 UTC, when the row was made")
-_POSE = _numbers(
-    "x_mm y_mm z_mm", "mm", "of the tip in the sensor frame; z = 0 is the resting face"
-)
-_FORCE = [
-    *_numbers("fx_n fy_n fz_n", "N", "on the sensor; a press has fz_n < 0"),
-    *_numbers("tx_nmm ty_nmm tz_nmm", "N mm", "about the centre of the resting face"),
-]
-_STEP = [
-    TableColumn("indenter", "string", "", "which was mounted"),
-    TableColumn("kind", "string", "", "change, travel, approach, press, shear or retract"),
-]
-
-TABLES: dict[str, list[TableColumn]] = {
-    "frames": [
-        _TIME,
-        TableColumn("frame_id", "string", "", "step_id#k"),
-        TableColumn("seq", "int64", "", "place in the plan"),
-        *_PRESS,
-        *_STEP,
-        TableColumn("k", "int64", "", "number in its step, from 1"),
-        TableColumn("settled", "bool", "", "taken at rest, as the protocol settles"),
-        TableColumn("file", "string", "", "image, from the run's folder"),
-        TableColumn("sha256", "string", "", "of that file"),
-        *_numbers("t_s", "s", "on the rig's clock, which starts anew with each session"),
-        *_numbers("t_step_s", "s", "since the step began"),
-        *_numbers("t_press_s", "s", "since the press was tared"),
-        *_POSE,
-        *_FORCE,
-        *_numbers("pose_skew_s force_skew_s", "s", "from the nearest sample"),
-        *_numbers("late_s", "s", "exposed after it was wanted"),
-        TableColumn("late", "bool", "", "by more than half of what lies between two frames"),
-        TableColumn("dropped", "int64", "", "frames that the camera lost since the one before"),
-        TableColumn("repeated", "int64", "", "frames that it gave again since the one before"),
-        *_WALL,
-    ],
-    "force": [
-        _TIME,
-        *_PRESS,
-        *_CLOCKS,
-        *_FORCE,
-        TableColumn("saturated", "bool", "", "a gauge was out of range"),
-    ],
-    "pose": [_TIME, *_PRESS, *_CLOCKS, *_POSE],
-    "steps": [
-        TableColumn("time_ns", "int64", "ns", f"of its start; {_TIME.text}"),
-        TableColumn("seq", "int64", "", "place in the plan"),
-        *_PRESS,
-        *_STEP,
-        *_numbers("x_mm y_mm z_mm", "mm", "target of the tip in the sensor frame"),
-        *_numbers("feed_mm_min", "mm/min", "as it was asked for"),
-        *_numbers("planned_s", "s", "of motion"),
-        TableColumn("missed", "int64", "", "frames that did not come"),
-        *_numbers("t_start_s t_end_s", "s", "on the rig's clock"),
-        *_WALL,
-    ],
-    "events": [
-        _TIME,
-        TableColumn("seq", "int64", "", "order of writing; 0: an operator's note"),
-        TableColumn("kind", "string", "", "session, homed, begun, complete, fault, stop, note ..."),
-        *_PRESS,
-        TableColumn("text", "string", "", "what happened"),
-        *_numbers("t_s", "s", "on the rig's clock"),
-        *_WALL,
-    ],
-}
-
-
+time_ns of a step is of its start, x_mm to z_mm there its target; seq of an operator's note is 0."""
 # Of pandas, with a place for what is not known; a float has its nan.
 _KINDS = {"int64": "Int64", "bool": "boolean"}
 
@@ -141,8 +161,6 @@ def of_press(run: Run, line: TimeLine, name: str, press: str) -> pd.DataFrame:
 
 def events(run: Run, line: TimeLine) -> pd.DataFrame:
     """All events and notes, in order of the time line."""
-    import pandas as pd
-
     table = run.events()
     notes = run.notes().assign(kind="note", seq=0, press=None, step_id=None, t_s=np.nan)
     parts = [part for part in (table, notes[list(table.columns)]) if len(part)]
@@ -153,11 +171,9 @@ def events(run: Run, line: TimeLine) -> pd.DataFrame:
     return shaped(TABLES["events"], table.sort_values(LINE, kind="stable"))
 
 
-def shaped(columns: list[TableColumn], table: pd.DataFrame) -> pd.DataFrame:
+def shaped(columns: dict[str, str], table: pd.DataFrame) -> pd.DataFrame:
     """Exactly these columns; what older formats did not know is empty."""
-    kinds: dict[str, Any] = {
-        column.name: _KINDS.get(column.kind, column.kind) for column in columns
-    }
+    kinds: dict[str, Any] = {name: _KINDS.get(kind, kind) for name, kind in columns.items()}
     return table.reindex(columns=list(kinds)).astype(kinds)
 
 
@@ -169,21 +185,16 @@ def _csv(path: Path) -> Iterator[Callable[[pd.DataFrame], None]]:
 
 
 @contextmanager
-def parquet(
-    path: Path, columns: list[TableColumn], about: dict[str, Any]
+def _parquet(
+    path: Path, columns: dict[str, str], about: dict[str, Any]
 ) -> Iterator[Callable[[pd.DataFrame], None]]:
-    """What adds rows to a Parquet file, a row group a press; units stand with the columns."""
+    """What adds rows to a Parquet file, a row group a press."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    fields = []
-    for column in columns:
-        notes = {"unit": column.unit, "description": column.text}
-        kind = pa.timestamp("ns", tz="UTC") if column.name == LINE else column.kind
-        kind = pa.bool_() if kind == "bool" else kind
-        fields.append(pa.field(column.name, kind, metadata=notes))
     text = {key: json.dumps(value) for key, value in about.items()}
-    schema = pa.schema(fields, metadata={"deltact-fab": json.dumps(about), **text})
+    kinds = {**columns, LINE: pa.timestamp("ns", tz="UTC")}
+    schema = pa.schema(list(kinds.items()), {"deltact-fab": json.dumps(about), **text})
 
     with pq.ParquetWriter(path, schema, compression="zstd") as writer:
 
@@ -203,7 +214,7 @@ def write(run: Run, folder: Path, form: str, progress: Progress) -> dict[str, in
         writers = {}
         for name, columns in TABLES.items():
             path = folder / f"{name}.{form}"
-            writer = _csv(path) if form == "csv" else parquet(path, columns, about)
+            writer = _csv(path) if form == "csv" else _parquet(path, columns, about)
             writers[name] = opened.enter_context(writer)
 
         def add(name: str, table: pd.DataFrame) -> None:
@@ -215,18 +226,5 @@ def write(run: Run, folder: Path, form: str, progress: Progress) -> dict[str, in
                 add(name, of_press(run, line, name, press))
             progress(number, len(line.presses), press)
         add("events", events(run, line))
-    (folder / "README.md").write_text(_readme(about, rows, form), encoding="utf-8")
     (folder / "run.json").write_bytes(json_bytes({**run.meta, "summary": run.summary()}))
     return rows
-
-
-def _readme(about: dict[str, Any], rows: dict[str, int], form: str) -> str:
-    lines = [f"# {about['name']}: a run exported as {form}", ""]
-    lines += [f"- {key}: {json.dumps(value)}" for key, value in about.items()]
-    lines += ["", "run.json has all that is known of protocol, rig, sensor and camera. Images stay"]
-    lines += ["in the run's folder, under the paths of `file`. What is not known is empty.", ""]
-    for name, columns in TABLES.items():
-        lines += [f"## {name}.{form}: {rows[name]} rows", "", "| column | unit | meaning |"]
-        lines += ["|---|---|---|"]
-        lines += [f"| {c.name} | {c.unit} | {c.text} |" for c in columns] + [""]
-    return "\n".join(lines)

@@ -7,8 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from ..catalog import literal
-from .kinds import Kind
-from .rows import BY_NAME, TABLE, KeyRow, rows
+from ..schema import BY_NAME, TABLE, KeyRow, Kind, rows
 
 HOW = (
     'A line that begins with "#" and goes on at once is a key that is not set: its value is what',

@@ -20,19 +20,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ... import catalog
-from ...aliases import Progress
-from ...errors import InputError
-from ...files import disk_errors, making, whole
-from ...version import VERSION
-from ..code import encode
-from ..quality.measure import MM_PER_PX, measure
-from ..quality.photo import photograph, sent
-from ..recipe import DEFAULT_SEED, PatternRecipe, recipe_from
-from ..sheet import job as sheet
+from .. import catalog
+from ..aliases import Progress
+from ..errors import InputError
+from ..files import disk_errors, making, whole
+from ..version import VERSION
+from .code import encode
+from .quality.measure import MM_PER_PX, measure, photograph, sent
+from .recipe import DEFAULT_SEED, PatternRecipe, recipe_from
+from .sheet import job as sheet
 
 if TYPE_CHECKING:
-    from ...imaging import ImageSensor, Printer
+    from ..imaging import ImageSensor, Printer
 
 GRIDS = (
     ((0.1, 0.15, 0.2), (0.1, 0.3, 0.5)),
@@ -95,15 +94,6 @@ class SeriesReport:
         """Plain data, as `pattern series --json` prints it."""
         return {**self.figures, "out": str(self.out), "files": [str(f) for f in self.files]}
 
-    def lines(self) -> list[str]:
-        """The same for a person."""
-        count = len(self.figures["patterns"])
-        pages = "1 page" if self.pages == 1 else f"{self.pages} pages"
-        return [
-            f"{self.out}: {count} patterns, {pages} to print",
-            *(f"  {path.relative_to(self.out)}" for path in self.files),
-        ]
-
 
 def recipes(seed: int = DEFAULT_SEED, with_dots: bool = True) -> list[SeriesEntry]:
     """The 17 patterns of the paper's Pattern Selection, by d, then r; (0.1, 0.5) is in both rounds.
@@ -151,7 +141,7 @@ def write(
     Raises InputError for a folder that is there and not empty, for a seed below 0 and for what
     `sheet.write` refuses, RunFailed when the disk refuses, and whatever `page` raises.
     """
-    from ...imaging import ImageSensor, Printer
+    from ..imaging import ImageSensor, Printer
 
     chosen = recipes(seed, with_dots) if entries is None else list(entries)
     printer, sensor = Printer(dpi=dpi), ImageSensor()

@@ -1,18 +1,17 @@
-"""A chessboard to calibrate the camera, and how many of its inner corners are seen."""
+"""Independent patches, clear film, and a chessboard with how many of its inner corners are seen."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ...errors import InputError
-from .law import Law, Patches, PatchRecipe
+from .law import Law, Patches, PatchRecipe, uniforms
 
 SLACK_MM = 1e-9
 
 
 def inner_corners(recipe: PatchRecipe, view_mm: tuple[float, float]) -> tuple[int, int]:
     """How many corners of four squares a centred view (x, y) holds, along x and along y."""
-    assert recipe.patch_mm is not None  # the law's own check
     inner_mm = (np.arange(1, recipe.n) - recipe.n / 2) * recipe.patch_mm
     columns, rows = (int((np.abs(inner_mm) < side / 2 - SLACK_MM).sum()) for side in view_mm)
     return columns, rows
@@ -38,9 +37,27 @@ def check_covers(recipe: PatchRecipe, view_mm: tuple[float, float]) -> None:
         )
 
 
-def _draw(recipe: PatchRecipe) -> Patches:
+def _board(recipe: PatchRecipe) -> Patches:
     place = np.arange(recipe.n)
     return ((place[:, None] + place) % 2 * 255).astype(np.uint8)[..., None]
 
 
-LAWS = {"chessboard": Law("black and white squares, to calibrate the camera", _draw)}
+def _iid(recipe: PatchRecipe) -> Patches:
+    return (uniforms(recipe) * 256).astype(np.uint8)
+
+
+def _binary(recipe: PatchRecipe) -> Patches:
+    return (uniforms(recipe) >= 0.5).astype(np.uint8) * np.uint8(255)
+
+
+def _no_ink(recipe: PatchRecipe) -> Patches:
+    return np.full((recipe.n, recipe.n, 1), 255, np.uint8)
+
+
+LAWS = {
+    "iid": Law("independent uniform patches, colour or grey", _iid, may=("channels", "dots")),
+    "binary": Law("independent patches, each channel 0 or 255", _binary, may=("channels", "dots")),
+    "chessboard": Law("black and white squares, to calibrate the camera", _board),
+    "dot-matrix": Law("dots on clear film", _no_ink, needs=("dots",), may=()),
+    "transparent": Law("clear film", _no_ink, needs=(), may=()),
+}

@@ -1,16 +1,117 @@
-"""One row a key: what a person needs to write it."""
+"""Every key that a lab can write: type, unit, default, limits and meaning, from the models.
+
+And every column that it gets."""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
-from ..catalog import literal
-from ..configuration import resolved
-from ..errors import InputError, did_you_mean
-from .document import described, unit_of
-from .kinds import Kind
+from .catalog import literal
+from .configuration import resolved, schema_of
+from .errors import InputError, did_you_mean
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of file. where: the class that validates it; catalogue: as `catalog.KINDS`."""
+
+    name: str
+    catalogue: str
+    about: str
+    where: str
+
+    def model(self) -> Any:
+        """The class, "module:name" of this package, imported when it is asked for."""
+        module, _, name = self.where.partition(":")
+        return getattr(import_module(f"deltact_fab.{module}"), name)
+
+
+def _named(*kinds: Kind) -> dict[str, Kind]:
+    return {kind.name: kind for kind in kinds}
+
+
+_RIGS = "protocols/rigs"
+KINDS = _named(
+    Kind("protocol", "protocols", "an indentation experiment", "protocols.plan:Protocol"),
+    Kind("virtual-rig", _RIGS, 'a simulated bench, kind = "virtual"', "rig.config:VirtualConfig"),
+    Kind("grbl-rig", _RIGS, 'a real bench, kind = "grbl"', "rig.config:GrblConfig"),
+    Kind("pattern", "patterns", "a pattern sticker", "patterns.recipe:PatternRecipe"),
+    Kind("design", "cad", "the dimensions of a sensor and its tools", "cad.dimensions:Design"),
+    Kind("indenters", "cad", "the indenters that a lab makes", "cad.design:IndenterList"),
+    Kind("cameras", "cad", "the cameras that a design can be made for", "cad.design:CameraList"),
+    Kind("parts", "cad", "where what is bought is ordered", "cad.fabrication.bom:BoughtParts"),
+)
+_OF_EACH = "that `measure --out` keeps of each image"
+OUTPUTS = _named(
+    Kind("measured", "", f"columns {_OF_EACH}", "live.formatting:MeasuredRow"),
+    Kind("fields", "", f"arrays {_OF_EACH}", "live.formatting:FieldArrays"),
+)
+"""What the program writes: no one edits them."""
+
+
+def kind_named(name: str) -> Kind:
+    """Raises InputError naming the nearest kind, or all of them."""
+    found = KINDS | OUTPUTS
+    if name not in found:
+        raise InputError(f"schema {name!r}: no such kind of file; {did_you_mean(name, found)}")
+    return found[name]
+
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+_BASE = "The design, a name or a path, from which this one takes what it does not give itself."
+# By the end of a key's name; the longest first: mm_min before min, nmm before mm.
+_UNITS = {
+    "mm_per_px": "mm/px", "per_m": "1/m", "mm_min": "mm/min", "mm_s2": "mm/s2",
+    "electrons": "electrons", "nmm": "N mm", "mpa": "MPa", "ohm": "ohm", "deg": "degrees",
+    "mm2": "mm2", "mm": "mm", "um": "um", "px": "px", "hz": "Hz", "ms": "ms", "s": "s", "n": "N",
+    "k": "K", "v": "V", "baud": "baud", "dpi": "dots per inch",
+}  # fmt: skip
+
+
+def unit_of(key: str) -> str:
+    """The unit of a key as a person writes it; empty for a key without one."""
+    for end, unit in _UNITS.items():
+        if key.endswith(f"_{end}") or (key == end and len(end) > 2):
+            return unit
+    return ""
+
+
+def document(kind: Kind) -> dict[str, Any]:
+    """The JSON Schema of a kind, each key's unit behind its meaning."""
+    schema = described(kind)
+    for node in (schema, *schema.get("$defs", {}).values()):
+        for name, key in node["properties"].items():
+            key.pop("instead_of", None)
+            if (unit := unit_of(name)) and "description" in key:
+                key["description"] += f" [{unit}]"
+    return {"$schema": DIALECT, **schema, "title": f"deltact-fab: {kind.about}"}
+
+
+def described(kind: Kind) -> dict[str, Any]:
+    """The schema of a kind's model, each meaning one line that ends in a full stop."""
+    schema = copy.deepcopy(schema_of(kind.model()))
+    for node in (schema, *schema.get("$defs", {}).values()):
+        if "description" in node:
+            node["description"] = _one_line(node["description"].partition("\n\n")[0])
+        for key in node["properties"].values():
+            assumed = key.pop("unverified", False)
+            if "description" in key:
+                said = _one_line(key["description"]).rstrip(".") + "."
+                key["description"] = f"{said} Assumed, not measured." if assumed else said
+    if kind.name == "design":  # `load_design` takes it away before the model sees the file
+        base = {"type": "string", "examples": ["deltact"], "description": _BASE}
+        schema["properties"] = {"base": base, **schema["properties"]}
+    return schema
+
+
+def _one_line(text: str) -> str:
+    plain = " ".join(text.split())
+    return plain[:1].upper() + plain[1:]
+
 
 TABLE, BY_NAME, MANY = "table", "tables by name", "list of tables"
 _MARKS = {TABLE: "", BY_NAME: ".*", MANY: "[]"}
@@ -50,23 +151,6 @@ def rows(kind: Kind) -> list[KeyRow]:
     """Every key of a kind: those of a table, then the tables in it, each above its keys."""
     root = described(kind)
     return list(_rows(root, root, ""))
-
-
-def matching(kind: Kind, key: str) -> list[KeyRow]:
-    """The row of a key and of all below it; or of all keys of that name, wherever they stand.
-
-    Raises InputError naming the nearest key.
-    """
-    found = rows(kind)
-    inside = [row for row in found if row.key == key or row.key.startswith((f"{key}.", f"{key}["))]
-    named = inside or [row for row in found if row.key.rpartition(".")[2] == key]
-    if not named:
-        known = {row.key for row in found} | {row.key.rpartition(".")[2] for row in found}
-        hint = did_you_mean(key, known)
-        if not hint.startswith("did you mean"):  # hundreds of keys are no hint
-            hint = f"`deltact-fab schema {kind.name}` lists all"
-        raise InputError(f"schema {kind.name}: {key}: no such key; {hint}")
-    return named
 
 
 def _rows(node: dict[str, Any], root: dict[str, Any], at: str) -> Iterator[KeyRow]:
@@ -142,11 +226,8 @@ def limits_of(key: dict[str, Any]) -> str:
     said = []
     if key.get("type") == "array":
         if "items" in key:
-            said.append(
-                _range(key, "minItems", "maxItems", " entries").replace(
-                    "st 1 entries", "st 1 entry"
-                )
-            )
+            count = _range(key, "minItems", "maxItems", " entries")
+            said.append(count.replace("st 1 entries", "st 1 entry"))
         inner = _each(" and ", key.get("prefixItems") or [key.get("items", {})])
         said.append(inner if inner.startswith("each") or not inner else f"each {inner}")
     said.append(_range(key, "minLength", "maxLength", " characters"))

@@ -1,0 +1,85 @@
+"""`deltact-fab init`, `demo`, `doctor`, `schema`: what one begins with."""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from .options import JSON, PATH, out_folder, seed
+from .output import Answer, answers, echo_json, listed, progress
+
+
+@click.command(epilog="Example: deltact-fab init my-lab")
+@click.argument("folder", type=PATH)
+@answers
+def init(folder: Path) -> Answer:
+    """Make a working folder with files of your own.
+
+    FOLDER, which must be new or empty, gets the shipped designs, patterns, protocols and rigs,
+    schemas for an editor, and a README with a first tour. Commands that run inside it prefer its
+    files.
+    """
+    from ..lab import init as write
+
+    files = write(folder)
+    told = f"{folder}: {len(files)} files written; `cd {folder}`, then see README.md"
+    return Answer([str(file) for file in files], [told])
+
+
+@click.command()
+@out_folder("Folder to write; that of an earlier demo is replaced.", default=Path("demo-out"))
+@seed("Seed of everything random.", 3)
+@JSON
+def demo(out: Path, seed: int, as_json: bool) -> None:
+    """Run the whole chain once: parts, pattern, calibration, a virtual experiment, its report."""
+    from .. import demo as chain
+
+    lines: list[str] = []
+    page = chain.run(out, seed, progress, lines.append if as_json else click.echo)
+    if as_json:
+        echo_json({"file": str(page), "seed": seed, "lines": lines})
+
+
+@click.command()
+@answers
+def doctor() -> Answer:
+    """Say what is installed, what each missing thing would bring, and how to get it.
+
+    Looks at Python, the packages of the core and of each extra, and system libraries. Nothing is
+    opened or changed. Exit code 1 when the core is broken.
+    """
+    from ..doctor import is_broken, look
+
+    findings = look()
+    broken = is_broken(findings)
+    absent = sum(f.state != "ok" for f in findings)
+    verdict = f"the core is {'broken' if broken else 'complete'}; {absent} things are not there"
+    data = {"ok": not broken, "findings": [asdict(f) for f in findings]}
+    return Answer(data, [*(f.line() for f in findings), verdict], "" if broken else None)
+
+
+@click.command(no_args_is_help=False, epilog="Example: deltact-fab schema protocol")
+@click.argument("kind", required=False)
+@answers
+def schema(kind: str | None) -> Answer:
+    """Every key of a kind of file: type, unit, default, limits, meaning.
+
+    KIND is protocol, virtual-rig, grbl-rig, pattern, design, indenters, cameras or parts; or
+    measured or fields, which `measure --out` writes. Without KIND the kinds are listed. --json
+    prints a JSON Schema.
+    """
+    from ..schema import KINDS, OUTPUTS, document, kind_named, rows
+
+    if kind is None:
+        kinds = [(k.name, k.catalogue, k.about) for k in (KINDS | OUTPUTS).values()]
+        return listed(("kind", "folder", "about"), kinds)
+    found = kind_named(kind)
+    lines = []
+    for row in rows(found):
+        facts = (row.type, row.unit, row.limits, row.otherwise)
+        lines.append(f"{row.key}  ({'; '.join(fact for fact in facts if fact)})")
+        lines.append(textwrap.indent(textwrap.fill(row.meaning, 92), "    "))
+    return Answer(document(found), lines)
