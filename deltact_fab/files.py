@@ -144,7 +144,7 @@ def _sync(path: Path, pass_over: Collection[int] = ()) -> None:
 
 
 def _unwritable(path: Path, why: OSError) -> str:
-    shown = path if len(str(path)) <= 80 else f"{str(path)[:77]}..."
+    shown = path if len(str(path)) <= 80 else f"...{str(path)[-77:]}"
     return f"{shown}: cannot be written: {why.strerror}"
 
 
