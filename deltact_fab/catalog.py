@@ -183,12 +183,12 @@ def _line(source: str, kind: type, fault: Any) -> str:
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message.replace("a valid array", "a list")
     got = fault.get("input")
-    shown = "" if got is None or isinstance(got, dict) else f" (got {got!r})"
-    limits = ""
     if fault["type"] in OUT_OF_LIMITS:
         name = next((part for part in reversed(at) if isinstance(part, str)), "value")
-        limits = _limits(name, schema_at(kind, at))
-    return f"{where}: {message}{shown}{limits}"
+        if limits := _limits(name, schema_at(kind, at)):
+            return f"{where}: {got!r}; expected {limits}"
+    shown = "" if got is None or isinstance(got, dict) else f" (got {got!r})"
+    return f"{where}: {message}{shown}"
 
 
 def _limits(name: str, schema: dict[str, Any]) -> str:
@@ -196,5 +196,5 @@ def _limits(name: str, schema: dict[str, Any]) -> str:
     for low, above in (("minimum", "<="), ("exclusiveMinimum", "<")):
         for high, below in (("maximum", "<="), ("exclusiveMaximum", "<")):
             if low in schema and high in schema:
-                return f"; {schema[low]:g} {above} {name} {below} {schema[high]:g}"
+                return f"{schema[low]:g} {above} {name} {below} {schema[high]:g}"
     return ""

@@ -48,7 +48,7 @@ class Plain:
         (
             Plain,
             {"sensor": {"skin": {"width_mm": -1}}},
-            "skin.width_mm: Input should be greater than or equal to 5 (got -1)",
+            "skin.width_mm: -1; expected 5 <= width_mm <= 200",
         ),
         (Plain, {"sensor": {"skin": {"width_mm": float("nan")}}}, "width_mm"),
         (SensorDimensions, {"skin": {"edge_fillet_mm": 18}}, "18.0 < 17.0 fails"),

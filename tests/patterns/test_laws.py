@@ -181,7 +181,7 @@ def test_any_law_carries_dots_but_clear_film(law):
         ("octave", {"scales_mm": [0.05, 0.1]}, "scales_mm: 0.05 mm must lie between the patch"),
         ("octave", {"scales_mm": [0.2, 0.1]}, "scales_mm: the scales must rise"),
         ("octave", {"weights": [1, 1]}, "weights: one weight a scale: 2 for 3 scales"),
-        ("octave", {"weights": [1, 1, 0]}, "weights.2: Input should be greater than or equal to"),
+        ("octave", {"weights": [1, 1, 0]}, "weights.2: 0; expected 0.01 <= weights <= 100"),
         ("dot-matrix", {"dots": None}, "dots: law 'dot-matrix' needs"),
         ("dot-matrix", {"dots": {}}, "dots: white dots cannot be seen"),
         ("transparent", {"patch_mm": 0.1}, "patch_mm: law 'transparent' has no patches: remove"),

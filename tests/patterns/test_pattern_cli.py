@@ -217,7 +217,7 @@ def test_make_a_named_recipe_and_show_it(run):
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("-d 0.1 -r 1 -o p.png", "; 0 <= r < 1"),
+        ("-d 0.1 -r 1 -o p.png", "r: 1.0; expected 0 <= r < 1"),
         ("-d 5 -r 0.1 --size 2 -o p.png", "at most the side, 2 mm"),
         ("dense --dpi 5 -o p.png", "use 339 to 7994"),
         ("dense -d 0.1 -o p.png", "not both"),

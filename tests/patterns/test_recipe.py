@@ -25,12 +25,12 @@ def test_shipped_recipes_load_and_one_is_the_papers():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"r": 1.0}, "p.toml: r: Input should be less than 1 (got 1.0)"),
+        ({"r": 1.0}, "p.toml: r: 1.0; expected 0 <= r < 1"),
         ({"r": float("nan")}, "p.toml: r: "),
-        ({"patch_mm": 0.0}, "p.toml: patch_mm: Input should be greater than 0 (got 0.0)"),
+        ({"patch_mm": 0.0}, "p.toml: patch_mm: 0.0; expected 0 < patch_mm <= 300"),
         ({"patch_mm": 36.0}, "p.toml: patch_mm: the patch size d must be at most the side, 35 mm"),
         ({"patch_mm": 0.001}, "p.toml: patch_mm: makes 3.5e+04 patches a side; at most 2000"),
-        ({"size_mm": float("nan")}, "p.toml: size_mm: Input should be a finite number (got nan)"),
+        ({"size_mm": float("nan")}, "p.toml: size_mm: nan; expected 1 <= size_mm <= 300"),
         ({"seed": 1.5}, "p.toml: seed: "),
         ({"sede": 1}, "p.toml: sede: unknown key; did you mean 'seed'?"),
         ({"channels": 2}, "p.toml: channels: "),
