@@ -333,7 +333,8 @@ def about(run: Run) -> dict[str, Any]:
         frames, images = db.execute("SELECT count(*), count(file) FROM frames").fetchone()
         steps = db.execute("SELECT count(*) FROM steps").fetchone()[0]
         presses = db.execute(
-            "SELECT count(DISTINCT press) FROM steps WHERE kind = 'press'"
+            "SELECT count(*) FROM"
+            " (SELECT press FROM steps WHERE kind = 'press' UNION SELECT press FROM frames)"
         ).fetchone()[0]
     state = "finished" if run.finished else "unfinished"
     return {
