@@ -148,7 +148,7 @@ def test_without_libgl_an_export_says_what_to_install_and_the_demo_leaves_parts_
     assert not (tmp_path / "parts").exists()
     words = (
         "import json; from pathlib import Path; from deltact_fab import demo; print(json.dumps("
-        "demo._parts(demo._DemoStage('parts', demo._parts, Path('demo'), 3))))"
+        "demo._parts(Path('demo'), 3)))"
     )
     done = without_libgl(how, "-c", words, cwd=tmp_path, program=(sys.executable,))
     left = {"parts": [], "note": f"The parts were left out: {why}", "said": f"cad: left out: {why}"}

@@ -128,7 +128,7 @@ def test_a_damaged_press_is_done_again_in_its_place(tiny: ShortRun, tmp_path: Pa
     db.close()
     summary = tiny.resume(out)
     assert summary["redone"] == {
-        "sphere-6/p1": "its samples are damaged: force of sphere-6/p1/d0.40/press",
+        "sphere-6/p1": f"{out}/journal.sqlite: force of sphere-6/p1/d0.40/press: damaged samples",
         "sphere-6/p2": f"images/{image.name}: differs from its hash in the journal",
         "sphere-8/p1": summary["redone"]["sphere-8/p1"],
     }

@@ -286,7 +286,7 @@ class Run:
                     yield of_press, step_id, unpack(*stored)
                 except ValueError as why:
                     raise RunFailed(
-                        f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged: {why}"
+                        f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged samples"
                     ) from why
 
     def _table(self, name: str, press: str | None = None) -> pd.DataFrame:

@@ -15,8 +15,8 @@ from deltact_fab.analysis.force.gel import early_labels, search
 from deltact_fab.measure.force.inverse import Inverse
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("stranger", [pytest.param("P", marks=pytest.mark.evidence), "Q"])
+@pytest.mark.evidence
+@pytest.mark.parametrize("stranger", STRANGERS)
 def test_ten_presses_tell_a_strangers_gel_and_measure_on_it(stranger: str) -> None:
     gel, _ = STRANGERS[stranger]
     seen = Seen.of(stranger)

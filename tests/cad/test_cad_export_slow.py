@@ -263,7 +263,9 @@ CONTENT = re.compile(r" *\d+% ?=> |\[.*\[trace\]|Slicing result exported to |$")
 
 
 @pytest.mark.skipif(shutil.which("prusa-slicer") is None, reason="prusa-slicer is not installed")
-@pytest.mark.parametrize("name", ["shell", "mold", "indenter-star"])
+@pytest.mark.parametrize(
+    "name", ["shell", "indenter-star", pytest.param("mold", marks=pytest.mark.evidence)]
+)
 def test_prusa_slicer_slices_a_part_as_it_lies_without_a_warning(exported, tmp_path, name):
     """With its own supports, on the printer's platform."""
     printer = load_design().resin_printer

@@ -206,7 +206,7 @@ def test_contact_beyond_the_edge_carries_nothing_there(block: FreeBlock) -> None
     assert 0 < -state.force_n[2] < centre / 4
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_light_presses_against_finite_strain() -> None:
     """Cells of .5 mm in the finite mesh; cells of .35 mm give .5 % less force."""
     press = FinitePress(block_mesh(SKIN, 0.5, (-2.0, 2.0, -2.0, 2.0)), GEL, SPHERE, friction=0)

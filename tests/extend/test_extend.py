@@ -35,6 +35,7 @@ CALLS = {
     "pattern": ("pattern", "make", "mine.toml", "-o", "mine.png"),
     "law": ("schema", "pattern", "--json"),
     "part": ("cad", "show", "shim"),
+    "rule": ("cad", "check", "--set", "shell.wall_mm=0.9"),
     "indenter": ("cad", "show", "cone:8"),
 }
 
@@ -81,8 +82,11 @@ def test_a_law_leaves_no_place_without_contrast(answers: Any, home: Path) -> Non
 
 
 @pytest.mark.slow
-def test_a_part_is_shown_with_its_inequality(answers: Any) -> None:
-    assert "1 <= shell.wall_mm" in good(answers["part"])
+def test_a_part_is_shown_and_its_inequality_is_checked(answers: Any) -> None:
+    assert "shell.wall_mm" in good(answers["part"])
+    code, out, err = answers["rule"]
+    assert code != 0
+    assert "1 <= shell.wall_mm" in out + err
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.fit.force_curve import force_curve
+from deltact_fab.gel.fit.force_curve import cells_mm, force_curve
 from deltact_fab.gel.press import press
 from deltact_fab.preflight.peaks import press_curve
 from deltact_fab.protocols.plan import Protocol
@@ -21,7 +21,8 @@ def four(indenter: str, depth_mm: float, spacing_mm: float | None) -> dict[str, 
     pressed = press(
         skin, unit, shape, middle, depth_mm, model="hyperelastic", spacing_mm=spacing_mm
     ).result
-    curve = force_curve(skin, unit, shape, middle, depth_mm, spacing_mm=spacing_mm)
+    cells = spacing_mm or cells_mm(skin, shape, unit.poisson, middle, depth_mm)
+    curve = force_curve(skin, unit, shape, middle, depth_mm, spacing_mm=cells)
     protocol = Protocol.model_validate(
         {
             "name": "one",
