@@ -10,13 +10,12 @@ import numpy as np
 from .. import record
 from ..analysis.tracking_error.follow import Follower, TrackingPlan, analyse_press, scene_of
 from ..errors import SensorError
-from ..jobs import tell
 from ..patterns.recipe import recipe_from
 from . import press_jobs
 from .stream import PressStream
 
 # CPU seconds on one core, about, for the time that is announced beforehand.
-GEOMETRY_S, PATTERN_S, PRINT_S, KNOT_S = 0.2, 0.45, 1.2, 5.0
+GEOMETRY_S, PATTERN_S, PRINT_S = 0.2, 0.45, 1.2
 FIGURES = ("mean_at_dots_mm", "mean_off_dots_mm", "lost_share")
 """Columns of a job's table of frames."""
 
@@ -51,7 +50,6 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
         name: {method: [] for method in methods} for name in printed
     }
     lost: dict[str, list[str]] = {}
-    count = len(stream.looks)
     for frame in stream.frames():
         for name, (picture, noise) in printed.items():
             if name in lost:
@@ -64,7 +62,6 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
                 continue
             for method, figures in said.items():
                 rows[name][method].append(figures)
-        tell((frame.number + 1) / count)
     found = {
         name: (
             one.tallies, rows[name], one.dots.tally.figures() if one.dots else None,
@@ -73,7 +70,7 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
         for name, one in followers.items()
     }  # fmt: skip
     return {
-        "frames": count,
+        "frames": len(stream.looks),
         "gel": {"flags": stream.solver.flags},
         **packed([look.tip_mm for look in stream.looks[1:]], stream.path.at_mm, found),
     }

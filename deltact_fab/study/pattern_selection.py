@@ -33,7 +33,7 @@ from ..shapes.indenter import parse
 from ..units import MM_PER_INCH
 from .grid import Grid, GridJob
 from .pattern_errors import METHODS, PatternErrors, PressErrors, PrintedPattern, cells_of
-from .pattern_press import KNOT_S, cost_s, follow, follow_recorded
+from .pattern_press import cost_s, follow, follow_recorded
 from .pattern_tables import charts, claims, headlines, tables
 from .request import StudyRequest, modulus_remark
 from .scene import PressScene, flagged
@@ -73,7 +73,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
         f"{len(of.entries)} patterns x {len(protocol.indenters)} indenters: {part.words}; "
         f"{part.longest_step_mm:.3f} mm between frames at most"
     )
-    of.scene.solve_gels(asked, KNOT_S)
+    of.scene.solve_gels(asked)
     indenters = {parse(name).slug: name for name in protocol.indenters}
     jobs = [
         (indenters[job.given["press"].split("/")[0]], job)

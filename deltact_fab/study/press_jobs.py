@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,9 +21,7 @@ from .. import catalog, record
 from ..analysis.force.dataset import PressPoints, points_of
 from ..analysis.runs import view_of
 from ..analysis.shape import PressShape, ShapeMaps, calibrate_depth, press_shape
-from ..errors import DeltactFabError
 from ..experiment.session import run_presses
-from ..jobs import tell
 from ..measure.force.calibration import load_force
 from ..measure.shape import DepthModel
 from ..patterns.recipe import PatternRecipe
@@ -31,7 +29,6 @@ from ..protocols.plan import Protocol
 from ..rig.config import VirtualConfig
 from ..rig.interface import RigSetup as RigJob
 from ..shapes import SensorDimensions
-from ..virtual.presses import Presses, path_of
 from ..virtual.rig import VirtualKind
 
 if TYPE_CHECKING:
@@ -79,19 +76,6 @@ def read(told: dict[str, Any]) -> tuple[Protocol, SensorDimensions, VirtualConfi
     )
 
 
-def solve_gel(told: dict[str, Any]) -> dict[str, Any]:
-    """The gel of a press into the store; told: as `given`, with `press`.
-
-    One that cannot be solved to its end is kept with the reason, which its press raises at once.
-    """
-    protocol, sensor, rig, _ = read(told)
-    presses = Presses(protocol, sensor.skin, rig.virtual.gel)
-    solver = presses.of(path_of(presses, told["press"])).solver
-    with suppress(DeltactFabError):
-        solver.solve_all(lambda done, of, seconds: tell(done / of))
-    return {"knots": len(solver.knots), "flags": solver.flags}
-
-
 @contextmanager
 def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, dict[str, Any]]]:
     """The finished run of a press, until the end of the block, and what the gel reports of it.
@@ -100,16 +84,13 @@ def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, dict[str, Any]]]:
     """
     import cv2
 
-    def share(done: int, of: int, what: str) -> None:
-        tell(done / max(of, 1))
-
     protocol, sensor, rig, source = read(told)
     with TemporaryDirectory(prefix="deltact-fab-") as scratch:
         recipe = catalog.validate(PatternRecipe, told["recipe"], "recipe")
         view = VirtualKind(rig, source).camera(protocol, sensor)
         job = RigJob(protocol, sensor, recipe, view, told["seed"], Path(scratch) / protocol.name)
         cv2.setNumThreads(1)  # a processor has a job of its own
-        bench = run_presses(job, rig, source, [told["press"]], share)
+        bench = run_presses(job, rig, source, [told["press"]])
         yield record.open(job.folder), _gel_of(bench)
 
 
