@@ -61,24 +61,30 @@ PAGE = "patterns.html"
 
 @dataclass(frozen=True)
 class SeriesEntry:
-    """One pattern. rounds: 1, 2 or both, the rounds of the paper that it stands in.
+    """One pattern. rounds: 1, 2 or both, the rounds of the paper that it stands in, if any.
 
     paper_error_mm: the paper's, on a real sensor, None where it gives none; paper_about: it is
     said of all patterns of this d, as "around".
     """
 
     name: str
-    rounds: tuple[int, ...]
     recipe: PatternRecipe
+    rounds: tuple[int, ...] = ()
     paper_error_mm: float | None = None
     paper_about: bool = False
+
+    @property
+    def words(self) -> str:
+        """As `d 0.075 r 0.6`; the name of one that is none of Algorithm 1."""
+        recipe = self.recipe
+        return f"d {recipe.patch_mm:g} r {recipe.r:g}" if recipe.law == "algorithm1" else self.name
 
     @property
     def paper_says(self) -> str:
         """The paper's error in words, empty where it gives none."""
         if self.paper_error_mm is None:
             return ""
-        return f"{'about ' if self.paper_about else ''}{self.paper_error_mm:g} mm"
+        return f"{'about ' * self.paper_about}{self.paper_error_mm:g} mm"
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,6 @@ from deltact_fab.study.pattern_errors import (
     SUMMED,
     PatternErrors,
     PressErrors,
-    PrintedPattern,
 )
 from deltact_fab.study.pattern_selection import Selection
 from deltact_fab.study.pattern_tables import claims
@@ -130,14 +129,14 @@ def made_up(
     composed: times the error of the given patterns when flows are composed.
     """
     rng = np.random.default_rng(1)
-    printed = [PrintedPattern.of(e) for e in recipes()]
+    printed = recipes()
     cells = []
     for p in printed:
-        mean = errors_mm.get((p.d_mm, p.r), 0.3)
+        mean = errors_mm.get((p.recipe.patch_mm, p.recipe.r), 0.3)
         for indenter, times in zip(INDENTERS, 1 + spread * rng.uniform(-1, 1, 5), strict=True):
             tallies = {}
             for method, share in ((SUMMED, 1.0), (COMPOSED, composed)):
-                value = mean * times * (share if (p.d_mm, p.r) in errors_mm else 1.0)
+                value = mean * times * (share if (p.recipe.patch_mm, p.recipe.r) in errors_mm else 1.0)
                 tally = tallies[method] = ErrorTally()
                 tally.believed.take(1.0)
                 tally.lost.take(0.0)
