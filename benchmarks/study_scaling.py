@@ -27,14 +27,13 @@ from deltact_fab import cache
 from deltact_fab.jobs import executor
 from deltact_fab.study import (
     force_calibration,
-    pattern_press,
     pattern_selection,
     press_jobs,
     shapes,
 )
 from deltact_fab.study.grid import Grid, GridJob, solve
 from deltact_fab.study.pattern_selection import Selection
-from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.registry import StudyRequest
 from deltact_fab.study.scene import PressScene
 
 PATTERNS, DEPTHS_MM = (1, 2, 4), (1.0, 2.0, 3.0)
@@ -90,7 +89,7 @@ def bounds() -> None:
 def measured(given: dict[str, Any]) -> dict[str, Any]:
     """A press followed in a process of its own: CPU seconds, and the most memory, MB."""
     began = time.process_time()
-    frames = pattern_press.follow(given)["frames"]
+    frames = press_jobs.follow(given)["frames"]
     peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {"frames": frames, "cpu_s": time.process_time() - began, "mb": peak_kb / 1024}
 
@@ -118,7 +117,7 @@ def job(of: Selection, count: int, name: str = "") -> GridJob:
     every = [job.given for job in of.jobs()]
     patterns = {name: recipe for one in every for name, recipe in one["patterns"].items()}
     given = {**every[0], "patterns": dict(list(patterns.items())[:count]), "name": name}
-    return GridJob(name, pattern_press.follow, given)
+    return GridJob(name, press_jobs.follow, given)
 
 
 def timed() -> None:

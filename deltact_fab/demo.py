@@ -115,9 +115,7 @@ def _calibrate(out: Path, seed: int) -> tuple[str, str]:
 
 
 def _indent(out: Path, seed: int) -> dict[str, Any]:
-    return experiment.run(
-        experiment.RunRequest(PROTOCOL, RIG, out / "run", seed=seed)
-    )
+    return experiment.run(experiment.RunRequest(PROTOCOL, RIG, out / "run", seed=seed))
 
 
 def _track(out: Path, seed: int) -> Any:

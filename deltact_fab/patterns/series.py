@@ -82,9 +82,8 @@ class SeriesEntry:
     @property
     def paper_says(self) -> str:
         """The paper's error in words, empty where it gives none."""
-        if self.paper_error_mm is None:
-            return ""
-        return f"{'about ' * self.paper_about}{self.paper_error_mm:g} mm"
+        known = self.paper_error_mm
+        return "" if known is None else f"{'about ' * self.paper_about}{known:g} mm"
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,6 @@ def write(
     dpi: int = 1200,
     paper: str = "A4",
     transfer: sheet.Transfer = "face-down",
-    with_dots: bool = True,
     entries: Sequence[SeriesEntry] | None = None,
     page: Callable[[Path], object] | None = None,
     progress: Progress | None = None,
@@ -149,7 +147,7 @@ def write(
     """
     from ..imaging import ImageSensor, Printer
 
-    chosen = recipes(seed, with_dots) if entries is None else list(entries)
+    chosen = recipes(seed) if entries is None else list(entries)
     printer, sensor = Printer(dpi=dpi), ImageSensor()
     tell = progress or (lambda done, total, what: None)
     total = len(chosen) + 1

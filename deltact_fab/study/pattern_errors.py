@@ -51,7 +51,7 @@ class PressErrors:
 
 
 def cells_of(value: Mapping[str, Any], press: str, indenter: str) -> list[PressErrors]:
-    """What a job of `pattern_press.follow` found."""
+    """What a job of `press_jobs.follow` found."""
     return [
         PressErrors(
             cell["pattern"],

@@ -22,9 +22,9 @@ from ..units import MM_PER_INCH
 from . import press_jobs
 from .grid import GridJob, seed_of
 from .pattern_errors import OURS, PatternErrors, cells_of
-from .pattern_press import cost_s, follow
 from .pattern_selection import frames_an_indenter, part_of
-from .request import StudyRequest, share_of, virtual_rig
+from .press_jobs import cost_s, follow
+from .registry import StudyRequest, share_of, virtual_rig
 from .scene import RIG, PressScene
 from .search_candidates import (
     MAX_PX,
@@ -39,11 +39,11 @@ from .search_candidates import (
     finalists,
     headlines,
     name_of,
+    probe,
     ranked,
     shortened,
     thinned,
 )
-from .search_drag import probe
 
 PROTOCOL = "pattern-search"
 MIN_CANDIDATES = 8

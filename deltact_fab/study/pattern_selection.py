@@ -34,9 +34,9 @@ from ..shapes.indenter import parse
 from ..units import MM_PER_INCH
 from .grid import Grid, GridJob
 from .pattern_errors import METHODS, PatternErrors, PressErrors, cells_of
-from .pattern_press import cost_s, follow, follow_recorded
 from .pattern_tables import charts, claims, headlines, tables
-from .request import StudyRequest, modulus_remark
+from .press_jobs import cost_s, follow, follow_recorded
+from .registry import StudyRequest, modulus_remark
 from .scene import PressScene, flagged
 
 NAME, TITLE = "pattern-selection", "Which pattern is tracked best"

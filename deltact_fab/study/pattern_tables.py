@@ -122,7 +122,8 @@ def _share(value: float) -> str:
 def tables(errors: PatternErrors, covers: str) -> tuple[ReportTable, ...]:
     """Patterns by every reading; the same by indenter; and along the path."""
     rows, by_indenter, along = [], [], []
-    chosen = [p for p in errors.printed if (p.recipe.patch_mm, p.recipe.r) in PAPER_BEST] or errors.printed[:1]
+    best = [p for p in errors.printed if (p.recipe.patch_mm, p.recipe.r) in PAPER_BEST]
+    chosen = best or errors.printed[:1]
     if (least := errors.best(OURS, "off", errors.printed)) and least not in chosen:
         chosen = [*chosen, least]
     for p in errors.printed:

@@ -28,7 +28,7 @@ from ..virtual.presses import Presses, path_of, stored_files
 from ..virtual.rig import VirtualKind
 from . import press_jobs
 from .grid import GridJob
-from .request import StudyRequest, virtual_rig
+from .registry import StudyRequest, virtual_rig
 
 RIG = "virtual"
 FRAME_S = 0.25

@@ -168,7 +168,7 @@ def test_r_and_the_patches_are_said_exactly(run, tmp_path, monkeypatch):
     r, seen = 0.9999999999999999, []
     recipe = recipe_from_options(None, 0.5, r, size_mm=5.0)
     real = Sheet.words
-    monkeypatch.setattr(Sheet, "words", lambda on, x, y, *of: (seen.append(of[0]), real(on, x, y, *of))[1])
+    monkeypatch.setattr(Sheet, "words", lambda on, *of: (seen.append(of[2]), real(on, *of))[1])
     sheet.write([recipe], tmp_path / "s.pdf", dpi=600)
     label = "\n".join(seen)
     digits = hashlib.sha256(draw_patches(recipe).tobytes()).hexdigest()[:12]

@@ -17,7 +17,7 @@ from deltact_fab import cache
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.study import grid as engine
 from deltact_fab.study.grid import Grid, GridJob, JobPace, seed_of
-from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.registry import StudyRequest
 
 
 @pytest.fixture(autouse=True)

@@ -24,7 +24,7 @@ from deltact_fab.study.pattern_errors import (
 )
 from deltact_fab.study.pattern_selection import Selection
 from deltact_fab.study.pattern_tables import claims
-from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.registry import StudyRequest
 
 TWO = ("d0p1-r0p5", "d0p2-r0p1")
 
@@ -132,11 +132,12 @@ def made_up(
     printed = recipes()
     cells = []
     for p in printed:
-        mean = errors_mm.get((p.recipe.patch_mm, p.recipe.r), 0.3)
+        at = p.recipe.patch_mm, p.recipe.r
+        mean = errors_mm.get(at, 0.3)
         for indenter, times in zip(INDENTERS, 1 + spread * rng.uniform(-1, 1, 5), strict=True):
             tallies = {}
             for method, share in ((SUMMED, 1.0), (COMPOSED, composed)):
-                value = mean * times * (share if (p.recipe.patch_mm, p.recipe.r) in errors_mm else 1.0)
+                value = mean * times * (share if at in errors_mm else 1.0)
                 tally = tallies[method] = ErrorTally()
                 tally.believed.take(1.0)
                 tally.lost.take(0.0)

@@ -15,8 +15,7 @@ from deltact_fab import cache
 from deltact_fab.errors import SolverError
 from deltact_fab.report.result import ReportTable, StudyResult
 from deltact_fab.study.grid import GridJob, seed_of
-from deltact_fab.study.registry import STUDIES, Study
-from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.registry import STUDIES, Study, StudyRequest
 
 OPTIONS = {
     "--count": {"help": "Jobs.", "default": 12},

@@ -47,6 +47,7 @@ DPI_RANGE = (100.0, 9600.0)
 SCALE_RANGE = (0.9, 1.1)
 MAX_STICKERS = 2000
 
+
 @dataclass(frozen=True)
 class Sticker:
     """A printed sticker. x_mm, y_mm: its top left corner from the page's, on the real print.

@@ -116,9 +116,7 @@ def corner_mark(sheet: Sheet, x_px: int, y_px: int, mirrored: bool) -> list[str]
     return out
 
 
-def film_corners(
-    sheet: Sheet, x_mm: float, y_mm: float, film_mm: tuple[float, float]
-) -> list[str]:
+def film_corners(sheet: Sheet, x_mm: float, y_mm: float, film_mm: tuple[float, float]) -> list[str]:
     """An angle in each corner of the film, inside it: the film is cut along their outer edges."""
     out: list[str] = []
     far_mm = FILM_CORNER_MM - LINE_MM  # from where an angle begins to its upright on the far side
@@ -272,8 +270,7 @@ def _qr(code: str, sheet: Sheet) -> CellGrid:
 def put(
     sheet: Sheet, cell: StickerCell, x_mm: float, y_mm: float, images: Mapping[str, int]
 ) -> tuple[list[str], tuple[int, int]]:
-    """A cell's marks at its place, and where its sticker begins, px. images: numbers by their key.
-    """
+    """A cell's marks at its place, and where its sticker begins, px; images: numbers, by key."""
     (cut_x_mm, cut_y_mm), sticker = cell.cut_mm, cell.sticker
     x_px = sheet.x_px(x_mm + (cut_x_mm - cell.side_mm) / 2)
     y_px = sheet.y_px(y_mm + (cut_y_mm - cell.side_mm) / 2)
