@@ -160,12 +160,12 @@ def _ruler(sheet: Sheet, x_mm: float, y_mm: float, axis: int) -> list[str]:
         if axis == 0:
             x_px, y_px = sheet.x_px(x_mm + k), sheet.y_px(y_mm)
             tick = sheet.rectangle(x_px, y_px, thick, sheet.y_px(y_mm + long_mm) - y_px)
-            number = sheet.words(x_mm + k + 0.4, y_mm + 5.2, f"{k}" if k < 100 else "100 mm x")
+            number = x_mm + k + 0.4, y_mm + 5.2, f"{k}" if k < 100 else "100 mm x"
         else:
             x_px, y_px = sheet.x_px(x_mm), sheet.y_px(y_mm + k)
             tick = sheet.rectangle(x_px, y_px, sheet.x_px(x_mm + long_mm) - x_px, thick)
-            number = sheet.words(x_mm + 2.4, y_mm + k + 2.3, f"{k}")
-        marks += [tick, number] if k % 10 == 0 else [tick]
+            number = x_mm + 2.4, y_mm + k + 2.3, f"{k}"
+        marks += [tick, sheet.words(*number)] if k % 10 == 0 else [tick]
     if axis == 1:
         marks.append(sheet.words(x_mm + 2.4, y_mm + RULER_MM + 4.6, "mm y"))
     return marks
