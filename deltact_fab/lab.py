@@ -11,14 +11,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import catalog
-from ..errors import InputError, did_you_mean
-from ..files import disk_errors
-from ..schema import BY_NAME, KINDS, TABLE, KeyRow, Kind, described, document, rows
+from . import catalog
+from .errors import InputError, did_you_mean
+from .files import disk_errors
+from .schema import BY_NAME, KINDS, TABLE, KeyRow, Kind, described, document, rows
 
 if TYPE_CHECKING:
-    from ..cad.intent import Wish
-    from ..rig.devices import FoundDevice
+    from .cad.intent import Wish
+    from .rig.devices import FoundDevice
 
 SHIPPED = ("cad", "patterns", "protocols")
 SCHEMAS = "schemas"
@@ -95,7 +95,7 @@ def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
 
     Raises InputError as `catalog.write_new`, and for a name or a source that is none.
     """
-    from ..protocols import plan
+    from .protocols import plan
 
     _, path = plan.load(source, by_hand=True)
     text = f"As {source}; say here what the experiment is for."
@@ -118,13 +118,13 @@ def design(
     Raises InputError as `catalog.write_new`, for a name or a base that is none, and for a wish as
     `cad.intent.wished`.
     """
-    from ..cad.design import load_design
+    from .cad.design import load_design
 
     hoped = ""
     inherited = asdict(load_design(base))
     given: dict[str, Any] = {"base": base}
     if wish is not None:
-        from ..cad.intent import wished
+        from .cad.intent import wished
 
         made = asdict(wished(wish, load_design(base)))
         for section, values in made.items():
@@ -146,9 +146,9 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
 
     Raises InputError as `catalog.write_new`, and for a name or a law that is none.
     """
-    from ..patterns.laws import LAWS
-    from ..patterns.laws.law import KEYS
-    from ..patterns.recipe import DEFAULT_SEED
+    from .patterns.laws import LAWS
+    from .patterns.laws.law import KEYS
+    from .patterns.recipe import DEFAULT_SEED
 
     if law not in LAWS:
         raise InputError(f"--law {law!r}: no such law; {did_you_mean(law, LAWS)}")
@@ -176,7 +176,7 @@ def rig(name: str, out: Path | None = None) -> tuple[Path, dict[str, list[FoundD
 
     Raises InputError as `catalog.write_new`, and for a name that is none.
     """
-    from ..rig import devices
+    from .rig import devices
 
     found = {"ports": devices.ports(), "cameras": devices.cameras()}
     return _write("grbl-rig", name, out, rig_text(**found)), found
