@@ -22,7 +22,7 @@ from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.patterns.series import recipes
 from deltact_fab.shapes import SensorDimensions
 from deltact_fab.study.pattern_selection import Selection
-from deltact_fab.study.request import StudyRequest, virtual_rig
+from deltact_fab.study.registry import StudyRequest, virtual_rig
 from deltact_fab.study.stream import PressStream
 from deltact_fab.virtual.drawing import noise_of, printed, resting
 

@@ -19,6 +19,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any, cast
+from unittest import mock
 
 import numpy as np
 
@@ -26,16 +27,17 @@ from deltact_fab import cache
 from deltact_fab.jobs import executor
 from deltact_fab.study import (
     force_calibration,
-    pattern_press,
     pattern_selection,
     press_jobs,
     shapes,
 )
 from deltact_fab.study.grid import Grid, GridJob, solve
 from deltact_fab.study.pattern_selection import Selection
-from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.registry import StudyRequest
+from deltact_fab.study.scene import PressScene
 
 PATTERNS, DEPTHS_MM = (1, 2, 4), (1.0, 2.0, 3.0)
+KNOT_S = 5.0  # of the gel at finite strain, about
 
 
 class EnoughError(Exception):
@@ -49,18 +51,24 @@ class Counted(StudyRequest):
     costs: list[list[float]] = field(default_factory=list)
 
     def solve(self, jobs: Sequence[GridJob]) -> Grid:
-        """Note what they cost. Raises EnoughError where it is not a grid of gels."""
+        """Note what they cost. Raises EnoughError."""
         self.costs.append([job.cost for job in jobs])
-        if not all(job.name.startswith("gel ") for job in jobs):
-            raise EnoughError
-        return Grid({}, {}, 0)
+        raise EnoughError
+
+
+def solve_gels(of: PressScene, asked: StudyRequest) -> None:
+    """Note what the gels would cost, one for the mirror images of a press."""
+    solvers = [presses.of(path).solver for presses in map(of.gel, of.protocols)
+               for path in presses.paths]  # fmt: skip
+    costs = {solver.stored_as: KNOT_S * len(solver.poses) for solver in solvers}
+    cast(Counted, asked).costs.append(list(costs.values()))
 
 
 def grids(study: str) -> list[list[float]]:
     """The costs of the grids of a study at its default scale, with nothing kept."""
     asked = Counted(executor=cast(Any, SimpleNamespace(workers=1000)))
     module = {"force": force_calibration, "selection": pattern_selection, "shapes": shapes}[study]
-    with suppress(EnoughError):
+    with suppress(EnoughError), mock.patch.object(PressScene, "solve_gels", solve_gels):
         module.run(asked)
     if study == "shapes":  # its objects wait for the calibrations
         of = shapes.scene(asked)
@@ -81,7 +89,7 @@ def bounds() -> None:
 def measured(given: dict[str, Any]) -> dict[str, Any]:
     """A press followed in a process of its own: CPU seconds, and the most memory, MB."""
     began = time.process_time()
-    frames = pattern_press.follow(given)["frames"]
+    frames = press_jobs.follow(given)["frames"]
     peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {"frames": frames, "cpu_s": time.process_time() - began, "mb": peak_kb / 1024}
 
@@ -100,7 +108,7 @@ def scene(depth_mm: float) -> Selection:
     lone = {"depths_mm": (depth_mm,), "shear": None}
     protocols = {small.name: small.protocol.model_copy(update=lone)}
     found = replace(small, scene=replace(small.scene, protocols=protocols))
-    solve(found.scene.gel_jobs())
+    found.scene.solve_gels(StudyRequest())
     return found
 
 
@@ -109,7 +117,7 @@ def job(of: Selection, count: int, name: str = "") -> GridJob:
     every = [job.given for job in of.jobs()]
     patterns = {name: recipe for one in every for name, recipe in one["patterns"].items()}
     given = {**every[0], "patterns": dict(list(patterns.items())[:count]), "name": name}
-    return GridJob(name, pattern_press.follow, given)
+    return GridJob(name, press_jobs.follow, given)
 
 
 def timed() -> None:

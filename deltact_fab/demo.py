@@ -75,27 +75,17 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
 def _side_by_side(
     title: str, works: Mapping[str, Work], out: Path, seed: int, bar: Bar
 ) -> list[Any]:
-    """What the works return, in their order; what takes longest is named first."""
-    shares, names = [0.0] * len(works), list(works)
+    """What the works return, in their order."""
+    given = [(work, out, seed) for work in works.values()]
     with bar(title) as tick:
-
-        def told(index: int, said: Any) -> None:
-            shares[index], what = said
-            tick(round(100 * sum(shares)), 100 * len(works), f"{names[index]} {what}")
-
-        jobs_of = [(work, out, seed) for work in works.values()]
-        return jobs.each(_do, jobs_of, names, told=told)
+        tick(0, len(works), ", ".join(works))
+        return jobs.each(_do, given, list(works), progress=tick)
 
 
 def _do(job: tuple[Work, Path, int]) -> Any:
     """In a process of its own."""
     work, out, seed = job
     return work(out, seed)
-
-
-def _tick(done: int, total: int, what: str) -> None:
-    """Tell the parent how far this is."""
-    jobs.tell((done / max(total, 1), what))
 
 
 def _calibrations(out: Path) -> tuple[Path, Path]:
@@ -112,7 +102,7 @@ def _calibrate(out: Path, seed: int) -> tuple[str, str]:
 
     folder, (force_file, depth_file) = out / "calibration", _calibrations(out)
     # Another noise than that of the run that is measured.
-    experiment.run(experiment.RunRequest(CALIBRATION, RIG, folder, seed=seed + 1, progress=_tick))
+    experiment.run(experiment.RunRequest(CALIBRATION, RIG, folder, seed=seed + 1))
     force = calibrate([folder], (FORCE_MODEL,), seed)
     write_calibration(force.calibration, force_file)
     depth = calibrate_depth(folder, force_file)
@@ -125,15 +115,13 @@ def _calibrate(out: Path, seed: int) -> tuple[str, str]:
 
 
 def _indent(out: Path, seed: int) -> dict[str, Any]:
-    return experiment.run(
-        experiment.RunRequest(PROTOCOL, RIG, out / "run", seed=seed, progress=_tick)
-    )
+    return experiment.run(experiment.RunRequest(PROTOCOL, RIG, out / "run", seed=seed))
 
 
 def _track(out: Path, seed: int) -> Any:
     from .analysis.tracking_error import analyse
 
-    result = analyse(out / "run", progress=_tick)
+    result = analyse(out / "run")
     result.save(out / "run" / "analysis")
     return result
 
@@ -143,9 +131,9 @@ def _measure(out: Path, seed: int) -> tuple[ShapeResult, MeasuredRun]:
     from .analysis.measured import measured
     from .analysis.shape import analyse
 
-    shape = analyse(out / "run", _calibrations(out)[1], progress=_tick)
+    shape = analyse(out / "run", _calibrations(out)[1])
     shape.save(out / "run" / "analysis")
-    return shape, measured(record.open(out / "run"), _calibrations(out), progress=_tick)
+    return shape, measured(record.open(out / "run"), _calibrations(out))
 
 
 def _clear(out: Path) -> None:
@@ -166,7 +154,7 @@ def _parts(out: Path, seed: int) -> dict[str, Any]:
     from .cad.registry import select
 
     try:
-        files = export_parts(load_design(), select(["sensor"]), FORMATS, 0.01, out / "cad", _tick)
+        files = export_parts(load_design(), select(["sensor"]), FORMATS, 0.01, out / "cad")
     except MissingLibrary as why:
         note = f"left out: {why}"
         return {"parts": [], "note": f"The parts were {note}", "said": f"cad: {note}"}

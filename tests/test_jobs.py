@@ -11,7 +11,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -62,7 +61,7 @@ def test_the_first_job_that_fails_gives_the_error_however_late(workers: int) -> 
     tasks = ["1", "sum(range(10_000_000)) + one", "two", "3"]
     arrived: dict[int, Any] = {}
     with pytest.raises(NameError, match="'one'"):
-        jobs.arrivals(eval, tasks, arrived.__setitem__, workers=workers)
+        jobs.each(eval, tasks, tasks, arrived=arrived.__setitem__, workers=workers)
     assert arrived.keys() <= {0}
     assert none_left()
 
@@ -80,7 +79,7 @@ def test_what_hears_may_fail_and_nothing_is_left() -> None:
         raise ArithmeticError("heard")
 
     with pytest.raises(ArithmeticError, match="heard"):
-        jobs.arrivals(time.sleep, [0.01, 60, 60], arrived, workers=2)
+        jobs.each(time.sleep, [0.01, 60, 60], "abc", arrived=arrived, workers=2)
     assert none_left()
 
 
@@ -158,30 +157,6 @@ def test_workers_share_the_processors_unless_a_number_is_set(
         assert asked or (of_cv2, inside) == (3, 3)
 
 
-def counted(upto: int) -> int:
-    for n in range(upto):
-        jobs.tell(n)
-        time.sleep(0.2)
-    return upto
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_job_is_heard_while_it_runs_and_in_the_callers_thread(workers: int) -> None:
-    order: list[str] = []
-
-    def told(index: int, word: int) -> None:
-        assert threading.current_thread() is threading.main_thread()
-        order.append(f"{index} at {word}")
-
-    jobs.run(
-        counted, [3, 0], lambda e: order.append(f"{e.index} ended"), told=told, workers=workers
-    )
-    # From a process the last words may come after the end, and nobody waits for them.
-    of_the_first = [what for what in order if what[0] == "0"]
-    assert of_the_first[:2] == ["0 at 0", "0 at 1"]
-    assert "1 ended" in order
-
-
 @pytest.mark.parametrize(
     ("on", "workers", "says"),
     [
@@ -213,7 +188,7 @@ def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
 def test_a_script_without_a_guard_runs_once(tmp_path: Path, way: str) -> None:
     text = (
         "import math\nfrom deltact_fab import jobs\nprint('here')\n"
-        "jobs.arrivals(math.sqrt, [4, 9], lambda i, answer: print(answer), workers=2)\n"
+        "print(*jobs.each(math.sqrt, [4, 9], 'ab', workers=2), sep='\\n')\n"
     )
     script = tmp_path / "script.py"
     script.write_text(text)

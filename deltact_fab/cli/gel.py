@@ -213,10 +213,7 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     level = declared.specimen.gel_model
     started = time.monotonic()
     with executor(on, jobs) as where, progress("gel path") as tick:
-        rows = solve_ahead(
-            declared, sensor.skin, rig.virtual.gel, where,
-            lambda row: tick(row.done, row.knots, row.press),
-        )  # fmt: skip
+        rows = solve_ahead([declared], sensor.skin, rig.virtual.gel, where, tick)
     seconds = time.monotonic() - started
     failed = [row for row in rows if row.failure]
     data = {

@@ -101,8 +101,8 @@ def _run(name: str, one: Study, given: dict[str, Any]) -> Answer:
     What would keep its page from being written is said before anything is computed.
     """
     from ..report import study_page
+    from ..study.registry import StudyRequest
     from ..study.registry import run as run_study
-    from ..study.request import StudyRequest
 
     out, figures = given["out"], given["figures"]
     study_page.ready(name, out)

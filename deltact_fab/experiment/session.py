@@ -175,11 +175,7 @@ def _identity(identity: dict[str, object], *keys: str) -> str:
 
 
 def run_presses(
-    job: RigSetup,
-    rig: VirtualConfig,
-    source: Path,
-    presses: Collection[str],
-    progress: Progress | None = None,
+    job: RigSetup, rig: VirtualConfig, source: Path, presses: Collection[str]
 ) -> VirtualRig:
     """Carry out presses (`indenter/position`) of a job alone, as the whole run has them.
 
@@ -205,7 +201,7 @@ def run_presses(
     writer = RunWriter.create(job.folder, meta, text, pattern_of(job.recipe), steps, flat)
     try:
         with closing(kind.build(job)) as bench:
-            Runner(bench, writer, progress).run(steps)
+            Runner(bench, writer).run(steps)
         writer.close({"presses": sorted(presses)})
     except BaseException:
         writer.abandon()

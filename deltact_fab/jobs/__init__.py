@@ -1,24 +1,9 @@
 """The one executor of the package: jobs side by side, on this machine or on a Dask cluster.
 
 Everything is written against concurrent.futures.Executor. batch.py hands jobs to one and collects,
-local.py is processes here and what a job says while it runs, cluster.py these or an existing Dask
-cluster.
+local.py is processes here, cluster.py these or an existing Dask cluster.
 """
 
-from .batch import CannotGoOn, JobOutcome, arrivals, at_a_time, each, run
+from .batch import CannotGoOn, JobOutcome, at_a_time, each, run
 from .cluster import executor
-from .local import THREAD_VARIABLES, Local, processors, tell
-
-__all__ = [
-    "THREAD_VARIABLES",
-    "CannotGoOn",
-    "JobOutcome",
-    "Local",
-    "arrivals",
-    "at_a_time",
-    "each",
-    "executor",
-    "processors",
-    "run",
-    "tell",
-]
+from .local import THREAD_VARIABLES, Local, processors

@@ -6,14 +6,11 @@ import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Executor, Future
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from ..aliases import Progress
 from ..errors import RunFailed
-from .local import Local, listening, processors, speaking
-
-Told = Callable[[int, Any], None]
-"""Hears (index of a job, what it told)."""
+from .local import Local, processors
 
 _POLL_S = 1.0  # where a blocked wait does not let Ctrl-C in
 
@@ -46,49 +43,31 @@ def each(
     executor: Executor | None = None,
     progress: Progress | None = None,
     *,
-    told: Told | None = None,
+    arrived: Callable[[int, R], None] = lambda index, result: None,
     workers: int | None = None,
 ) -> list[R]:
-    """The results of jobs in their order; arguments and errors as of `arrivals`.
+    """The results of jobs in their order; arguments as of `run`.
 
-    names: of the jobs, for progress, which hears of each when it is done.
+    names: of the jobs, for progress, which hears of each when it is done; arrived hears of each
+    result as it comes. The error of the first job that fails, in the order of the jobs however they
+    were scheduled, is raised once all before it have ended; those behind it are cancelled.
     """
     results: dict[int, R] = {}
-
-    def arrived(index: int, result: R) -> None:
-        results[index] = result
-        if progress is not None:
-            progress(len(results), len(jobs), names[index])
-
-    arrivals(work, jobs, arrived, executor, told=told, workers=workers)
-    return [results[index] for index in range(len(jobs))]
-
-
-def arrivals(
-    work: Callable[[J], R],
-    jobs: Sequence[J],
-    arrived: Callable[[int, R], None],
-    executor: Executor | None = None,
-    *,
-    told: Told | None = None,
-    workers: int | None = None,
-) -> None:
-    """`arrived(index, result)` of every job, as they come; the other arguments as of `run`.
-
-    The error of the first job that fails, in the order of the jobs however they were scheduled, is
-    raised once all before it have ended; those behind it are cancelled.
-    """
     failed: dict[int, Exception] = {}
 
     def heard(ended: JobOutcome[R]) -> None:
         if ended.error is not None:
             failed[ended.index] = ended.error
         elif not failed:
-            arrived(ended.index, ended.value)  # type: ignore[arg-type]
+            results[ended.index] = ended.value  # type: ignore[assignment]
+            arrived(ended.index, results[ended.index])
+            if progress is not None:
+                progress(len(results), len(jobs), names[ended.index])
 
-    run(work, jobs, heard, executor, told=told, workers=workers, until_failure=True)
+    run(work, jobs, heard, executor, workers=workers, until_failure=True)
     if failed:
         raise failed[min(failed)]
+    return [results[index] for index in range(len(jobs))]
 
 
 def run(
@@ -97,7 +76,6 @@ def run(
     heard: Callable[[JobOutcome[R]], None],
     executor: Executor | None = None,
     *,
-    told: Told | None = None,
     workers: int | None = None,
     until_failure: bool = False,
 ) -> None:
@@ -105,34 +83,26 @@ def run(
 
     work: a function of a module, jobs: its arguments; both are pickled. executor: None is processes
     of this machine, `workers` of them, by default a processor each; with one of either the jobs run
-    in this process. told: hears what jobs `tell`, in this thread too, and of a job that has ended
-    perhaps once more. until_failure: after a failure only what comes before it. On every way out
-    the jobs that were not begun are cancelled, and no process of its own is left. Raises CannotGoOn
+    in this process. until_failure: after a failure only what comes before it. On every way out the
+    jobs that were not begun are cancelled, and no process of its own is left. Raises CannotGoOn
     when the executor is gone, or is none that these jobs may run on.
     """
     if executor is not None:
-        _run_on(executor, work, jobs, heard, told, until_failure)
+        _run_on(executor, work, jobs, heard, until_failure)
         return
     several = min(workers or processors(), len(jobs))
     if several > 1:
         with Local(several) as own:
-            _run_on(own, work, jobs, heard, told, until_failure)
+            _run_on(own, work, jobs, heard, until_failure)
         return
-    with listening(told) as name:
-        for index, job in enumerate(jobs):
-            try:
-                ended = JobOutcome(index, _job(name, index, work, job))
-            except Exception as why:
-                ended = JobOutcome(index, error=why)
-            heard(ended)
-            if until_failure and ended.error is not None:
-                return
-
-
-def _job(name: str, index: int, work: Callable[[J], R], job: J) -> R:
-    """A job, wherever it is."""
-    with speaking(name, index):
-        return work(job)
+    for index, job in enumerate(jobs):
+        try:
+            ended = JobOutcome(index, work(job))
+        except Exception as why:
+            ended = JobOutcome(index, error=why)
+        heard(ended)
+        if until_failure and ended.error is not None:
+            return
 
 
 def _run_on(
@@ -140,60 +110,54 @@ def _run_on(
     work: Callable[[J], R],
     jobs: Sequence[J],
     heard: Callable[[JobOutcome[R]], None],
-    told: Told | None,
     until_failure: bool,
 ) -> None:
-    # All that happens goes through one queue: it is heard in its order and in this thread.
-    news: queue.SimpleQueue[Future[R] | tuple[int, Any]] = queue.SimpleQueue()
+    # What has ended goes through one queue: it is heard in its order and in this thread.
+    news: queue.SimpleQueue[Future[R]] = queue.SimpleQueue()
     futures: dict[Future[R], int] = {}
     # Dask blames a worker's death on every job that waited there: each is tried once more alone.
     blamed: list[int] = []
     tried_alone: set[int] = set()
     first_failed = len(jobs)
     check: Callable[[], None] = getattr(executor, "check", lambda: None)
-    with listening(None if told is None else lambda *said: news.put(said)) as name:
 
-        def submit(index: int) -> Future[R]:
-            future = executor.submit(_job, name, index, work, jobs[index])
-            futures[future] = index
-            return future
+    def submit(index: int) -> Future[R]:
+        future = executor.submit(work, jobs[index])
+        futures[future] = index
+        return future
 
-        try:
-            for future in [submit(index) for index in range(len(jobs))]:
-                future.add_done_callback(news.put)
-            while futures or blamed:
-                if not futures:
-                    alone = blamed.pop(0)
-                    if alone < first_failed:
-                        submit(alone).add_done_callback(news.put)
-                    continue
-                check()
-                try:
-                    item = news.get(timeout=_POLL_S)
-                except queue.Empty:
-                    continue
-                if not isinstance(item, Future):
-                    assert told is not None
-                    told(*item)
-                    continue
-                # Let go of, so that no more results are held than the caller holds.
-                index = futures.pop(item)
-                if index > first_failed:
-                    continue
-                if index not in tried_alone and _was_killed(item):
-                    tried_alone.add(index)
-                    blamed.append(index)
-                    continue
-                ended = _ended(index, item)
-                if until_failure and ended.error is not None:
-                    first_failed = index
-                    for other, place in futures.items():
-                        if place > index:
-                            other.cancel()
-                heard(ended)
-        finally:
-            for future in futures:
-                future.cancel()
+    try:
+        for future in [submit(index) for index in range(len(jobs))]:
+            future.add_done_callback(news.put)
+        while futures or blamed:
+            if not futures:
+                alone = blamed.pop(0)
+                if alone < first_failed:
+                    submit(alone).add_done_callback(news.put)
+                continue
+            check()
+            try:
+                future = news.get(timeout=_POLL_S)
+            except queue.Empty:
+                continue
+            # Let go of, so that no more results are held than the caller holds.
+            index = futures.pop(future)
+            if index > first_failed:
+                continue
+            if index not in tried_alone and _was_killed(future):
+                tried_alone.add(index)
+                blamed.append(index)
+                continue
+            ended = _ended(index, future)
+            if until_failure and ended.error is not None:
+                first_failed = index
+                for other, place in futures.items():
+                    if place > index:
+                        other.cancel()
+            heard(ended)
+    finally:
+        for future in futures:
+            future.cancel()
 
 
 def _was_killed(future: Future[R]) -> bool:

@@ -19,7 +19,7 @@ from .. import cache
 from ..errors import InputError, RunFailed
 from ..extras import require
 from .batch import CannotGoOn
-from .local import TOPIC, Local, hear, processors, take_share
+from .local import Local, processors, take_share
 
 R = TypeVar("R")
 
@@ -87,7 +87,6 @@ def cluster(address: str) -> Iterator[Cluster]:
             except TimeoutError as why:
                 raise RunFailed(f"the Dask scheduler at {address} has no workers") from why
             client.register_plugin(_badge())
-            client.subscribe_topic(TOPIC, lambda event: hear(tuple(event[1])))
             there = Cluster(client)
             if not there.workers:
                 raise RunFailed(f"no worker at {address} has this deltact_fab ({code()})")

@@ -11,17 +11,14 @@ import signal
 import sys
 import threading
 import types
-import uuid
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..errors import RunFailed
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing.connection import Connection
 
 R = TypeVar("R")
 
@@ -118,20 +115,9 @@ def _start(packed: bytes, threads: int) -> tuple[ProcessPoolExecutor, Future[Any
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
-    context = multiprocessing.get_context("spawn")
-    ear, mouth = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(1, context, _begin, (mouth, threads))
+    pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin, (threads,))
     with _main_hidden():
-        future = pool.submit(_work, packed)
-    mouth.close()  # only the process has it now, so its end is heard
-    threading.Thread(target=_listen, args=(ear,), daemon=True).start()
-    return pool, future
-
-
-def _listen(ear: Connection) -> None:
-    with contextlib.suppress(EOFError, OSError), ear:
-        while True:
-            hear(ear.recv())
+        return pool, pool.submit(_work, packed)
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
@@ -170,14 +156,13 @@ def _main_hidden() -> Iterator[None]:
 # -- in the process --------------------------------------------------------------------------------
 
 
-def _begin(mouth: Connection, threads: int) -> None:
+def _begin(threads: int) -> None:
     """Ctrl-C is the parent's to answer, no worker outlives it, and the cores are shared."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     take_share(threads)
     # Before any library is loaded; who has set one means it.
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, str(threads))
-    _speak_through(mouth.send)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -199,68 +184,3 @@ def _end_with_parent() -> None:
 def _work(packed: bytes) -> Any:
     function, args, kwargs = pickle.loads(packed)
     return function(*args, **kwargs)
-
-
-# -- what a job says while it runs, heard by whoever waits for it, wherever it runs ----------------
-
-Word = tuple[str, int, Any]
-"""Of whom it is, the job's index, and what is said: plain data."""
-
-TOPIC = "deltact-fab"
-
-_job: ContextVar[tuple[str, int] | None] = ContextVar("job", default=None)
-_heard: dict[str, Callable[[int, Any], None]] = {}
-_outlet: Callable[[Word], None] | None = None
-_one_at_a_time = threading.Lock()
-
-
-def tell(word: Any) -> None:
-    """From inside a job: say how far it is, as plain data; heard by no one, it costs nothing."""
-    job = _job.get()
-    if job is None:
-        return
-    if job[0] in _heard:
-        hear((*job, word))
-    elif _outlet is not None:
-        with _one_at_a_time, contextlib.suppress(OSError):  # the other end is gone
-            _outlet((*job, word))
-    elif "distributed" in sys.modules:
-        from distributed import get_worker
-
-        with contextlib.suppress(ValueError):  # no worker: nobody listens
-            get_worker().log_event(TOPIC, [*job, word])
-
-
-def hear(word: Word) -> None:
-    """Hand on what was said; who no longer listens misses it."""
-    whose, index, said = word
-    if (listener := _heard.get(whose)) is not None:
-        listener(index, said)
-
-
-def _speak_through(outlet: Callable[[Word], None]) -> None:
-    """In a worker process: the way to the process that waits."""
-    global _outlet
-    _outlet = outlet
-
-
-@contextlib.contextmanager
-def listening(told: Callable[[int, Any], None] | None) -> Iterator[str]:
-    """What jobs under the yielded name say goes to told, on any thread."""
-    name = uuid.uuid4().hex
-    if told is not None:
-        _heard[name] = told
-    try:
-        yield name
-    finally:
-        _heard.pop(name, None)
-
-
-@contextlib.contextmanager
-def speaking(name: str, index: int) -> Iterator[None]:
-    """What is said inside is said by a job."""
-    before = _job.set((name, index))
-    try:
-        yield
-    finally:
-        _job.reset(before)

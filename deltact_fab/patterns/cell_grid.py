@@ -18,7 +18,7 @@ BAND_ROWS = 128
 
 @dataclass(frozen=True, eq=False)
 class CellGrid:
-    """Coloured cells on a grid, with its top left corner on a printer dot.
+    """Coloured cells on a grid.
 
     cells: (rows, columns, 3) RGB or (rows, columns) grey, uint8, as the camera or a person sees
     them; mirrored: printed left to right reversed, dots included. size_mm, pitch_mm: (x, y) true
@@ -30,8 +30,6 @@ class CellGrid:
     cells: NDArray[np.uint8]
     size_mm: tuple[float, float]
     pitch_mm: tuple[float, float]
-    x_px: int = 0
-    y_px: int = 0
     mirrored: bool = False
     grid: DotGrid | None = None
 

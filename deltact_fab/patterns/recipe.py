@@ -16,8 +16,8 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from .. import catalog
 from ..aliases import Points
 from ..configuration import Table
-from ..errors import InputError
-from .laws import LAWS, check_key, check_law, octave
+from ..errors import InputError, did_you_mean
+from .laws import LAWS, check_key, octave
 from .laws.law import KEYS
 
 MAX_PATCHES = 2000
@@ -126,7 +126,9 @@ class PatternRecipe(Table, strict=True):
     @field_validator("law")
     @classmethod
     def _law(cls, law: str) -> str:
-        return check_law(law)
+        if law not in LAWS:
+            raise ValueError(f"no such law; {did_you_mean(law, LAWS)}")
+        return law
 
     @field_validator(*KEYS)
     @classmethod

@@ -61,24 +61,29 @@ PAGE = "patterns.html"
 
 @dataclass(frozen=True)
 class SeriesEntry:
-    """One pattern. rounds: 1, 2 or both, the rounds of the paper that it stands in.
+    """One pattern. rounds: 1, 2 or both, the rounds of the paper that it stands in, if any.
 
     paper_error_mm: the paper's, on a real sensor, None where it gives none; paper_about: it is
     said of all patterns of this d, as "around".
     """
 
     name: str
-    rounds: tuple[int, ...]
     recipe: PatternRecipe
+    rounds: tuple[int, ...] = ()
     paper_error_mm: float | None = None
     paper_about: bool = False
 
     @property
+    def words(self) -> str:
+        """As `d 0.075 r 0.6`; the name of one that is none of Algorithm 1."""
+        recipe = self.recipe
+        return f"d {recipe.patch_mm:g} r {recipe.r:g}" if recipe.law == "algorithm1" else self.name
+
+    @property
     def paper_says(self) -> str:
         """The paper's error in words, empty where it gives none."""
-        if self.paper_error_mm is None:
-            return ""
-        return f"{'about ' if self.paper_about else ''}{self.paper_error_mm:g} mm"
+        known = self.paper_error_mm
+        return "" if known is None else f"{'about ' * self.paper_about}{known:g} mm"
 
 
 @dataclass(frozen=True)
@@ -126,7 +131,6 @@ def write(
     dpi: int = 1200,
     paper: str = "A4",
     transfer: sheet.Transfer = "face-down",
-    with_dots: bool = True,
     entries: Sequence[SeriesEntry] | None = None,
     page: Callable[[Path], object] | None = None,
     progress: Progress | None = None,
@@ -143,7 +147,7 @@ def write(
     """
     from ..imaging import ImageSensor, Printer
 
-    chosen = recipes(seed, with_dots) if entries is None else list(entries)
+    chosen = recipes(seed) if entries is None else list(entries)
     printer, sensor = Printer(dpi=dpi), ImageSensor()
     tell = progress or (lambda done, total, what: None)
     total = len(chosen) + 1

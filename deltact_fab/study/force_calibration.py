@@ -36,7 +36,7 @@ from ..report.result import Headline, LeftOut, ReportTable, StudyResult
 from ..report.run_figures import predicted
 from . import press_jobs
 from .intervals import Interval, headline, rmse
-from .request import StudyRequest, modulus_remark, share_of
+from .registry import StudyRequest, modulus_remark, share_of
 from .scene import PressScene, left_out
 
 PROTOCOL = "force-calibration"

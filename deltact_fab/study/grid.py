@@ -23,34 +23,26 @@ from ..units import duration
 class JobPace:
     """How long jobs still take; costs: seconds of each, all known or they count alike.
 
-    width: how many run at a time.
+    width: how many run at a time. done: is set to what has been done, in the unit of costs.
     """
 
     def __init__(self, costs: Sequence[float], width: int) -> None:
         known = bool(costs) and all(cost > 0 for cost in costs)
-        self._costs = list(costs) if known else [1.0] * len(costs)
-        self._whole, self._done = sum(self._costs), 0.0
-        self._shares = [0.0] * len(costs)
+        self.costs = list(costs) if known else [1.0] * len(costs)
+        self.done = 0.0
         self._began = time.monotonic()
         self.beforehand = ""
         """What to expect, in words; empty where nothing is known."""
         if known:
             width = max(1, min(width, len(costs)))  # several share the jobs, and no job is shared
-            self.beforehand = f"about {duration(max(self._whole / width, *self._costs))}"
-
-    def share(self, index: int, share: float) -> None:
-        """That much of a job is done, 0 to 1."""
-        more = min(1.0, share) - self._shares[index]
-        if more > 0:
-            self._shares[index] += more
-            self._done += more * self._costs[index]
+            self.beforehand = f"about {duration(max(sum(costs) / width, *costs))}"
 
     def left(self) -> str:
         """Time to go at the pace so far, in words; empty before anything is done."""
-        if not self._done:
+        if not self.done:
             return ""
         spent_s = time.monotonic() - self._began
-        return f"about {duration(spent_s * max(0.0, self._whole / self._done - 1))} left"
+        return f"about {duration(spent_s * (sum(self.costs) / self.done - 1))} left"
 
 
 KIND = "study"
@@ -80,11 +72,10 @@ def seed_of(seed: int, name: str) -> int:
 class GridJob:
     """One cell of a grid.
 
-    name: unique in the grid, shown while it runs. work: a function of a module; it
-    may `jobs.tell` the share of it that is done. given: all that the result depends on, plain JSON
-    data, the seed among it (`seed_of`). cost: seconds that it may take on one core, 0 where
-    that is not known. needs, makes: files of the store that it reads, or leaves besides its value;
-    they go with it to another machine, and back.
+    name: unique in the grid. work: a function of a module. given: all that the result depends on,
+    plain JSON data, the seed among it (`seed_of`). cost: seconds that it may take on one core, 0
+    where that is not known. needs: files of the store that it reads; they go with it to another
+    machine.
     """
 
     name: str
@@ -92,7 +83,6 @@ class GridJob:
     given: dict[str, Any] = field(default_factory=dict)
     cost: float = 0.0
     needs: tuple[str, ...] = ()
-    makes: tuple[str, ...] = ()
 
     def key(self) -> dict[str, Any]:
         """The key of its result in the store. Raises TypeError for what is not plain data."""
@@ -149,7 +139,8 @@ def solve(
     if twice := [name for name, n in Counter(job.name for job in jobs).items() if n > 1]:
         raise ValueError(f"jobs of one name: {', '.join(twice)}")
     keys = {job.name: job.key() for job in jobs}
-    found = _held(jobs, keys)
+    held = {name: cache.get(KIND, key) for name, key in keys.items()}
+    found = {name: value for name, value in held.items() if value is not None}
     kept = len(found)
     missing: dict[str, str] = {}
     errors: list[Exception] = []
@@ -163,15 +154,10 @@ def solve(
             left = pace.left()
             progress(len(found) + len(missing), len(jobs), f"{what}{left and f', {left}'}")
 
-    def told(index: int, share: Any) -> None:
-        if isinstance(share, int | float):
-            pace.share(index, share)
-            tick(todo[index].name)
-
     def ended(one: JobOutcome[Value]) -> None:
         """Keep what a job gave, or why it gave nothing. Raises a mistake in the code of a job."""
         name = todo[one.index].name
-        pace.share(one.index, 1.0)
+        pace.done += pace.costs[one.index]
         if one.value is not None:
             found[name] = one.value
             if not cache.put(KIND, keys[name], one.value) and not refused:
@@ -191,7 +177,7 @@ def solve(
         say(f"{kept} of {len(jobs)} jobs are kept, {len(todo)} to do{about}")
     tick("")
     try:
-        run(_do, todo, ended, executor, told=told)
+        run(_do, todo, ended, executor)
     except (KeyboardInterrupt, CannotGoOn) as why:
         state = f"{len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
         if isinstance(why, KeyboardInterrupt):
@@ -204,16 +190,6 @@ def solve(
     used = sum(file.stat().st_size for file in files if file.exists())
     cache.trim(KIND, max(KEPT_BYTES, used))
     return Grid({job.name: found[job.name] for job in jobs if job.name in found}, missing, kept)
-
-
-def _held(jobs: Sequence[GridJob], keys: dict[str, dict[str, Any]]) -> dict[str, Value]:
-    """What is kept of jobs, but of those whose files are gone."""
-    held = {
-        job.name: cache.get(KIND, keys[job.name])
-        for job in jobs
-        if not job.makes or any((cache.user_folder() / made).exists() for made in job.makes)
-    }
-    return {name: value for name, value in held.items() if value is not None}
 
 
 def _do(job: GridJob) -> Value:

@@ -34,36 +34,6 @@ DRAGS_MM = (0.0, 1.0, 2.0, 4.0, 7.0)
 
 
 @dataclass(frozen=True)
-class PrintedPattern:
-    """A pattern as tables name it. d_mm, r: None where it is none of Algorithm 1.
-
-    rounds: of the paper's two that it stands in. paper_mm: the paper's error, None where it gives
-    none; paper_about: it applies to all patterns of this d.
-    """
-
-    name: str
-    d_mm: float | None
-    r: float | None
-    rounds: tuple[int, ...] = ()
-    paper_mm: float | None = None
-    paper_about: bool = False
-
-    @classmethod
-    def of(cls, entry: SeriesEntry) -> PrintedPattern:
-        """Of the paper's series."""
-        recipe = entry.recipe
-        return cls(
-            entry.name, recipe.patch_mm, recipe.r, entry.rounds, entry.paper_error_mm,
-            entry.paper_about,
-        )  # fmt: skip
-
-    @property
-    def words(self) -> str:
-        """As `d 0.075 r 0.6`."""
-        return self.name if self.d_mm is None else f"d {self.d_mm:g} r {self.r:g}"
-
-
-@dataclass(frozen=True)
 class PressErrors:
     """One press under one pattern: sums by tracker, and a line a frame of FIGURES.
 
@@ -81,7 +51,7 @@ class PressErrors:
 
 
 def cells_of(value: Mapping[str, Any], press: str, indenter: str) -> list[PressErrors]:
-    """What a job of `pattern_press.follow` found."""
+    """What a job of `press_jobs.follow` found."""
     return [
         PressErrors(
             cell["pattern"],
@@ -100,7 +70,7 @@ def cells_of(value: Mapping[str, Any], press: str, indenter: str) -> list[PressE
 class PatternErrors:
     """All cells of a study. Several of one pattern and indenter are replicates, taken together."""
 
-    def __init__(self, printed: Sequence[PrintedPattern], cells: Sequence[PressErrors]) -> None:
+    def __init__(self, printed: Sequence[SeriesEntry], cells: Sequence[PressErrors]) -> None:
         self.printed = tuple(printed)
         self.cells = tuple(cells)
         self.methods = tuple(dict.fromkeys(m for cell in cells for m in cell.tallies))
@@ -138,8 +108,8 @@ class PatternErrors:
         return intervals.mean(known, self.indenters, "indenter", "positive")
 
     def best(
-        self, method: str, measure: Measure, among: Iterable[PrintedPattern]
-    ) -> PrintedPattern | None:
+        self, method: str, measure: Measure, among: Iterable[SeriesEntry]
+    ) -> SeriesEntry | None:
         """The pattern with the least error; None where none has one."""
         found = [
             (known.value, n, p)

@@ -22,9 +22,9 @@ from ..units import MM_PER_INCH
 from . import press_jobs
 from .grid import GridJob, seed_of
 from .pattern_errors import OURS, PatternErrors, cells_of
-from .pattern_press import KNOT_S, cost_s, follow
 from .pattern_selection import frames_an_indenter, part_of
-from .request import StudyRequest, share_of, virtual_rig
+from .press_jobs import cost_s, follow
+from .registry import StudyRequest, share_of, virtual_rig
 from .scene import RIG, PressScene
 from .search_candidates import (
     MAX_PX,
@@ -39,11 +39,11 @@ from .search_candidates import (
     finalists,
     headlines,
     name_of,
+    probe,
     ranked,
     shortened,
     thinned,
 )
-from .search_drag import probe
 
 PROTOCOL = "pattern-search"
 MIN_CANDIDATES = 8
@@ -84,7 +84,7 @@ def run(asked: StudyRequest) -> StudyResult:
     frame = ranked(seen, among)
     best = finalists(frame, max(2, round(4 * scale)))
     chosen = list(dict.fromkeys([*best, PAPER, *(name for name in (shipped,) if name in among)]))
-    of.solve_gels(asked, KNOT_S)
+    of.solve_gels(asked)
     seeds = [seed_of(asked.seed, f"held-out seed {k}") for k in range(max(2, round(5 * scale)))]
     jobs = [
         [

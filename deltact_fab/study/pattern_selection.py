@@ -24,6 +24,7 @@ from ..analysis.tracking_error.follow import ONLY_DOTS
 from ..errors import InputError, did_you_mean
 from ..jobs import at_a_time
 from ..measure.flow import RENEW_SHARE
+from ..patterns.recipe import recipe_from
 from ..patterns.series import SeriesEntry, recipes
 from ..protocols import plan
 from ..protocols.plan import Protocol, expand
@@ -32,10 +33,10 @@ from ..report.result import LeftOut, StudyResult
 from ..shapes.indenter import parse
 from ..units import MM_PER_INCH
 from .grid import Grid, GridJob
-from .pattern_errors import METHODS, PatternErrors, PressErrors, PrintedPattern, cells_of
-from .pattern_press import KNOT_S, cost_s, follow, follow_recorded
+from .pattern_errors import METHODS, PatternErrors, PressErrors, cells_of
 from .pattern_tables import charts, claims, headlines, tables
-from .request import StudyRequest, modulus_remark
+from .press_jobs import cost_s, follow, follow_recorded
+from .registry import StudyRequest, modulus_remark
 from .scene import PressScene, flagged
 
 NAME, TITLE = "pattern-selection", "Which pattern is tracked best"
@@ -73,15 +74,14 @@ def _simulated(asked: StudyRequest) -> StudyResult:
         f"{len(of.entries)} patterns x {len(protocol.indenters)} indenters: {part.words}; "
         f"{part.longest_step_mm:.3f} mm between frames at most"
     )
-    of.scene.solve_gels(asked, KNOT_S)
+    of.scene.solve_gels(asked)
     indenters = {parse(name).slug: name for name in protocol.indenters}
     jobs = [
         (indenters[job.given["press"].split("/")[0]], job)
         for job in of.jobs(at_a_time(asked.executor))
     ]
     grid = asked.solve([job for _, job in jobs])
-    printed = [PrintedPattern.of(entry) for entry in of.entries]
-    errors = PatternErrors(printed, _cells(jobs, grid))
+    errors = PatternErrors(of.entries, _cells(jobs, grid))
     specimen, printer = protocol.specimen, rig.printer
     found = _result(asked, errors, grid, part.words, True)
     # The jobs of one press have one gel.
@@ -112,8 +112,8 @@ def _recorded(asked: StudyRequest) -> StudyResult:
     found = jobs_of(asked.runs, tuple(METHODS))
     jobs = [(indenter, job) for _, indenter, job in found]
     grid = asked.solve([job for _, job in jobs])
-    printed = list(dict.fromkeys(printed for printed, _, _ in found))
-    errors = PatternErrors(printed, _cells(jobs, grid))
+    printed = {printed.name: printed for printed, _, _ in found}
+    errors = PatternErrors(list(printed.values()), _cells(jobs, grid))
     runs = [record.open(folder) for folder in asked.runs]
     simulated = any(run.simulated for run in runs)
     return replace(
@@ -124,13 +124,13 @@ def _recorded(asked: StudyRequest) -> StudyResult:
 
 def jobs_of(
     folders: Sequence[Path], methods: Sequence[str]
-) -> list[tuple[PrintedPattern, str, GridJob]]:
+) -> list[tuple[SeriesEntry, str, GridJob]]:
     """(pattern, indenter, job) for each press of the runs.
 
     Runs of one pattern are replicates. Raises InputError for a run that is not finished, has no
     images, dots or dense pattern, or is named twice.
     """
-    found: list[tuple[PrintedPattern, str, GridJob]] = []
+    found: list[tuple[SeriesEntry, str, GridJob]] = []
     for n, folder in enumerate(folders):
         if folder.resolve() in [one.resolve() for one in folders[:n]]:
             raise InputError(f"--from {folder}: named twice; runs of one pattern are replicates")
@@ -159,19 +159,16 @@ def jobs_of(
     return found
 
 
-def printed_of(run: Run) -> PrintedPattern:
+def printed_of(run: Run) -> SeriesEntry:
     """The pattern of a run: one of the paper's by its d and r, else by the run's name."""
-    recipe = run.pattern["recipe"]
-    d_mm, r = recipe.get("patch_mm"), recipe.get("r")
+    recipe = recipe_from(run.pattern["recipe"], f"{run.folder / 'pattern.json'}: recipe")
+    told = recipe.law, recipe.patch_mm, recipe.r
     for entry in recipes():
-        if recipe["law"] == entry.recipe.law and (d_mm, r) == (
-            entry.recipe.patch_mm,
-            entry.recipe.r,
-        ):
-            return PrintedPattern.of(entry)
-    if recipe["law"] == "algorithm1":
-        return PrintedPattern(f"d{d_mm:g}-r{r:g}".replace(".", "p"), d_mm, r)
-    return PrintedPattern(run.folder.name, None, None)
+        if told == (entry.recipe.law, entry.recipe.patch_mm, entry.recipe.r):
+            return entry
+    if recipe.law == "algorithm1":
+        return SeriesEntry(f"d{recipe.patch_mm:g}-r{recipe.r:g}".replace(".", "p"), recipe)
+    return SeriesEntry(run.folder.name, recipe)
 
 
 def _cells(jobs: Sequence[tuple[str, GridJob]], grid: Grid) -> list[PressErrors]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from ..patterns.series import GRIDS
+from ..patterns.series import GRIDS, SeriesEntry
 from ..report.result import Claim, ClaimReading, Headline, ReportFigure, ReportTable
 from .intervals import headline
 from .pattern_errors import (
@@ -20,7 +20,6 @@ from .pattern_errors import (
     SUMMED,
     Measure,
     PatternErrors,
-    PrintedPattern,
 )
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ def claims(errors: PatternErrors) -> tuple[Claim, ...]:
     found = []
     rounds_ = rounds(errors.printed)[: len(GRIDS)]
     for number, ((_, part), best) in enumerate(zip(rounds_, PAPER_BEST, strict=False), start=1):
-        theirs = next((p for p in part if (p.d_mm, p.r) == best), None)
+        theirs = next((p for p in part if (p.recipe.patch_mm, p.recipe.r) == best), None)
         others = [p for p in part if p != theirs]
         if theirs is None or not others:
             continue
@@ -71,7 +70,7 @@ def claims(errors: PatternErrors) -> tuple[Claim, ...]:
                 tuple(readings) if whole else (),
             )
         )
-    tiny, small = ([p.name for p in errors.printed if p.d_mm == d_mm and 2 in p.rounds]
+    tiny, small = ([p.name for p in errors.printed if p.recipe.patch_mm == d_mm and 2 in p.rounds]
                    for d_mm in (TOO_SMALL_MM, SMALL_MM))  # fmt: skip
     if tiny and small:
         readings = [_reading(SHORT[m], errors.times(tiny, small, m)) for m in (SUMMED, COMPOSED)]
@@ -95,11 +94,11 @@ def _reading(name: str, times: Any) -> ClaimReading:
 def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
     """The paper's figures beside those found, by each tracker; then the least of ours."""
     found = []
-    for p in (p for p in errors.printed if p.paper_mm is not None and not p.paper_about):
+    for p in (p for p in errors.printed if p.paper_error_mm is not None and not p.paper_about):
         for method in errors.methods:
             if (known := errors.mean(p.name, method, "at_dots")) is not None:
                 what = f"{p.words}, {METHODS.get(method, method)}, at the dots"
-                paper_mm = None if method == OURS else p.paper_mm
+                paper_mm = None if method == OURS else p.paper_error_mm
                 found.append(headline(what, "mm", known, paper=paper_mm, remark=_lost(
                     errors, p, method)))  # fmt: skip
     least = errors.best(OURS, "off", errors.printed)
@@ -109,7 +108,7 @@ def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
     return tuple(found)
 
 
-def _lost(errors: PatternErrors, printed: PrintedPattern, method: str) -> str:
+def _lost(errors: PatternErrors, printed: SeriesEntry, method: str) -> str:
     """How much a tracker lost, in words."""
     whole = errors.figures(printed.name, method)
     return f"{_share(1 - whole['trusted_share'])} of frames and {_share(whole['lost_share'])} of " \
@@ -123,15 +122,15 @@ def _share(value: float) -> str:
 def tables(errors: PatternErrors, covers: str) -> tuple[ReportTable, ...]:
     """Patterns by every reading; the same by indenter; and along the path."""
     rows, by_indenter, along = [], [], []
-    chosen = [p for p in errors.printed if (p.d_mm, p.r) in PAPER_BEST] or errors.printed[:1]
+    best = [p for p in errors.printed if (p.recipe.patch_mm, p.recipe.r) in PAPER_BEST]
+    chosen = best or errors.printed[:1]
     if (least := errors.best(OURS, "off", errors.printed)) and least not in chosen:
         chosen = [*chosen, least]
     for p in errors.printed:
-        about = f"{'about ' * p.paper_about}{p.paper_mm:g}" if p.paper_mm else ""
         row: dict[str, Any] = {
             "pattern": p.words,
             "round": " and ".join(map(str, p.rounds)),
-            "paper": about,
+            "paper": p.paper_says.removesuffix(" mm"),
         }
         for method in errors.methods:
             name, whole = SHORT.get(method, method), errors.figures(p.name, method)
@@ -180,7 +179,7 @@ def tables(errors: PatternErrors, covers: str) -> tuple[ReportTable, ...]:
     )  # fmt: skip
 
 
-def _dots_lost(errors: PatternErrors, printed: PrintedPattern) -> float | None:
+def _dots_lost(errors: PatternErrors, printed: SeriesEntry) -> float | None:
     """Share of the dots that were not found in a frame; None where none was followed."""
     found = [c.dots for c in errors.cells if c.pattern == printed.name and c.dots]
     lost, seen = (sum(dots[key] for dots in found) for key in ("lost", "seen"))
@@ -236,8 +235,8 @@ def _chart(errors: PatternErrors, method: str, measure: Measure) -> Figure:
                 axis.annotate("no dots", (x, 0), ha="center", va="bottom", fontsize="small")
             elif one.low is not None and one.high is not None:
                 axis.plot([x, x], [one.low, one.high], color=figures.INK, lw=0.9)
-            if method != OURS and p.paper_mm is not None:
-                figures.paper_line(axis, p.paper_mm, highest, words, (x - 0.42, x + 0.42),
+            if method != OURS and p.paper_error_mm is not None:
+                figures.paper_line(axis, p.paper_error_mm, highest, words, (x - 0.42, x + 0.42),
                                    p.paper_about)  # fmt: skip
                 words = "_"  # the legend names it once
         axis.set_xticks(range(len(patterns)), [p.words.replace(" r", "\nr") for p in patterns])
@@ -248,7 +247,7 @@ def _chart(errors: PatternErrors, method: str, measure: Measure) -> Figure:
     return figure
 
 
-def rounds(printed: Sequence[PrintedPattern]) -> list[tuple[str, list[PrintedPattern]]]:
+def rounds(printed: Sequence[SeriesEntry]) -> list[tuple[str, list[SeriesEntry]]]:
     """The paper's two rounds as far as their patterns are here, and the others; none empty."""
     names = ("First round", "Second round")
     found = [

@@ -23,15 +23,16 @@ from ..report.result import GEL_FLAGS, LeftOut
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..version import VERSION
+from ..virtual.presolve import solve_ahead
 from ..virtual.presses import Presses, path_of, stored_files
 from ..virtual.rig import VirtualKind
 from . import press_jobs
 from .grid import GridJob
-from .request import StudyRequest, virtual_rig
+from .registry import StudyRequest, virtual_rig
 
 RIG = "virtual"
-KNOT_S, FRAME_S = 2.0, 0.25
-"""What a knot of the gel takes on the rig `virtual`, and a frame: drawn, stored, tracked."""
+FRAME_S = 0.25
+"""What a frame takes on the rig `virtual`: drawn, stored, tracked."""
 
 
 @dataclass(frozen=True)
@@ -84,36 +85,15 @@ class PressScene:
         more = {"press": press, "seed": self.seed, **more}
         return press_jobs.given(alone, self.sensor, self.rig, self.source, **more)
 
-    def gel_jobs(self, knot_s: float = KNOT_S) -> list[GridJob]:
-        """A job for each press whose gel is not in the store; one serves its mirror images.
+    def solve_gels(self, asked: StudyRequest) -> None:
+        """The gel of every press into the store, where it is not there, before the jobs of presses.
 
-        They come before the jobs that need them: whoever solves a gel leaves it in the store, that
-        of the caller too, from where a job of the press has it. knot_s: seconds of one knot. A
-        press that no mesh serves has none: its own job says so.
+        From there a job of the press has it, that of a mirror image too. One that cannot be solved
+        is kept with the reason, which its press raises at once.
         """
-        jobs: dict[str, GridJob] = {}
-        for name in self.protocols:
-            presses = self.gel(name)
-            for path in presses.paths:
-                try:
-                    press = presses.of(path)
-                except DeltactFabError:
-                    continue
-                solver = press.solver
-                if solver.found is None and solver.stored_as is not None:
-                    job = GridJob(
-                        f"gel {path.press} of {name}", press_jobs.solve_gel,
-                        self.given(name, path.press), knot_s * len(solver.poses),
-                        makes=stored_files(press),
-                    )  # fmt: skip
-                    jobs.setdefault(solver.stored_as, job)
-        return list(jobs.values())
-
-    def solve_gels(self, asked: StudyRequest, knot_s: float = KNOT_S) -> None:
-        """The gel of every press that is not in the store, into it, before the jobs of presses."""
-        if jobs := self.gel_jobs(knot_s):
-            asked.say(f"the gel of {len(jobs)} presses is solved first, and kept")
-            asked.solve(jobs)
+        asked.say("the gel of each press is solved first, where it is not kept yet")
+        protocols, gel = self.protocols.values(), self.rig.virtual.gel
+        solve_ahead(protocols, self.sensor.skin, gel, asked.executor, asked.progress)
 
     def job(
         self,

@@ -20,12 +20,12 @@ from ..analysis.relaxation import RelaxationFit, Rest, fit, rests, time_to
 from ..errors import InputError
 from ..report import figures
 from ..report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
-from .request import modulus_remark
+from .registry import modulus_remark
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .request import StudyRequest
+    from .registry import StudyRequest
 
 STUDY = "settling"
 PERCENTS = (5, 2, 1, 0.5)  # of the steady force: bounds whose waits are given

@@ -22,7 +22,7 @@ from ..report import shape_figures
 from ..report.result import Headline, ReportFigure, ReportTable, StudyResult, records
 from . import press_jobs
 from .intervals import Scale, headline, mean, rmse
-from .request import StudyRequest, modulus_remark, share_of
+from .registry import StudyRequest, modulus_remark, share_of
 from .scene import PressScene, left_out
 
 OBJECTS = ("shapes", "shapes-hat")

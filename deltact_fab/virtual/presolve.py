@@ -1,4 +1,4 @@
-"""All presses of a protocol solved ahead of a run, side by side, and kept.
+"""All presses of protocols solved ahead of a run or a study, side by side, and kept.
 
 Every press is kept when it is whole, so whatever ends this early loses at most the presses under
 way; the next time goes on with those that are not in the store.
@@ -7,13 +7,14 @@ way; the next time goes on with those that are not in the store.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 
+from ..aliases import Progress
 from ..errors import DeltactFabError
 from ..gel.zones import Zones
-from ..jobs import JobOutcome, run, tell
+from ..jobs import JobOutcome, run
 from ..protocols.plan import Protocol
 from ..rig.config import GelConfig
 from ..shapes import SkinDimensions
@@ -39,70 +40,71 @@ class PressRow:
     failure: str = ""
 
 
-Told = Callable[[PressRow], None]
-
-
 def solve_ahead(
-    protocol: Protocol,
+    protocols: Iterable[Protocol],
     skin: SkinDimensions,
     config: GelConfig,
     executor: Executor | None = None,
-    told: Told | None = None,
+    progress: Progress | None = None,
 ) -> list[PressRow]:
-    """Every press of a protocol, solved or found; a failure ends that press and no other.
+    """Every press of protocols, solved or found; a failure ends that press and no other.
 
-    told: called with a press after each of its knots. executor: as of `jobs.run`.
+    progress: told of each press at its end. executor: as of `jobs.run`.
     """
-    presses = Presses(protocol, skin, config)
-    told = told or (lambda row: None)
+    planned = [
+        (protocol, presses, path)
+        for protocol in protocols
+        for presses in (Presses(protocol, skin, config),)
+        for path in presses.paths
+    ]
     rows: list[PressRow] = []
     todo: dict[str, PressRow] = {}
     given: list[_Press] = []
-    waiting: list[tuple[PressRow, PressRow, PressPath]] = []
-    for path in presses.paths:
+    waiting: list[tuple[PressRow, PressRow, Presses, PressPath]] = []
+    over: list[str] = []
+
+    def ended(row: PressRow) -> None:
+        over.append(row.press)
+        if progress is not None:
+            progress(len(over), len(planned), row.press)
+
+    for protocol, presses, path in planned:
         try:
             press = presses.of(path)
         except DeltactFabError as why:  # no mesh serves this one
-            row = PressRow(path.press, 0, failure=" ".join(str(why).split()))
-        else:
-            row = _row(press)
-            name = press.solver.stored_as or press.name
-            if press.solver.found is None and name in todo:
-                row.like = todo[name].press
-                waiting.append((row, todo[name], path))
-            elif press.solver.found is None:
-                todo[name] = row
-                given.append(_Press(protocol, skin, config, path.press, stored_files(press)))
+            rows.append(PressRow(path.press, 0, failure=" ".join(str(why).split())))
+            ended(rows[-1])
+            continue
+        row = _row(press)
         rows.append(row)
-        if not row.like:
-            told(row)
+        name = press.solver.stored_as or f"{press.name} of {protocol.name}"
+        if press.solver.found is not None:
+            ended(row)
+        elif name in todo:
+            row.like = todo[name].press
+            waiting.append((row, todo[name], presses, path))
+        else:
+            todo[name] = row
+            given.append(_Press(protocol, skin, config, path.press, stored_files(press)))
     solving = list(todo.values())
-    ended: set[int] = set()
-
-    def hear(index: int, knot: list[float]) -> None:
-        row = solving[index]
-        if index not in ended:  # what was said may come after the end
-            row.done, row.seconds = int(knot[0]), row.seconds + knot[1]
-            told(row)
 
     def heard(end: JobOutcome[PressRow]) -> None:
         row = solving[end.index]
-        ended.add(end.index)
         if end.value is not None:
             vars(row).update(vars(end.value))
         elif isinstance(end.error, DeltactFabError):
             row.failure = " ".join(str(end.error).split())
         elif end.error is not None:
             raise end.error
-        told(row)
+        ended(row)
 
-    run(_one, given, heard, executor, told=hear)
-    for row, solved, path in waiting:
+    run(_one, given, heard, executor)
+    for row, solved, presses, path in waiting:
         if solved.failure:
             row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
         else:
             vars(row).update(vars(_row(presses.of(path))), like=solved.press, seconds=0.0)
-        told(row)
+        ended(row)
     return rows
 
 
@@ -118,13 +120,13 @@ class _Press:
 
 
 def _one(job: _Press) -> PressRow:
-    """One press, stored when complete; reports each knot."""
+    """One press, stored when complete."""
     started = time.perf_counter()
     presses = Presses(job.protocol, job.skin, job.config)
     press = presses.of(path_of(presses, job.name))
     failure = ""
     try:
-        press.solver.solve_all(lambda done, of, seconds: tell([done, seconds]))
+        press.solver.solve_all()
     except DeltactFabError as why:
         failure = " ".join(str(why).split())
     except (ArithmeticError, ValueError, MemoryError) as why:

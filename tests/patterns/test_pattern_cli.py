@@ -25,6 +25,7 @@ from deltact_fab.patterns import (
 from deltact_fab.patterns.code import encode, patches_hash
 from deltact_fab.patterns.raster import checked_mm_per_px
 from deltact_fab.patterns.sheet import job as sheet
+from deltact_fab.patterns.sheet.layout import Sheet
 
 PLAIN = recipe_from_options(None, 0.5, 0.1, size_mm=5.0)
 
@@ -166,10 +167,10 @@ def test_the_resolutions_that_a_refusal_names_are_possible(tmp_path):
 def test_r_and_the_patches_are_said_exactly(run, tmp_path, monkeypatch):
     r, seen = 0.9999999999999999, []
     recipe = recipe_from_options(None, 0.5, r, size_mm=5.0)
-    real = sheet.Pdf.page
-    monkeypatch.setattr(sheet.Pdf, "page", lambda self, m: (seen.extend(m), real(self, m))[1])
+    real = Sheet.words
+    monkeypatch.setattr(Sheet, "words", lambda on, *of: (seen.append(of[2]), real(on, *of))[1])
     sheet.write([recipe], tmp_path / "s.pdf", dpi=600)
-    label = "\n".join(m.text for m in seen if hasattr(m, "text"))
+    label = "\n".join(seen)
     digits = hashlib.sha256(draw_patches(recipe).tobytes()).hexdigest()[:12]
     assert digits == patches_hash(recipe)
     assert f"r {r!r}" in label

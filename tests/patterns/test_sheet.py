@@ -17,7 +17,8 @@ from deltact_fab.errors import InputError
 from deltact_fab.patterns import draw_patches, load_recipe, raster, recipe_from, recipe_from_options
 from deltact_fab.patterns.cell_grid import CellGrid
 from deltact_fab.patterns.sheet import job as sheet
-from deltact_fab.patterns.sheet.layout import FilledRectangle, Sheet, TextLine, width_mm
+from deltact_fab.patterns.sheet import layout
+from deltact_fab.patterns.sheet.layout import Sheet, width_mm
 from deltact_fab.pdf import width_em
 
 PLAIN = recipe_from_options(None, 0.2, 0.3, size_mm=6.0)
@@ -40,8 +41,6 @@ MARKED = recipe_from(
 def picture(recipe, dpi, mirrored=False, scale=(1.0, 1.0)):
     return CellGrid(
         key="",
-        x_px=0,
-        y_px=0,
         cells=draw_patches(recipe),
         size_mm=(recipe.printed_mm, recipe.printed_mm),
         pitch_mm=(25.4 / dpi / scale[0], 25.4 / dpi / scale[1]),
@@ -138,20 +137,28 @@ def longest(line):
 
 def test_nothing_is_drawn_over_anything_else(tmp_path, monkeypatch):
     """Words, codes, stickers and marks of a crowded page, by their boxes."""
-    pages, dpi = [], 400
-    real = sheet.Pdf.page
-    monkeypatch.setattr(sheet.Pdf, "page", lambda pdf, m: (pages.append(m), real(pdf, m))[1])
+    boxes, dpi = [], 400
+    real = Sheet.words, Sheet.rectangle, Sheet.picture
+
+    def words(on, x_mm, y_mm, text, size_pt=layout.TEXT_PT):
+        x, y, high = on.x_px(x_mm), on.y_px(y_mm), size_pt * dpi / 72
+        wide = width_mm(text, size_pt) * dpi / 25.4
+        boxes.append((x, y - 0.72 * high, x + wide, y, "words"))
+        return real[0](on, x_mm, y_mm, text, size_pt)
+
+    def rectangle(on, x, y, wide, high, *ink):
+        boxes.append((x, y, x + wide, y + high, "box"))
+        return real[1](on, x, y, wide, high, *ink)
+
+    def picture(on, x, y, shown, number):
+        boxes.append((x, y, x + shown.width_px, y + shown.height_px, "picture"))
+        return real[2](on, x, y, shown, number)
+
+    for mark in (words, rectangle, picture):
+        monkeypatch.setattr(Sheet, mark.__name__, mark)
     recipes = [PLAIN, MARKED, load_recipe("dense"), recipe_from_options(None, 1.0, 0.1, 1.0)]
-    sheet.write(recipes, tmp_path / "s.pdf", dpi=dpi, copies=2, transfer="slide")
-    page_px, marks = Sheet((210.0, 297.0), dpi, (1.0, 1.0)).page_px, pages[0]
-    boxes = []
-    for m in marks:
-        if isinstance(m, TextLine):
-            wide, high = width_mm(m.text, m.size_pt) * dpi / 25.4, m.size_pt * dpi / 72
-            boxes.append((m.x_px, m.y_px - 0.72 * high, m.x_px + wide, m.y_px, "words"))
-        else:
-            kind = "box" if isinstance(m, FilledRectangle) else "picture"
-            boxes.append((m.x_px, m.y_px, m.x_px + m.width_px, m.y_px + m.height_px, kind))
+    assert sheet.write(recipes, tmp_path / "s.pdf", dpi=dpi, copies=2, transfer="slide").pages == 1
+    page_px = Sheet((210.0, 297.0), dpi, (1.0, 1.0)).page_px
     for k, a in enumerate(boxes):
         assert a[0] >= 0
         assert a[1] >= 0

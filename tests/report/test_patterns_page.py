@@ -21,7 +21,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> series.SeriesReport:
     for entry in series.recipes(seed=3, with_dots=False):
         if entry.name in ("d0p05-r0p6", "d0p075-r0p6", "d0p2-r0p1"):
             small = entry.recipe.model_copy(update={"size_mm": 7.0})
-            entries.append(series.SeriesEntry(entry.name, entry.rounds, small,
+            entries.append(series.SeriesEntry(entry.name, small, entry.rounds,
                                               entry.paper_error_mm, entry.paper_about))  # fmt: skip
     out = tmp_path_factory.mktemp("page") / "s"
     return series.write(out, seed=3, entries=entries, page=patterns_page.write)

@@ -35,7 +35,7 @@ from deltact_fab.study.force_calibration import (
     scene,
     spread,
 )
-from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.registry import StudyRequest
 
 VIEW = SensorView(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions())
 LAW = (2.0, 1.5, -6.0, 3.0, -3.0, 1.0)

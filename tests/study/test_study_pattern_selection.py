@@ -21,11 +21,10 @@ from deltact_fab.study.pattern_errors import (
     SUMMED,
     PatternErrors,
     PressErrors,
-    PrintedPattern,
 )
 from deltact_fab.study.pattern_selection import Selection
 from deltact_fab.study.pattern_tables import claims
-from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.registry import StudyRequest
 
 TWO = ("d0p1-r0p5", "d0p2-r0p1")
 
@@ -114,7 +113,9 @@ def test_presses_are_cut_so_that_every_worker_has_some_and_none_too_many() -> No
 def test_at_full_scale_the_gel_of_mirrored_positions_is_solved_once() -> None:
     scene = Selection.of(StudyRequest(scale=1.0))
     assert len(scene.jobs()) == 100
-    assert len(scene.scene.gel_jobs()) == 6  # the star has one mirror plane
+    presses = scene.scene.gel(scene.name)
+    stored = {presses.of(path).solver.stored_as for path in presses.paths}
+    assert len(stored) == 6  # the star has one mirror plane
 
 
 INDENTERS = tuple(f"i{k}" for k in range(5))
@@ -128,14 +129,15 @@ def made_up(
     composed: times the error of the given patterns when flows are composed.
     """
     rng = np.random.default_rng(1)
-    printed = [PrintedPattern.of(e) for e in recipes()]
+    printed = recipes()
     cells = []
     for p in printed:
-        mean = errors_mm.get((p.d_mm, p.r), 0.3)
+        at = p.recipe.patch_mm, p.recipe.r
+        mean = errors_mm.get(at, 0.3)
         for indenter, times in zip(INDENTERS, 1 + spread * rng.uniform(-1, 1, 5), strict=True):
             tallies = {}
             for method, share in ((SUMMED, 1.0), (COMPOSED, composed)):
-                value = mean * times * (share if (p.d_mm, p.r) in errors_mm else 1.0)
+                value = mean * times * (share if at in errors_mm else 1.0)
                 tally = tallies[method] = ErrorTally()
                 tally.believed.take(1.0)
                 tally.lost.take(0.0)

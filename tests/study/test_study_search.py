@@ -17,20 +17,23 @@ from deltact_fab.protocols import plan
 from deltact_fab.study import press_jobs
 from deltact_fab.study.pattern_errors import OURS, PatternErrors, PressErrors
 from deltact_fab.study.pattern_search import bench_of
-from deltact_fab.study.registry import run
-from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.registry import StudyRequest, run
 from deltact_fab.study.search_candidates import (
     MAX_PX,
     MIN_DOTS,
+    OUTWARD,
     PAPER,
+    bridged,
     candidates,
     chosen_by_others,
+    dragged,
     headlines,
     name_of,
+    probe,
     shortened,
     thinned,
+    view_of,
 )
-from deltact_fab.study.search_drag import OUTWARD, bridged, dragged, probe, view_of
 
 
 def test_the_rig_file_is_the_default_and_options_win() -> None:

@@ -12,7 +12,7 @@ from deltact_fab.analysis.relaxation import BIN_S, ForceHistory, RelaxationFit, 
 from deltact_fab.errors import InputError
 from deltact_fab.protocols import plan
 from deltact_fab.study import registry
-from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.registry import StudyRequest
 from deltact_fab.study.settling import Fading
 
 SHARE, TIME_S, STEADY_N = 0.1, 2.0, 7.0

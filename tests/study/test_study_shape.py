@@ -13,7 +13,7 @@ from deltact_fab.analysis.shape import PressShape
 from deltact_fab.catalog import shipped_dir
 from deltact_fab.report.result import StudyResult
 from deltact_fab.study import registry, shapes
-from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.registry import StudyRequest
 from deltact_fab.study.shapes import FORCE, OBJECTS, TWIST, scene
 
 

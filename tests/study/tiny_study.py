@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab import cache, jobs
+from deltact_fab import cache
 from deltact_fab.errors import SolverError
 from deltact_fab.report.result import ReportTable, StudyResult
 from deltact_fab.study.grid import GridJob, seed_of
-from deltact_fab.study.registry import STUDIES, Study
-from deltact_fab.study.request import StudyRequest
+from deltact_fab.study.registry import STUDIES, Study, StudyRequest
 
 OPTIONS = {
     "--count": {"help": "Jobs.", "default": 12},
@@ -30,8 +29,7 @@ DONE = "DONE_JOBS"
 def draw(given: dict[str, Any]) -> dict[str, Any]:
     """Draws of a seed; notes that it was done, where that is asked."""
     began = time.monotonic()
-    while (spent := time.monotonic() - began) < given["seconds"]:
-        jobs.tell(spent / given["seconds"])
+    while time.monotonic() - began < given["seconds"]:
         time.sleep(0.01)
     if given["fails"]:
         raise SolverError("it did not\nconverge")
@@ -39,6 +37,14 @@ def draw(given: dict[str, Any]) -> dict[str, Any]:
         Path(folder, f"{given['name']}-{time.monotonic_ns()}").touch()
     draws = np.random.default_rng(given["seed"]).normal(size=(4, 2))
     return {"draws": draws, "mean": float(draws.mean()), "pair": (1, 2), "nan": float("nan")}
+
+
+class Leaves(dict[str, Any]):
+    """What `leave` is given; the file comes back."""
+
+    @property
+    def makes(self) -> tuple[str, ...]:
+        return (self["file"],)
 
 
 def leave(given: dict[str, Any]) -> dict[str, Any]:

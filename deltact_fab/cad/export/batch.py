@@ -14,7 +14,7 @@ from ... import cache
 from ...aliases import Progress
 from ...errors import InputError, RunFailed
 from ...files import check_folder, making, write_together
-from ...jobs import arrivals, processors
+from ...jobs import each, processors
 from .. import feasibility
 from ..build import made_by, part_key
 from ..dimensions import Design
@@ -124,22 +124,22 @@ def _made(
         found += [one for one in held.values() if one is not None]
         if absent := tuple(kind for kind, one in held.items() if one is None):
             missing.append(replace(task, formats=absent))
-    done = len(tasks) - len(missing)
-    tell(done, len(tasks), missing[0].name if missing else "cache")
+    begun = len(tasks) - len(missing)
+    tell(begun, len(tasks), missing[0].name if missing else "cache")
 
     def arrived(index: int, made: list[Made]) -> None:
-        nonlocal done
         for entry, data in made if cached else ():
             key = stored_by(missing[index], _kind(entry))
             cache.put(CACHED, key, {"entry": asdict(entry), "data": data}, LIMIT_BYTES)
-        found.extend(made)
-        done += 1
-        tell(done, len(tasks), missing[index].name)
 
     # Several processes where the work is worth it.
     shared = min(processors(), MAX_JOBS) if len(missing) >= SHARED_FROM else 1
-    arrivals(make, missing, arrived, executor, workers=jobs or shared)
-    return found
+    made = each(
+        make, missing, [task.name for task in missing], executor,
+        lambda done, _, what: tell(begun + done, len(tasks), what),
+        arrived=arrived, workers=jobs or shared,
+    )  # fmt: skip
+    return found + [one for several in made for one in several]
 
 
 def stored_by(task: Task, kind: str) -> dict[str, Any]:

@@ -16,17 +16,9 @@ A seed identifies a printed sticker: a law that draws differently needs a new na
 from __future__ import annotations
 
 from ...discover import entries, modules_in
-from ...errors import did_you_mean
 from .law import KEYS, Law
 
 LAWS: dict[str, Law] = entries(modules_in(__package__, besides=("law",)), "LAWS")
-
-
-def check_law(name: str) -> str:
-    """The name. Raises ValueError with the nearest law, or all of them, when there is none."""
-    if name not in LAWS:
-        raise ValueError(f"no such law; {did_you_mean(name, LAWS)}")
-    return name
 
 
 def check_key(name: str, key: str, is_given: bool) -> None:

@@ -1,1 +1,1 @@
-"""Print jobs: job.py is the way in and writes the file; stickers and page marks make marks."""
+"""Print jobs: job.py is the way in and writes the file; page_marks.py makes what stands on it."""

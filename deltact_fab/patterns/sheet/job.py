@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import hashlib
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -30,16 +30,15 @@ from typing import Any, Literal
 from ...aliases import Progress
 from ...errors import InputError, did_you_mean
 from ...files import write_together
-from ...pdf import Document, figure, glyphs
+from ...pdf import Document
 from ...shapes import SensorDimensions
-from ...units import POINTS_PER_MM
 from ...version import VERSION
 from ..cell_grid import CellGrid
 from ..code import encode
 from ..raster import check_seen
 from ..recipe import PatternRecipe
-from . import layout, page_marks, stickers
-from .layout import FilledRectangle, Mark, Sheet, StickerCell, TextLine
+from . import layout, page_marks
+from .layout import INSET_MM, Sheet, StickerCell
 
 Transfer = Literal["face-down", "slide"]
 
@@ -47,12 +46,6 @@ TRANSFERS = ("face-down", "slide")
 DPI_RANGE = (100.0, 9600.0)
 SCALE_RANGE = (0.9, 1.1)
 MAX_STICKERS = 2000
-INSET_MM = 1e-4
-"""By which a picture's box is smaller on each side than its place.
-
-Renderers fill every dot that a picture's box touches. A box that ends exactly at a dot's edge
-touches the next dot through rounding, and the picture would grow by one dot and be resampled.
-"""
 
 
 @dataclass(frozen=True)
@@ -139,28 +132,34 @@ def write(
         try:
             check_seen(recipe, sensor.optics.view_mm)
         except InputError as why:
-            raise InputError(f"{stickers.name(recipe)}: {why}") from why
-        cells[recipe] = stickers.cell(
+            raise InputError(f"{page_marks.name(recipe)}: {why}") from why
+        cells[recipe] = page_marks.cell(
             recipe, encode(recipe), sheet, transfer == "slide", sensor.skin.film_mm()
         )
     tell(len(recipes), total, "file")
     order = [recipe for recipe in recipes for _ in range(copies)]
-    names = [stickers.name(recipe) for recipe in order]
+    names = [page_marks.name(recipe) for recipe in order]
     head, top_mm = page_marks.header(sheet, paper, transfer)
     places = layout.placed(sheet, [cells[recipe] for recipe in order], names, top_mm)
     pages = places[-1].page + 1
-    pdf = Pdf(sheet.page_px, dpi)
+    file, images = Document(), dict[str, int]()
     found: list[Sticker] = []
     for page in range(pages):
-        marks: list[Mark] = list(head)
+        marks, used = list(head), dict[str, int]()
         for place in (p for p in places if p.page == page):
             recipe = order[place.cell]
-            on_page, picture = stickers.put(sheet, cells[recipe], place.x_mm, place.y_mm)
+            cell = cells[recipe]
+            for picture in (cell.sticker, cell.code):
+                if picture.key not in images:
+                    images[picture.key] = _image(file, picture)
+                used[f"I{images[picture.key]}"] = images[picture.key]
+            on_page, at_px = page_marks.put(sheet, cell, place.x_mm, place.y_mm, images)
             marks += on_page
-            found.append(_sticker(page, picture, scale, recipe))
-        pdf.page([*marks, *page_marks.footer(sheet, page, pages)])
+            found.append(_sticker(page, cell.sticker, at_px, scale, recipe))
+        marks += page_marks.footer(sheet, page, pages)
+        file.page(sheet.size_pt, "\n".join(marks), used)
     codes = tuple(cell.sticker.key for cell in cells.values())
-    content = pdf.finish("Pattern stickers", f"deltact-fab {VERSION}", codes)
+    content = file.finish("Pattern stickers", f"deltact-fab {VERSION}", codes)
     write_together({out: content})
     tell(total, total, "file")
     return SheetReport(
@@ -196,8 +195,9 @@ def _checked_sheet(paper: str, dpi: float, transfer: str, scale: tuple[float, fl
 
 
 def _sticker(
-    page: int, picture: CellGrid, scale: tuple[float, float], recipe: PatternRecipe
-) -> Sticker:
+    page: int, picture: CellGrid, at_px: tuple[int, int], scale: tuple[float, float],
+    recipe: PatternRecipe,
+) -> Sticker:  # fmt: skip
     pitch_x_mm, pitch_y_mm = picture.pitch_mm
     side_mm = recipe.printed_mm
     file_side_mm = (
@@ -206,8 +206,8 @@ def _sticker(
     )
     return Sticker(
         page=page + 1,
-        x_mm=round(picture.x_px * pitch_x_mm, 6),
-        y_mm=round(picture.y_px * pitch_y_mm, 6),
+        x_mm=round(at_px[0] * pitch_x_mm, 6),
+        y_mm=round(at_px[1] * pitch_y_mm, 6),
         side_mm=side_mm,
         file_side_mm=file_side_mm,
         side_error_mm=(round(file_side_mm[0] - side_mm, 9), round(file_side_mm[1] - side_mm, 9)),
@@ -218,77 +218,14 @@ def _sticker(
     )
 
 
-class Pdf:
-    """Marks as pages of a PDF: rectangles, text and pictures at exact printer dots, lossless.
-
-    A picture has one pixel per printer dot, so a printer at the sheet's resolution does not
-    resample it. page_px: size in printer dots; dpi: dots an inch.
-    """
-
-    def __init__(self, page_px: tuple[int, int], dpi: float):
-        self._dpi = dpi
-        # Rounded down: a renderer counts a dot's fraction at the page's edge as one more
-        self._size_pt = tuple(int(side * 72 / dpi * 1e5) / 1e5 for side in page_px)
-        self._file = Document()
-        self._images: dict[str, int] = {}
-
-    def page(self, marks: Iterable[Mark]) -> None:
-        """Add a page."""
-        content: list[str] = []
-        used: dict[str, int] = {}
-        for mark in marks:
-            if isinstance(mark, FilledRectangle):
-                content.append(self._box(mark))
-            elif isinstance(mark, TextLine):
-                content.append(self._words(mark))
-            else:
-                number = self._image(mark)
-                used[f"I{number}"] = number
-                content.append(self._placed(mark, number))
-        self._file.page(self._size_pt, "\n".join(content), used)
-
-    def finish(self, title: str, producer: str, keywords: Sequence[str]) -> bytes:
-        """The file."""
-        return self._file.finish(title, producer, keywords)
-
-    def _image(self, picture: CellGrid) -> int:
-        if picture.key in self._images:
-            return self._images[picture.key]
-        space = "/DeviceRGB" if picture.cells.ndim == 3 else "/DeviceGray"
-        opening = (
-            f"<< /Type /XObject /Subtype /Image /Width {picture.width_px} "
-            f"/Height {picture.height_px} /ColorSpace {space} /BitsPerComponent 8 "
-            "/Interpolate false /Filter /FlateDecode"
-        )
-        deflate = zlib.compressobj()
-        packed = [deflate.compress(band.tobytes()) for band in picture.bands()]
-        number = self._file.stream(opening, b"".join([*packed, deflate.flush()]))
-        self._images[picture.key] = number
-        return number
-
-    def _placed(self, picture: CellGrid, number: int) -> str:
-        left, low, wide, high = self._place(picture)
-        return f"q {wide} 0 0 {high} {left} {low} cm /I{number} Do Q"
-
-    def _box(self, box: FilledRectangle) -> str:
-        ink = (
-            f"{figure(box.ink / 255)} g"
-            if isinstance(box.ink, int)
-            else " ".join(figure(v / 255) for v in box.ink) + " rg"
-        )
-        return f"{ink} {' '.join(self._place(box))} re f"
-
-    def _place(self, mark: CellGrid | FilledRectangle) -> list[str]:
-        """Left, lower edge, width and height in points, less the inset on each side."""
-        inset = INSET_MM * POINTS_PER_MM
-        left, low = self._at(mark.x_px, mark.y_px + mark.height_px)
-        sides = (px * 72 / self._dpi - 2 * inset for px in (mark.width_px, mark.height_px))
-        return [figure(v) for v in (left + inset, low + inset, *sides)]
-
-    def _words(self, words: TextLine) -> str:
-        x, y = (figure(v) for v in self._at(words.x_px, words.y_px))
-        return f"BT 0 g /F {figure(words.size_pt)} Tf {x} {y} Td <{glyphs(words.text)}> Tj ET"
-
-    def _at(self, x_px: float, y_px: float) -> tuple[float, float]:
-        """A place in points from the lower left corner."""
-        return x_px * 72 / self._dpi, self._size_pt[1] - y_px * 72 / self._dpi
+def _image(file: Document, picture: CellGrid) -> int:
+    """Add a picture, lossless, one pixel a printer dot, so that no printer resamples it."""
+    space = "/DeviceRGB" if picture.cells.ndim == 3 else "/DeviceGray"
+    opening = (
+        f"<< /Type /XObject /Subtype /Image /Width {picture.width_px} "
+        f"/Height {picture.height_px} /ColorSpace {space} /BitsPerComponent 8 "
+        "/Interpolate false /Filter /FlateDecode"
+    )
+    deflate = zlib.compressobj()
+    packed = [deflate.compress(band.tobytes()) for band in picture.bands()]
+    return file.stream(opening, b"".join([*packed, deflate.flush()]))

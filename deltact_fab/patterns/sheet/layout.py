@@ -25,7 +25,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...errors import InputError
-from ...pdf import width_em
+from ...pdf import figure, glyphs, width_em
 from ...units import MM_PER_INCH, POINTS_PER_MM
 from ..cell_grid import CellGrid
 
@@ -56,30 +56,12 @@ QUIET_MM = 1.6
 MODULE_MM = 0.33
 LABEL_MM = 28.5
 """Width of a label's text beside its QR code."""
+INSET_MM = 1e-4
+"""By which the box of a rectangle or picture is smaller on each side than its place.
 
-
-@dataclass(frozen=True)
-class FilledRectangle:
-    """A filled rectangle. ink: one byte of grey (black ink alone), or three of RGB."""
-
-    x_px: int
-    y_px: int
-    width_px: int
-    height_px: int
-    ink: int | tuple[int, int, int] = 0
-
-
-@dataclass(frozen=True)
-class TextLine:
-    """A line in black; (x, y) is the left end of its baseline. ASCII only."""
-
-    x_px: int
-    y_px: int
-    size_pt: float
-    text: str
-
-
-Mark = FilledRectangle | TextLine | CellGrid
+Renderers fill every dot that a picture's box touches. A box that ends exactly at a dot's edge
+touches the next dot through rounding, and the picture would grow by one dot and be resampled.
+"""
 
 
 def width_mm(text: str, size_pt: float) -> float:
@@ -101,9 +83,10 @@ def wrapped(words: list[str], room_mm: float, size_pt: float, between: str = "  
 
 @dataclass(frozen=True)
 class Sheet:
-    """The paper, the printer's resolution and the scale correction: converts millimetres to dots.
+    """The paper, the printer's resolution and the scale correction: millimetres to marks of a PDF.
 
-    paper_mm: (width, height); scale: (x, y) by which the file is stretched.
+    A mark is an operator of the page's content, with every edge at a printer dot. paper_mm: (width,
+    height); scale: (x, y) by which the file is stretched.
     """
 
     paper_mm: tuple[float, float]
@@ -127,6 +110,11 @@ class Sheet:
         """The page in millimetres of the real print."""
         return (self.page_px[0] * self.pitch_mm[0], self.page_px[1] * self.pitch_mm[1])
 
+    @property
+    def size_pt(self) -> tuple[float, ...]:
+        """The page in points; rounded down, for a renderer counts a dot's fraction as one more."""
+        return tuple(int(side * 72 / self.dpi * 1e5) / 1e5 for side in self.page_px)
+
     def x_px(self, x_mm: float) -> int:
         """The nearest dot to a place along x."""
         return round(x_mm / self.pitch_mm[0])
@@ -142,23 +130,52 @@ class Sheet:
         w_mm: float,
         h_mm: float,
         ink: int | tuple[int, int, int] = 0,
-    ) -> FilledRectangle:
-        """A box with every edge at its nearest dot, at least a dot wide."""
+    ) -> str:
+        """A box with every edge at its nearest dot, at least a dot wide; ink: as of `rectangle`."""
         x_px, y_px = self.x_px(x_mm), self.y_px(y_mm)
-        width_px = max(1, self.x_px(x_mm + w_mm) - x_px)
-        return FilledRectangle(x_px, y_px, width_px, max(1, self.y_px(y_mm + h_mm) - y_px), ink)
+        width_px, height_px = self.x_px(x_mm + w_mm) - x_px, self.y_px(y_mm + h_mm) - y_px
+        return self.rectangle(x_px, y_px, max(1, width_px), max(1, height_px), ink)
 
-    def words(self, x_mm: float, y_mm: float, text: str, size_pt: float = TEXT_PT) -> TextLine:
-        """A line of text with its baseline's left end at a place."""
-        return TextLine(self.x_px(x_mm), self.y_px(y_mm), size_pt, text)
+    def rectangle(
+        self,
+        x_px: int,
+        y_px: int,
+        width_px: int,
+        height_px: int,
+        ink: int | tuple[int, int, int] = 0,
+    ) -> str:
+        """A filled one. ink: one byte of grey (black ink alone), or three of RGB."""
+        values = (ink,) if isinstance(ink, int) else ink
+        fill = f"{' '.join(figure(v / 255) for v in values)} {'g' if len(values) == 1 else 'rg'}"
+        return f"{fill} {' '.join(self._place(x_px, y_px, width_px, height_px))} re f"
+
+    def picture(self, x_px: int, y_px: int, picture: CellGrid, number: int) -> str:
+        """A picture, one pixel a printer dot; number: of its object in the file."""
+        left, low, wide, high = self._place(x_px, y_px, picture.width_px, picture.height_px)
+        return f"q {wide} 0 0 {high} {left} {low} cm /I{number} Do Q"
+
+    def words(self, x_mm: float, y_mm: float, text: str, size_pt: float = TEXT_PT) -> str:
+        """A line of text in black, ASCII only, with its baseline's left end at a place."""
+        x, y = (figure(v) for v in self._at(self.x_px(x_mm), self.y_px(y_mm)))
+        return f"BT 0 g /F {figure(size_pt)} Tf {x} {y} Td <{glyphs(text)}> Tj ET"
+
+    def _place(self, x_px: int, y_px: int, width_px: int, height_px: int) -> list[str]:
+        """Left, lower edge, width and height in points, less the inset on each side."""
+        inset = INSET_MM * POINTS_PER_MM
+        left, low = self._at(x_px, y_px + height_px)
+        sides = (px * 72 / self.dpi - 2 * inset for px in (width_px, height_px))
+        return [figure(v) for v in (left + inset, low + inset, *sides)]
+
+    def _at(self, x_px: int, y_px: int) -> tuple[float, float]:
+        """A place in points from the lower left corner."""
+        return x_px * 72 / self.dpi, self.size_pt[1] - y_px * 72 / self.dpi
 
 
 @dataclass(frozen=True, eq=False)
 class StickerCell:
     """A sticker with its label and code, not yet placed on a page.
 
-    film_mm: sides of the piece of film that the sensor takes. sticker, code: at the page's corner.
-    label: lines of text.
+    film_mm: sides of the piece of film that the sensor takes. label: lines of text.
     """
 
     film_mm: tuple[float, float]

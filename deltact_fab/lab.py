@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import json
 import os
+import textwrap
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import catalog
-from ..errors import InputError, did_you_mean
-from ..files import disk_errors
-from ..schema import KINDS, described, document
-from .commented import commented
+from . import catalog
+from .errors import InputError, did_you_mean
+from .files import disk_errors
+from .schema import BY_NAME, KINDS, TABLE, KeyRow, Kind, described, document, rows
 
 if TYPE_CHECKING:
-    from ..cad.intent import Wish
-    from ..rig.devices import FoundDevice
+    from .cad.intent import Wish
+    from .rig.devices import FoundDevice
 
 SHIPPED = ("cad", "patterns", "protocols")
 SCHEMAS = "schemas"
@@ -95,7 +95,7 @@ def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
 
     Raises InputError as `catalog.write_new`, and for a name or a source that is none.
     """
-    from ..protocols import plan
+    from .protocols import plan
 
     _, path = plan.load(source, by_hand=True)
     text = f"As {source}; say here what the experiment is for."
@@ -118,13 +118,13 @@ def design(
     Raises InputError as `catalog.write_new`, for a name or a base that is none, and for a wish as
     `cad.intent.wished`.
     """
-    from ..cad.design import load_design
+    from .cad.design import load_design
 
     hoped = ""
     inherited = asdict(load_design(base))
     given: dict[str, Any] = {"base": base}
     if wish is not None:
-        from ..cad.intent import wished
+        from .cad.intent import wished
 
         made = asdict(wished(wish, load_design(base)))
         for section, values in made.items():
@@ -146,9 +146,9 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
 
     Raises InputError as `catalog.write_new`, and for a name or a law that is none.
     """
-    from ..patterns.laws import LAWS
-    from ..patterns.laws.law import KEYS
-    from ..patterns.recipe import DEFAULT_SEED
+    from .patterns.laws import LAWS
+    from .patterns.laws.law import KEYS
+    from .patterns.recipe import DEFAULT_SEED
 
     if law not in LAWS:
         raise InputError(f"--law {law!r}: no such law; {did_you_mean(law, LAWS)}")
@@ -176,7 +176,7 @@ def rig(name: str, out: Path | None = None) -> tuple[Path, dict[str, list[FoundD
 
     Raises InputError as `catalog.write_new`, and for a name that is none.
     """
-    from ..rig import devices
+    from .rig import devices
 
     found = {"ports": devices.ports(), "cameras": devices.cameras()}
     return _write("grbl-rig", name, out, rig_text(**found)), found
@@ -217,3 +217,67 @@ def _write(kind_name: str, name: str, out: Path | None, text: str) -> Path:
         text = schema_line(kind_name, file.parent) + text
     catalog.write_new(file, text)
     return file
+
+
+HOW = (
+    'A line that begins with "#" and goes on at once is a key that is not set: its value is what',
+    "holds without it, or an example where nothing does. Remove the # and change the value.",
+)
+OR = 'A line that begins with "#or" says the same in another way: one of both is given.'
+
+
+def commented(
+    kind: Kind,
+    given: Mapping[str, Any],
+    about: Sequence[str] = (),
+    inherited: Mapping[str, Any] | None = None,
+    leave_out: Collection[str] = (),
+    written: Mapping[str, str] | None = None,
+) -> str:
+    """The text of a file.
+
+    given: values that are set; inherited: what holds for other keys in place of the model's
+    default; leave_out: keys at the top that do not belong into this file; written: what stands for
+    the value of a key, by its path. A required key that is not given has its example.
+    """
+    found = [row for row in rows(kind) if row.key.partition(".")[0] not in leave_out]
+    ways = (OR,) if any(row.instead_of for row in found) else ()
+    lines = [f"# {line}".rstrip() for line in (*about, *HOW, *ways)]
+    marks = {"": ""}  # of each table, what stands before its lines
+    for row in found:
+        table, _, name = row.key.rpartition(".")
+        value = _at(given, row.key)
+        unset = "" if value is not None or row.required else "#or " if row.instead_of else "#"
+        lines.append("")
+        if row.type in (TABLE, BY_NAME):
+            any_name = row.type == BY_NAME
+            mark = max(marks[table], "" if row.default and not any_name else unset, key=len)
+            marks[f"{row.key}.*" if any_name else row.key] = mark
+            lines += _wrapped(row.meaning, "## ")
+            lines.append(f"{mark}[{row.key}.{row.example}]" if any_name else f"{mark}[{row.key}]")
+            continue
+        if value is None:
+            value = _at(inherited or {}, row.key)
+        text = (row.default or row.example) if value is None else catalog.literal(value)
+        text = (written or {}).get(row.key, text)
+        lines += _note(row)
+        lines.append(f"{max(marks[table], unset, key=len)}{name} = {text}")
+    return "\n".join(lines) + "\n"
+
+
+def _at(data: Any, key: str) -> Any:
+    """The value at a path in tables; None where there is none."""
+    for name in key.split("."):
+        data = data.get(name) if isinstance(data, Mapping) else None
+    return data
+
+
+def _note(row: KeyRow) -> list[str]:
+    """Meaning, then type, unit and limits in brackets."""
+    facts = (row.type if row.type != "number" else "", row.unit, row.limits)
+    said = "; ".join(fact for fact in facts if fact)
+    return _wrapped(f"{row.meaning} [{said}]" if said else row.meaning, "# ")
+
+
+def _wrapped(text: str, mark: str) -> list[str]:
+    return [mark + line for line in textwrap.wrap(text, 96, break_on_hyphens=False)]
