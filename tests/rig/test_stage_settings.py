@@ -11,7 +11,7 @@ from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig import config
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.rig.stage.settings import judge
+from deltact_fab.rig.stage.settings import Limits, judge
 from deltact_fab.virtual import wire
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
@@ -158,3 +158,12 @@ def test_in_motion_it_is_where_the_carriage_was_then(baud: int) -> None:
         assert math.dist(position_mm, truth_mm) < ROUNDING_MM
     assert stage.identity()["pose_within_s"] < 1e-6  # nothing else is on the wire
     stage.stop()
+
+
+@pytest.mark.parametrize("way", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)])
+def test_a_feed_is_refused_whichever_way_it_goes(way: tuple[float, float, float]) -> None:
+    limits = Limits(
+        settings_for(STAGE["travel_mm"], STAGE["max_feed_mm_min"], STAGE["acceleration_mm_s2"])
+    )
+    assert "its limit is 1" in limits.feed_refusal(way, 1600.0)
+    assert limits.feed_refusal(way, 1100.0) == ""
