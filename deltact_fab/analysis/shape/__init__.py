@@ -4,16 +4,3 @@ from .ball import calibrate_depth
 from .picture import ShapeMaps
 from .press import PressShape, press_shape
 from .run import GOALS, UNCALIBRATED, ShapeResult, analyse, deepest, with_traction
-
-__all__ = [
-    "GOALS",
-    "UNCALIBRATED",
-    "PressShape",
-    "ShapeMaps",
-    "ShapeResult",
-    "analyse",
-    "calibrate_depth",
-    "deepest",
-    "press_shape",
-    "with_traction",
-]
