@@ -80,20 +80,6 @@ class SolvedKnot:
     zone_map: ZoneMap | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """Of stored knots the lattice's axes, and how they were made.
-
-    ended: (kind of error, why) where the gel could not be solved at the knot after these.
-    """
-
-    x_mm: Field
-    y_mm: Field
-    seconds: float
-    dofs: int = 0
-    ended: tuple[str, str] | None = None
-
-
 def divide(start: Point, end: Point, increments: Increments) -> tuple[list[float], list[Point]]:
     """Fractions and points of the knots of a line, one of them exactly at first touch."""
     cuts = [0.0, 1.0]

@@ -302,15 +302,12 @@ def kept(runs: Iterable[PressSetup]) -> tuple[list[float], list[Field]]:
     """Normal forces and in-plane displacements at finite strain; kept in the user's cache."""
     runs = list(runs)
     key = cache.key("numerics.engines.gel_press", runs=runs, lattice=LATTICE_MM)
-    held = cache.get("gel-reference", key)
+    held: tuple[list[float], list[Field]] | None = cache.get("gel-reference", key)
     if held is None:
         answers = [solve_finite(r) for r in runs]
-        held = {
-            "normal_n": [a.normal_n for a in answers],
-            "in_plane_mm": [a.in_plane_mm.tolist() for a in answers],
-        }
+        held = [a.normal_n for a in answers], [a.in_plane_mm for a in answers]
         cache.put("gel-reference", key, held)
-    return held["normal_n"], [np.array(u) for u in held["in_plane_mm"]]
+    return held
 
 
 def extrapolated(
