@@ -17,8 +17,7 @@ from ...measure.force.calibration import load_force
 from ...measure.sensor_id import require_same
 from ...measure.shape import DepthModel
 from ..runs import recorded, sensor_of, write_results
-from .picture import ShapeMaps
-from .press import SAME_MM, press_shape
+from .press import SAME_MM, ShapeMaps, press_shape
 
 GOALS = {"depth_error_contact_mm": 0.25, "depth_error_face_mm": 0.03, "place_error_mm": 0.5}
 """At most, as means over the frames that press."""

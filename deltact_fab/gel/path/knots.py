@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...aliases import Field, Point
+from ...aliases import Point
 from ...shapes import Indenter
 from ..footprint import is_mirrored
 from ..zones import ZoneMap, Zones
