@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 
 from ..aliases import Field, Float, Image
-from ..analysis.tracking_error.dots import Marks, TrueFrame, seen_by
 from ..analysis.tracking_error.follow import Follower, TrackingPlan
+from ..analysis.tracking_error.tally import Marks, TrueFrame, seen_by
 from ..catalog import validate
 from ..errors import SensorError
 from ..experiment.session import pattern_of

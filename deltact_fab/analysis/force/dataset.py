@@ -19,7 +19,7 @@ from ...errors import InputError, SolverError
 from ...jobs import each
 from ...measure.face import EVERY_PX, FaceFlow
 from ...measure.force import Features, make_features
-from ...measure.view import SensorView
+from ...measure.sensor_id import SensorView
 from ...record import UNKNOWN, Run
 from ..flows import flows_of, key_of
 from ..runs import PRESSING, head_of, recorded, settle_s, settled, settles, view_of

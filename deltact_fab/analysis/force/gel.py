@@ -18,7 +18,7 @@ from ...aliases import Array, Progress
 from ...measure.face import FaceFlow
 from ...measure.force.inverse import Inverse
 from ...measure.regression import MIN_PRESSES
-from ...measure.view import SensorView
+from ...measure.sensor_id import SensorView
 from ...record import Run
 from .dataset import ForceData, point_flows
 from .judge import left_out

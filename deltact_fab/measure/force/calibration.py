@@ -14,8 +14,7 @@ from ...aliases import Array
 from ...errors import InputError
 from ...optics import CameraModel
 from ...shapes import SkinDimensions
-from ..sensor_id import Head, read_calibration, read_rest, rest_table
-from ..view import SensorView
+from ..sensor_id import Head, SensorView, read_calibration, read_rest, rest_table
 from .model import ForceModel
 
 FORMER = {"inverse": "inverse-placed", "paper-mirrored": "paper"}
