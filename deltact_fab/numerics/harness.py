@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import json
 import math
 import os
 import platform
@@ -92,23 +91,16 @@ class Numerics:
         """
         import pandas as pd
 
-        from ..files import write_whole
+        from ..analysis.runs import write_results
         from ..report import numerics_page
 
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as why:
-            raise InputError(f"{out}: cannot be made: {why.strerror}") from why
         data = self.as_dict()
-        tables = {name: pd.DataFrame(data[name], dtype=object)
+        tables = {f"{name}.csv": pd.DataFrame(data[name], dtype=object)
                   for name in ("curves", "stability") if data[name]}  # fmt: skip
-        files = {"numerics.json": json.dumps(data, indent=1, allow_nan=False) + "\n"}
-        files |= {f"{name}.csv": table.to_csv(index=False) for name, table in tables.items()}
-        for name, text in files.items():
-            write_whole(out / name, text.encode())
+        files = write_results(out, {"numerics.json": data, **tables})
         page = out / "numerics.html"
         numerics_page.write(data, page)
-        return [*(out / name for name in files), page]
+        return [*files, page]
 
 
 def run(

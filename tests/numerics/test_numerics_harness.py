@@ -70,15 +70,14 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "toy_engine", raising=False)
-    for registry in (engines.REGISTRY, harness.REGISTRY):
-        monkeypatch.setitem(registry, "toy", "toy_engine")
+    monkeypatch.setitem(harness.REGISTRY, "toy", "toy_engine")
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "cache"))
     return "toy_engine"
 
 
 @pytest.mark.slow
 def test_a_case_that_kills_or_hangs_is_wrong_and_the_rest_go_on(toy: str, tmp_path: Path) -> None:
-    cases = engines.load(toy).cases(False)
+    cases = harness.load(toy).cases(False)
     rows = list(harness.case_rows("toy", toy, cases, tmp_path, False, silence_s=5.0))
     assert [r["case"] for r in rows] == [c.name for c in cases]
     assert [r["outcome"] for r in rows] == ["right", "wrong", "wrong", "right"]
@@ -87,7 +86,7 @@ def test_a_case_that_kills_or_hangs_is_wrong_and_the_rest_go_on(toy: str, tmp_pa
 
 
 def test_a_setting_that_fails_is_named(toy: str, tmp_path: Path) -> None:
-    setting, _ = engines.load(toy).curves(True)
+    setting, _ = harness.load(toy).curves(True)
     wrong = type(setting)(**{**setting.__dict__, "name": "n = 0"})
     with pytest.raises(RunFailed, match=r"toy: toy \| s \| n = 0"):
         list(harness.curve_rows("toy", toy, [wrong], tmp_path, True))
