@@ -212,8 +212,13 @@ class GelContact:
         return 0.0
 
 
-def follow(contact: Any, previous: Any, tip_mm: Point, max_step_mm: float) -> Iterator[Any]:
+def follow(
+    contact: Any, previous: Any, tip_mm: Point, max_step_mm: float,
+    seconds: float | None = None, guide: Any = None,
+) -> Iterator[Any]:  # fmt: skip
     """The states of a contact along the straight way to tip_mm, in equal increments.
+
+    seconds: of the whole way, at an even feed; guide: with them, as of `GelContact.solve`.
 
     None is longer than max_step_mm. The way above the face is skipped, so the first increment
     starts at first touch; a move that ends without contact gives the one state of rest. Raises
@@ -226,8 +231,9 @@ def follow(contact: Any, previous: Any, tip_mm: Point, max_step_mm: float) -> It
         start = start + (end - start) * (-start[2] / (end[2] - start[2]))
     away = float(np.linalg.norm(end - start)) if end[2] > 0 else 0.0
     n = max(1, math.ceil(away / max_step_mm - 1e-9)) if math.isfinite(away) else 1
+    more = () if seconds is None else (seconds / n, guide)
     state = previous
     for i in range(1, n + 1):
         at = start + (end - start) * (i / n) if i < n else end
-        state = contact.solve(state, (float(at[0]), float(at[1]), float(at[2])))
+        state = contact.solve(state, (float(at[0]), float(at[1]), float(at[2])), *more)
         yield state

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -85,14 +86,15 @@ def packed(
     """A press as a grid keeps it, and `pattern_errors.cells_of` reads it.
 
     tips_mm (n, 3): at all frames but the first; at_mm: where the press is. found: by pattern its
-    tallies and rows of figures by method, its dots' figures, and what was left out.
+    tallies, kept without times, and rows of figures by method, its dots' figures, and what was
+    left out.
     """
     x, y, z = np.array(tips_mm, float).reshape(-1, 3).T
     path = np.column_stack((np.maximum(-z, 0.0), np.hypot(x - at_mm[0], y - at_mm[1])))
     cells = [
         {
             "pattern": name,
-            "tallies": {method: tally.plain() for method, tally in tallies.items()},
+            "tallies": {method: replace(tally, ms=[]) for method, tally in tallies.items()},
             "rows": {
                 method: np.array([[row.get(key) for key in FIGURES] for row in rows[method]], float)
                 .reshape(-1, len(FIGURES))

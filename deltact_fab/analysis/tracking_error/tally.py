@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
 import numpy as np
@@ -93,16 +93,6 @@ class ErrorTally:
             if one.name != "peak_true_mm":
                 setattr(self, one.name, getattr(self, one.name) + getattr(other, one.name))
         self.peak_true_mm = max(peaks, default=None)
-
-    def plain(self) -> dict[str, Any]:
-        """All but milliseconds as plain data and an array, for `of`."""
-        return {k: v for k, v in asdict(self).items() if k != "ms"}
-
-    @classmethod
-    def of(cls, plain: dict[str, Any]) -> Self:
-        """What `plain` gave; milliseconds are not known."""
-        means = {k: Mean(**v) for k, v in plain.items() if isinstance(v, dict)}
-        return cls(**{**plain, **means})
 
     def figures(self) -> dict[str, Any]:
         """The figures of the report; None where nothing was measured."""
