@@ -86,7 +86,6 @@ class LivePage:
         return self._going.wait(timeout_s)
 
     def close(self) -> None:
-        """Stop listening."""
         self._server.shutdown()
         self._server.server_close()
 

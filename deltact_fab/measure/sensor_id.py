@@ -76,7 +76,6 @@ class SensorId:
         design: str | None = None,
         serial: str | None = None,
     ) -> SensorId:
-        """Of a camera, and what else is known."""
         return cls(design, serial, recipe, camera.as_dict())
 
     def unlike(self, other: SensorId) -> dict[str, tuple[Any, Any]]:
@@ -109,8 +108,6 @@ class CalibrationSource:
 
 @dataclass(frozen=True)
 class Head:
-    """The head of a calibration file."""
-
     kind: Kind
     sensor: SensorId
     made: CalibrationSource

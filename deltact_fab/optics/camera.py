@@ -113,7 +113,6 @@ class Pinhole(ScaledView):
 
     @classmethod
     def of(cls, sensor: SensorDimensions) -> Pinhole:
-        """The camera of a design."""
         o = sensor.optics
         return cls(o.mm_per_px, o.image_width_px, o.image_height_px, sensor.eye_distance_mm)
 

@@ -104,7 +104,6 @@ class ShapeMaps:
 
     @property
     def pressed(self) -> Indenter:
-        """The indenter as a shape."""
         return of_run(self.indenter, {self.indenter: self.shape} if self.shape else {}, "a picture")
 
     @property

@@ -61,7 +61,6 @@ class ShapeResult:
 
     @property
     def indenters(self) -> list[str]:
-        """In the order of the run."""
         return list(dict.fromkeys(row["indenter"] for row in self.rows))
 
     @property
@@ -101,7 +100,6 @@ class ShapeResult:
         return (f"simulated, seed {self.seed}" if self.simulated else "measured") + told
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
         return {
             "verdict": self.line,
             "goals": GOALS,

@@ -66,7 +66,6 @@ class TrackingVerdict:
 
     @property
     def error_words(self) -> str:
-        """What the error is a mean over."""
         return ERRORS[self.error] if self.error is not None else ""
 
 

@@ -28,7 +28,6 @@ class Mean:
     n: int = 0
 
     def take(self, values: ArrayLike) -> None:
-        """Count these values in."""
         self.total += float(np.sum(values))
         self.n += int(np.size(values))
 
@@ -87,7 +86,6 @@ class ErrorTally:
         self.wrong_n += int((errors_mm > WRONG_MM).sum())
 
     def join(self, other: ErrorTally) -> None:
-        """Count in another part of the run."""
         peaks = [v for v in (self.peak_true_mm, other.peak_true_mm) if v is not None]
         for one in fields(self):
             if one.name != "peak_true_mm":
@@ -145,7 +143,6 @@ class DotTally:
     lost: int = 0
 
     def join(self, other: DotTally) -> None:
-        """Count in another part of the run."""
         self.errors += other.errors
         self.worst_mm = max(self.worst_mm, other.worst_mm)
         self.seen += other.seen

@@ -218,7 +218,6 @@ class PathSolver:
         return dict(held)
 
     def _keep(self, ended: tuple[str, str] | None) -> None:
-        """In the store, where the longest unused make room."""
         if self._key is None:
             return
         x_mm, y_mm = self.axes_mm

@@ -40,7 +40,6 @@ class ForceCalibration:
     rest: bytes | None = None
 
     def view(self, camera: CameraModel) -> SensorView:
-        """The sensor through a camera."""
         return SensorView(camera, self.skin, self.poisson)
 
     def rest_image(self) -> Array | None:

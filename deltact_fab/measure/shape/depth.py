@@ -44,7 +44,6 @@ class DepthModel:
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
 
     def as_dict(self) -> dict[str, float]:
-        """Plain data, for a calibration file."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
     def view(self, view: SensorView) -> SensorView:
@@ -78,13 +77,10 @@ class Depth:
 
     @property
     def cell_mm(self) -> float:
-        """Distance of neighbouring points."""
         return float(self.x_mm[1] - self.x_mm[0])
 
 
 class DepthFinder:
-    """Finds the depth of one sensor's face."""
-
     def __init__(self, view: SensorView, model: DepthModel) -> None:
         self.view, self.model = model.view(view), model
         self.inverse = inverse_for(self.view)

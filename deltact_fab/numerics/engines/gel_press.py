@@ -68,8 +68,6 @@ class GelCase:
 
 @dataclass(frozen=True, eq=False)
 class FiniteSolution:
-    """A path: its solver and all states, the one at rest first."""
-
     press: FinitePress
     states: tuple[FiniteState, ...]
 
