@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...aliases import Point
 from ...shapes import Indenter
-from ..footprint import is_mirrored
+from ..level import is_mirrored
 from ..zones import ZoneMap, Zones
 
 CONTACT_EPS_MM = 1e-9  # rounding of a stage's transform; a motor step is 1e-3
