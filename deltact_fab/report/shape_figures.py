@@ -246,10 +246,8 @@ def _depth(axis: Axes, picture: ShapeMaps) -> None:
 def _forces(picture: ShapeMaps) -> str:
     """The two totals, in words."""
     parts, found = [], picture.wrench
-    for words, force, torque in (
-        ("found", found and found.force_n, found and found.torque_nmm[2]),
-        ("force sensor", picture.force_n, picture.torque_z_nmm),
-    ):
+    totals = [] if found is None else [("found", found.force_n, float(found.torque_nmm[2]))]
+    for words, force, torque in (*totals, ("force sensor", picture.force_n, picture.torque_z_nmm)):
         if force is not None:
             x, y, z = (float(v) + 0.0 for v in np.round(force, 2))
             about = "" if torque is None else f", torque about z {round(torque, 1) + 0.0:.1f} N mm"

@@ -227,7 +227,7 @@ def points_of(
     values: dict[str, Array] = {}
     for one in sets:
         values[one.name] = _features(one, view, flows, key)
-        for k in np.flatnonzero(np.isnan(values[one.name][:, 0])):
+        for k in np.flatnonzero(np.isnan(values[one.name][:, 0])).tolist():
             refused[k] = refused[k] or f"{one.name} found no solution"
     taken = np.array([not why for why in refused])
     steps = run.steps()
