@@ -218,9 +218,8 @@ def follow(
 ) -> Iterator[Any]:  # fmt: skip
     """The states of a contact along the straight way to tip_mm, in equal increments.
 
-    seconds: of the whole way, at an even feed; guide: with them, as of `GelContact.solve`.
-
-    None is longer than max_step_mm. The way above the face is skipped, so the first increment
+    None is longer than max_step_mm. seconds: of the whole way, at an even feed; guide: with them,
+    as of `GelContact.solve`. The way above the face is skipped, so the first increment
     starts at first touch; a move that ends without contact gives the one state of rest. Raises
     InputError for a step that is no length, and what the contact's `solve` raises.
     """
