@@ -28,7 +28,7 @@ from deltact_fab.measure.flow import FLOW_METHODS
 from deltact_fab.numerics.engine import Case
 from deltact_fab.numerics.engines import gel, gel_press
 from deltact_fab.numerics.engines.gel_press import PressSetup
-from deltact_fab.numerics.tables import machine
+from deltact_fab.numerics.harness import machine
 
 from . import felupe, flow_peers, gel_long, store
 from .gel_press import WholePress

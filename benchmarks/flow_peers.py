@@ -30,7 +30,7 @@ from deltact_fab.numerics.engines.flow_frames import (
     in_plane,
     pressed,
 )
-from deltact_fab.numerics.tables import plain
+from deltact_fab.numerics.harness import plain
 
 from . import peer
 

@@ -13,8 +13,8 @@ from deltact_fab.aliases import Array
 from deltact_fab.cad.design import load_design
 from deltact_fab.measure.force import FEATURES, Features, ForceModel, make_features
 from deltact_fab.measure.force.inverse import Inverse
+from deltact_fab.measure.sensor_id import SensorView
 from deltact_fab.measure.shape import DepthFinder, DepthModel, contacts
-from deltact_fab.measure.view import SensorView
 from deltact_fab.optics import Pinhole
 
 from .force_truth import GEL, SETTINGS, SKIN, Press, flows, presses, solved

@@ -12,7 +12,7 @@ from typing import Any
 from deltact_fab.numerics.engine import Case
 from deltact_fab.numerics.engines import gel_press
 from deltact_fab.numerics.engines.gel_press import GelAnswer, PressSetup, errors, solve_finite
-from deltact_fab.numerics.tables import judge, peak_resident_mb, reset_peak_mb
+from deltact_fab.numerics.harness import judge, peak_resident_mb, reset_peak_mb
 
 from .gel_press import FINE, STEPS_MM, reference
 

@@ -26,11 +26,11 @@ from deltact_fab.analysis.force import fit
 from deltact_fab.analysis.force.dataset import gather
 from deltact_fab.analysis.runs import view_of
 from deltact_fab.analysis.shape.ball import calibrate_depth
-from deltact_fab.analysis.tracking_error.dots import TrueFrame, seen_by
+from deltact_fab.analysis.tracking_error.tally import TrueFrame, seen_by
 from deltact_fab.measure.flow import FlowState
 from deltact_fab.measure.flow.fused import to_full
 from deltact_fab.measure.pipeline import Measurement, Pipeline
-from deltact_fab.numerics.tables import machine
+from deltact_fab.numerics.harness import machine
 from deltact_fab.record import Run
 
 FRAMES = 300

@@ -36,7 +36,7 @@ from deltact_fab.measure.flow import FlowTracker, named_tracker
 from deltact_fab.measure.force import Features, make_features
 from deltact_fab.measure.hodge import Hodge
 from deltact_fab.measure.regression import least_squares
-from deltact_fab.measure.view import SensorView
+from deltact_fab.measure.sensor_id import SensorView
 from deltact_fab.optics import Pinhole
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.study import intervals

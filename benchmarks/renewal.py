@@ -15,7 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from deltact_fab.aliases import Image
-from deltact_fab.analysis.tracking_error.dots import off_dots
+from deltact_fab.analysis.tracking_error.tally import off_dots
 from deltact_fab.measure.flow import RENEW_SHARE, FlowMethod, FlowTracker, Reference, to_gray
 from deltact_fab.measure.flow.renewed import photometric_error, unrelated_difference
 from deltact_fab.patterns.recipe import PatternRecipe

@@ -24,9 +24,9 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.measure.face import FaceFlow
 from deltact_fab.measure.force import Features, ForceModel
 from deltact_fab.measure.force.inverse import Inverse
+from deltact_fab.measure.sensor_id import SensorView
 from deltact_fab.measure.shape import DepthFinder, DepthModel, contacts
 from deltact_fab.measure.shape.depth import ball_mm
-from deltact_fab.measure.view import SensorView
 from deltact_fab.optics import Pinhole
 from deltact_fab.shapes import SkinDimensions
 

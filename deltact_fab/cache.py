@@ -95,7 +95,7 @@ def get(kind: str, key: dict[str, Any]) -> Any | None:
 
 
 def put(kind: str, key: dict[str, Any], value: Any, limit_bytes: int | None = None) -> bool:
-    """Store plain data with arrays under a key, whole or not at all; False when the folder refuses.
+    """Store a value under a key that holds its code, whole or not at all; False: nothing is kept.
 
     limit_bytes: what the kind may take of the disk; the longest unused entries make room.
     """

@@ -116,7 +116,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     import serial
 
     from deltact_fab import imaging, optics
-    from deltact_fab.analysis.tracking_error import dots
+    from deltact_fab.analysis.tracking_error import tally
     from deltact_fab.gel.linear import contact
     from deltact_fab.measure.dots import DotTracker
     from deltact_fab.rig.force import netft as force
@@ -136,7 +136,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         (force.NetFTSensor, "read", "force"),
         (serial.Serial, "open", "port"),
         (DotTracker, "update", "dots"),
-        (dots.TrueFrame, "of", "truth"),
+        (tally.TrueFrame, "of", "truth"),
     ):
         monkeypatch.setattr(owner, name, counting(getattr(owner, name), calls, label))
     return calls

@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 
-import numpy as np
-
 from .. import cache, digest
 from ..aliases import Array
 from ..errors import InputError
@@ -45,19 +43,11 @@ def flows_of(run: Run, press: str, every: int) -> list[FaceFlow]:
     imported run that shows none, or markers.
     """
     key = {"of": key_of(run, press), "every_px": every}
-    held = cache.get(_KIND, key)
-    if held is None:
+    flows: list[FaceFlow] | None = cache.get(_KIND, key)
+    if flows is None:
         flows = _tracked(run, press, every)
-        held = {
-            "shift": np.stack([flow.shift_mm for flow in flows]),
-            "known": np.stack([flow.known for flow in flows]),
-            "trusted": [bool(flow.trusted) for flow in flows],
-            "x_mm": flows[0].x_mm,
-            "y_mm": flows[0].y_mm,
-        }
-        cache.put(_KIND, key, held, _KEPT_BYTES)
-    each = zip(held["shift"], held["known"], held["trusted"], strict=True)
-    return [FaceFlow(s, k, held["x_mm"], held["y_mm"], t) for s, k, t in each]
+        cache.put(_KIND, key, flows, _KEPT_BYTES)
+    return flows
 
 
 def follower(run: Run) -> Callable[[Array], FaceFlow]:

@@ -59,7 +59,6 @@ class Force:
 
     @property
     def line(self) -> str:
-        """The verdict in one line."""
         n, beyond = len(self.frames), int(self.frames["extrapolated"].sum())
         words = f"Force from the flow by {self.features!r}, {n} frames: "
         if self.rms_n is None:

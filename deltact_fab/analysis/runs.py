@@ -13,8 +13,7 @@ import pandas as pd
 from .. import catalog
 from ..errors import InputError
 from ..files import make_folder, write_whole
-from ..measure.sensor_id import CalibrationSource, Head, Kind, SensorId, told
-from ..measure.view import SensorView
+from ..measure.sensor_id import CalibrationSource, Head, Kind, SensorId, SensorView, told
 from ..optics import CameraModel, Pinhole
 from ..record import UNKNOWN, Run
 from ..shapes import SkinDimensions

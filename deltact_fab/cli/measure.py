@@ -105,7 +105,6 @@ def measure(
         if view:
             facts = about(opened, "force" in measurement.include)
             page = LivePage(facts, measurement.reset, port)
-            session.going = page.going
         simulated = opened.known.simulated
         outputs: list[Output] = []
         if jsonl:

@@ -6,5 +6,3 @@ free sides, on top of it. `gel` solves contacts with the block; `measure` invert
 """
 
 from .material import GelMaterial
-
-__all__ = ["GelMaterial"]

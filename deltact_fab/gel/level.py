@@ -2,7 +2,7 @@
 
 linear: small strain (`linear`). hyperelastic: finite strain (`finite`). Both know the free sides,
 press an `Indenter`, keep their history in the state and show the face on one and the same lattice,
-whatever they compute on.
+whatever they compute on. Last, an indenter's part in the gel at a depth: sections and mirrors.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from ..aliases import Field, Point
 from ..errors import InputError
-from ..shapes import SkinDimensions
+from ..shapes import Indenter, SkinDimensions
 from .zones import ZoneMap, Zones
 
 Level = str
@@ -212,10 +212,14 @@ class GelContact:
         return 0.0
 
 
-def follow(contact: Any, previous: Any, tip_mm: Point, max_step_mm: float) -> Iterator[Any]:
+def follow(
+    contact: Any, previous: Any, tip_mm: Point, max_step_mm: float,
+    seconds: float | None = None, guide: Any = None,
+) -> Iterator[Any]:  # fmt: skip
     """The states of a contact along the straight way to tip_mm, in equal increments.
 
-    None is longer than max_step_mm. The way above the face is skipped, so the first increment
+    None is longer than max_step_mm. seconds: of the whole way, at an even feed; guide: with them,
+    as of `GelContact.solve`. The way above the face is skipped, so the first increment
     starts at first touch; a move that ends without contact gives the one state of rest. Raises
     InputError for a step that is no length, and what the contact's `solve` raises.
     """
@@ -226,8 +230,63 @@ def follow(contact: Any, previous: Any, tip_mm: Point, max_step_mm: float) -> It
         start = start + (end - start) * (-start[2] / (end[2] - start[2]))
     away = float(np.linalg.norm(end - start)) if end[2] > 0 else 0.0
     n = max(1, math.ceil(away / max_step_mm - 1e-9)) if math.isfinite(away) else 1
+    more = () if seconds is None else (seconds / n, guide)
     state = previous
     for i in range(1, n + 1):
         at = start + (end - start) * (i / n) if i < n else end
-        state = contact.solve(state, (float(at[0]), float(at[1]), float(at[2])))
+        state = contact.solve(state, (float(at[0]), float(at[1]), float(at[2])), *more)
         yield state
+
+
+R2 = 0.7548776662466927, 0.5698402909980532  # steps that fill a square evenly (Roberts)
+MIRROR_MM = 1e-6
+
+
+def is_mirrored(indenter: Indenter, axis: int) -> bool:
+    """Whether an indenter is its own image in the plane x = 0 (axis 0) or y = 0 (axis 1).
+
+    By its underside at points that no symmetry puts on an edge.
+    """
+    k = np.arange(1, 2001)
+    half = indenter.footprint_half_mm
+    x, y = (
+        np.asarray((2 * ((c * k) % 1) - 1) * h, np.float64) for c, h in zip(R2, half, strict=True)
+    )
+    other: tuple[Field, Field] = (-x, y) if axis == 0 else (x, -y)
+    here, there = indenter.height_mm(x, y), indenter.height_mm(*other)
+    return bool(np.allclose(here, there, rtol=0, atol=MIRROR_MM))
+
+
+def contact_radius_mm(indenter: Indenter, depth_mm: float) -> float:
+    """Radius of the largest circle in the section at half the depth: Hertz' a^2 = R d of a ball."""
+    return _sections(indenter, depth_mm)[0]
+
+
+def section_half_mm(indenter: Indenter, depth_mm: float) -> tuple[float, float]:
+    """Half sides (x, y) of the box around the section at the whole depth, about the axis."""
+    return _sections(indenter, depth_mm)[1]
+
+
+@lru_cache(maxsize=64)
+def _sections(indenter: Indenter, depth_mm: float) -> tuple[float, tuple[float, float]]:
+    from scipy.ndimage import distance_transform_edt
+
+    boxes = []
+    radius = 0.0
+    half_x, half_y = indenter.footprint_half_mm
+    for part in (1.0, 0.5):
+        # Zoom in on a light touch: a few hundredths of a millimetre have a section too.
+        size = max(half_x, half_y)
+        for _ in range(6):
+            cell = size / 100
+            x = np.arange(-101, 102) * cell
+            height = indenter.height_mm(*np.meshgrid(x, x))
+            inside = np.isfinite(height) & (height <= part * depth_mm)
+            seen = [np.abs(x[inside.any(axis=k)]).max(initial=0.0) for k in (0, 1)]
+            if max(seen) >= size / 4:
+                break
+            size = max(2 * max(seen), 4 * cell)
+        boxes.append((float(seen[0]) + cell / 2, float(seen[1]) + cell / 2))
+        if part < 1:
+            radius = float(distance_transform_edt(inside).max()) * cell
+    return float(max(radius, cell)), boxes[0]

@@ -14,12 +14,14 @@ from ..levels import FINITE, LEVELS, LINEAR
 from ..shapes import Indenter, SkinDimensions
 from ..shapes.rigid import edge_radius_mm
 from .finite.mesh import GROWTH, unknowns
-from .footprint import (
+from .level import (
+    Choice,
+    Level,
+    Reach,
     contact_radius_mm,
     is_mirrored,
     section_half_mm,
 )
-from .level import Choice, Level, Reach
 from .linear.validity import linear_refusal, model_error
 
 TOLERANCE = 0.03  # of the force

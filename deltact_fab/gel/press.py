@@ -18,8 +18,7 @@ from ..shapes.rigid import edge_radius_mm
 from . import time_limit
 from .error_control import MeshConvergence, RefinedPress
 from .finite.mesh import unknowns
-from .footprint import contact_radius_mm
-from .level import Choice, Level
+from .level import Choice, Level, contact_radius_mm
 from .level_selection import MAX_TOLERANCE, MIN_TOLERANCE, TOLERANCE
 from .path.knots import KnotPose, ObservedChannels, along
 from .path.open import choose, open_path

@@ -77,7 +77,6 @@ class Accepted:
 
     @property
     def passed(self) -> bool:
-        """Whether every row passes."""
         return all(row.passed for row in self.rows)
 
     def as_dict(self) -> dict[str, Any]:
@@ -409,7 +408,6 @@ def _scales(way: NDArray[np.float64], half_mm: NDArray[np.float64]) -> tuple[flo
 def _rows(
     found: dict[str, Any], sticker: PrintInView, design: Design, count: int
 ) -> list[tuple[str, str, str, bool, str]]:
-    """As `JudgedRow` has them, of so many images."""
     recipe, camera = sticker.recipe, sticker.camera
     x, y = found["place_mm"]
     view_mm = np.array(design.optics.view_mm)

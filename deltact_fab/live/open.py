@@ -16,8 +16,7 @@ from ..cad.design import load_design
 from ..errors import InputError, did_you_mean
 from ..measure.pipeline import Measurement
 from ..measure.pipeline.measurement import Rectifier
-from ..measure.sensor_id import SensorId, read_calibration, read_rest, require_same
-from ..measure.view import SensorView
+from ..measure.sensor_id import SensorId, SensorView, read_calibration, read_rest, require_same
 from ..optics import Fisheye, FlatField, Rectified, load_camera
 from ..rig.camera.model import raw_size_px
 from ..rig.interface import CameraFrame

@@ -192,7 +192,6 @@ class KeptFolder(Output):
         self._table.flush()
 
     def close(self) -> None:
-        """There will be no more rows."""
         self._table.close()
 
 

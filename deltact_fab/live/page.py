@@ -34,8 +34,8 @@ class LivePage:
 
     reference: called when a browser asks for a new reference. about: what the page says of the
     source, once. ended: why no more results will come. health, unfit: the sensor's state of health,
-    and why its results are not to be trusted. Anyone on this computer may look and press the two
-    buttons, and nobody else: it listens on the loopback, and answers no page of another origin.
+    and why its results are not to be trusted. Anyone on this computer may look and ask for a
+    reference, and nobody else: it listens on the loopback, and answers no page of another origin.
     """
 
     def __init__(self, about: dict[str, Any], reference: Callable[[], None], port: int = 0) -> None:
@@ -47,10 +47,7 @@ class LivePage:
         """The newest picture."""
         self.ended: str | None = None
         self.health = self.unfit = ""
-        self._going = threading.Event()
-        self._going.set()
-        self.deeds = {"reference": reference, "pause": self._going.clear, "go": self._going.set}
-        """What a browser may ask for."""
+        self.reference = reference
         page = self
 
         class Handler(_Handler):
@@ -81,12 +78,7 @@ class LivePage:
             self._number, self._data, self.jpeg = self._number + 1, cache(data), cache(jpeg)
             self._trace.append(point)
 
-    def going(self, timeout_s: float) -> bool:
-        """False while a browser holds the measurement; waits up to timeout_s for its end."""
-        return self._going.wait(timeout_s)
-
     def close(self) -> None:
-        """Stop listening."""
         self._server.shutdown()
         self._server.server_close()
 
@@ -100,8 +92,7 @@ class LivePage:
         with self._lock:
             number, data = self._number, self._data
         return {
-            "paused": not self._going.is_set(), "ended": self.ended,
-            "health": self.health, "unfit": self.unfit, "number": number,
+            "ended": self.ended, "health": self.health, "unfit": self.unfit, "number": number,
             "result": None if seen == str(number) else data(),
         }  # fmt: skip
 
@@ -136,11 +127,10 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(404, "text/plain", b"not here")
 
     def do_POST(self) -> None:
-        deed = self.shown.deeds.get(self.path[1:])
         if not self._from_here():
             self._answer(403, "text/plain", b"only pages of this server")
-        elif deed is not None:
-            deed()
+        elif self.path == "/reference":
+            self.shown.reference()
             self._answer(204, "text/plain", b"")
         else:
             self._answer(404, "text/plain", b"not here")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -92,10 +92,7 @@ class MeasuredImage:
 
 
 class Session:
-    """Measures all images of a source until it ends or its results are no longer read.
-
-    going: False while nothing is to be measured; waits so many seconds for that to change.
-    """
+    """Measures all images of a source until it ends or its results are no longer read."""
 
     def __init__(
         self,
@@ -116,7 +113,6 @@ class Session:
         self.view = source.known.camera
         """Of the images as they are tracked."""
         self._least_s = 0.0 if most_hz is None or source.live else 1 / most_hz
-        self.going: Callable[[float], bool] = lambda timeout_s: True
         self._frames = images(source) if frames is None else frames
         self._stopped = False
         self._error: BaseException | None = None
@@ -159,12 +155,8 @@ class Session:
             for k, frame in enumerate(self._frames):
                 began_s = time.monotonic()
                 self._lost += frame.dropped
-                while not self.going(0.1) and not self.source.live and not self._stopped:
-                    pass
                 if self._stopped:
                     break
-                if not self.going(0.0):
-                    continue
                 image = frame.image if flat is None else flat.apply(self.rectified(frame.image))
                 given = SourceImage(k, frame.t_s, image, frame.t_s if self.source.live else began_s)
                 self._given.append(given)

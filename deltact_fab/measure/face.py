@@ -38,7 +38,6 @@ class FaceFlow:
 
     @property
     def cell_mm(self) -> float:
-        """Distance of neighbouring points."""
         return float(self.x_mm[1] - self.x_mm[0])
 
     @property

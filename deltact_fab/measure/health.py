@@ -58,12 +58,10 @@ class Health:
 
     @property
     def fit(self) -> bool:
-        """True when nothing speaks against use."""
         return not self.reasons
 
     @property
     def line(self) -> str:
-        """The verdict in one line."""
         return "fit to use" if self.fit else f"calibrate again: {'; '.join(self.reasons)}"
 
     def as_dict(self) -> dict[str, Any]:

@@ -55,7 +55,6 @@ class RegressionFit:
     condition_scaled: float
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
         return asdict(self)
 
 

@@ -1,4 +1,4 @@
-"""Which sensor a calibration belongs to, and the head of every calibration file.
+"""What is known of a sensor, which one a calibration belongs to, and the head of its file.
 
 A calibration file is TOML: `schema`, `kind`, [sensor], [made], and then its kind's own tables.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -17,6 +17,7 @@ from annotated_types import Ge
 from .. import catalog
 from ..errors import InputError
 from ..optics import CameraModel
+from ..shapes.sensor import SkinDimensions
 
 SCHEMA = 1
 Kind = Literal["depth", "force", "acceptance"]
@@ -29,6 +30,27 @@ _ANEW = {"depth": " RUN", "force": " RUN --transfer {}", "acceptance": " SOURCE 
 """What is typed for another sensor: one to three presses are enough in RUN."""
 SHOWN = 3  # so many differences are told; a lens that was fitted again differs in all its numbers
 Description = Mapping[str, Any] | str
+
+
+@dataclass(frozen=True)
+class SensorView:
+    """What a measurement may know: rectified camera, the gel's outer dimensions, Poisson ratio.
+
+    Any of them may be wrong: an estimate is to be judged with that in mind. Young's modulus is not
+    here, because a calibration's factors take its place.
+    """
+
+    camera: CameraModel
+    skin: SkinDimensions
+    poisson: float = 0.49
+
+    def __post_init__(self) -> None:
+        if not 0 < self.poisson < 0.5:
+            raise ValueError(f"poisson: between 0 and .5: {self.poisson} fails")
+
+    def with_gel(self, poisson: float, thickness_mm: float) -> SensorView:
+        """The sensor with another gel behind the same face."""
+        return replace(self, poisson=poisson, skin=replace(self.skin, thickness_mm=thickness_mm))
 
 
 @dataclass(frozen=True)
@@ -54,7 +76,6 @@ class SensorId:
         design: str | None = None,
         serial: str | None = None,
     ) -> SensorId:
-        """Of a camera, and what else is known."""
         return cls(design, serial, recipe, camera.as_dict())
 
     def unlike(self, other: SensorId) -> dict[str, tuple[Any, Any]]:
@@ -87,8 +108,6 @@ class CalibrationSource:
 
 @dataclass(frozen=True)
 class Head:
-    """The head of a calibration file."""
-
     kind: Kind
     sensor: SensorId
     made: CalibrationSource

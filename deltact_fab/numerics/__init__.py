@@ -2,5 +2,5 @@
 
 Error against run time; and stiff and extreme cases, each right within its bound or refused.
 
-An engine is a module in `engines` with a frozen `ENGINE`, and one line in `engines.REGISTRY`.
+An engine is a module in `engines` with a frozen `ENGINE`, and one line in `harness.REGISTRY`.
 """

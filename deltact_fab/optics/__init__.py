@@ -5,9 +5,8 @@ draws, records and analyses knows a `CameraModel`. `Pinhole` is the simple one. 
 lens as it is, behind air, acrylic and gel, and `Rectified` the view of the face out of its image.
 """
 
-from .camera import CameraModel, Medium, Pinhole, axes_mm
+from .camera import CameraModel, Medium, Pinhole, StageFrame, axes_mm
 from .fisheye import Fisheye, half_angle_rad, reached_mm
 from .flat import FlatField, as_toml, camera_from_dict, load_camera
 from .lattice import FaceMotion, LatticeSampler, PointSampler, SeenFace, SurfaceLattice
 from .rectified import Rectified, aliased_share, raw_mm_per_px
-from .stage import StageFrame

@@ -55,7 +55,6 @@ class SurfaceLattice:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for the record."""
         return asdict(self)
 
 

@@ -122,7 +122,7 @@ def _panel(axis: Axes, press: DeepestPress) -> None:
     maps.shown(axis, found.x_mm, found.y_mm, shape, "magma", 0, top, words)
     known = np.where(flow.known[..., None], flow.shift_mm, np.nan)
     most = maps.arrows(axis, flow.x_mm, flow.y_mm, known, np.zeros(2))
-    maps.outlines(axis, [contact.outline_mm for contact in press.result.contacts or ()])
+    maps.outlines(axis, press.result.contacts or ())
     maps.frame(axis, (flow.x_mm[[0, -1]], flow.y_mm[[0, -1]]))
     axis.set_title(f"{press.indenter}, {press.depth_mm:.2f} mm", loc="left", fontweight="bold")
     axis.set_xlabel(f"x, mm; arrows at most {most:.2f} mm")

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
-    from ..analysis.shape.picture import ShapeMaps
+    from ..analysis.shape.press import ShapeMaps
+    from ..measure.shape import ContactRegion
 
 
 COLUMNS = 4
@@ -105,10 +106,10 @@ def _flow(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> None:
 def _density(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> None:
     near = _near(picture)
     limit = max(float(np.percentile(np.abs(picture.relative[near]), EXTREME)), 0.02)
-    shown(axis, picture.x_mm, picture.y_mm, picture.relative, "RdBu_r", -limit, limit,
+    shown(axis, picture.flow.x_mm, picture.flow.y_mm, picture.relative, "RdBu_r", -limit, limit,
                "minus density, from rest", "bottom")  # fmt: skip
-    if not picture.reliable[near].all():
-        axis.contour(picture.x_mm, picture.y_mm, picture.reliable.astype(float), [0.5],
+    if not (known := picture.density.reliable)[near].all():
+        axis.contour(picture.flow.x_mm, picture.flow.y_mm, known.astype(float), [0.5],
                      colors="#555555", linewidths=0.6, linestyles=":")  # fmt: skip
     frame(axis, window_mm(picture), first)
 
@@ -118,10 +119,10 @@ def _surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> No
     from matplotlib.ticker import MultipleLocator
 
     axis = solid(figure, place)
-    every = max(1, round(RELIEF_MM / picture.cell_mm))
+    every = max(1, round(RELIEF_MM / picture.flow.cell_mm))
     rows, columns = (index.ravel()[::every] for index in _near(picture))
-    part = picture.depth_mm[np.ix_(rows, columns)]
-    x, y = np.meshgrid(picture.x_mm[columns], picture.y_mm[rows])
+    part = picture.depth.depth_mm[np.ix_(rows, columns)]
+    x, y = np.meshgrid(picture.flow.x_mm[columns], picture.flow.y_mm[rows])
     top = _deepest(picture)
     axis.plot_surface(x, y, part, cmap="viridis", vmin=0, vmax=top, rstride=1, cstride=1,
                       linewidth=0.15, edgecolor="#33333366", rasterized=True)  # fmt: skip
@@ -136,14 +137,14 @@ def _surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> No
 def _section(axis: Axes, picture: ShapeMaps, first: bool) -> None:
     """Depth along x through the tip: measured, true, and the object itself where it was put."""
     assert picture.true_depth_mm is not None, "of those with truth"
-    row = int(np.argmin(np.abs(picture.y_mm - picture.tip_mm[1])))
-    x = picture.x_mm
+    row = int(np.argmin(np.abs(picture.flow.y_mm - picture.tip_mm[1])))
+    x = picture.flow.x_mm
     beside = np.linspace(x[0], x[-1], 801)
     height = picture.pressed.height_mm(beside - picture.tip_mm[0], np.zeros_like(beside))
     height[height > PART_MM] = np.nan
     axis.plot(beside, picture.tip_mm[2] + height, color=figures.SOFT, lw=1, label="the object")
     axis.plot(x, -picture.true_depth_mm[row], color=COLOURS[4], ls="--", lw=1.5, label="true face")
-    axis.plot(x, -picture.depth_mm[row], color=COLOURS[0], lw=1.5, label="measured face")
+    axis.plot(x, -picture.depth.depth_mm[row], color=COLOURS[0], lw=1.5, label="measured face")
     axis.set_xlim(*window_mm(picture)[0])
     axis.set_ylim(-1.2 * _deepest(picture), 0.35 * _deepest(picture))
     axis.set_title(f"{picture.indenter}, {picture.tip_depth_mm:.2f} mm", fontweight="bold",
@@ -155,11 +156,11 @@ def _section(axis: Axes, picture: ShapeMaps, first: bool) -> None:
 
 
 def _error(axis: Axes, picture: ShapeMaps, first: bool) -> None:
-    error = picture.depth_mm - picture.true_depth_mm
+    error = picture.depth.depth_mm - picture.true_depth_mm
     limit = max(float(np.percentile(np.abs(error[_near(picture)]), EXTREME)), 0.02)
-    shown(axis, picture.x_mm, picture.y_mm, error, "PuOr", -limit, limit,
+    shown(axis, picture.flow.x_mm, picture.flow.y_mm, error, "PuOr", -limit, limit,
                "measured - true depth, mm", "bottom")  # fmt: skip
-    outlines(axis, picture.outlines_mm, "black")
+    outlines(axis, picture.contacts, "black")
     true_contact(axis, picture, COLOURS[4])
     axis.plot([], [], color=figures.INK, lw=1.3, label="contact found")
     axis.plot([], [], color=COLOURS[4], lw=1.3, ls="--", label="true contact")
@@ -168,13 +169,13 @@ def _error(axis: Axes, picture: ShapeMaps, first: bool) -> None:
 
 def _deepest(picture: ShapeMaps) -> float:
     true = picture.true_depth_mm
-    parts = [picture.depth_mm] + ([] if true is None else [true])
+    parts = [picture.depth.depth_mm] + ([] if true is None else [true])
     return max(0.1, *(float(part.max()) for part in parts))
 
 
 def _near(picture: ShapeMaps) -> tuple[Array, ...]:
     """What is shown of a map, as its index."""
-    sides = zip((picture.x_mm, picture.y_mm), window_mm(picture), strict=True)
+    sides = zip((picture.flow.x_mm, picture.flow.y_mm), window_mm(picture), strict=True)
     columns, rows = (np.flatnonzero((at >= low) & (at <= high)) for at, (low, high) in sides)
     return np.ix_(rows, columns)
 
@@ -192,7 +193,7 @@ def distribution(picture: ShapeMaps, note: str) -> Figure:
     """
     fields = [
         (words, x_mm, y_mm, -KPA * mpa[..., 2], KPA * mpa[..., :2])
-        for words, x_mm, y_mm, mpa in picture.tractions
+        for words, (x_mm, y_mm, mpa) in picture.tractions
     ]
     figure, axes = figures.blank(9.8, 3.05 * len(fields) + 0.8, 3, share_y=False, rows=len(fields))
     figure.suptitle(f"{note}\n{_forces(picture)}", fontsize="small")
@@ -214,7 +215,7 @@ def distribution(picture: ShapeMaps, note: str) -> Figure:
             if words == "true":
                 true_contact(axis, picture, "white", "-")
             else:
-                outlines(axis, picture.outlines_mm)
+                outlines(axis, picture.contacts)
             frame(axis, window_mm(picture), False, last)
     return figure
 
@@ -226,20 +227,27 @@ def _full(values: Array) -> float:
 
 
 def _depth(axis: Axes, picture: ShapeMaps) -> None:
-    top = max(float(picture.depth_mm.max()), MIN_MM)
-    shown(axis, picture.x_mm, picture.y_mm, picture.depth_mm, "viridis", 0, top, "depth, mm")
-    outlines(axis, picture.outlines_mm)
+    top = max(float(picture.depth.depth_mm.max()), MIN_MM)
+    shown(
+        axis,
+        picture.flow.x_mm,
+        picture.flow.y_mm,
+        picture.depth.depth_mm,
+        "viridis",
+        0,
+        top,
+        "depth, mm",
+    )
+    outlines(axis, picture.contacts)
     true_contact(axis, picture, COLOURS[1])
     axis.set_title("depth (true contact dashed)", fontsize=HEADS)
 
 
 def _forces(picture: ShapeMaps) -> str:
     """The two totals, in words."""
-    parts = []
-    for words, force, torque in (
-        ("found", picture.total_n, picture.turning_nmm),
-        ("force sensor", picture.force_n, picture.torque_z_nmm),
-    ):
+    parts, found = [], picture.wrench
+    totals = [] if found is None else [("found", found.force_n, float(found.torque_nmm[2]))]
+    for words, force, torque in (*totals, ("force sensor", picture.force_n, picture.torque_z_nmm)):
         if force is not None:
             x, y, z = (float(v) + 0.0 for v in np.round(force, 2))
             about = "" if torque is None else f", torque about z {round(torque, 1) + 0.0:.1f} N mm"
@@ -265,6 +273,7 @@ Window = Sequence[Sequence[float] | Array]
 
 def window_mm(picture: ShapeMaps) -> Window:
     """What is shown around a press."""
+    assert picture.edges_mm is not None, "of those that are drawn"
     left, right, top, bottom = picture.edges_mm
     limits = zip(picture.tip_mm[:2], (left, top), (right, bottom), strict=True)
     return [np.clip([at - HALF_MM, at + HALF_MM], low, high) for at, low, high in limits]
@@ -303,11 +312,13 @@ def shown(
 
 def flow(axis: Axes, picture: ShapeMaps) -> None:
     """The camera's image, darkened, with the flow as arrows."""
+    assert picture.image is not None, "of those that are drawn"
+    assert picture.edges_mm is not None, "with it"
     rgb = (picture.image[..., ::-1].astype(float) * 0.6).astype(np.uint8)
     left, right, top, bottom = picture.edges_mm
     axis.imshow(rgb, extent=(left, right, bottom, top), interpolation="antialiased")
-    known = np.where(picture.known[..., None], picture.shift_mm, np.nan)
-    most = arrows(axis, picture.x_mm, picture.y_mm, known, picture.tip_mm)
+    known = np.where(picture.flow.known[..., None], picture.flow.shift_mm, np.nan)
+    most = arrows(axis, picture.flow.x_mm, picture.flow.y_mm, known, picture.tip_mm)
     axis.set_title(f"flow, at most {most:.2f} mm", fontsize=HEADS)
 
 
@@ -334,19 +345,17 @@ def arrows(
     return most
 
 
-def outlines(axis: Axes, lines_mm: Iterable[Array], colour: str = "white") -> None:
-    """Outlines (n, 2) of contacts."""
-    for line_mm in lines_mm:
+def outlines(axis: Axes, contacts: Iterable[ContactRegion], colour: str = "white") -> None:
+    for line_mm in (contact.outline_mm for contact in contacts):
         axis.plot(*np.vstack((line_mm, line_mm[:1])).T, color=colour, lw=1.3)
 
 
 def true_contact(axis: Axes, picture: ShapeMaps, colour: str, style: str = "--") -> None:
     """Outline of the true contact, where it is known."""
-    if picture.true_contact is not None and picture.true_contact.any():
-        axis.contour(
-            picture.x_mm, picture.y_mm, picture.true_contact.astype(float), [0.5], colors=colour,
-            linewidths=1.3, linestyles=style,
-        )  # fmt: skip
+    x_mm, y_mm, true = picture.flow.x_mm, picture.flow.y_mm, picture.true_contact
+    if true is not None and true.any():
+        axis.contour(x_mm, y_mm, true.astype(float), [0.5], colors=colour,
+                     linewidths=1.3, linestyles=style)  # fmt: skip
 
 
 def solid(figure: Figure, place: Axes) -> Axes3D:

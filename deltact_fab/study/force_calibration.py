@@ -77,7 +77,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     names = [*FEATURES, *READINGS]
     jobs = [of.job(p, name, p, press_jobs.points, features=names) for p in of.presses(name)]
     done = list(asked.solve(jobs).found.values())
-    data = joined([press_jobs.points_found(one) for one in done], names, of.view(name), name)
+    data = joined([one["points"] for one in done], names, of.view(name), name)
     result = fit_best(
         data, asked.seed, lambda model, error: of.calibration(name, model, error), source=name
     )

@@ -57,7 +57,7 @@ def cells_of(value: Mapping[str, Any], press: str, indenter: str) -> list[PressE
             cell["pattern"],
             press,
             indenter,
-            {method: ErrorTally.of(plain) for method, plain in cell["tallies"].items()},
+            cell["tallies"],
             cell["rows"],
             value["path"],
             cell["dots"],

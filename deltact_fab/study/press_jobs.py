@@ -11,18 +11,17 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from .. import catalog, record
-from ..analysis.force.dataset import PressPoints, points_of
+from ..analysis.force.dataset import points_of
 from ..analysis.runs import view_of
-from ..analysis.shape import PressShape, ShapeMaps, calibrate_depth, press_shape
+from ..analysis.shape import calibrate_depth, press_shape
 from ..analysis.tracking_error.follow import Follower, TrackingPlan, analyse_press, scene_of
 from ..errors import SensorError
 from ..experiment.session import run_presses
@@ -39,9 +38,6 @@ from .stream import PressStream
 if TYPE_CHECKING:
     from ..record import Run
     from ..virtual.rig import VirtualRig
-
-SHOWN = ("deepest", "twisted")
-"""Pictures of a press that is looked at."""
 
 
 def given(
@@ -122,20 +118,14 @@ def _gel_of(bench: VirtualRig) -> dict[str, Any]:
 
 
 def points(told: dict[str, Any]) -> dict[str, Any]:
-    """The points of a press, for a fit of forces, and what its gel reports.
+    """The `PressPoints` of a press, for a fit of forces, as "points", and what its gel reports.
 
     told: as of `carried_out`, and names of `features`. Raises RunFailed.
     """
     with carried_out(told) as (run, gel):
         name = str(told["protocol"]["name"])
         found = points_of(run, name, told["press"], told["features"], view_of(run))
-    return {**vars(found), "rows": found.rows.to_dict("list"), **gel}
-
-
-def points_found(value: Mapping[str, Any]) -> PressPoints:
-    """What `points` found."""
-    rows = pd.DataFrame(value["rows"])
-    return PressPoints(rows, value["wrench"], value["features"], value["refused"])
+    return {"points": found, **gel}
 
 
 def ball(told: dict[str, Any]) -> dict[str, Any]:
@@ -146,7 +136,7 @@ def ball(told: dict[str, Any]) -> dict[str, Any]:
 
 
 def look(told: dict[str, Any]) -> dict[str, Any]:
-    """What is seen of a press, and what is true of it, and what its gel reports.
+    """The `PressShape` of a press as "seen", and what its gel reports.
 
     told: as of `carried_out`, and `depth`, `force`: texts of calibrations.
     """
@@ -156,19 +146,7 @@ def look(told: dict[str, Any]) -> dict[str, Any]:
             file.write_text(told[file.stem], encoding="utf-8")
         model = DepthModel.load(depth)[1]
         seen = press_shape(run.folder, told["press"], model, load_force(force))
-        pictures = {name: getattr(seen, name) for name in SHOWN}
-        return {
-            "rows": seen.rows,
-            "contact_by": seen.contact_by,
-            **{name: None if one is None else vars(one) for name, one in pictures.items()},
-            **gel,
-        }
-
-
-def shape_found(value: Mapping[str, Any]) -> PressShape:
-    """What `look` found."""
-    deepest, twisted = (value[name] and ShapeMaps(**value[name]) for name in SHOWN)
-    return PressShape(value["rows"], deepest, twisted, value["contact_by"])
+        return {"seen": seen, **gel}
 
 
 # CPU seconds on one core, about, for the time that is announced beforehand.
@@ -239,14 +217,15 @@ def packed(
     """A press as a grid keeps it, and `pattern_errors.cells_of` reads it.
 
     tips_mm (n, 3): at all frames but the first; at_mm: where the press is. found: by pattern its
-    tallies and rows of figures by method, its dots' figures, and what was left out.
+    tallies, kept without times, and rows of figures by method, its dots' figures, and what was
+    left out.
     """
     x, y, z = np.array(tips_mm, float).reshape(-1, 3).T
     path = np.column_stack((np.maximum(-z, 0.0), np.hypot(x - at_mm[0], y - at_mm[1])))
     cells = [
         {
             "pattern": name,
-            "tallies": {method: tally.plain() for method, tally in tallies.items()},
+            "tallies": {method: replace(tally, ms=[]) for method, tally in tallies.items()},
             "rows": {
                 method: np.array([[row.get(key) for key in FIGURES] for row in rows[method]], float)
                 .reshape(-1, len(FIGURES))

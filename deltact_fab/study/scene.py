@@ -14,8 +14,7 @@ from ..errors import DeltactFabError, InputError
 from ..gel.level_selection import SHARE
 from ..measure.force import ForceModel
 from ..measure.force.calibration import ForceCalibration
-from ..measure.sensor_id import CalibrationSource, Head, SensorId
-from ..measure.view import SensorView
+from ..measure.sensor_id import CalibrationSource, Head, SensorId, SensorView
 from ..patterns.recipe import load_recipe
 from ..protocols import limits
 from ..protocols.plan import Protocol, expand

@@ -21,8 +21,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ..aliases import Field, Float, Image
-from ..analysis.tracking_error.dots import Marks, TrueFrame, seen_by
 from ..analysis.tracking_error.follow import Follower, TrackingPlan
+from ..analysis.tracking_error.tally import Marks, TrueFrame, seen_by
 from ..catalog import validate
 from ..errors import RunFailed, SensorError
 from ..experiment.session import pattern_of

@@ -69,7 +69,7 @@ def run(asked: StudyRequest) -> StudyResult:
     ]
     first = asked.solve([depth_job, *force_jobs])
     depth, points = first[depth_job.name], [first[job.name] for job in force_jobs]
-    parts = [press_jobs.points_found(value) for value in points]
+    parts = [value["points"] for value in points]
     data = joined(parts, [FORCE_MODEL], of.view(FORCE), FORCE)
     errors = errors_kept(figures(judge(data, FORCE_MODEL, of.seed), data))
     force = of.calibration(FORCE, fit(data, FORCE_MODEL), errors)
@@ -81,7 +81,7 @@ def run(asked: StudyRequest) -> StudyResult:
             for press in of.presses(name)
         ]
     ).found
-    seen = {name: press_jobs.shape_found(value) for name, value in found.items()}
+    seen = {name: value["seen"] for name, value in found.items()}
     objects = {name: one for name, one in seen.items() if not name.startswith(f"{TWIST} ")}
     twist = next((one for name, one in seen.items() if name not in objects), None)
     pictures = deepest(one.deepest for one in objects.values())

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..aliases import Field
-from ..analysis.tracking_error.dots import Marks, TrueFrame, seen_by
+from ..analysis.tracking_error.tally import Marks, TrueFrame, seen_by
 from ..errors import SolverError
 from ..experiment.session import pattern_of
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, divide

@@ -142,7 +142,7 @@ def _row(press: PlannedPress) -> PressRow:
         len(press.solver.poses),
         done=len(press.solver.knots),
         found=press.solver.found is not None,
-        seconds=press.solver.found.seconds if press.solver.found else 0.0,
+        seconds=press.solver.found["seconds"] if press.solver.found else 0.0,
         zones=press.solver.knots[-1].zones if press.solver.knots else Zones(),
         flags=press.solver.flags,
         failure=press.solver.ended,

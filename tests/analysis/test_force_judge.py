@@ -23,7 +23,7 @@ from deltact_fab.analysis.force.judge import (
 )
 from deltact_fab.errors import InputError
 from deltact_fab.measure.force import COMPONENTS, make_features
-from deltact_fab.measure.view import SensorView
+from deltact_fab.measure.sensor_id import SensorView
 from deltact_fab.optics import Pinhole
 from deltact_fab.shapes import SkinDimensions
 

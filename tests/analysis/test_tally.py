@@ -43,13 +43,6 @@ def test_a_percentile_is_the_percentile_to_a_hundredth(scale_mm: float) -> None:
     assert tally.figures()["p95_off_dots_mm"] == pytest.approx(max(p95, 1e-4), rel=0.011)
 
 
-def test_kept_as_plain_data_it_is_the_same() -> None:
-    tally = ErrorTally.of_frame(0.9, False, 3.0)
-    tally.take_moving(np.array([0.01, 0.3]), np.array([True, False]))
-    again = ErrorTally.of(tally.plain())
-    assert again.figures() == {**tally.figures(), "ms_per_frame": None}
-
-
 def test_nothing_measured_is_none_and_never_nan() -> None:
     figures = ErrorTally().figures()
     json.dumps(figures, allow_nan=False)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from deltact_fab import record
 from deltact_fab.analysis import tracking_error as te
-from deltact_fab.analysis.tracking_error.dots import DOT_MARGIN_PX, TrueFrame
+from deltact_fab.analysis.tracking_error.tally import DOT_MARGIN_PX, TrueFrame
 from deltact_fab.errors import InputError
 from deltact_fab.measure.flow import named_tracker
 

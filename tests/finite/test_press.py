@@ -8,6 +8,7 @@ from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import SolverError
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.finite.surface import FrictionGrip
+from deltact_fab.gel.level import follow
 from deltact_fab.shapes import SkinDimensions, indenter
 
 SKIN = SkinDimensions()
@@ -22,7 +23,7 @@ def pressing(name="sphere:15", mesh=COARSE, friction=0.0, **options) -> FinitePr
 
 
 def last(press, state, tip, step=1.0):
-    return list(press.path(state, tip, step))[-1]
+    return list(follow(press, state, tip, step))[-1]
 
 
 def dented(rng) -> tuple[np.ndarray, np.ndarray]:
@@ -116,7 +117,7 @@ def test_a_drag_goes_on_where_the_gel_folds():
     """Ahead of the indenter the equilibrium ends; a way down the energy finds the next one."""
     press = pressing("edges", block_mesh(SKIN, 2.5), friction=0.5)
     s = last(press, press.rest(), (0.0, 0.0, 5.0))
-    path = list(press.path(s, (7.0, 0.0, 5.0), 1.0))
+    path = list(follow(press, s, (7.0, 0.0, 5.0), 1.0))
     assert sum(p.diagnostics.damped for p in path) > 0
     assert sum(p.diagnostics.lagged == 0 for p in path) >= 4
     for p in path:

@@ -9,6 +9,7 @@ from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.finite import FinitePress, FiniteState, block_mesh
 from deltact_fab.gel.finite.material import NeoHooke
+from deltact_fab.gel.level import follow
 from deltact_fab.shapes import SkinDimensions, indenter
 
 SERIES = ((0.4, 0.3), (0.25, 5.0))
@@ -24,7 +25,7 @@ def pressing(material: GelMaterial = GEL, friction: float = 0.0, **options) -> F
 
 
 def last(press: FinitePress, seconds: float | None, tip=DEEP, step: float = 1.0) -> FiniteState:
-    return list(press.path(press.rest(), tip, step, seconds))[-1]
+    return list(follow(press, press.rest(), tip, step, seconds))[-1]
 
 
 def same(one: FiniteState, two: FiniteState, rel: float) -> None:
@@ -129,7 +130,7 @@ def test_a_relaxing_gel_needs_the_time():
     with pytest.raises(InputError, match="needs the seconds"):
         press.solve(press.rest(), DEEP)
     with pytest.raises(InputError, match="needs the seconds"):
-        next(press.path(press.rest(), DEEP))
+        next(follow(press, press.rest(), DEEP, 1.0))
     for bad in (-1.0, np.nan):
         with pytest.raises(InputError, match="seconds >= 0"):
             press.solve(press.rest(), DEEP, bad)

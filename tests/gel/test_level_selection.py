@@ -8,10 +8,12 @@ from hypothesis import strategies as st
 
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.finite import block_mesh
-from deltact_fab.gel.footprint import (
+from deltact_fab.gel.level import (
+    Choice,
+    Reach,
+    follow,
     is_mirrored,
 )
-from deltact_fab.gel.level import Choice, Reach, follow
 from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.linear.validity import model_error
 from deltact_fab.gel.path.open import contact_of

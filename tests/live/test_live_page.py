@@ -5,7 +5,6 @@ from __future__ import annotations
 import http.client
 import json
 import socket
-import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -90,14 +89,7 @@ def test_a_browser_that_reads_nothing_holds_up_neither_measurement_nor_others(
     deaf.close()
 
 
-def test_pause_health_and_end_are_told_to_every_browser(page: LivePage) -> None:
-    assert not newest(page)["paused"]
-    assert page.going(0.0)
-    ask(page, "/pause", "POST")
-    assert newest(page)["paused"]
-    assert not page.going(0.0)
-    threading.Timer(0.05, lambda: ask(page, "/go", "POST")).start()
-    assert page.going(10.0)
+def test_health_and_end_are_told_to_every_browser(page: LivePage) -> None:
     page.health, page.ended = "state of health: fit to use", "ended"
     told = newest(page)
     assert (told["health"], told["ended"]) == ("state of health: fit to use", "ended")

@@ -11,6 +11,7 @@ from deltact_fab.elasticity import GelMaterial
 from deltact_fab.elasticity.block import FreeBlock
 from deltact_fab.errors import InputError
 from deltact_fab.measure.face import FaceFlow
+from deltact_fab.measure.sensor_id import SensorView
 from deltact_fab.measure.shape import (
     DepthFinder,
     DepthModel,
@@ -19,7 +20,6 @@ from deltact_fab.measure.shape import (
     relative_depth,
 )
 from deltact_fab.measure.shape.depth import ball_mm
-from deltact_fab.measure.view import SensorView
 from deltact_fab.optics import Pinhole, axes_mm
 from deltact_fab.shapes import SkinDimensions
 

@@ -18,8 +18,7 @@ from deltact_fab.gel.path.knots import ObservedChannels, along
 from deltact_fab.gel.path.open import choose, open_path
 from deltact_fab.measure.face import FaceFlow
 from deltact_fab.measure.force import ForceModel, SensorView, make_features
-from deltact_fab.measure.force.inverse import Inverse
-from deltact_fab.measure.force.press import NOISE_MM, FaceInverse, least_squares_signed
+from deltact_fab.measure.force.inverse import NOISE_MM, FaceInverse, Inverse, least_squares_signed
 from deltact_fab.measure.shape import DepthFinder, DepthModel, contacts
 from deltact_fab.optics import Pinhole, axes_mm
 from deltact_fab.shapes import SkinDimensions

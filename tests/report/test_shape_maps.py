@@ -10,6 +10,9 @@ import pytest
 from matplotlib.collections import QuadMesh
 
 from deltact_fab.analysis.shape import ShapeMaps
+from deltact_fab.measure.face import FaceFlow
+from deltact_fab.measure.force import TractionField, Wrench
+from deltact_fab.measure.shape import ContactRegion, Density, Depth
 from deltact_fab.report import shape_figures
 from deltact_fab.report.figures import to_svg
 
@@ -28,26 +31,22 @@ def picture(**changed: Any) -> ShapeMaps:
         indenter="sphere:10",
         frame_id="p/1",
         tip_mm=np.array([0.0, 0, -1]),
+        flow=FaceFlow(shift, FAR2 < 150, X, Y),
+        density=Density(1 - DENT / 5, FAR2 < 140),
+        relative=DENT / 5,
+        depth=Depth(DENT, FAR2 < 150, X, Y, 1.0, False),
+        contacts=[ContactRegion(16.0, np.zeros(2), SQUARE, np.zeros(2), 1.0, None, 1.0)],
         image=np.full((32, 40, 3), 200, np.uint8),
         edges_mm=np.array([-10.0, 10, -8, 8]),
-        x_mm=X,
-        y_mm=Y,
-        shift_mm=shift,
-        known=FAR2 < 150,
-        relative=DENT / 5,
-        reliable=FAR2 < 140,
-        depth_mm=DENT,
-        outlines_mm=[SQUARE],
     )
     return replace(one, **changed)
 
 
 def with_field(**changed: Any) -> ShapeMaps:
     traction = np.stack((0.2 * PRESSURE, 0 * PRESSURE, -PRESSURE), axis=-1)
-    return picture(
-        traction_mpa=traction, cells_x_mm=CELLS, cells_y_mm=CELLS,
-        total_n=traction.sum((0, 1)), force_n=np.array([1.0, 0, -5]), **changed,
-    )  # fmt: skip
+    field = TractionField(traction, CELLS, CELLS, 1.0)
+    wrench = Wrench(field.force_n, field.torque_nmm, 1.0, False)
+    return picture(field=field, wrench=wrench, force_n=np.array([1.0, 0, -5]), **changed)
 
 
 WITH_TRUTH: dict[str, Any] = {"true_depth_mm": DENT, "true_contact": DENT > 0.4}
@@ -81,7 +80,7 @@ def test_found_and_true_forces_have_one_scale_and_the_contact_in_white() -> None
     true = np.zeros((30, 30, 3))
     true[..., 2] = -2 * np.exp(-(nodes**2 + nodes[:, None] ** 2) / 6)
     figure = shape_figures.distribution(
-        with_field(**WITH_TRUTH, true_traction_mpa=true, face_x_mm=nodes, face_y_mm=nodes), "run"
+        with_field(**WITH_TRUTH, true_traction=(nodes, nodes, true)), "run"
     )
     titles = {axis.get_title(): axis for axis in figure.axes}
     found, known = titles["normal force, found"], titles["normal force, true"]

@@ -11,7 +11,7 @@ from deltact_fab.cad.check.each_part import height_fields
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.registry import find
 from deltact_fab.errors import InputError
-from deltact_fab.gel.footprint import is_mirrored
+from deltact_fab.gel.level import is_mirrored
 from deltact_fab.shapes import EllipsoidTip, PosedTip, RidgeTip, SphereTip, indenter
 from deltact_fab.shapes.own import OwnShape, OwnTip
 

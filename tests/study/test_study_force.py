@@ -20,8 +20,7 @@ from deltact_fab.analysis.force import PAPER, ForceData, ForceResult, fit_best
 from deltact_fab.errors import InputError
 from deltact_fab.measure.force import COMPONENTS, make_features
 from deltact_fab.measure.force.calibration import ForceCalibration
-from deltact_fab.measure.sensor_id import CalibrationSource, Head, SensorId
-from deltact_fab.measure.view import SensorView
+from deltact_fab.measure.sensor_id import CalibrationSource, Head, SensorId, SensorView
 from deltact_fab.optics import Pinhole
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol

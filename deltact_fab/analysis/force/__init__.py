@@ -9,9 +9,3 @@ from .calibrate import calibrate, carry_over, fit_best
 from .dataset import ForceData, joined
 from .judge import FORCES, SPLITS, component, figures, fit, judge
 from .result import PAPER, PAPER_TABLE, ForceResult, errors_kept, write_calibration
-
-__all__ = [  # noqa: RUF022
-    "FORCES", "SPLITS", "component", "figures", "fit", "judge", "ForceData", "joined",
-    "calibrate", "carry_over", "fit_best", "PAPER", "PAPER_TABLE", "ForceResult", "errors_kept",
-    "write_calibration",
-]  # fmt: skip

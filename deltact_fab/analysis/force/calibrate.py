@@ -27,7 +27,7 @@ from ...measure.force import (
 )
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.force.inverse import Inverse
-from ...measure.view import SensorView
+from ...measure.sensor_id import SensorView
 from ...protocols.plan import DeadWeights
 from ...record import Run, encode_png
 from ..runs import head_of, in_pixels, settled, settles, view_of

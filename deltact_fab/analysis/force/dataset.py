@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,7 @@ from ...errors import InputError, SolverError
 from ...jobs import each
 from ...measure.face import EVERY_PX, FaceFlow
 from ...measure.force import Features, make_features
-from ...measure.view import SensorView
+from ...measure.sensor_id import SensorView
 from ...record import UNKNOWN, Run
 from ..flows import flows_of, key_of
 from ..runs import PRESSING, head_of, recorded, settle_s, settled, settles, view_of
@@ -225,8 +226,8 @@ def points_of(
             refused[k] = f"less than {MIN_COVER:.0%} of the view is known"
     values: dict[str, Array] = {}
     for one in sets:
-        values[one.name], failed = _features(one, view, flows, key)
-        for k in failed:
+        values[one.name] = _features(one, view, flows, key)
+        for k in np.flatnonzero(np.isnan(values[one.name][:, 0])).tolist():
             refused[k] = refused[k] or f"{one.name} found no solution"
     taken = np.array([not why for why in refused])
     steps = run.steps()
@@ -256,10 +257,8 @@ def points_of(
     )
 
 
-def _features(
-    one: Features, view: SensorView, flows: Sequence[FaceFlow], of: str
-) -> tuple[Array, list[int]]:
-    """A feature set at the flows of a press (n, k), from the cache; rows that have no solution.
+def _features(one: Features, view: SensorView, flows: Sequence[FaceFlow], of: str) -> Array:
+    """A feature set at the flows of a press (n, k), from the cache; nan: no solution.
 
     of: their `key_of`.
     """
@@ -270,14 +269,12 @@ def _features(
         by=one.name,
         view=repr((view.camera.as_dict(), (view.skin, view.poisson) if one.rests_on_gel else ())),
     )
-    held = cache.get("force-features", key)
-    if held is None:
-        held = []
-        for flow in flows:
-            try:
-                held.append(one.of(flow).tolist() if flow.trusted else None)
-            except SolverError:
-                held.append(None)
-        cache.put("force-features", key, held)
-    values = np.array([row or [np.nan] * len(one.names) for row in held], float)
-    return values, [k for k, row in enumerate(held) if row is None]
+    values: Array | None = cache.get("features", key)
+    if values is None:
+        values = np.full((len(flows), len(one.names)), np.nan)
+        for k, flow in enumerate(flows):
+            with suppress(SolverError):
+                if flow.trusted:
+                    values[k] = one.of(flow)
+        cache.put("features", key, values)
+    return values

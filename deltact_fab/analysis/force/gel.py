@@ -18,7 +18,7 @@ from ...aliases import Array, Progress
 from ...measure.face import FaceFlow
 from ...measure.force.inverse import Inverse
 from ...measure.regression import MIN_PRESSES
-from ...measure.view import SensorView
+from ...measure.sensor_id import SensorView
 from ...record import Run
 from .dataset import ForceData, point_flows
 from .judge import left_out
@@ -53,7 +53,6 @@ class ToldGel:
 
     @property
     def line(self) -> str:
-        """In a sentence."""
         (a, b), (c, d) = self.poisson_between, self.thickness_between_mm
         return (
             f"Fitted to the presses, the gel has a Poisson's ratio of {self.poisson:.3f} "
@@ -117,7 +116,6 @@ class EarlyLabels:
 
     @property
     def line(self) -> str:
-        """In a sentence."""
         return (
             f"Labels taken at once were {self.share:.1%} too high, fading in {self.time_s:g} s; "
             "all were brought to the longest wait"

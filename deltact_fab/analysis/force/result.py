@@ -54,7 +54,6 @@ class ForceResult:
 
     @property
     def best(self) -> EvaluatedModel:
-        """The winner of the cross-validation."""
         return self.judged[0]
 
     @property

@@ -1,19 +1,5 @@
 """Shape of the contact in a run: the depth calibrated on a ball, and the error against truth."""
 
 from .ball import calibrate_depth
-from .picture import ShapeMaps
-from .press import PressShape, press_shape
+from .press import PressShape, ShapeMaps, press_shape
 from .run import GOALS, UNCALIBRATED, ShapeResult, analyse, deepest, with_traction
-
-__all__ = [
-    "GOALS",
-    "UNCALIBRATED",
-    "PressShape",
-    "ShapeMaps",
-    "ShapeResult",
-    "analyse",
-    "calibrate_depth",
-    "deepest",
-    "press_shape",
-    "with_traction",
-]

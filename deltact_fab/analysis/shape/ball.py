@@ -41,16 +41,13 @@ class DepthCalibration:
     error_mm: float
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
         return {"depth": self.model.as_dict(), "ball": self._ball(), "doubt": self.doubt}
 
     def toml(self) -> str:
-        """The text of the calibration file."""
         return self.head.toml({"depth": self.model.as_dict(), "ball": self._ball()})
 
     @property
     def line(self) -> str:
-        """What was found, in a sentence."""
         model = self.model
         return (
             f"Depth calibrated on a sphere of {self.diameter_mm:g} mm at "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +29,9 @@ from ...measure.shape import (
 from ...optics import LatticeSampler
 from ...record import UNKNOWN, RunTruth
 from ...shapes import Indenter
+from ...shapes.indenter import of_run
 from ..flows import EVERY_PX, flows_of
 from ..runs import settled, view_of
-from .picture import ShapeMaps
 
 TOUCHING_MM = 0.06
 """A point this near to the indenter's surface touches it, where no traction was recorded. The
@@ -67,6 +67,59 @@ CONTACT, NOTHING_MPA = 0.05, 1e-6
 """Of the peak pressure: where the field's error is taken; and the peak that is none."""
 
 
+Lattice = tuple[Array, Array, Array]
+"""x_mm, y_mm and the traction (ny, nx, 3) in MPa there."""
+
+
+@dataclass(frozen=True)
+class ShapeMaps:
+    """A frame of a press: what was measured in it, and the truth; maps (h, w) at the flow's points.
+
+    tip_mm (3,): of the indenter, as the stage says. relative: see `relative_depth`. force_n (3,),
+    torque_z_nmm: the sensor's word. shape: of an indenter of the lab's own, as the run kept it.
+    wrench, field: by a calibration of force, else None. Where there is a truth, else None:
+    true_depth_mm, true_contact, and, where the run kept tractions, true_traction. Of those that
+    are drawn: image (H, W, 3) BGR uint8 over edges_mm: left, right, top and bottom, as the camera
+    sees it, row 0 being at -y.
+    """
+
+    indenter: str
+    frame_id: str
+    tip_mm: Array
+    flow: FaceFlow
+    density: Density
+    relative: Array
+    depth: Depth
+    contacts: list[ContactRegion]
+    field: TractionField | None = None
+    wrench: Wrench | None = None
+    force_n: Array | None = None
+    torque_z_nmm: float | None = None
+    shape: dict[str, Any] | None = None
+    true_depth_mm: Array | None = None
+    true_contact: Array | None = None
+    true_traction: Lattice | None = None
+    image: Array | None = None
+    edges_mm: Array | None = None
+
+    @property
+    def pressed(self) -> Indenter:
+        return of_run(self.indenter, {self.indenter: self.shape} if self.shape else {}, "a picture")
+
+    @property
+    def tip_depth_mm(self) -> float:
+        """How deep the tip is, 0 above the face."""
+        return max(0.0, -float(self.tip_mm[2]))
+
+    @property
+    def tractions(self) -> list[tuple[str, Lattice]]:
+        """Those that are known, with a word of each."""
+        f = self.field
+        found = None if f is None else (f.x_mm, f.y_mm, f.traction_mpa)
+        both = (("found", found), ("true", self.true_traction))
+        return [(word, lattice) for word, lattice in both if lattice is not None]
+
+
 @dataclass(frozen=True)
 class PressShape:
     """rows: figures of each settled frame by name; those that are not known are left out.
@@ -80,18 +133,6 @@ class PressShape:
     deepest: ShapeMaps | None
     twisted: ShapeMaps | None
     contact_by: str | None
-
-
-@dataclass(frozen=True)
-class _Found:
-    """What the measurement makes of one flow."""
-
-    density: Density
-    relative: Array
-    depth: Depth
-    contacts: list[ContactRegion]
-    field: TractionField | None
-    wrench: Wrench | None
 
 
 def press_shape(
@@ -115,36 +156,30 @@ def press_shape(
         features = features_of(force.model, force.view(view.camera), "force calibration")
     at_deepest, at_twisted = _shown(rows)
     told: list[dict[str, Any]] = []
-    pictures: dict[int, dict[str, Any]] = {}
+    shown: dict[int, ShapeMaps] = {}
     way = None
     followed = flows_of(run, press, EVERY_PX)
     for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
-        found = _found(flow, finder, features, force)
-        frame_id, tip_mm = str(row.frame_id), np.array([row.x_mm, row.y_mm, row.z_mm], float)
+        found = _measured(row, flow, finder, features, force)
         indenter = None if row.indenter == UNKNOWN else run.indenter(str(row.indenter))
-        measured_n = np.array([getattr(row, name) for name in FORCE], float)
-        force_n = measured_n if np.isfinite(measured_n).all() else None
-        true: dict[str, Any] = {}
         if truth is not None and indenter is not None:
-            depth_mm, contact, way = true_shape(truth, frame_id, flow, indenter, tip_mm)
-            true = {"true_depth_mm": depth_mm, "true_contact": contact}
+            depth_mm, contact, way = true_shape(truth, found.frame_id, flow, indenter, found.tip_mm)
+            found = replace(found, true_depth_mm=depth_mm, true_contact=contact)
         told.append(
-            {"press": press, "indenter": row.indenter, "frame_id": frame_id,
-             "kind": row.kind, "x_mm": float(tip_mm[0]), "y_mm": float(tip_mm[1])}
-            | _figures(indenter, tip_mm, flow, found)
-            | (_against(**true, found=found, flow=flow) if true else {})
-            | _forces(found, force_n, truth, frame_id)
+            {"press": press, "indenter": row.indenter, "frame_id": found.frame_id,
+             "kind": row.kind, "x_mm": float(found.tip_mm[0]), "y_mm": float(found.tip_mm[1])}
+            | _figures(found) | _against(found) | _forces(found, truth)
         )  # fmt: skip
         if k not in (at_deepest, at_twisted):
             continue
         if truth is not None and truth.tractions:
-            true["true_traction_mpa"] = truth.traction_mpa(frame_id)
-            true["face_x_mm"], true["face_y_mm"] = truth.face_mm(frame_id)
-        pictures[k] = _picture(row, run.image(str(row.file)), view.camera, flow, found) | {
-            "tip_mm": tip_mm, "force_n": force_n,
-            "shape": run.meta.get("shapes", {}).get(row.indenter), **true,
-        }  # fmt: skip
-    shown = {k: ShapeMaps(**picture) for k, picture in pictures.items()}
+            lattice = *truth.face_mm(found.frame_id), truth.traction_mpa(found.frame_id)
+            found = replace(found, true_traction=lattice)
+        image = run.image(str(row.file))
+        h, w = image.shape[:2]
+        corners = view.camera.rest_mm(np.array([[-0.5, -0.5], [w - 0.5, h - 0.5]]))
+        own = run.meta.get("shapes", {}).get(row.indenter)
+        shown[k] = replace(found, image=image, edges_mm=corners.T.ravel(), shape=own)
     twisted = None if at_twisted is None else shown[at_twisted]
     return PressShape(told, shown.get(at_deepest), twisted, way)
 
@@ -159,37 +194,36 @@ def _shown(rows: pd.DataFrame) -> tuple[int, int | None]:
     return deepest, None if np.isnan(torque).all() else int(np.nanargmax(torque))
 
 
-def _found(
-    flow: FaceFlow,
-    finder: DepthFinder,
-    features: Features | None,
+def _measured(
+    row: Any, flow: FaceFlow, finder: DepthFinder, features: Features | None,
     force: ForceCalibration | None,
-) -> _Found:
-    press = finder.inverse.of(flow)
-    depth = finder.of(flow)
-    density = by_jacobian(flow, finder.view.camera.mm_per_px)
+) -> ShapeMaps:  # fmt: skip
+    """What a frame's row and its flow say."""
+    camera, press, depth = finder.view.camera, finder.inverse.of(flow), finder.of(flow)
+    density = by_jacobian(flow, camera.mm_per_px)
     field = wrench = None
     if features is not None and force is not None:
         wrench = force.model.wrench(features.of(flow), flow.cover)
         if features.local:
             field = features.traction(flow, force.model)
-    return _Found(
-        density, relative_depth(density, flow), depth,
-        contacts(depth, flow, finder.view.camera, press), field, wrench,
+    measured_n = np.array([getattr(row, name) for name in FORCE], float)
+    return ShapeMaps(
+        str(row.indenter), str(row.frame_id), np.array([row.x_mm, row.y_mm, row.z_mm], float),
+        flow, density, relative_depth(density, flow), depth, contacts(depth, flow, camera, press),
+        field, wrench, measured_n if np.isfinite(measured_n).all() else None,
+        None if pd.isna(row.tz_nmm) else float(row.tz_nmm),
     )  # fmt: skip
 
 
-def _figures(
-    indenter: Indenter | None, tip_mm: Array, flow: FaceFlow, found: _Found
-) -> dict[str, Any]:
+def _figures(found: ShapeMaps) -> dict[str, Any]:
     place_error_mm = None  # known of an indenter with one round tip that presses
-    ball = indenter is not None and indenter.name.startswith("sphere:")
-    if found.contacts and ball and tip_mm[2] < 0:
+    tip_mm = found.tip_mm
+    if found.contacts and found.indenter.startswith("sphere:") and tip_mm[2] < 0:
         place_error_mm = float(np.linalg.norm(found.contacts[0].place_mm - tip_mm[:2]))
     return {
-        "tip_depth_mm": max(0.0, -float(tip_mm[2])),
-        "trusted": flow.trusted,
-        "cover": flow.cover,
+        "tip_depth_mm": found.tip_depth_mm,
+        "trusted": found.flow.trusted,
+        "cover": found.flow.cover,
         "extrapolated": found.depth.extrapolated,
         "peak_depth_mm": float(found.depth.depth_mm.max()),
         "n_contacts": len(found.contacts),
@@ -198,12 +232,13 @@ def _figures(
     }
 
 
-def _against(
-    true_depth_mm: Array, true_contact: Array, found: _Found, flow: FaceFlow
-) -> dict[str, Any]:
-    """Errors over known points: of the depth, of where the contact is; None without a contact."""
-    depth, known = found.depth, flow.known
-    contact = true_contact & known
+def _against(found: ShapeMaps) -> dict[str, Any]:
+    """Errors over known points: of the depth, of where the contact is; nothing without a truth."""
+    flow, depth, true_depth_mm = found.flow, found.depth, found.true_depth_mm
+    if true_depth_mm is None or found.true_contact is None:
+        return {}
+    known = flow.known
+    contact = found.true_contact & known
     error = np.abs(depth.depth_mm - true_depth_mm)
     figures: dict[str, Any] = {
         "true_peak_depth_mm": float(true_depth_mm.max()),
@@ -233,13 +268,11 @@ def _correlation(a: Array, b: Array) -> float | None:
     return float(np.corrcoef(a, b)[0, 1])
 
 
-def _forces(
-    found: _Found, force_n: Array | None, truth: RunTruth | None, frame_id: str
-) -> dict[str, Any]:
+def _forces(found: ShapeMaps, truth: RunTruth | None) -> dict[str, Any]:
     """Force by sensor and by flow, and the field's error of the peak pressure against truth."""
     told: dict[str, Any] = {}
-    if force_n is not None:
-        x, y, z = map(float, force_n)
+    if found.force_n is not None:
+        x, y, z = map(float, found.force_n)
         told |= {"normal_n": -z, "shear_x_n": x, "shear_y_n": y}
     if found.wrench is not None:
         x, y, z = map(float, found.wrench.force_n)
@@ -248,9 +281,9 @@ def _forces(
     if found.field is None:
         return told
     told["peak_kpa"] = -KPA * float(found.field.traction_mpa[..., 2].min())
-    if truth is not None and truth.tractions and force_n is not None:
-        told["true_peak_kpa"] = -KPA * float(truth.traction_mpa(frame_id)[..., 2].min())
-        told["pressure_error"] = _pressure_error(found.field, truth, frame_id)
+    if truth is not None and truth.tractions and found.force_n is not None:
+        told["true_peak_kpa"] = -KPA * float(truth.traction_mpa(found.frame_id)[..., 2].min())
+        told["pressure_error"] = _pressure_error(found.field, truth, found.frame_id)
     return told
 
 
@@ -272,30 +305,3 @@ def _at(x_mm: Array, y_mm: Array, of_x_mm: Array, of_y_mm: Array, values: Array)
     at = np.stack(np.meshgrid(y_mm, x_mm, indexing="ij"), axis=-1)
     found: Array = RegularGridInterpolator((of_y_mm, of_x_mm), values)(at)
     return found
-
-
-def _picture(row: Any, image: Array, camera: Any, flow: FaceFlow, found: _Found) -> dict[str, Any]:
-    """What `ShapeMaps` has of the image and of what was found in it."""
-    h, w = image.shape[:2]
-    corners = camera.rest_mm(np.array([[-0.5, -0.5], [w - 0.5, h - 0.5]]))
-    told = {
-        "indenter": str(row.indenter),
-        "frame_id": str(row.frame_id),
-        "image": image,
-        "edges_mm": corners.T.ravel(),
-        "x_mm": flow.x_mm,
-        "y_mm": flow.y_mm,
-        "shift_mm": flow.shift_mm,
-        "known": flow.known,
-        "relative": found.relative,
-        "reliable": found.density.reliable,
-        "depth_mm": found.depth.depth_mm,
-        "outlines_mm": [contact.outline_mm for contact in found.contacts],
-        "torque_z_nmm": None if pd.isna(row.tz_nmm) else float(row.tz_nmm),
-    }
-    if (total := found.wrench) is not None:
-        told |= {"total_n": total.force_n, "turning_nmm": float(total.torque_nmm[2])}
-    if (field := found.field) is not None:
-        told |= {"traction_mpa": field.traction_mpa, "cells_x_mm": field.x_mm,
-                 "cells_y_mm": field.y_mm}  # fmt: skip
-    return told

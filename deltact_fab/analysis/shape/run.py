@@ -17,8 +17,7 @@ from ...measure.force.calibration import load_force
 from ...measure.sensor_id import require_same
 from ...measure.shape import DepthModel
 from ..runs import recorded, sensor_of, write_results
-from .picture import ShapeMaps
-from .press import SAME_MM, press_shape
+from .press import SAME_MM, ShapeMaps, press_shape
 
 GOALS = {"depth_error_contact_mm": 0.25, "depth_error_face_mm": 0.03, "place_error_mm": 0.5}
 """At most, as means over the frames that press."""
@@ -62,7 +61,6 @@ class ShapeResult:
 
     @property
     def indenters(self) -> list[str]:
-        """In the order of the run."""
         return list(dict.fromkeys(row["indenter"] for row in self.rows))
 
     @property
@@ -102,7 +100,6 @@ class ShapeResult:
         return (f"simulated, seed {self.seed}" if self.simulated else "measured") + told
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
         return {
             "verdict": self.line,
             "goals": GOALS,

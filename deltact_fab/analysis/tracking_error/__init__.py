@@ -8,15 +8,3 @@ between the dots stands beside it. docs/decisions/0004-tracking-error.md says wh
 from .follow import analyse
 from .result import PAPER_BEST_MM, RULE, TrackingResult, TrackingVerdict, judge, percent
 from .tally import MOVING_MM, WRONG_MM
-
-__all__ = [
-    "MOVING_MM",
-    "PAPER_BEST_MM",
-    "RULE",
-    "WRONG_MM",
-    "TrackingResult",
-    "TrackingVerdict",
-    "analyse",
-    "judge",
-    "percent",
-]

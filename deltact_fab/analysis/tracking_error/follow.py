@@ -23,9 +23,18 @@ from ...errors import InputError, RunFailed, SensorError
 from ...jobs import each
 from ...measure.flow import FlowMethod, FlowObservation, FlowState, named_tracker
 from ..runs import recorded
-from .dots import DOTS, DotFollower, DotTally, Marks, TrueFrame, off_dots, sampled, seen_by
 from .result import TrackingResult
-from .tally import ErrorTally
+from .tally import (
+    DOTS,
+    DotFollower,
+    DotTally,
+    ErrorTally,
+    Marks,
+    TrueFrame,
+    off_dots,
+    sampled,
+    seen_by,
+)
 
 # Ours, a cheaper one, the paper's, and the paper's flow composed in place of summed.
 DEFAULT_METHODS = ("fused", "dis-medium", "paper", "farneback-paper/composed")

@@ -17,8 +17,7 @@ import pandas as pd
 from ... import reading
 from ...errors import InputError
 from ..runs import write_results
-from .dots import DOTS
-from .tally import MOVING_MM, WRONG_MM
+from .tally import DOTS, MOVING_MM, WRONG_MM
 
 MIN_TRUSTED = 0.95
 MIN_COVERAGE = 0.8
@@ -67,7 +66,6 @@ class TrackingVerdict:
 
     @property
     def error_words(self) -> str:
-        """What the error is a mean over."""
         return ERRORS[self.error] if self.error is not None else ""
 
 

@@ -5,5 +5,3 @@ Reading order: `mesh`, `material`, `assembly`, `linear`, `distance`, `surface`, 
 
 from .mesh import HexMesh, block_mesh
 from .press import FinitePress, FiniteState
-
-__all__ = ["FinitePress", "FiniteState", "HexMesh", "block_mesh"]

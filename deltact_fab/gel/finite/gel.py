@@ -13,7 +13,7 @@ from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
 from ...shapes.rigid import edge_radius_mm
-from ..level import Choice, GelContact, IncrementDiagnostics, Reach, State
+from ..level import Choice, GelContact, IncrementDiagnostics, Reach, State, follow
 from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, hermite, inside, means, measured
 from .distance import gap
 from .mesh import HexMesh, block_mesh
@@ -183,7 +183,7 @@ class FiniteGel(GelContact):
                 at = end + (start - end) * left
                 touch = (float(at[0]), float(at[1]), 0.0)
                 inner = self.press.solve(inner, touch, seconds * (1 - left))
-            parts = list(self.press.path(inner, tip_mm, longest_mm, seconds * left, guide))
+            parts = list(follow(self.press, inner, tip_mm, longest_mm, seconds * left, guide))
             work = IncrementDiagnostics.over([part.diagnostics for part in parts])
             found = replace(parts[-1], diagnostics=work)
         return self._state(found, previous.jumped)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -108,29 +107,6 @@ class FinitePress:
             tip_mm, np.zeros_like(self.mesh.nodes_mm), np.zeros((*at, 3)), np.zeros(at),
             np.zeros((*at, 3)), nothing, nothing, nothing, 0, np.zeros(len(self.mesh.cells)),
         )  # fmt: skip
-
-    def path(
-        self,
-        previous: FiniteState,
-        tip_mm: Point,
-        max_step_mm: float = 1.0,
-        seconds: float | None = None,
-        guide: Guide | None = None,
-    ) -> Iterator[FiniteState]:
-        """Solve along the straight way to tip_mm in equal increments; above the face one does.
-
-        seconds: of the whole way, at an even feed; guide: see `solve`.
-        """
-        if not (math.isfinite(max_step_mm) and max_step_mm > 0):
-            raise InputError(f"press: max_step_mm > 0 and finite: {max_step_mm} fails")
-        _require_finite(tip_mm)
-        start, end = np.array(previous.tip_mm), np.array(tip_mm, dtype=np.float64)
-        n = max(1, math.ceil(float(np.linalg.norm(end - start)) / max_step_mm - 1e-9))
-        state = previous
-        for i in range(1, n + 1):
-            part = None if seconds is None else seconds / n
-            state = self.solve(state, _point(start + (end - start) * (i / n)), part, guide)
-            yield state
 
     def solve(
         self,

@@ -20,7 +20,7 @@ from ...aliases import Field, Point2, Progress
 from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter, SkinDimensions
-from ..footprint import contact_radius_mm
+from ..level import contact_radius_mm
 from ..path.knots import KnotPose, ObservedChannels
 from ..path.open import choose, open_path
 

@@ -16,7 +16,7 @@ from ...elasticity.edge_compliance import MAX_POISSON
 from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter, SkinDimensions
-from ..footprint import contact_radius_mm
+from ..level import contact_radius_mm
 
 DEPTH_LIMIT = 0.25  # of the thickness: force is still within some per cent of finite strain there
 FOLD_LIMIT = 0.2  # least det(I + grad u) of the face; at 0 the printed pattern folds over

@@ -15,9 +15,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...aliases import Field, Point
+from ...aliases import Point
 from ...shapes import Indenter
-from ..footprint import is_mirrored
+from ..level import is_mirrored
 from ..zones import ZoneMap, Zones
 
 CONTACT_EPS_MM = 1e-9  # rounding of a stage's transform; a motor step is 1e-3
@@ -78,20 +78,6 @@ class SolvedKnot:
     cuts: int = 0
     lacking_rel: float = 0.0
     zone_map: ZoneMap | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """Of stored knots the lattice's axes, and how they were made.
-
-    ended: (kind of error, why) where the gel could not be solved at the knot after these.
-    """
-
-    x_mm: Field
-    y_mm: Field
-    seconds: float
-    dofs: int = 0
-    ended: tuple[str, str] | None = None
 
 
 def divide(start: Point, end: Point, increments: Increments) -> tuple[list[float], list[Point]]:

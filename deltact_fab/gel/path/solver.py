@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from ... import cache
 from ...aliases import Field, Point
 from ...errors import DeltactFabError, InputError, SolverError
-from ..zones import Zones
-from .knots import KnotPose, Mirror, ObservedChannels, SolvedKnot, Trajectory
+from .knots import KnotPose, Mirror, ObservedChannels, SolvedKnot
 
 if TYPE_CHECKING:
     from ..level import Choice, GelContact, State
@@ -77,12 +76,12 @@ class PathSolver:
     @property
     def axes_mm(self) -> tuple[Field, Field]:
         if self.found is not None:
-            return self.found.x_mm, self.found.y_mm
+            return self.found["x_mm"], self.found["y_mm"]
         return self.contact.x_mm, self.contact.y_mm
 
     @property
     def dofs(self) -> int:
-        return self.found.dofs if self.found is not None else self.contact.dofs
+        return int(self.found["dofs"]) if self.found else self.contact.dofs
 
     @property
     def stored_as(self) -> str | None:
@@ -100,7 +99,7 @@ class PathSolver:
     @property
     def ended(self) -> str:
         """Why the planned knots after those found cannot be solved; empty where they can."""
-        return self.found.ended[1] if self.found is not None and self.found.ended else ""
+        return str(self.found["ended"][1]) if self.found and self.found["ended"] else ""
 
     @property
     def flags(self) -> dict[str, int]:
@@ -142,8 +141,8 @@ class PathSolver:
     # -- solving ---------------------------------------------------------------------------------
 
     def _solve_planned(self, before: int) -> None:
-        if self.found is not None and self.found.ended is not None:
-            kind, why = self.found.ended
+        if self.found is not None and self.found["ended"] is not None:
+            kind, why = self.found["ended"]
             raise ENDS[kind](why)
         pose = self.poses[before]
         last = before + 1 == len(self.poses)
@@ -207,23 +206,24 @@ class PathSolver:
 
     # -- the store -------------------------------------------------------------------------------
 
-    def _load(self) -> Trajectory | None:
-        """What is in the store, its knots as this press's own; None where there is no whole one."""
+    def _load(self) -> dict[str, Any] | None:
+        """What `_keep` left in the store, its knots as this press's own; None: no whole one.
+
+        ended: (kind of error, why) where the gel could not be solved at the knot after these.
+        """
         held = None if self._key is None else cache.get(KIND, self._key)
         if held is None or (len(held["knots"]) != len(self.poses) and held["ended"] is None):
             return None
-        for knot in held.pop("knots"):
-            knot["zones"] = Zones(**_tuples(knot["zones"]))
-            self._knots.append(self.mirror.solved(SolvedKnot(**_tuples(knot))))
-        return Trajectory(**_tuples(held))
+        self._knots = [self.mirror.solved(knot) for knot in held.pop("knots")]
+        return dict(held)
 
     def _keep(self, ended: tuple[str, str] | None) -> None:
-        """In the store, where the longest unused make room."""
         if self._key is None:
             return
-        knots = [vars(k) | {"zones": vars(k.zones)} for k in map(self.mirror.solved, self._knots)]
-        made = Trajectory(*self.axes_mm, self.seconds, self.contact.dofs, ended)
-        cache.put(KIND, self._key, {"knots": knots, **vars(made)}, KEEP_BYTES)
+        x_mm, y_mm = self.axes_mm
+        held = {"x_mm": x_mm, "y_mm": y_mm, "seconds": self.seconds, "dofs": self.contact.dofs}
+        held |= {"ended": ended, "knots": [self.mirror.solved(k) for k in self._knots]}
+        cache.put(KIND, self._key, held, KEEP_BYTES)
 
 
 def on_floor(
@@ -243,8 +243,3 @@ def on_floor(
         f"floor: {int((below > 0).sum())} of {below.size} points of the face come out below the "
         f"gel's floor, by {below.max():.2g} mm at most, and are kept on it: no gel lies so"
     ]
-
-
-def _tuples(values: dict[str, Any]) -> dict[str, Any]:
-    """With tuples again in place of the lists that JSON has."""
-    return {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}

@@ -40,8 +40,6 @@ TRUSTED_SHARE = 0.25
 
 
 class FlowState(IntEnum):
-    """What stands behind one pixel's flow."""
-
     LOST = 0
     """Hidden or out of view, and no trustworthy neighbour near: a guess."""
     PREDICTED = 1

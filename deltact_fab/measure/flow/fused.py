@@ -50,12 +50,10 @@ class Sampled(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Of the image."""
         return (*self.luma.shape, 3)
 
     @property
     def ndim(self) -> int:
-        """Of the image."""
         return 3
 
 

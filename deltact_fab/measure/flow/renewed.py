@@ -129,7 +129,6 @@ class RenewedTracker:
         """Nothing: each flow starts from the last one."""
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
-        """Follow one more image."""
         assert not isinstance(ready.image, Sampled), "for the anchored reference only"
         gray, ref = to_gray(ready.image), self._ref
         relative = self._relative = self._method.between(ref.gray, gray, self._relative)

@@ -186,9 +186,7 @@ class FlowTracker:
         return RenewedTracker(self.method, self.reference, image, first, judge, self.renew_share)
 
 
-def named_tracker(
-    name: str, *, full: bool = True, shared: dict[str, FlowMethod] | None = None
-) -> FlowTracker:
+def named_tracker(name: str, *, shared: dict[str, FlowMethod] | None = None) -> FlowTracker:
     """The tracker of a name: `method` or `method/reference`; `paper` stands for `farneback-paper`.
 
     `fused` alone is anchored, `paper` summed, any other method alone composed. shared: methods by
@@ -200,7 +198,7 @@ def named_tracker(
     own = FlowMethod(method)
     if shared is not None:
         own = shared.setdefault(own.name, own)
-    return FlowTracker(own, kept or None, full=full)
+    return FlowTracker(own, kept or None)
 
 
 def _why_plain(gray: Array) -> str:

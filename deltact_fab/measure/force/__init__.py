@@ -7,7 +7,7 @@ in FEATURES.
 from __future__ import annotations
 
 from ...errors import InputError, did_you_mean
-from ..view import SensorView
+from ..sensor_id import SensorView
 from .inverse import Inverse
 from .model import COMPONENTS, Features, ForceModel, TractionField, Wrench
 from .paper import Paper, Signed, Sums

@@ -14,8 +14,7 @@ from ...aliases import Array
 from ...errors import InputError
 from ...optics import CameraModel
 from ...shapes import SkinDimensions
-from ..sensor_id import Head, read_calibration, read_rest, rest_table
-from ..view import SensorView
+from ..sensor_id import Head, SensorView, read_calibration, read_rest, rest_table
 from .model import ForceModel
 
 FORMER = {"inverse": "inverse-placed", "paper-mirrored": "paper"}
@@ -41,7 +40,6 @@ class ForceCalibration:
     rest: bytes | None = None
 
     def view(self, camera: CameraModel) -> SensorView:
-        """The sensor through a camera."""
         return SensorView(camera, self.skin, self.poisson)
 
     def rest_image(self) -> Array | None:

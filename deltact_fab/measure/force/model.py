@@ -59,7 +59,6 @@ class TractionField:
 
     @property
     def pressed(self) -> bool:
-        """Whether anything touches the face."""
         return bool(self.traction_mpa[..., 2].any())
 
     def centre_mm(self) -> Array:
@@ -181,7 +180,6 @@ class ForceModel:
         return Wrench(six[:3], six[3:], cover, bool(self.outside(x[None])[0]))
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, for a calibration file."""
         return {
             "features": self.features,
             "names": list(self.names),

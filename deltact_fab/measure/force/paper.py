@@ -17,8 +17,8 @@ import numpy as np
 from ...aliases import Array
 from ..face import FaceFlow, whole
 from ..hodge import Hodge, decompose
+from ..sensor_id import SensorView
 from ..shape.density import by_jacobian
-from ..view import SensorView
 from .model import Features, ForceModel, TractionField
 
 TURNING = ("x ry mm4", "y rx mm4", "x hy mm4", "y hx mm4")

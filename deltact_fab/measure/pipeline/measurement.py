@@ -20,7 +20,7 @@ from ..dots import DotTracker
 from ..flow import FlowTracker, PreparedImage, Sampled, to_gray
 from ..flow.fused import to_half
 from ..health import Health
-from ..view import SensorView
+from ..sensor_id import SensorView
 from .outputs import CalibratedSensor, Calibration, Result
 
 

@@ -19,7 +19,7 @@ from ..force import Features, ForceModel, TractionField, Wrench, features_of
 from ..force.calibration import ForceCalibration, load_force
 from ..force.inverse import Inverse
 from ..health import Health, health
-from ..sensor_id import SensorId, read_calibration, require_same
+from ..sensor_id import SensorId, SensorView, read_calibration, require_same
 from ..shape import (
     ContactRegion,
     Density,
@@ -30,7 +30,6 @@ from ..shape import (
     contacts,
     relative_depth,
 )
-from ..view import SensorView
 
 Output = Literal["flow", "observation", "shape", "contacts", "force", "traction"]
 OUTPUTS: tuple[Output, ...] = get_args(Output)

@@ -1,7 +1,7 @@
 """Depth of the face in mm, calibrated on a ball, and the separate contacts in its map.
 
 Off the axis depth is seen as motion, on it hardly at all, so no local rule tells depth from flow.
-The inverse of the face's linear operator does (`force.press`): its traction moves the face in
+The inverse of the face's linear operator does (`force.inverse`): its traction moves the face in
 depth too, too little by 3 to 14 % (docs/evidence/strangers.md); one factor makes it good.
 """
 
@@ -22,9 +22,8 @@ from ...elasticity.block import interpolation
 from ...optics import CameraModel
 from ..face import FaceFlow, rigid, whole
 from ..force import TractionField
-from ..force.press import inverse_for
-from ..sensor_id import Head, read_calibration
-from ..view import SensorView
+from ..force.inverse import inverse_for
+from ..sensor_id import Head, SensorView, read_calibration
 
 RIGID = 0.1
 BEYOND = 1.1  # of the deepest press of the calibration: deeper ones are extrapolated
@@ -45,7 +44,6 @@ class DepthModel:
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
 
     def as_dict(self) -> dict[str, float]:
-        """Plain data, for a calibration file."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
     def view(self, view: SensorView) -> SensorView:
@@ -79,13 +77,10 @@ class Depth:
 
     @property
     def cell_mm(self) -> float:
-        """Distance of neighbouring points."""
         return float(self.x_mm[1] - self.x_mm[0])
 
 
 class DepthFinder:
-    """Finds the depth of one sensor's face."""
-
     def __init__(self, view: SensorView, model: DepthModel) -> None:
         self.view, self.model = model.view(view), model
         self.inverse = inverse_for(self.view)
@@ -152,7 +147,7 @@ def ball_mm(flow: FaceFlow, view: SensorView, tip_mm: Array, radius_mm: float) -
 RIM = 0.3
 """A contact ends where the depth falls below this share of its peak: of balls the rim is there."""
 MIN_MM = 0.05
-"""A contact's peak is at least this deep; the inverse finds none in noise (`press.FLOOR`)."""
+"""A contact's peak is at least this deep; the inverse finds none in noise (`inverse.FLOOR`)."""
 DIP = 0.75
 """Two peaks are two contacts if the depth between them falls below this share of the lower one."""
 FINE_MM = 0.08  # of the map on which outlines are drawn

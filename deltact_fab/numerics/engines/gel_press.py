@@ -23,7 +23,7 @@ from ...elasticity.material import GelMaterial
 from ...gel.finite import FinitePress, FiniteState, block_mesh
 from ...gel.finite.gel import FaceLattice, whole_wrench
 from ...gel.finite.linear import Name
-from ...gel.level import IncrementDiagnostics, Level
+from ...gel.level import IncrementDiagnostics, Level, follow
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
 from ..engine import Flagged
@@ -68,8 +68,6 @@ class GelCase:
 
 @dataclass(frozen=True, eq=False)
 class FiniteSolution:
-    """A path: its solver and all states, the one at rest first."""
-
     press: FinitePress
     states: tuple[FiniteState, ...]
 
@@ -98,7 +96,7 @@ def solved(scene: GelCase, step_mm: float, *tips: Point) -> FiniteSolution:
     press = scene.press()
     states = [press.rest((tips[0][0], tips[0][1], 0.0))]
     for tip in tips:
-        states += press.path(states[-1], tip, step_mm)
+        states += follow(press, states[-1], tip, step_mm)
     return FiniteSolution(press, tuple(states))
 
 
@@ -261,7 +259,7 @@ def prepared(run: PressSetup) -> tuple[FinitePress, FaceLattice]:
 def solve_finite(run: PressSetup) -> GelAnswer:
     """At finite strain on the run's mesh."""
     press, lattice = prepared(run)
-    states = list(press.path(press.rest(), (0.0, 0.0, run.depth_mm), run.step_mm))
+    states = list(follow(press, press.rest(), (0.0, 0.0, run.depth_mm), run.step_mm))
     force, _ = whole_wrench(press.mesh, states[-1])
     work = IncrementDiagnostics.over([s.diagnostics for s in states])
     note = {"dofs": press.mesh.free_dofs, "solver": press.solver.name, **vars(work)}
@@ -302,15 +300,12 @@ def kept(runs: Iterable[PressSetup]) -> tuple[list[float], list[Field]]:
     """Normal forces and in-plane displacements at finite strain; kept in the user's cache."""
     runs = list(runs)
     key = cache.key("numerics.engines.gel_press", runs=runs, lattice=LATTICE_MM)
-    held = cache.get("gel-reference", key)
+    held: tuple[list[float], list[Field]] | None = cache.get("gel-reference", key)
     if held is None:
         answers = [solve_finite(r) for r in runs]
-        held = {
-            "normal_n": [a.normal_n for a in answers],
-            "in_plane_mm": [a.in_plane_mm.tolist() for a in answers],
-        }
+        held = [a.normal_n for a in answers], [a.in_plane_mm for a in answers]
         cache.put("gel-reference", key, held)
-    return held["normal_n"], [np.array(u) for u in held["in_plane_mm"]]
+    return held
 
 
 def extrapolated(

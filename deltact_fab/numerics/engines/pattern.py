@@ -67,10 +67,10 @@ def distance_to_law(values: NDArray[Any], r: float, levels: int | None) -> float
     return float(max((step_up[1:] - ordered).max(), (ordered - step_up[:-1]).max()))
 
 
-def violations(values: NDArray[Any], r: float, levels: int = patches.FILE_LEVELS) -> int:
+def violations(values: NDArray[Any], r: float) -> int:
     """Neighbour pairs and channels whose squared difference is below r, in exact integers."""
     signed = values.astype(np.int64)
-    step = patches.step_levels(r, levels)
+    step = patches.step_levels(r, patches.FILE_LEVELS)
     return sum(int((np.abs(np.diff(signed, axis=axis)) < step).sum()) for axis in (0, 1))
 
 

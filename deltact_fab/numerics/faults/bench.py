@@ -190,11 +190,6 @@ def free_disk() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, _GROWTH)
 
 
-def none(t_s: float) -> float:
-    """Nothing pushes but the gel."""
-    return 0.0
-
-
 class WatchedFaults(BoxFaults):
     """Notes when the first record was taken that tells of something wrong, or does not come."""
 
@@ -299,7 +294,7 @@ class FaultBench:
         self.link = wire.SerialLink(
             self.board, self.clock, resets_on_open=False, trace=self.trace,
         )  # fmt: skip
-        self.extra_n: Push = none  # on z, by the time (s)
+        self.extra_n: Push = lambda t_s: 0.0  # on z beside the gel, by the time (s)
         self.box = NetFTBox(of.force, self.clock, 1, self._wrenches, 0.01)
         self.box.faults = self.box_faults = WatchedFaults()
         self.box_faults.limit_counts = of.limit_n * self.box.settings().counts_per_n
@@ -333,7 +328,7 @@ class FaultBench:
         for name in ("silent", "late_s", "error", "saturated", "drop_every"):
             setattr(self.box_faults, name, 0)
         self.camera_faults = {}
-        self.extra_n = none
+        self.extra_n = lambda t_s: 0.0
 
     def run(self, folder: Path, progress: Any = None) -> None:
         """One session: begin the run of that folder, or go on with it. Raises what the run does."""
