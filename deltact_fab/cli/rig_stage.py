@@ -54,7 +54,7 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
     watched meanwhile, and its guard stops the stage as in a run.
     """
     from ..rig.tool.hand import stopped_by_ctrl_c
-    from ..rig.tool.operator import TerminalOperator, home_safely
+    from ..rig.tool.tooling import TerminalOperator, home_safely
 
     config, stage = _stage(rig)
     question = "homing moves every axis to its end switch; is the path clear?"
@@ -118,7 +118,7 @@ def _by_keys(
     from ..rig import config as rigs
     from ..rig.tool import session
     from ..rig.tool.hand import HandSession, stopped_by_ctrl_c
-    from ..rig.tool.operator import TerminalOperator, home_safely
+    from ..rig.tool.tooling import TerminalOperator, home_safely
     from .keys import keys, whole_lines
 
     if not sys.stdin.isatty():
@@ -138,7 +138,7 @@ def _by_keys(
             bench = session.GuardedStage(stage.clock, stage, guard, guard)
             with whole_lines():
                 found = session.register_face(bench, asked, operator)
-            session.write(found, source, out)
+            session.write(found, out)
             return f"{out}: {found.line()}"
 
         def tell(line: str) -> None:
@@ -175,7 +175,7 @@ def goto(
     """
     from ..rig.run.loop import watched
     from ..rig.tool import hand
-    from ..rig.tool.operator import home_safely
+    from ..rig.tool.tooling import home_safely
 
     config, stage = _stage(rig)
     if home_first == as_counted:

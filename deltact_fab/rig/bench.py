@@ -23,7 +23,7 @@ from .force.guard import GuardLimits
 from .force.watchdog import Watchdog, open_guarded
 from .interface import Camera, OpenBench, Rig, RigSetup, WallClock
 from .stage.grbl import GrblStage
-from .tool.config import TouchConfig
+from .tables import TouchConfig
 from .tool.tooling import Tooling
 from .tool.touch import MOST, change_s
 
@@ -86,45 +86,38 @@ class GrblRig(Rig):
 
     def __init__(self, config: GrblConfig, folder: Path, job: RigSetup) -> None:
         """folder: of the rig file."""
-        self._job = job
-        self._open = ExitStack()
-        try:
-            self._build(config, folder)
-        except BaseException:
-            self.close()
-            raise
-
-    def _build(self, config: GrblConfig, folder: Path) -> None:
-        job, clock = self._job, WallClock()
+        self._job, clock = job, WallClock()
         stage = GrblStage.of(config.stage, clock)
-        self._open.callback(stage.close)
-        force: Watchdog | None = None
-        if config.force is not None and config.force.reachable:
-            force = open_guarded(config.force, config.guard, stage)
-            self._open.callback(force.close)
-        elif not job.air:
-            raise InputError(
-                "force: nothing guards a press without a force sensor; add [force.netft] or "
-                "[force.serial] to the rig file, or give --air"
-            )
-        self._tooling = Tooling(job, stage, clock, force, force, config.touch, config.tools)
-        camera: Camera | None = None
-        if "image" in job.protocol.channels:
-            assert config.camera is not None, "refused without one"
-            camera = open_camera(config.camera, folder, clock)
-            self._open.callback(camera.close)
         park_mm = job.protocol.motion.park_mm
-        super().__init__(
-            clock,
-            stage,
-            camera,
-            force,
-            change_indenter=self._tooling.change_indenter,
-            guard=force,
-            begin=self._tooling.begin,
-            change_s=0.0 if job.air else change_s(config.stage, config.touch, park_mm),
-            wall_clock=True,
-        )
+        with ExitStack() as opened:
+            opened.callback(stage.close)
+            force: Watchdog | None = None
+            if config.force is not None and config.force.reachable:
+                force = open_guarded(config.force, config.guard, stage)
+                opened.callback(force.close)
+            elif not job.air:
+                raise InputError(
+                    "force: nothing guards a press without a force sensor; add [force.netft] or "
+                    "[force.serial] to the rig file, or give --air"
+                )
+            self._tooling = Tooling(job, stage, clock, force, force, config.touch, config.tools)
+            camera: Camera | None = None
+            if "image" in job.protocol.channels:
+                assert config.camera is not None, "refused without one"
+                camera = open_camera(config.camera, folder, clock)
+                opened.callback(camera.close)
+            super().__init__(
+                clock,
+                stage,
+                camera,
+                force,
+                change_indenter=self._tooling.change_indenter,
+                guard=force,
+                begin=self._tooling.begin,
+                change_s=0.0 if job.air else change_s(config.stage, config.touch, park_mm),
+                wall_clock=True,
+            )
+            self.opened = opened.pop_all()
 
     def left_out(self) -> list[str]:
         lines = []
@@ -145,15 +138,7 @@ class GrblRig(Rig):
         return lines
 
     def identity(self) -> dict[str, Any]:
-        return {
-            "stage": self.stage.identity(),
-            "camera": self.camera.identity() if self.camera is not None else None,
-            "force": self.force.identity() if self.force is not None else None,
-            "tool": self._tooling.identity(),
-        }
-
-    def close(self) -> None:
-        self._open.close()
+        return {**super().identity(), "tool": self._tooling.identity()}
 
 
 def unmet(

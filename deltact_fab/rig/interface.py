@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -93,9 +93,9 @@ class ForceSamples:
 class Stage(Protocol):
     """A motion stage in sensor coordinates; it knows its own limits."""
 
-    @property
-    def frame(self) -> StageFrame:
-        """The sensor frame as the tip that is mounted now has it."""
+    frame: StageFrame
+    """The sensor frame as the tip that is mounted now has it; positions are told and taken in it.
+    Another may be set at any time, nothing moves."""
 
     @property
     def homed(self) -> bool:
@@ -103,9 +103,6 @@ class Stage(Protocol):
 
     def connect(self) -> None: ...
     def home(self) -> None: ...
-    def set_frame(self, frame: StageFrame) -> None:
-        """Tell and take positions in this frame from now on; nothing moves."""
-
     def lift(self, height_mm: float, feed_mm_min: float) -> bool:
         """Go straight up, z of the machine alone, by that much or to the top of the travel.
 
@@ -343,7 +340,16 @@ class OpenBench(ABC):
 
 
 class Rig(Devices, OpenBench):
-    """A bench whose stage carries out the run."""
+    """A bench whose stage carries out the run. opened: closes its devices, the last one first."""
+
+    opened: ExitStack
+
+    def identity(self) -> dict[str, Any]:
+        devices = {"stage": self.stage, "camera": self.camera, "force": self.force}
+        return {name: None if it is None else it.identity() for name, it in devices.items()}
+
+    def close(self) -> None:
+        self.opened.close()
 
 
 class RigKind(Protocol):

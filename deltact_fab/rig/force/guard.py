@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
-from typing import Protocol
 
 import numpy as np
 
@@ -68,13 +67,6 @@ class Trip:
     byte_ns: int
 
 
-class Stops(Protocol):
-    """Whatever can be stopped."""
-
-    def cancel(self) -> None:
-        """Write the byte that ends the motion under way."""
-
-
 class ForceGuard:
     """Looks at every sample before anyone else does; may live in any thread, for it only writes.
 
@@ -82,6 +74,7 @@ class ForceGuard:
     (`lost`). Once tripped it stays so until `rearm`: it writes the stop byte again while samples
     are over the limit, because a byte that reaches GRBL before its jog has begun does nothing.
 
+    stop: writes the byte that ends the motion under way.
     behind_s: on the wall clock, a guard whose newest sample stays older than that for as long
     again is blind, and stops the stage; a hiccup that is caught up is counted in `tally` alone.
     None: the samples' ages are not looked at, as in lockstep.
@@ -89,12 +82,12 @@ class ForceGuard:
 
     def __init__(
         self,
-        stage: Stops,
+        stop: Callable[[], None],
         limits: GuardLimits,
         clock: Clock,
         behind_s: float | None = None,
     ) -> None:
-        self._stage = stage
+        self._stop = stop
         self._clock = clock
         self.limits = limits
         self._most = np.array([*limits.force_n, *limits.torque_nmm, limits.resultant_n])
@@ -198,5 +191,5 @@ class ForceGuard:
         """The stop byte, at most every AGAIN_NS."""
         now_ns = self._clock.now_ns()
         if not self._byte_ns or now_ns - self._byte_ns >= AGAIN_NS:
-            self._stage.cancel()
+            self._stop()
             self._byte_ns = now_ns

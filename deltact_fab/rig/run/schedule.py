@@ -59,7 +59,7 @@ class Schedule:
         self.frames = FrameStream(devices.camera, devices.clock, self._keep)
         self.force: ForceStream | None = None
         if devices.force is not None:
-            self.force = ForceStream(devices.force, devices.guard, devices.clock, self._note)
+            self.force = ForceStream(devices.force, devices.guard, self._note)
 
     # ---- what the thread that moves the stage asks for ------------------------------------------
 

@@ -17,12 +17,11 @@ import numpy as np
 
 from ...aliases import Field, Vector
 from ...errors import DeltactFabError, SensorError, StageError
-from ...protocols.motion import WALL_CLOCK, move_duration_s
+from ...protocols.motion import WALL_CLOCK, StageConfig, move_duration_s
 from ...shapes import Indenter
 from ...shapes.tips import EllipsoidTip, SphereTip
 from ..interface import go, rise
-from ..tables import StageConfig
-from .config import TouchConfig
+from ..tables import TouchConfig
 from .feeler import LOOK_S, MEAN_S, SETTLE_S, TARE_S, ForceProbe
 
 STRIDE_MM = 0.5
