@@ -95,6 +95,7 @@ def jog(
     it, in one session on one open port: homing, origin and registration (written beside the rig
     file) as well, with the force on the screen.
     """
+    from ..rig.interface import go
     from ..rig.run.loop import watched
     from ..rig.tool import hand
 
@@ -105,7 +106,7 @@ def jog(
     with _driven(config, stage) as guard:
         _count(stage)
         with hand.stopped_by_ctrl_c(stage), watched(stage, stage.clock, guard, guard):
-            hand.jog(stage, by_mm, feed, most_mm=most, into_gel=into_gel)
+            go(stage, *hand.wanted(stage, by_mm, feed, most, into_gel))
         return _now(stage, config)
 
 
@@ -187,7 +188,7 @@ def goto(
             else:
                 _count(stage)
             with watched(stage, stage.clock, guard, guard):
-                hand.goto(stage, target_mm, feed, into_gel=into_gel)
+                hand.goto(stage, target_mm, feed, into_gel)
         return _now(stage, config)
 
 

@@ -13,15 +13,15 @@ from typing import Any
 
 from ..aliases import Progress
 from ..errors import InputError
-from ..optics import CameraModel, FlatField
+from ..optics import CameraModel
 from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
-from .camera.model import flat_field, open_camera, tracked_view, view_notes
+from .camera.model import open_camera, tracked_view, view_notes
 from .config import GrblConfig
 from .force.guard import GuardLimits
 from .force.watchdog import Watchdog, open_guarded
-from .interface import Camera, OpenBench, Rig, RigSetup, WallClock
+from .interface import Camera, OpenBench, Rig, RigKind, RigSetup, WallClock
 from .stage.grbl import GrblStage
 from .tables import TouchConfig
 from .tool.tooling import Tooling
@@ -30,15 +30,9 @@ from .tool.touch import MOST, change_s
 KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
 
-class GrblKind:
-    """Implements rig.interface.RigKind."""
-
+class GrblKind(RigKind):
     part = "devices of the rig"
-
-    def __init__(self, config: GrblConfig, source: Path) -> None:
-        """source: of the rig file, from which the paths in it count."""
-        self._config = config
-        self._source = source
+    _config: GrblConfig
 
     def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """A line for each device that the protocol asks for and the rig has not."""
@@ -66,11 +60,6 @@ class GrblKind:
         if self._config.camera is None or "image" not in protocol.channels:
             return None
         return tracked_view(self._config.camera, sensor, self._source)
-
-    def flat(self, protocol: Protocol) -> FlatField | None:
-        if self._config.camera is None or "image" not in protocol.channels:
-            return None
-        return flat_field(self._config.camera.model, self._source)
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
         """A hand lays weights on; a stage does all else."""
@@ -149,24 +138,13 @@ def unmet(
     Forces that are predicted against what the stage and the sensor bear are `preflight`'s affair.
     """
     force, touch = config.force, config.touch
-    lines = []
-    if force is None or not force.reachable:
-        lines.append(
-            "force: a press on a real rig needs a force sensor, for the guard and to find the "
-            "face: add [force.netft] or [force.serial], or give --air, and nothing goes below the "
-            "clearance plane"
-        )
-    elif "force" not in protocol.channels:
+    lines = lacking(config)
+    if force is not None and force.reachable and "force" not in protocol.channels:
         lines.append(
             f"channels of {protocol.name!r}: a press on a real rig records the force that its "
             'guard watches: add "force", or give --air'
         )
-    if touch is None:
-        lines.append(
-            "touch: missing table; a press on a real rig needs to know where the face is: add "
-            "[touch], or give --air"
-        )
-    else:
+    if touch is not None:
         lines += _outside(touch, protocol, sensor)
         if force is not None:
             lines += _above_the_guard(config, touch)
@@ -174,6 +152,23 @@ def unmet(
         lines.append(
             f"--unattended: {protocol.name!r} holds {len(protocol.indenters)} indenters, and "
             "nobody is there to change them: a protocol of one"
+        )
+    return lines
+
+
+def lacking(config: GrblConfig) -> list[str]:
+    """The tables that every press needs and the rig file has not, a line each."""
+    lines = []
+    if config.force is None or not config.force.reachable:
+        lines.append(
+            "force: a press on a real rig needs a force sensor, for the guard and to find the "
+            "face: add [force.netft] or [force.serial], or give --air, and nothing goes below the "
+            "clearance plane"
+        )
+    if config.touch is None:
+        lines.append(
+            "touch: missing table; a press on a real rig needs to know where the face is: add "
+            "[touch], or give --air"
         )
     return lines
 

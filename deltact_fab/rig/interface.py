@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..aliases import Image, Progress, Vector
+from ..optics import FlatField
 
 if TYPE_CHECKING:
-    from ..optics import CameraModel, FlatField, StageFrame
+    from ..optics import CameraModel, StageFrame
     from ..patterns.recipe import PatternRecipe
     from ..protocols import plan
     from ..shapes import SensorDimensions
@@ -352,15 +353,22 @@ class Rig(Devices, OpenBench):
         self.opened.close()
 
 
-class RigKind(Protocol):
+class RigKind(ABC):
     """What one kind of rig says before any device is opened, and how it is built."""
 
     part: str
     """What `refusals` speaks of, for a table of checks."""
 
+    def __init__(self, config: Any, source: Path) -> None:
+        """source: of the rig file, from which the paths in it count."""
+        self._config = config
+        self._source = source
+
+    @abstractmethod
     def refusals(self, protocol: plan.Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """Why a protocol cannot be carried out on it, a line each; source: of the protocol."""
 
+    @abstractmethod
     def camera(self, protocol: plan.Protocol, sensor: SensorDimensions) -> CameraModel | None:
         """The projection of the images that are tracked; None without a camera.
 
@@ -369,7 +377,12 @@ class RigKind(Protocol):
 
     def flat(self, protocol: plan.Protocol) -> FlatField | None:
         """How the light falls off in that camera's images, where it is known. Raises InputError."""
+        camera = self._config.camera
+        if camera is None or camera.model is None or "image" not in protocol.channels:
+            return None
+        return FlatField.beside(self._source.parent / camera.model)
 
+    @abstractmethod
     def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
         """Every device of the run, or none: what was opened is closed when another fails.
 

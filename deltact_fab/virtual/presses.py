@@ -113,10 +113,7 @@ class Presses:
         raise InputError(f"no press of {indenter} is planned at ({at_mm[0]:g}, {at_mm[1]:g}) mm")
 
     def of(self, path: PressPath) -> PlannedPress:
-        waiting = self._waiting.pop(path.press, None)
-        return self._opened(waiting or self._press(path))
-
-    def _opened(self, press: PlannedPress) -> PlannedPress:
+        press = self._waiting.pop(path.press, None) or self._press(path)
         if self.opened:
             self.opened[-1].solver.close()
         self.opened.append(press)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..aliases import Progress
-from ..optics import Fisheye, FlatField, Pinhole, Rectified
+from ..optics import Fisheye, Pinhole, Rectified
 from ..protocols.plan import Protocol
-from ..rig.camera.model import flat_field
 from ..rig.config import VirtualConfig
 from ..rig.force.netft import NetFTSensor
-from ..rig.interface import Rig, RigSetup
+from ..rig.interface import Rig, RigKind, RigSetup
 from ..rig.stage.grbl import GrblStage
 from ..shapes import SensorDimensions
 from ..units import stream_number
@@ -30,14 +28,9 @@ if TYPE_CHECKING:
     from .picture import FrameRenderer
 
 
-class VirtualKind:
-    """Implements rig.interface.RigKind."""
-
+class VirtualKind(RigKind):
     part = "simulated gel"
-
-    def __init__(self, config: VirtualConfig, source: Path) -> None:
-        self._config = config
-        self._source = source
+    _config: VirtualConfig
 
     def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """Presses that are observed and for which the gel has no level or no mesh."""
@@ -52,12 +45,6 @@ class VirtualKind:
         from .lens import tracked_view
 
         return tracked_view(self._config, sensor, self._source)
-
-    def flat(self, protocol: Protocol) -> FlatField | None:
-        """What the camera file says of the light; only where images are taken."""
-        if self._config.camera is None or "image" not in protocol.channels:
-            return None
-        return flat_field(self._config.camera.model, self._source)
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""

@@ -20,7 +20,6 @@ from ..run.loop import Watch, interruptible, watched
 from ..stage.grbl import GrblStage
 
 CLEARANCE_MM = 5.0
-MAX_MM = 10.0
 FEED_MM_MIN = 300.0
 NEAR_FEED_MM_MIN = 30.0
 """Below the clearance height."""
@@ -48,31 +47,14 @@ def stopped_by_ctrl_c(stage: Stage) -> Iterator[None]:
             raise Stopped(f"stopped by the operator{where}") from why
 
 
-def jog(
-    stage: Stage,
-    by_mm: Vector,
-    feed_mm_min: float = FEED_MM_MIN,
-    *,
-    most_mm: float = MAX_MM,
-    into_gel: bool = False,
-) -> Vector:
-    """One straight move by so much (sensor frame); returns where the tip is then.
-
-    Raises InputError, with nothing sent, for one that is longer than most_mm or, without into_gel,
-    ends below CLEARANCE_MM or goes sideways there; straight up is always allowed.
-    """
-    go(stage, *wanted(stage, by_mm, feed_mm_min, most_mm, into_gel))
-    return stage.position_mm()
-
-
 def wanted(
-    stage: Stage,
-    by_mm: Vector,
-    feed_mm_min: float,
-    most_mm: float,
-    into_gel: bool,
+    stage: Stage, by_mm: Vector, feed_mm_min: float, most_mm: float, into_gel: bool
 ) -> tuple[Vector, float]:
-    """Where such a jog leads, and how fast; nothing moves. Raises as `jog`."""
+    """Where a straight move by so much (sensor frame) leads, and how fast; nothing moves.
+
+    Raises InputError for one that is longer than most_mm or, without into_gel, ends below
+    CLEARANCE_MM or goes sideways there; straight up is always allowed.
+    """
     require_short(by_mm, most_mm)
     here = stage.position_mm()
     there = plus(here, by_mm)
@@ -83,7 +65,7 @@ def wanted(
     return there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
 
 
-def require_short(by_mm: Vector, most_mm: float = MAX_MM) -> None:
+def require_short(by_mm: Vector, most_mm: float) -> None:
     """Raise InputError for a way that is longer than most_mm, or none."""
     length_mm = math.hypot(*by_mm)
     if not length_mm <= most_mm:
@@ -93,13 +75,7 @@ def require_short(by_mm: Vector, most_mm: float = MAX_MM) -> None:
         )
 
 
-def goto(
-    stage: Stage,
-    target_mm: Vector,
-    feed_mm_min: float = FEED_MM_MIN,
-    *,
-    into_gel: bool = False,
-) -> Vector:
+def goto(stage: Stage, target_mm: Vector, feed_mm_min: float, into_gel: bool) -> None:
     """To a place (sensor frame): up to the clearance height, sideways, then down.
 
     Raises InputError, with nothing sent, for one below CLEARANCE_MM without into_gel.
@@ -119,7 +95,6 @@ def goto(
             go(stage, (x, y, CLEARANCE_MM), feed_mm_min)
         feed_mm_min = min(feed_mm_min, NEAR_FEED_MM_MIN)
     go(stage, target_mm, feed_mm_min)
-    return stage.position_mm()
 
 
 def in_words(position_mm: Vector) -> str:
