@@ -173,7 +173,7 @@ def main(rig: str, half_x: float, half_y: float, top: float, indenter: str = "sp
     ball, operator = parse(indenter), TerminalOperator()
     with session.homed(bench, path, operator) as devices:
         confirm(operator, ball.name, "it is mounted, screwed tight")
-        feeler = ForceProbe(devices.stage, devices.force, devices.clock, devices.guard)
+        feeler = ForceProbe(devices.stage, devices.force, devices.stage.clock, devices.guard)
         block = BlockTouch(feeler, bench.touch or TouchConfig(), (half_x, half_y), top, ball)
         found = block.find()
         frame = found.frame(devices.stage.frame)

@@ -136,7 +136,7 @@ def _by_keys(
         def register() -> str:
             if guard is None:
                 return "registration needs a force sensor"
-            bench = session.GuardedStage(stage.clock, stage, guard, guard)
+            bench = session.GuardedStage(stage, guard, guard)
             with whole_lines():
                 found = session.register_face(bench, asked, operator)
             session.write(found, out)

@@ -28,15 +28,12 @@ EXPECTED = StageFrame((-60.0, -60.0, -40.0))
 class Block(BenchFace):
     """A hard block with upright sides around the gel, which a ball of 10 mm meets from beside."""
 
-    def __init__(self, frame: StageFrame, size_mm: tuple[float, float, float]) -> None:
-        """size_mm: half sides and top, above the face."""
-        super().__init__(frame, SkinDimensions())
-        self.size_mm = np.array(size_mm)
+    size_mm: tuple[float, float, float]  # half sides, and top above the face
 
     def wrench(self, carriage_mm: tuple[float, float, float]) -> NDArray[np.float64]:
         x, y, z = carriage_mm
         ball = np.array(self._frame.to_sensor_mm((x, y, z + 5.0)))
-        off = ball - np.clip(ball, -self.size_mm, self.size_mm)
+        off = ball - np.clip(ball, np.negative(self.size_mm), self.size_mm)
         away = float(np.hypot(*off[:2]))
         found = super().wrench(carriage_mm)
         if ball[2] <= self.size_mm[2] and 0 < away < 5.0:
@@ -84,7 +81,9 @@ def bench(
     grbl = GrblController({}, clock, start_mm=(-30.0, -30.0, -10.0))
     x, y, z = (o + d for o, d in zip(EXPECTED.origin_machine_mm, off_mm, strict=True))
     true = StageFrame((x, y, z), turn_deg, tilt_deg)
-    face = BenchFace(true, SkinDimensions()) if block_mm is None else Block(true, block_mm)
+    face = (BenchFace if block_mm is None else Block)(true, SkinDimensions())
+    if isinstance(face, Block) and block_mm is not None:
+        face.size_mm = block_mm
     face.mount(indenter, longer_mm)
 
     def wrenches(t_ns: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -224,7 +224,7 @@ def test_the_tilt_of_a_face_is_found() -> None:
     asked = session.RegistrationRequest(
         ball, session.places_for(skin, ball), TOUCH, 1.0, "bench.toml"
     )
-    devices = session.GuardedStage(it.clock, it.stage, it.force, it.guard)
+    devices = session.GuardedStage(it.stage, it.force, it.guard)
     with typing("sphere:10"):
         found = session.register_face(devices, asked, TerminalOperator())
     assert found.tilt_deg == pytest.approx((0.8, -0.5), abs=0.02)

@@ -67,6 +67,7 @@ class Trip:
     byte_ns: int
 
 
+@dataclass
 class ForceGuard:
     """Looks at every sample before anyone else does; may live in any thread, for it only writes.
 
@@ -80,21 +81,17 @@ class ForceGuard:
     None: the samples' ages are not looked at, as in lockstep.
     """
 
-    def __init__(
-        self,
-        stop: Callable[[], None],
-        limits: GuardLimits,
-        clock: Clock,
-        behind_s: float | None = None,
-    ) -> None:
-        self._stop = stop
-        self._clock = clock
-        self.limits = limits
+    stop: Callable[[], None]
+    limits: GuardLimits
+    clock: Clock
+    behind_s: float | None = None
+
+    def __post_init__(self) -> None:
+        limits = self.limits
         self._most = np.array([*limits.force_n, *limits.torque_nmm, limits.resultant_n])
         self._peak = np.zeros(7)  # since it tripped: six axes and the whole force
         self._easing = False
         self._byte_ns = 0
-        self._behind_s = behind_s
         self._behind_ns: int | None = None  # since when it looks at old samples
         self.tally = NoteCounts()
         self.trip: Trip | None = None
@@ -117,7 +114,7 @@ class ForceGuard:
         elif (
             self.trip is not None
             and not self._easing
-            and self._clock.now_ns() - self.trip.byte_ns < SURELY_NS
+            and self.clock.now_ns() - self.trip.byte_ns < SURELY_NS
         ):
             self._write()
 
@@ -128,7 +125,7 @@ class ForceGuard:
             self.trip = Trip(why, None, self._byte_ns)
 
     def tell(self) -> tuple[str, ...]:
-        return self.tally.tell(self._clock.now_ns())
+        return self.tally.tell(self.clock.now_ns())
 
     def rearm(self) -> None:
         self.trip = None
@@ -153,10 +150,10 @@ class ForceGuard:
 
     def _look_at_age(self, newest_ns: int) -> None:
         """Blind is who looks at old samples, and after behind_s of that still does."""
-        if self._behind_s is None:
+        if self.behind_s is None:
             return
-        now_ns = self._clock.now_ns()
-        old_ns, limit_ns = now_ns - newest_ns, self._behind_s * 1e9
+        now_ns = self.clock.now_ns()
+        old_ns, limit_ns = now_ns - newest_ns, self.behind_s * 1e9
         if old_ns <= limit_ns:
             self._behind_ns = None
             return
@@ -189,7 +186,7 @@ class ForceGuard:
 
     def _write(self) -> None:
         """The stop byte, at most every AGAIN_NS."""
-        now_ns = self._clock.now_ns()
+        now_ns = self.clock.now_ns()
         if not self._byte_ns or now_ns - self._byte_ns >= AGAIN_NS:
-            self._stop()
+            self.stop()
             self._byte_ns = now_ns

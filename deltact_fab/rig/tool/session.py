@@ -23,7 +23,7 @@ from ...shapes import Indenter, SensorDimensions, SkinDimensions
 from ...shapes.indenter import parse as parse_indenter
 from ..config import GrblConfig
 from ..force.watchdog import open_guarded
-from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Guard, Stage, WallClock
+from ..interface import LIFT_FEED_MM_MIN, ForceSensor, Guard, WallClock
 from ..run.loop import interruptible
 from ..stage.grbl import GrblStage
 from ..tables import RegisteredTouch, RegistrationFile, TouchConfig
@@ -42,8 +42,7 @@ Place = tuple[float, float]
 class GuardedStage:
     """A stage that is homed, with its force sensor and the guard on it."""
 
-    clock: Clock
-    stage: Stage
+    stage: GrblStage
     force: ForceSensor
     guard: Guard
 
@@ -62,8 +61,7 @@ def homed(
             f"{source}: force: no way to a force sensor, and nothing else keeps the tip from "
             "breaking what it meets: add [force.netft] or [force.serial]"
         )
-    clock = WallClock()
-    stage = GrblStage.of(config.stage, clock)
+    stage = GrblStage.of(config.stage, WallClock())
     with ExitStack() as opened:
         opened.callback(stage.close)
         force = guard = open_guarded(config.force, config.guard, stage)
@@ -71,8 +69,10 @@ def homed(
         with interruptible(stage.abort):
             try:
                 stage.connect()
-                home_safely(stage, clock, force, operator, tip_is_clear=tip_is_clear, guard=guard)
-                yield GuardedStage(clock, stage, force, guard)
+                home_safely(
+                    stage, stage.clock, force, operator, tip_is_clear=tip_is_clear, guard=guard
+                )
+                yield GuardedStage(stage, force, guard)
             except StageError:
                 raise
             except BaseException as why:
@@ -128,7 +128,7 @@ def register_face(
     stage, ball = bench.stage, asked.ball
     confirm(operator, ball.name, "it is mounted, screwed tight")
     stage.frame = frame = raised(stage.frame, asked.longer_mm)
-    touch = ForceTouch(ForceProbe(stage, bench.force, bench.clock, bench.guard), asked.touch)
+    touch = ForceTouch(ForceProbe(stage, bench.force, stage.clock, bench.guard), asked.touch)
     touches = [touch.find(ball, place) for place in asked.places]
     at = np.array([frame.to_machine_mm((*t.at_mm, t.z_mm)) for t in touches])
     level = np.column_stack((np.ones(len(at)), at[:, :2]))
