@@ -204,7 +204,7 @@ def reset(rig: str) -> Answer:
     _, stage = _stage(rig)
     with closing(stage):
         stage.reset()
-        banner = stage.banner
+        banner = stage.identity()["banner"]
     return Answer({"banner": banner}, [f"{banner}; its position is lost: home next"])
 
 

@@ -63,9 +63,9 @@ def _stage(config: GrblConfig) -> Iterator[DeviceRow]:
         refused = str(why)
     finally:
         stage.close()
-    read = len(stage.identity()["settings"])
-    if read:
-        banner = stage.banner or "no banner: the board does not restart when opened"
+    told = stage.identity()
+    if read := len(told["settings"]):
+        banner = told["banner"] or "no banner: the board does not restart when opened"
         text = f"{config.stage.port} answers: {banner}; {read} settings were read"
         yield DeviceRow("stage", "pass", text)
     yield from stage.judged

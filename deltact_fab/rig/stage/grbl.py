@@ -222,7 +222,7 @@ class GrblStage:
         return {
             "kind": "grbl",
             "port": str(self._url),
-            "banner": self.banner,
+            "banner": self._c.banner,
             "info": list(self._info),
             "settings": {f"${n}": v for n, v in sorted(self._c.limits.settings.items())},
             "origin_machine_mm": list(self.frame.origin_machine_mm),
@@ -236,10 +236,6 @@ class GrblStage:
         """Close the port; a move under way is told to stop, for nobody will watch it."""
         self._c.halt()
         self._c.port.close()
-
-    @property
-    def banner(self) -> str:
-        return self._c.banner
 
     @property
     def homed(self) -> bool:
