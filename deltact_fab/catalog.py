@@ -135,6 +135,8 @@ def literal(value: Any) -> str:
     if isinstance(value, Mapping):
         inner = ", ".join(f"{name} = {literal(one)}" for name, one in value.items())
         return f"{{{inner}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(literal, value))}]"
     # A JSON value is a TOML one, but for null and a bare DEL.
     text = json.dumps(value, ensure_ascii=False, allow_nan=False)
     return text.replace("\x7f", "\\u007f")

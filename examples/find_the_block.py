@@ -24,10 +24,10 @@ from deltact_fab.errors import RunFailed, SensorError
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig import config
 from deltact_fab.rig.interface import go
+from deltact_fab.rig.tables import TouchConfig
 from deltact_fab.rig.tool import session
-from deltact_fab.rig.tool.config import TouchConfig
 from deltact_fab.rig.tool.feeler import ForceProbe
-from deltact_fab.rig.tool.operator import TerminalOperator, confirm
+from deltact_fab.rig.tool.tooling import TerminalOperator, confirm
 from deltact_fab.rig.tool.touch import LOWERING, MOST, STEP_MM
 from deltact_fab.shapes import Indenter
 from deltact_fab.shapes.indenter import parse
@@ -173,7 +173,7 @@ def main(rig: str, half_x: float, half_y: float, top: float, indenter: str = "sp
     ball, operator = parse(indenter), TerminalOperator()
     with session.homed(bench, path, operator) as devices:
         confirm(operator, ball.name, "it is mounted, screwed tight")
-        feeler = ForceProbe(devices.stage, devices.force, devices.clock, devices.guard)
+        feeler = ForceProbe(devices.stage, devices.force, devices.stage.clock, devices.guard)
         block = BlockTouch(feeler, bench.touch or TouchConfig(), (half_x, half_y), top, ball)
         found = block.find()
         frame = found.frame(devices.stage.frame)

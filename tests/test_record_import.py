@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner, Result
+from numpy.typing import NDArray
 
 from deltact_fab import experiment, record
 from deltact_fab.cli.main import main
@@ -65,6 +66,12 @@ WRENCH = ["fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm"]
 
 def command(*words: object) -> Result:
     return CliRunner().invoke(main, [*map(str, words)])
+
+
+def written(folder: Path, images: NDArray[np.uint8]) -> None:
+    folder.mkdir()
+    for k, image in enumerate(images):
+        cv2.imwrite(str(folder / f"{k}.png"), image)
 
 
 def refusal(*words: object) -> str:
@@ -282,16 +289,16 @@ def test_a_damaged_import_fails_its_check(few: Path, what: str) -> None:
     assert words in done.output
 
 
-def test_a_stack_and_a_rate_are_enough(tmp_path: Path) -> None:
+def test_images_and_a_rate_are_enough(tmp_path: Path) -> None:
     images = np.random.default_rng(0).integers(0, 255, (3, 40, 60, 3), np.uint8)
-    np.save(tmp_path / "rgb.npy", images)
-    (tmp_path / TOML).write_text('images = "rgb.npy"\nrate_hz = 20\n')
+    written(tmp_path / "images", images)
+    (tmp_path / TOML).write_text('images = "images"\nrate_hz = 20\n')
     done = command("record", "import", tmp_path / TOML, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     run = record.open(tmp_path / "out")
     frames = run.frames()
     assert np.allclose(frames["t_s"], [0, 0.05, 0.1])
-    assert np.array_equal(run.raw(frames["file"][1])[..., ::-1], images[1])
+    assert np.array_equal(run.raw(frames["file"][1]), images[1])
     assert "no force was recorded" in refusal("analyze", "force", tmp_path / "out")
 
 
@@ -324,11 +331,11 @@ def test_force_is_not_calibrated_on_what_a_tracker_fills_in_between_markers(tmp_
     for x in range(25, 320, 30):
         for y in range(24, 240, 32):
             cv2.circle(face, (x, y), 5, (40, 40, 40), -1, cv2.LINE_AA)
-    np.save(tmp_path / "rgb.npy", np.stack([np.roll(face, k, 1) for k in range(12)]))
+    written(tmp_path / "images", np.stack([np.roll(face, k, 1) for k in range(12)]))
     stamps = pd.DataFrame({"t": np.arange(-1, 3, 0.01)})
     stamps.assign(f=np.maximum(stamps["t"], 0)).to_csv(tmp_path / "f.csv", index=False)
     force = '[force]\nfile = "f.csv"\ntime = "t"\ncolumns = {fz = "f"}\nforce_unit = "N"\n'
-    about = f'images = "rgb.npy"\nrate_hz = 20\n{force}acts_on = "indenter"\n'
+    about = f'images = "images"\nrate_hz = 20\n{force}acts_on = "indenter"\n'
     (tmp_path / TOML).write_text(about)
     done = command("record", "import", tmp_path / TOML, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output

@@ -18,9 +18,9 @@ from pathlib import Path
 
 from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
+from deltact_fab.protocols.motion import StageConfig
 from deltact_fab.rig.interface import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.rig.tables import StageConfig
 
 from . import dead_man
 

@@ -199,8 +199,8 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     from ..jobs import executor
     from ..protocols import plan
     from ..rig import config as rig_config
-    from ..virtual.feasibility import require_gel_level
     from ..virtual.presolve import solve_ahead
+    from ..virtual.presses import require_gel_level
 
     declared, source = plan.load(protocol)
     rig, rig_source = rig_config.load(rig_name)

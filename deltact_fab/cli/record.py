@@ -71,7 +71,7 @@ def import_(recording: Path, out: Path) -> Answer:
     """Make a run of images, times, force and pose that were recorded elsewhere.
 
     RECORDING.toml says where they are, in which columns and units, and which way force points.
-    Images: a folder, a video or a stack (.npy). The run is marked as imported; what nobody said
+    Images: a folder or a video. The run is marked as imported; what nobody said
     stays unknown. Says how much force lags the images. Nothing is written unless all is right.
     """
     from ..cad.design import load_design

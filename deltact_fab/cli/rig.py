@@ -294,7 +294,7 @@ def register(
     from ..cad.design import load_design
     from ..rig import config
     from ..rig.tool import session
-    from ..rig.tool.operator import TerminalOperator
+    from ..rig.tool.tooling import TerminalOperator
 
     bench, path = config.load(name)
     if not isinstance(bench, config.GrblConfig):
@@ -303,15 +303,8 @@ def register(
     operator = TerminalOperator()
     with session.homed(bench, path, operator, tip_is_clear) as devices:
         found = session.register_face(devices, asked, operator)
-    session.write(found, path, out)
-    data = {
-        "file": str(out),
-        "origin_machine_mm": list(found.frame.origin_machine_mm),
-        "angle_deg": found.frame.angle_deg,
-        "tilt_deg": list(found.frame.tilt_deg),
-        "residual_mm": found.residual_mm,
-        "touches": [touch.as_dict() for touch, _ in found.touches],
-    }
+    session.write(found, out)
+    data = {"file": str(out), **found.model_dump(mode="json", exclude_none=True)}
     return Answer(data, [f"{out}: {found.line()}"])
 
 

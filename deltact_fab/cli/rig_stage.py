@@ -54,7 +54,7 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
     watched meanwhile, and its guard stops the stage as in a run.
     """
     from ..rig.tool.hand import stopped_by_ctrl_c
-    from ..rig.tool.operator import TerminalOperator, home_safely
+    from ..rig.tool.tooling import TerminalOperator, home_safely
 
     config, stage = _stage(rig)
     question = "homing moves every axis to its end switch; is the path clear?"
@@ -95,6 +95,7 @@ def jog(
     it, in one session on one open port: homing, origin and registration (written beside the rig
     file) as well, with the force on the screen.
     """
+    from ..rig.interface import go
     from ..rig.run.loop import watched
     from ..rig.tool import hand
 
@@ -105,7 +106,7 @@ def jog(
     with _driven(config, stage) as guard:
         _count(stage)
         with hand.stopped_by_ctrl_c(stage), watched(stage, stage.clock, guard, guard):
-            hand.jog(stage, by_mm, feed, most_mm=most, into_gel=into_gel)
+            go(stage, *hand.wanted(stage, by_mm, feed, most, into_gel))
         return _now(stage, config)
 
 
@@ -118,7 +119,7 @@ def _by_keys(
     from ..rig import config as rigs
     from ..rig.tool import session
     from ..rig.tool.hand import HandSession, stopped_by_ctrl_c
-    from ..rig.tool.operator import TerminalOperator, home_safely
+    from ..rig.tool.tooling import TerminalOperator, home_safely
     from .keys import keys, whole_lines
 
     if not sys.stdin.isatty():
@@ -135,10 +136,10 @@ def _by_keys(
         def register() -> str:
             if guard is None:
                 return "registration needs a force sensor"
-            bench = session.GuardedStage(stage.clock, stage, guard, guard)
+            bench = session.GuardedStage(stage, guard, guard)
             with whole_lines():
                 found = session.register_face(bench, asked, operator)
-            session.write(found, source, out)
+            session.write(found, out)
             return f"{out}: {found.line()}"
 
         def tell(line: str) -> None:
@@ -175,7 +176,7 @@ def goto(
     """
     from ..rig.run.loop import watched
     from ..rig.tool import hand
-    from ..rig.tool.operator import home_safely
+    from ..rig.tool.tooling import home_safely
 
     config, stage = _stage(rig)
     if home_first == as_counted:
@@ -187,7 +188,7 @@ def goto(
             else:
                 _count(stage)
             with watched(stage, stage.clock, guard, guard):
-                hand.goto(stage, target_mm, feed, into_gel=into_gel)
+                hand.goto(stage, target_mm, feed, into_gel)
         return _now(stage, config)
 
 
@@ -203,7 +204,7 @@ def reset(rig: str) -> Answer:
     _, stage = _stage(rig)
     with closing(stage):
         stage.reset()
-        banner = stage.banner
+        banner = stage.identity()["banner"]
     return Answer({"banner": banner}, [f"{banner}; its position is lost: home next"])
 
 

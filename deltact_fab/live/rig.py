@@ -15,10 +15,11 @@ from tempfile import TemporaryDirectory
 from ..cad.design import load_design
 from ..errors import InputError
 from ..experiment import RunRequest
+from ..optics import FlatField
 from ..protocols import limits
 from ..protocols.plan import Step
 from ..rig import config
-from ..rig.camera.model import flat_field, tracked_view
+from ..rig.camera.model import tracked_view
 from ..rig.interface import CameraFrame, Devices
 from .source import KnownSensor, Source, camera_source
 
@@ -43,7 +44,8 @@ def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> S
         raise InputError(f"{path}: camera: missing table; without one there is nothing to measure")
     sensor = load_design(design or "deltact")
     view = tracked_view(bench.camera, sensor, path)
-    flat = flat_field(bench.camera.model, path)
+    model = bench.camera.model
+    flat = None if model is None else FlatField.beside(path.parent / model)
     seen = None if view is None or flat is None else flat.seen_by(view)
     told = "simulated devices" if bench.served else None
     known = KnownSensor(view, seen, sensor.skin, simulated=told)

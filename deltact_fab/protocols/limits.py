@@ -11,15 +11,12 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol as Structure
 
-from ..aliases import Point
 from ..errors import InputError
-from ..optics import StageFrame
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
 from ..units import digits
-from .motion import LOCKSTEP, RigPace, homing_s, move_duration_s
+from .motion import LOCKSTEP, RigPace, StageConfig, homing_s, move_duration_s
 from .plan import Protocol, Step, expand
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
@@ -27,23 +24,6 @@ FORCE_BYTES_PER_S = 14_000  # measured on the simulated sensor at 1 kHz, noise 0
 EPS_MM = 1e-9
 REFUSALS = "refusals"
 MAX_BETWEEN_FRAMES_MM = 0.25  # up to 7 pixels: as in `deep-drag`, which is followed throughout
-
-
-class StageBox(Structure):
-    """What a stage can do, as `[stage]` of a rig file has it: travel of the machine (0 at the top,
-    negative below), feeds, its frame; `homed_mm`: the ends that it homes to.
-    """
-
-    travel_mm: Point
-    max_feed_mm_min: Point
-    acceleration_mm_s2: Point
-    homing_s: float | None
-    pull_off_mm: float
-
-    @property
-    def frame(self) -> StageFrame: ...
-    @property
-    def homed_mm(self) -> Point: ...
 
 
 def ends_mm(travel_mm: float, at_top: bool, pull_off_mm: float) -> tuple[float, float]:
@@ -102,7 +82,7 @@ class RunEstimate:
 def check(
     protocol: Protocol,
     sensor: SensorDimensions,
-    stage: StageBox,
+    stage: StageConfig,
     steps: list[Step] | None = None,
 ) -> list[LimitCheck]:
     """All static checks of a protocol on a sensor and a stage, passed ones included."""
@@ -131,7 +111,7 @@ def refusals(name: str, reasons: Sequence[str]) -> LimitCheck:
 def estimate(
     protocol: Protocol,
     image_px: int,
-    stage: StageBox,
+    stage: StageConfig,
     steps: list[Step] | None = None,
     pace: RigPace = LOCKSTEP,
     change_s: float = 0.0,
@@ -173,7 +153,7 @@ def _worst(pairs: Iterable[tuple[float, str]]) -> tuple[float, str]:
     return max(pairs, default=(0.0, "-"))
 
 
-def _travel(steps: list[Step], stage: StageBox) -> Iterable[LimitCheck]:
+def _travel(steps: list[Step], stage: StageConfig) -> Iterable[LimitCheck]:
     frame = stage.frame
     for axis, letter in enumerate("xyz"):
         at_top = stage.homed_mm[axis] == 0
@@ -194,7 +174,7 @@ def _names(steps: list[Step]) -> LimitCheck:
     )
 
 
-def _feeds(steps: list[Step], stage: StageBox) -> Iterable[LimitCheck]:
+def _feeds(steps: list[Step], stage: StageConfig) -> Iterable[LimitCheck]:
     slowest = min(stage.max_feed_mm_min)
     feed, at = _worst((s.feed_mm_min, s.id) for s in steps)
     yield LimitCheck("feed", feed <= slowest, "feed (mm/min)", feed, slowest, at)

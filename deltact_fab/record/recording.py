@@ -89,7 +89,7 @@ class Recording(Table):
     """One recording. Paths count from its file."""
 
     images: _Name
-    """A folder of images in order of their names, a video, or a stack (.npy, grey or RGB)."""
+    """A folder of images in order of their names, or a video."""
     rate_hz: Annotated[float, Field(ge=0.001, le=100_000)] | None = None
     """Of images without [times], evenly; a video has a rate of its own."""
     times: Times | None = None

@@ -13,32 +13,26 @@ from typing import Any
 
 from ..aliases import Progress
 from ..errors import InputError
-from ..optics import CameraModel, FlatField
+from ..optics import CameraModel
 from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
-from .camera.model import flat_field, open_camera, tracked_view, view_notes
+from .camera.model import open_camera, tracked_view, view_notes
 from .config import GrblConfig
 from .force.guard import GuardLimits
 from .force.watchdog import Watchdog, open_guarded
-from .interface import Camera, OpenBench, Rig, RigSetup, WallClock
+from .interface import Camera, OpenBench, Rig, RigKind, RigSetup, WallClock
 from .stage.grbl import GrblStage
-from .tool.config import TouchConfig
+from .tables import TouchConfig
 from .tool.tooling import Tooling
 from .tool.touch import MOST, change_s
 
 KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
 
-class GrblKind:
-    """Implements rig.interface.RigKind."""
-
+class GrblKind(RigKind):
     part = "devices of the rig"
-
-    def __init__(self, config: GrblConfig, source: Path) -> None:
-        """source: of the rig file, from which the paths in it count."""
-        self._config = config
-        self._source = source
+    _config: GrblConfig
 
     def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """A line for each device that the protocol asks for and the rig has not."""
@@ -67,11 +61,6 @@ class GrblKind:
             return None
         return tracked_view(self._config.camera, sensor, self._source)
 
-    def flat(self, protocol: Protocol) -> FlatField | None:
-        if self._config.camera is None or "image" not in protocol.channels:
-            return None
-        return flat_field(self._config.camera.model, self._source)
-
     def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
         """A hand lays weights on; a stage does all else."""
         if job.protocol.weights is None:
@@ -86,45 +75,38 @@ class GrblRig(Rig):
 
     def __init__(self, config: GrblConfig, folder: Path, job: RigSetup) -> None:
         """folder: of the rig file."""
-        self._job = job
-        self._open = ExitStack()
-        try:
-            self._build(config, folder)
-        except BaseException:
-            self.close()
-            raise
-
-    def _build(self, config: GrblConfig, folder: Path) -> None:
-        job, clock = self._job, WallClock()
+        self._job, clock = job, WallClock()
         stage = GrblStage.of(config.stage, clock)
-        self._open.callback(stage.close)
-        force: Watchdog | None = None
-        if config.force is not None and config.force.reachable:
-            force = open_guarded(config.force, config.guard, stage)
-            self._open.callback(force.close)
-        elif not job.air:
-            raise InputError(
-                "force: nothing guards a press without a force sensor; add [force.netft] or "
-                "[force.serial] to the rig file, or give --air"
-            )
-        self._tooling = Tooling(job, stage, clock, force, force, config.touch, config.tools)
-        camera: Camera | None = None
-        if "image" in job.protocol.channels:
-            assert config.camera is not None, "refused without one"
-            camera = open_camera(config.camera, folder, clock)
-            self._open.callback(camera.close)
         park_mm = job.protocol.motion.park_mm
-        super().__init__(
-            clock,
-            stage,
-            camera,
-            force,
-            change_indenter=self._tooling.change_indenter,
-            guard=force,
-            begin=self._tooling.begin,
-            change_s=0.0 if job.air else change_s(config.stage, config.touch, park_mm),
-            wall_clock=True,
-        )
+        with ExitStack() as opened:
+            opened.callback(stage.close)
+            force: Watchdog | None = None
+            if config.force is not None and config.force.reachable:
+                force = open_guarded(config.force, config.guard, stage)
+                opened.callback(force.close)
+            elif not job.air:
+                raise InputError(
+                    "force: nothing guards a press without a force sensor; add [force.netft] or "
+                    "[force.serial] to the rig file, or give --air"
+                )
+            self._tooling = Tooling(job, stage, clock, force, force, config.touch, config.tools)
+            camera: Camera | None = None
+            if "image" in job.protocol.channels:
+                assert config.camera is not None, "refused without one"
+                camera = open_camera(config.camera, folder, clock)
+                opened.callback(camera.close)
+            super().__init__(
+                clock,
+                stage,
+                camera,
+                force,
+                change_indenter=self._tooling.change_indenter,
+                guard=force,
+                begin=self._tooling.begin,
+                change_s=0.0 if job.air else change_s(config.stage, config.touch, park_mm),
+                wall_clock=True,
+            )
+            self.opened = opened.pop_all()
 
     def left_out(self) -> list[str]:
         lines = []
@@ -145,15 +127,7 @@ class GrblRig(Rig):
         return lines
 
     def identity(self) -> dict[str, Any]:
-        return {
-            "stage": self.stage.identity(),
-            "camera": self.camera.identity() if self.camera is not None else None,
-            "force": self.force.identity() if self.force is not None else None,
-            "tool": self._tooling.identity(),
-        }
-
-    def close(self) -> None:
-        self._open.close()
+        return {**super().identity(), "tool": self._tooling.identity()}
 
 
 def unmet(
@@ -164,24 +138,13 @@ def unmet(
     Forces that are predicted against what the stage and the sensor bear are `preflight`'s affair.
     """
     force, touch = config.force, config.touch
-    lines = []
-    if force is None or not force.reachable:
-        lines.append(
-            "force: a press on a real rig needs a force sensor, for the guard and to find the "
-            "face: add [force.netft] or [force.serial], or give --air, and nothing goes below the "
-            "clearance plane"
-        )
-    elif "force" not in protocol.channels:
+    lines = lacking(config)
+    if force is not None and force.reachable and "force" not in protocol.channels:
         lines.append(
             f"channels of {protocol.name!r}: a press on a real rig records the force that its "
             'guard watches: add "force", or give --air'
         )
-    if touch is None:
-        lines.append(
-            "touch: missing table; a press on a real rig needs to know where the face is: add "
-            "[touch], or give --air"
-        )
-    else:
+    if touch is not None:
         lines += _outside(touch, protocol, sensor)
         if force is not None:
             lines += _above_the_guard(config, touch)
@@ -189,6 +152,23 @@ def unmet(
         lines.append(
             f"--unattended: {protocol.name!r} holds {len(protocol.indenters)} indenters, and "
             "nobody is there to change them: a protocol of one"
+        )
+    return lines
+
+
+def lacking(config: GrblConfig) -> list[str]:
+    """The tables that every press needs and the rig file has not, a line each."""
+    lines = []
+    if config.force is None or not config.force.reachable:
+        lines.append(
+            "force: a press on a real rig needs a force sensor, for the guard and to find the "
+            "face: add [force.netft] or [force.serial], or give --air, and nothing goes below the "
+            "clearance plane"
+        )
+    if config.touch is None:
+        lines.append(
+            "touch: missing table; a press on a real rig needs to know where the face is: add "
+            "[touch], or give --air"
         )
     return lines
 

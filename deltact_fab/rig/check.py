@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import DeltactFabError, InputError, SensorError
+from .bench import lacking
 from .camera.model import calibrated, open_camera, raw_size_px
 from .config import GrblConfig
 from .force.guard import GuardLimits
@@ -62,9 +63,9 @@ def _stage(config: GrblConfig) -> Iterator[DeviceRow]:
         refused = str(why)
     finally:
         stage.close()
-    read = len(stage.identity()["settings"])
-    if read:
-        banner = stage.banner or "no banner: the board does not restart when opened"
+    told = stage.identity()
+    if read := len(told["settings"]):
+        banner = told["banner"] or "no banner: the board does not restart when opened"
         text = f"{config.stage.port} answers: {banner}; {read} settings were read"
         yield DeviceRow("stage", "pass", text)
     yield from stage.judged
@@ -79,20 +80,13 @@ def _stage(config: GrblConfig) -> Iterator[DeviceRow]:
 
 def _presses(config: GrblConfig) -> Iterator[DeviceRow]:
     """What a press needs of the rig file; without it a run goes in air only."""
-    force, missing = config.force, []
-    if force is None or not force.reachable:
-        missing.append(
-            "no way to a force sensor, so only --air runs: add [force] with its ranges and "
-            "[force.netft] or [force.serial]"
-        )
-    elif "range_n" not in force.model_fields_set:
+    force, missing = config.force, lacking(config)
+    if force is not None and force.reachable and "range_n" not in force.model_fields_set:
         missing.append("[force] range_n is not declared: write it from the calibration sheet")
     if config.stage.max_force_n is None:
         missing.append(
             "[stage] max_force_n is not declared: measure what the axes push without losing steps"
         )
-    if config.touch is None:
-        missing.append("no [touch], so it is not known where the face is: add one")
     for text in missing:
         yield DeviceRow("presses", "FAIL", text)
     if not missing:

@@ -13,18 +13,24 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_type_hints
 
-from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic import Field, create_model, model_validator
 
 from .. import catalog, reading
 from ..configuration import Table
 from ..errors import InputError, did_you_mean
 from ..optics import Fisheye
-from .tables import CameraConfig, CameraFile, ForceConfig, GuardConfig, StageConfig
-from .tool.config import RegistrationFile, ToolConfig, TouchConfig, named_tools
+from ..protocols.motion import StageConfig, Tilt
+from .tables import (
+    CameraConfig,
+    CameraFile,
+    ForceConfig,
+    GuardConfig,
+    RegistrationFile,
+    Tools,
+    TouchConfig,
+)
 
 Off = Annotated[float, Field(ge=-20, le=20)]  # mm
-Askew = Annotated[float, Field(ge=-5, le=5)]
-Tools = Annotated[dict[str, ToolConfig], AfterValidator(named_tools)]
 TOOLS = {"sphere:10": {"length_mm": 0.0}}
 
 
@@ -128,7 +134,7 @@ class MountConfig(Table):
 
     offset_mm: tuple[Off, Off, Off] = (0.0, 0.0, 0.0)
     """Of the face's middle from `[stage] origin_machine_mm`."""
-    tilt_deg: tuple[Askew, Askew] = (0.0, 0.0)
+    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
     """Of the face, about the sensor's x, then about y."""
     longer_mm: dict[str, Off] = Field(default_factory=dict)
     """By indenter: how much longer than the one that the origin was measured with."""

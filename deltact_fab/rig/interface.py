@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..aliases import Image, Progress, Vector
+from ..optics import FlatField
 
 if TYPE_CHECKING:
-    from ..optics import CameraModel, FlatField, StageFrame
+    from ..optics import CameraModel, StageFrame
     from ..patterns.recipe import PatternRecipe
     from ..protocols import plan
     from ..shapes import SensorDimensions
@@ -93,9 +94,9 @@ class ForceSamples:
 class Stage(Protocol):
     """A motion stage in sensor coordinates; it knows its own limits."""
 
-    @property
-    def frame(self) -> StageFrame:
-        """The sensor frame as the tip that is mounted now has it."""
+    frame: StageFrame
+    """The sensor frame as the tip that is mounted now has it; positions are told and taken in it.
+    Another may be set at any time, nothing moves."""
 
     @property
     def homed(self) -> bool:
@@ -103,9 +104,6 @@ class Stage(Protocol):
 
     def connect(self) -> None: ...
     def home(self) -> None: ...
-    def set_frame(self, frame: StageFrame) -> None:
-        """Tell and take positions in this frame from now on; nothing moves."""
-
     def lift(self, height_mm: float, feed_mm_min: float) -> bool:
         """Go straight up, z of the machine alone, by that much or to the top of the travel.
 
@@ -343,18 +341,34 @@ class OpenBench(ABC):
 
 
 class Rig(Devices, OpenBench):
-    """A bench whose stage carries out the run."""
+    """A bench whose stage carries out the run. opened: closes its devices, the last one first."""
+
+    opened: ExitStack
+
+    def identity(self) -> dict[str, Any]:
+        devices = {"stage": self.stage, "camera": self.camera, "force": self.force}
+        return {name: None if it is None else it.identity() for name, it in devices.items()}
+
+    def close(self) -> None:
+        self.opened.close()
 
 
-class RigKind(Protocol):
+class RigKind(ABC):
     """What one kind of rig says before any device is opened, and how it is built."""
 
     part: str
     """What `refusals` speaks of, for a table of checks."""
 
+    def __init__(self, config: Any, source: Path) -> None:
+        """source: of the rig file, from which the paths in it count."""
+        self._config = config
+        self._source = source
+
+    @abstractmethod
     def refusals(self, protocol: plan.Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """Why a protocol cannot be carried out on it, a line each; source: of the protocol."""
 
+    @abstractmethod
     def camera(self, protocol: plan.Protocol, sensor: SensorDimensions) -> CameraModel | None:
         """The projection of the images that are tracked; None without a camera.
 
@@ -363,7 +377,12 @@ class RigKind(Protocol):
 
     def flat(self, protocol: plan.Protocol) -> FlatField | None:
         """How the light falls off in that camera's images, where it is known. Raises InputError."""
+        camera = self._config.camera
+        if camera is None or camera.model is None or "image" not in protocol.channels:
+            return None
+        return FlatField.beside(self._source.parent / camera.model)
 
+    @abstractmethod
     def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
         """Every device of the run, or none: what was opened is closed when another fails.
 

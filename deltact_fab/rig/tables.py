@@ -1,14 +1,15 @@
-"""The tables of a rig file that both kinds have: stage, camera, force sensor and guard."""
+"""The tables of a rig file that both kinds have: camera, force sensor, guard, touch-off, tools."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from ..configuration import Place, Table
-from ..optics import StageFrame
-from .tool.config import Tilt
+from ..errors import InputError
+from ..protocols.motion import Force, Tilt
+from ..shapes.indenter import parse
 
 Pixels = Annotated[int, Field(ge=8, le=20_000)]
 Control = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]
@@ -16,11 +17,8 @@ Word = Annotated[str, Field(min_length=1, max_length=4096)]
 DEVICE_FOLDER = "/dev/"
 COMMAND = ["gst-launch-1.0", "-q", "nvarguscamerasrc", "!", "...", "!", "fdsink"]
 LOCKS = ("exposure", "gain", "white_balance_k", "autofocus")
-Force = Annotated[float, Field(gt=0, le=100_000)]  # N
 Torque = Annotated[float, Field(gt=0, le=10_000_000)]  # N mm
-Travel = Annotated[float, Field(ge=1, le=10_000)]  # mm
-Feed = Annotated[float, Field(ge=1, le=100_000)]  # mm/min
-Acceleration = Annotated[float, Field(ge=0.1, le=100_000)]  # mm/s2
+Millimetres = Annotated[float, Field(ge=-100, le=100)]
 
 
 class CameraFile(Table):
@@ -227,68 +225,94 @@ class GuardConfig(Table):
         return self
 
 
-class StageConfig(Table):
-    """The 3-axis stage; machine coordinates are 0 at an axis' positive end and negative below.
+class ToolConfig(Table):
+    """What is known of one indenter before it is mounted."""
 
-    Z homes up, away from the gel; X and Y at 0 too, but for `homing_direction_mask`.
+    length_mm: Millimetres = Field(examples=[0.0])
+    """How much longer it is than the one that `[stage] origin_machine_mm` was measured with.
+    MEASURE with a caliper; a touch-off corrects it within search_mm."""
+
+
+class TouchConfig(Table):
+    """How the face is found after each change of indenter, and when a run goes on.
+
+    Heights count from where the face is expected: `[stage] origin_machine_mm`, and the length of
+    the indenter.
     """
 
-    port: str | None = Field(default=None, min_length=1)
-    """Serial device of the controller, as /dev/ttyACM0; a name under /dev/serial/by-id stays the
-    same after replugging. The virtual rig has its own wire."""
-    origin_machine_mm: tuple[Place, Place, Place] = Field(examples=[[-60.0, -60.0, -40.0]])
-    """Where the reference tip meets the centre of the resting face, in machine coordinates.
-    MEASURE: home, jog down until the tip just holds a slip of paper, read the position, less the
-    paper."""
-    angle_deg: float = Field(default=0.0, ge=-360, le=360)
-    """How the sensor is turned about z on the stage."""
-    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
-    """Of the face as it was registered, about the sensor's x, then about y."""
-    registration: str | None = Field(
-        default=None, min_length=1, max_length=4096, examples=["registration.toml"],
-        json_schema_extra={"instead_of": "origin_machine_mm"},
-    )  # fmt: skip
-    """File that `rig register` wrote, which finds all three by touching the face, from this file's
-    folder: it stands for the three above."""
-    travel_mm: tuple[Travel, Travel, Travel] = Field(examples=[[120.0, 120.0, 60.0]])
-    """How far each axis goes: x, y, z. The controller's own settings must reach at least as far.
-    MEASURE: `$$` of GRBL lists it as $130 to $132."""
-    max_feed_mm_min: tuple[Feed, Feed, Feed] = Field(examples=[[1500.0, 1500.0, 1200.0]])
-    """The fastest that each axis goes; more is never asked for. MEASURE: $110 to $112."""
-    acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration] = Field(
-        examples=[[50.0, 50.0, 50.0]]
-    )
-    """Acceleration of each axis. MEASURE: $120 to $122."""
-    baud: int = Field(default=115200, ge=1200, le=10_000_000)
-    """Of the serial port."""
-    firmware: Literal["grbl"] = "grbl"
-    """What the controller speaks: "grbl" is GRBL 1.1 and grblHAL."""
-    direction_mask: int = Field(default=0, ge=0, le=7)
-    """Axes whose motor turns the other way (GRBL's $3): 1 for x, 2 for y, 4 for z, added up."""
-    homing_direction_mask: int = Field(default=0, ge=0, le=3)
-    """Axes with their switch at the negative end (GRBL's $23): 1 for x, 2 for y, added up. Z homes
-    up, away from the gel."""
-    pull_off_mm: float = Field(default=1.0, gt=0, le=50)
-    """How far from its switch homing leaves each axis; nothing goes nearer. MEASURE: $27."""
-    homing_s: float | None = Field(default=None, ge=1, le=1000, examples=[30.0])
-    """How long homing takes, for estimates; without it reckoned from travel and feeds. MEASURE with
-    a watch: `rig home` says it."""
-    max_force_n: tuple[Force, Force, Force] | None = Field(
-        default=None, examples=[[60.0, 60.0, 60.0]]
-    )
-    """What the axes can push without losing steps, x, y, z; a press is refused without it. A NEMA
-    17 motor with 0.2 N m left at speed, on a screw of 8 mm lead with 40 % efficiency: 2 pi x 0.4 x
-    0.2 / 0.008 = 63 N. MEASURE with a scale."""
+    by: Literal["force"] = "force"
+    """What tells the contact: the force sensor."""
+    at_mm: tuple[Millimetres, Millimetres] = (0.0, 0.0)
+    """Where on the face."""
+    force_n: float = Field(default=0.1, ge=0.005, le=5)
+    """So much is a contact; at least five standard deviations of the sensor's noise, which `rig
+    check` finds."""
+    feed_mm_min: float = Field(default=30.0, ge=1, le=120)
+    """Of the approach; the second one goes step by step."""
+    clear_mm: float = Field(default=5.0, ge=0.5, le=50)
+    """Height at which the approach begins."""
+    search_mm: float = Field(default=3.0, ge=0.1, le=20)
+    """The face is looked for within so much of the height expected, and never further down."""
+    repeats: int = Field(default=3, ge=1, le=20)
+    """How often the face is touched."""
+    spread_mm: float = Field(default=0.03, ge=0.001, le=0.5)
+    """Between the repeats; more is a loose tool."""
+    moved_mm: float = Field(default=0.3, ge=0.01, le=5)
+    """A resumed run may find the face at most so much from where the run had it."""
 
-    @property
-    def frame(self) -> StageFrame:
-        return StageFrame(self.origin_machine_mm, self.angle_deg, self.tilt_deg)
+    @model_validator(mode="after")
+    def _heights(self) -> Self:
+        if self.clear_mm < self.search_mm:
+            raise ValueError(
+                f"clear_mm: {self.clear_mm:g} is below search_mm = {self.search_mm:g}; the "
+                "approach begins above all heights at which the face may be"
+            )
+        return self
 
-    @property
-    def homed_mm(self) -> tuple[float, float, float]:
-        """The ends that it homes to, in machine coordinates."""
-        x, y, z = (
-            -travel if self.homing_direction_mask >> axis & 1 else 0.0
-            for axis, travel in enumerate(self.travel_mm)
+
+class RegisteredTouch(Table):
+    """One touch of a registration."""
+
+    at_mm: tuple[Millimetres, Millimetres]
+    machine_mm: tuple[Place, Place, Place]
+    spread_mm: float = Field(ge=0, le=10)
+
+
+class RegistrationFile(Table):
+    """What `rig register` wrote: where the face lies for the reference tool, found by what.
+
+    residual_mm: farthest touch from the plane; of three touches there is none to tell.
+    """
+
+    date: str = Field(max_length=64)
+    rig: str = Field(max_length=4096)
+    indenter: str = Field(max_length=64)
+    by: str = Field(max_length=64)
+    origin_machine_mm: tuple[Place, Place, Place]
+    angle_deg: float = Field(ge=-360, le=360)
+    tilt_deg: tuple[Tilt, Tilt]
+    residual_mm: float = Field(ge=0, le=10)
+    jig_off_mm: tuple[Millimetres, Millimetres] | None = None
+    """Of a file that `rig register --jig` wrote."""
+    touches: tuple[RegisteredTouch, ...] = Field(min_length=3, max_length=1000)
+
+    def line(self) -> str:
+        """For a person."""
+        x, y, z = self.origin_machine_mm
+        tx, ty = self.tilt_deg
+        known = f"{self.residual_mm:.3f} mm from flat" if len(self.touches) > 3 else "no residual"
+        return (
+            f"face at machine ({x:.3f}, {y:.3f}, {z:.3f}) mm, tilted {tx:+.3f} deg about x and "
+            f"{ty:+.3f} about y, {known} by {len(self.touches)} touches"
         )
-        return x, y, z
+
+
+def _named_tools(tools: dict[str, ToolConfig]) -> dict[str, ToolConfig]:
+    """The same under the indenters' own names. Raises ValueError for a name that is none."""
+    try:
+        return {parse(name).name: tool for name, tool in tools.items()}
+    except InputError as why:
+        raise ValueError(str(why)) from why
+
+
+Tools = Annotated[dict[str, ToolConfig], AfterValidator(_named_tools)]

@@ -21,7 +21,7 @@ from ..units import to_ns
 from .camera.model import open_camera
 from .config import GrblConfig
 from .interface import Camera, CameraFrame, OpenBench, RigSetup, WallClock
-from .tool.operator import TerminalOperator
+from .tool.tooling import TerminalOperator
 
 
 class WeightsBench(OpenBench):

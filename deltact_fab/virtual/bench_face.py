@@ -2,7 +2,7 @@
 
 A gel of the design lies somewhere else, and askew; every indenter has a length of its own. A tip
 that goes below the true face meets Hertz' force, made stiffer by the acrylic under it, or that of a
-flat punch; beyond the gel it meets something hard. Nothing is drawn and nothing solved: `GelScene`
+flat punch. Nothing is drawn and nothing solved: `GelScene`
 is the gel of an experiment, this is the one that a tool is found on.
 """
 
@@ -23,7 +23,6 @@ from ..shapes import Indenter, PosedTip, SkinDimensions, Tip
 from ..shapes.indenter import parse as parse_indenter
 from ..shapes.tips import EllipsoidTip, SphereTip
 
-HARD_N_PER_MM = 400.0
 FLAT_MM = 0.05  # what of an underside is within so much of its lowest point touches at once
 # Dimitriadis et al. (2002): an incompressible layer that is bonded, powers of sqrt(R d)/h.
 _BONDED = (1.0, 1.133, 1.283, 0.769, 0.0975)
@@ -42,24 +41,13 @@ class BenchFace:
     """A misplaced gel under a carriage, and the indenter that is mounted.
 
     frame: where the face truly lies for a tool of the length that the stage's origin was measured
-    with. skin: its size and thickness. hard_mm: half sides of what surrounds the gel at the same
-    height (None: nothing does). block_mm: half sides and top (above the face) of a hard block with
-    upright sides, which a ball meets from beside.
+    with. skin: its size and thickness; beside it there is nothing.
     """
 
-    def __init__(
-        self,
-        frame: StageFrame,
-        skin: SkinDimensions,
-        material: GelMaterial | None = None,
-        hard_mm: tuple[float, float] | None = None,
-        block_mm: Vector | None = None,
-    ) -> None:
+    def __init__(self, frame: StageFrame, skin: SkinDimensions) -> None:
         self._frame = frame
         self._skin = skin
-        self._material = material or GelMaterial()
-        self._hard_mm = hard_mm
-        self._block_mm = block_mm
+        self._material = GelMaterial()
         self._longer_mm = 0.0
         self._touching: Sequence[_Touching] = ()
         self.deepest_mm = -math.inf
@@ -82,32 +70,17 @@ class BenchFace:
             at_x, at_y, height = self._frame.to_sensor_mm(tip)
             depth = radius - height
             self.deepest_mm = max(self.deepest_mm, depth)
-            total[:3] += self._from_beside(radius, at_x, at_y, height)
             force = self._force_n(touching, depth, at_x, at_y)
             if force > 0:
                 total += (0, 0, -force, -at_y * force, at_x * force, 0)
         return total
-
-    def _from_beside(self, radius: float, x: float, y: float, z: float) -> Vector:
-        """Force of a ball whose middle is there, in the sensor frame, on the block."""
-        if self._block_mm is None or not radius or z > self._block_mm[2]:
-            return (0.0, 0.0, 0.0)
-        half_x, half_y, _ = self._block_mm
-        off = x - min(max(x, -half_x), half_x), y - min(max(y, -half_y), half_y)
-        away = math.hypot(*off)
-        if not 0 < away < radius:
-            return (0.0, 0.0, 0.0)
-        force = HARD_N_PER_MM * (radius - away) / away
-        return (-force * off[0], -force * off[1], 0.0)
 
     def _force_n(self, touching: _Touching, depth_mm: float, x_mm: float, y_mm: float) -> float:
         if depth_mm <= 0:
             return 0.0
         half = self._skin.opening_half_mm
         if abs(x_mm) > half[0] or abs(y_mm) > half[1]:
-            hard = self._hard_mm or (0.0, 0.0)
-            beside = abs(x_mm) > hard[0] or abs(y_mm) > hard[1]
-            return 0.0 if beside else HARD_N_PER_MM * depth_mm
+            return 0.0
         if not touching.ball_mm:
             return touching.n_per_mm * depth_mm
         chi = math.sqrt(touching.ball_mm * depth_mm) / self._skin.thickness_mm

@@ -23,8 +23,8 @@ from collections.abc import Callable, Generator, Mapping
 from typing import Literal
 
 from ..aliases import Vector
+from ..protocols.motion import StageConfig
 from ..rig.interface import Clock
-from ..rig.tables import StageConfig
 from ..units import NS_PER_S, to_ns
 from .carriage import PLANNER_BLOCKS, Carriage
 from .grbl_lines import SETTINGS, GrblError, change, coordinates, jog_of, listed, settings_for

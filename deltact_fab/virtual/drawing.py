@@ -6,6 +6,7 @@ import io
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -90,25 +91,23 @@ def noise_of(seed: int, stream: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence([seed, 2, stream]))
 
 
+@dataclass
 class VirtualCamera:
-    """Implements rig.interface.Camera; at the end of a press it stores the truth of its frames."""
+    """Implements rig.interface.Camera; at the end of a press it stores the truth of its frames.
 
-    def __init__(
-        self,
-        picture: FrameRenderer,
-        clock: Clock,
-        seed: int,
-        scene: GelScene,
-        lattice: SurfaceLattice,
-        lens: Fisheye | None,
-        folder: Path,
-    ) -> None:
-        """scene: what is drawn. lattice: where its knots have their displacements.
+    scene: what is drawn. lattice: where its knots have their displacements. lens: what the picture
+    is drawn through; None: a pinhole. folder: of the run.
+    """
 
-        lens: what the picture is drawn through; None: a pinhole. folder: of the run.
-        """
-        self._picture, self._clock, self._seed = picture, clock, seed
-        self._scene, self._lattice, self._lens, self._folder = scene, lattice, lens, folder
+    picture: FrameRenderer
+    clock: Clock
+    seed: int
+    scene: GelScene
+    lattice: SurfaceLattice
+    lens: Fisheye | None
+    folder: Path
+
+    def __post_init__(self) -> None:
         self._stream: str | None = None
         self._seen: list[Seen] = []
         self._rng = np.random.default_rng(0)
@@ -117,35 +116,35 @@ class VirtualCamera:
         """A new press: its noise depends on the seed and its name, not on what came before."""
         self._stream = stream
         self._seen = []
-        self._scene.begin()
-        self._rng = noise_of(self._seed, stream_number(stream))
+        self.scene.begin()
+        self._rng = noise_of(self.seed, stream_number(stream))
 
     def capture(self) -> CameraFrame:
         assert self._stream is not None, "begin() comes before the first frame"
-        seen = self._scene.observe()
+        seen = self.scene.observe()
         self._seen.append((seen.a.index, seen.b.index, seen.fraction))
         return CameraFrame(
-            self._picture.render(seen.displacement_mm(), self._rng), self._clock.now_s()
+            self.picture.render(seen.displacement_mm(), self._rng), self.clock.now_s()
         )
 
     def end(self, frames: Mapping[str, float]) -> None:
         """Store the press's knots and where each of its frames stands between which of them."""
         assert self._stream is not None, "begin() comes before end()"
         assert len(frames) == len(self._seen), "one id a frame"
-        path = truth_file(self._folder, self._stream)
+        path = truth_file(self.folder, self._stream)
         try:
             path.parent.mkdir(exist_ok=True)
         except OSError as why:
             raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
-        about: dict[Path, SurfaceLattice | Fisheye] = {self._folder / LATTICE: self._lattice}
-        if self._lens is not None:
-            about[self._folder / LENS] = self._lens
+        about: dict[Path, SurfaceLattice | Fisheye] = {self.folder / LATTICE: self.lattice}
+        if self.lens is not None:
+            about[self.folder / LENS] = self.lens
         for where, what in about.items():
             write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
-        knots = self._scene.knots
+        knots = self.scene.knots
         fields = [k.displacement_mm for k in knots if k.displacement_mm is not None]
         tractions = [k.traction_mpa for k in knots if k.traction_mpa is not None]
-        x_mm, y_mm = self._scene.axes_mm
+        x_mm, y_mm = self.scene.axes_mm
         more: dict[str, Any] = {"traction_mpa": np.stack(tractions)} if tractions else {}
         more["zone_map"] = np.stack([k.zone_map for k in knots if k.zone_map is not None])
         for name in vars(knots[0].zones):
@@ -165,7 +164,7 @@ class VirtualCamera:
         self._stream = None
 
     def identity(self) -> dict[str, Any]:
-        projection = "pinhole" if self._lens is None else "fisheye"
+        projection = "pinhole" if self.lens is None else "fisheye"
         return {"kind": "virtual", "projection": projection}
 
     def close(self) -> None:

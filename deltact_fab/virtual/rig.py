@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..aliases import Progress
-from ..optics import Fisheye, FlatField, Pinhole, Rectified
+from ..optics import Fisheye, Pinhole, Rectified
 from ..protocols.plan import Protocol
-from ..rig.camera.model import flat_field
 from ..rig.config import VirtualConfig
 from ..rig.force.netft import NetFTSensor
-from ..rig.interface import Rig, RigSetup
+from ..rig.interface import Rig, RigKind, RigSetup
 from ..rig.stage.grbl import GrblStage
 from ..shapes import SensorDimensions
 from ..units import stream_number
 from .clock import VirtualClock
 from .controller import GrblController
-from .feasibility import gel_left_out, gel_notes, unanswered
 from .netft import LockstepLink, NetFTBox
-from .presses import Presses
+from .presses import Presses, gel_left_out, gel_notes, unanswered
 from .scene import GelScene, LatticeCrop
 from .wire import SerialLink
 
@@ -31,14 +28,9 @@ if TYPE_CHECKING:
     from .picture import FrameRenderer
 
 
-class VirtualKind:
-    """Implements rig.interface.RigKind."""
-
+class VirtualKind(RigKind):
     part = "simulated gel"
-
-    def __init__(self, config: VirtualConfig, source: Path) -> None:
-        self._config = config
-        self._source = source
+    _config: VirtualConfig
 
     def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """Presses that are observed and for which the gel has no level or no mesh."""
@@ -53,12 +45,6 @@ class VirtualKind:
         from .lens import tracked_view
 
         return tracked_view(self._config, sensor, self._source)
-
-    def flat(self, protocol: Protocol) -> FlatField | None:
-        """What the camera file says of the light; only where images are taken."""
-        if self._config.camera is None or "image" not in protocol.channels:
-            return None
-        return flat_field(self._config.camera.model, self._source)
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""
@@ -88,62 +74,41 @@ class VirtualRig(Rig):
     def __init__(self, config: VirtualConfig, job: RigSetup) -> None:
         self._job = job
         self._config = config
-        self._open = ExitStack()
-        try:
-            self._build()
-        except BaseException:
-            self.close()
-            raise
-
-    def _build(self) -> None:
-        """Each device that is built is closed with the rig, the last one first."""
-        job, stage = self._job, self._config.stage
-        clock = VirtualClock()
-        simulator = self._config.virtual
+        stage, simulator, clock = config.stage, config.virtual, VirtualClock()
         controller = GrblController.of(stage, clock)
         self.presses = presses = Presses(job.protocol, job.sensor.skin, simulator.gel)
         self._crop: LatticeCrop | None = None
         if "image" in job.protocol.channels:
             from .drawing import crop_of
 
-            self._crop = crop_of(self._config, job.sensor, presses.axes_mm())
+            self._crop = crop_of(config, job.sensor, presses.axes_mm())
         self.scene = GelScene(
             controller, clock, stage.frame, presses.increments, presses.open, self._crop,
             presses.modulus_mpa,
         )  # fmt: skip
-        link = SerialLink(controller, clock, baud=stage.baud)
-        host = GrblStage.of(stage, clock, link)
+        host = GrblStage.of(stage, clock, SerialLink(controller, clock, baud=stage.baud))
         host.whole_moves = True  # the gel is solved along the lines of the plan
-        self._open.callback(host.close)
-        camera: VirtualCamera | None = None
-        if self._crop is not None:
-            from .drawing import VirtualCamera
+        with ExitStack() as opened:
+            opened.callback(host.close)
+            camera: VirtualCamera | None = None
+            if self._crop is not None:
+                from .drawing import VirtualCamera
 
-            picture, lens = self._picture(self._crop)
-            camera = VirtualCamera(
-                picture, clock, job.seed, self.scene, self._crop.lattice, lens, job.folder
-            )
-            self._open.callback(camera.close)
-        force: VirtualForce | None = None
-        if "force" in job.protocol.channels:
-            scene = self.scene if self._crop is None else None
-            box = NetFTBox(
-                self._config.force, clock, job.seed, self.scene.wrenches,
-                simulator.force.noise_n,
-            )  # fmt: skip
-            force = VirtualForce(box, clock, scene)
-            self._open.callback(force.close)
-        super().__init__(clock, host, camera, force, self.scene.mount)
-
-    def identity(self) -> dict[str, Any]:
-        return {
-            "stage": self.stage.identity(),
-            "camera": self.camera.identity() if self.camera else None,
-            "force": self.force.identity() if self.force else None,
-        }
-
-    def close(self) -> None:
-        self._open.close()
+                picture, lens = self._picture(self._crop)
+                camera = VirtualCamera(
+                    picture, clock, job.seed, self.scene, self._crop.lattice, lens, job.folder
+                )
+                opened.callback(camera.close)
+            force: VirtualForce | None = None
+            if "force" in job.protocol.channels:
+                scene = self.scene if self._crop is None else None
+                box = NetFTBox(
+                    config.force, clock, job.seed, self.scene.wrenches, simulator.force.noise_n
+                )
+                force = VirtualForce(box, clock, scene)
+                opened.callback(force.close)
+            super().__init__(clock, host, camera, force, self.scene.mount)
+            self.opened = opened.pop_all()
 
     def left_out(self) -> list[str]:
         """What this scene did not build or solve, and why."""

@@ -127,30 +127,23 @@ def _covering(nodes: NDArray[np.float64], half_mm: float) -> slice:
     return slice(max(int(inside[0]) - 2, 0), int(inside[-1]) + 3)
 
 
+@dataclass
 class GelScene:
-    """Observes the gel at the present time of the controller."""
+    """Observes the gel at the present time of the controller.
 
-    def __init__(
-        self,
-        controller: GrblController,
-        clock: Clock,
-        frame: StageFrame,
-        increments: Increments,
-        presses: Callable[[str, tuple[float, float]], PlannedPress],
-        crop: Callable[[NDArray[np.floating]], NDArray[np.float32]] | None,
-        modulus_mpa: float = 1.0,
-    ) -> None:
-        """presses: opens the press of an indenter at a place, solved for a modulus of 1 MPa.
+    presses: opens the press of an indenter at a place, solved for a modulus of 1 MPa. crop: cuts
+    the surface field for the camera; None when nothing is drawn.
+    """
 
-        crop: cuts the surface field for the camera; None when nothing is drawn.
-        """
-        self._controller = controller
-        self._clock = clock
-        self._frame = frame
-        self._increments = increments
-        self._presses = presses
-        self._crop = crop
-        self._modulus_mpa = modulus_mpa
+    controller: GrblController
+    clock: Clock
+    frame: StageFrame
+    increments: Increments
+    presses: Callable[[str, tuple[float, float]], PlannedPress]
+    crop: Callable[[NDArray[np.floating]], NDArray[np.float32]] | None
+    modulus_mpa: float = 1.0
+
+    def __post_init__(self) -> None:
         self._indenter = ""
         self._press: PlannedPress | None = None
         self._next_segment = 0
@@ -169,12 +162,12 @@ class GelScene:
     def begin(self) -> None:
         """Start a press where the tip is: knots are numbered from 1 again, 0 is the rest."""
         self.observe()
-        x, y, _ = self._frame.to_sensor_mm(self._controller.position_mm())
-        self._press = press = self._presses(self._indenter, (x, y))
+        x, y, _ = self.frame.to_sensor_mm(self.controller.position_mm())
+        self._press = press = self.presses(self._indenter, (x, y))
         rest = still = apart = None
-        if self._crop is not None:
+        if self.crop is not None:
             nothing = np.zeros((len(self.axes_mm[1]), len(self.axes_mm[0]), 3), np.float32)
-            rest = np.zeros_like(self._crop(nothing))
+            rest = np.zeros_like(self.crop(nothing))
             still = nothing if press.solver.observed.traction else None
             apart = nothing[..., 0].astype(np.uint8)
         off = (0.0, 0.0, 0.0)
@@ -190,7 +183,7 @@ class GelScene:
 
     def observe(self) -> Observation:
         """The surface now. Raises SolverError or InputError when the gel cannot be solved."""
-        now_ns = self._clock.now_ns()
+        now_ns = self.clock.now_ns()
         segment = self._reach(now_ns)
         if segment is None:
             return self._resting(now_ns)
@@ -215,7 +208,7 @@ class GelScene:
     def _reach(self, now_ns: int) -> Segment | None:
         """Carry the state over all lines that are over; the line under way, None at rest."""
         started = [
-            s for s in self._controller.segments[self._next_segment :] if s.start_ns <= now_ns
+            s for s in self.controller.segments[self._next_segment :] if s.start_ns <= now_ns
         ]
         over = sum(s.end_ns <= now_ns for s in started)
         lifted = [k for k in range(over) if self._in_air(started[k])]
@@ -227,7 +220,7 @@ class GelScene:
         return started[over] if over < len(started) else None
 
     def _next_start_ns(self) -> float:
-        segments = self._controller.segments
+        segments = self.controller.segments
         return (
             segments[self._next_segment].start_ns
             if self._next_segment < len(segments)
@@ -274,7 +267,7 @@ class GelScene:
         return None if self._press is None else self._press.rest_after(self._here.key)
 
     def _in_air(self, segment: Segment) -> bool:
-        return self._frame.to_sensor_mm(segment.end_mm)[2] > -CONTACT_EPS_MM
+        return self.frame.to_sensor_mm(segment.end_mm)[2] > -CONTACT_EPS_MM
 
     def _finish(self, segment: Segment) -> None:
         """Carry the state to the end of a line that is over and ends in contact."""
@@ -296,7 +289,7 @@ class GelScene:
             # The plan's rest is over when the next line starts, whatever the host took for it.
             self._resting(math.inf)
         start, end = (self._planned(p) for p in (segment.start_mm, segment.end_mm))
-        at, where = divide(start, end, self._increments)
+        at, where = divide(start, end, self.increments)
         knots = [self._here]
         if line is not None:
             # A hold: the new end lies between two knots of the old plan.
@@ -311,7 +304,7 @@ class GelScene:
 
     def _planned(self, machine_mm: Point) -> Point:
         """A point of the stage in the sensor frame: the plan's own where it is a motor step off."""
-        point = self._frame.to_sensor_mm(machine_mm)
+        point = self.frame.to_sensor_mm(machine_mm)
         return point if self._press is None else self._press.snapped(point)
 
     def _between(self, line: MotionSegment, segment: Segment, now_ns: int) -> Observation:
@@ -342,10 +335,10 @@ class GelScene:
             if knot.key == key:
                 return knot
         field = None
-        if self._crop is not None:
+        if self.crop is not None:
             assert solved.displacement_mm is not None, "a scene that draws keeps fields"
-            field = self._crop(solved.displacement_mm)
-        e = self._modulus_mpa
+            field = self.crop(solved.displacement_mm)
+        e = self.modulus_mpa
         (fx, fy, fz), (tx, ty, tz) = solved.force_n, solved.torque_nmm
         traction = solved.traction_mpa
         knot = Knot(

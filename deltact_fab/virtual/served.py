@@ -25,7 +25,6 @@ import numpy as np
 
 from ..aliases import Vector
 from ..catalog import as_toml, write_new
-from ..elasticity import GelMaterial
 from ..files import making, write_whole
 from ..optics import as_toml as camera_toml
 from ..patterns.recipe import PatternRecipe
@@ -193,7 +192,7 @@ def served(
     frame = rig.stage.frame
     x, y, z = (a + b for a, b in zip(frame.origin_machine_mm, mount.offset_mm, strict=True))
     true = replace(frame, origin_machine_mm=(x, y, z), tilt_deg=mount.tilt_deg)
-    face = BenchFace(true, design.skin, GelMaterial())
+    face = BenchFace(true, design.skin)
     face.mount(indenter, mount.longer_mm.get(indenter, 0.0))
     force = rig.force or ForceConfig()
     with making(folder):

@@ -29,7 +29,7 @@ from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig.config import GrblConfig, VirtualConfig
 from deltact_fab.rig.run.runner import Runner
-from deltact_fab.rig.tool.config import RegistrationFile
+from deltact_fab.rig.tables import RegistrationFile
 
 LIMIT_S = 10
 """Of processor time, for any one command: a refusal takes some tenths."""

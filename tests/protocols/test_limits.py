@@ -7,8 +7,8 @@ import pytest
 from deltact_fab.errors import InputError
 from deltact_fab.protocols import limits, plan
 from deltact_fab.protocols.limits import LimitCheck
+from deltact_fab.protocols.motion import StageConfig
 from deltact_fab.protocols.plan import Protocol, Step
-from deltact_fab.rig.tables import StageConfig
 from deltact_fab.shapes import SensorDimensions, SkinDimensions
 
 SENSOR = SensorDimensions()

@@ -12,7 +12,7 @@ from deltact_fab.errors import InputError
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol, Step
 from deltact_fab.shapes import SensorDimensions
-from deltact_fab.virtual.feasibility import require_gel_level
+from deltact_fab.virtual.presses import require_gel_level
 
 NAME = "pattern-selection"
 

@@ -12,8 +12,7 @@ from deltact_fab.rig.config import ForceConfig
 from deltact_fab.rig.force.guard import ForceGuard, GuardLimits
 from deltact_fab.rig.force.netft import NetFTSensor
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.rig.tables import GuardConfig
-from deltact_fab.rig.tool.config import TouchConfig
+from deltact_fab.rig.tables import GuardConfig, TouchConfig
 from deltact_fab.rig.tool.feeler import ForceProbe
 from deltact_fab.rig.tool.touch import ForceTouch
 from deltact_fab.shapes import SkinDimensions
@@ -24,6 +23,22 @@ from deltact_fab.virtual.netft import LockstepLink, NetFTBox
 from deltact_fab.virtual.wire import SerialLink
 
 EXPECTED = StageFrame((-60.0, -60.0, -40.0))
+
+
+class Block(BenchFace):
+    """A hard block with upright sides around the gel, which a ball of 10 mm meets from beside."""
+
+    size_mm: tuple[float, float, float]  # half sides, and top above the face
+
+    def wrench(self, carriage_mm: tuple[float, float, float]) -> NDArray[np.float64]:
+        x, y, z = carriage_mm
+        ball = np.array(self._frame.to_sensor_mm((x, y, z + 5.0)))
+        off = ball - np.clip(ball, np.negative(self.size_mm), self.size_mm)
+        away = float(np.hypot(*off[:2]))
+        found = super().wrench(carriage_mm)
+        if ball[2] <= self.size_mm[2] and 0 < away < 5.0:
+            found[:2] -= 400.0 * (5.0 - away) / away * off[:2]
+        return found
 
 
 @dataclass
@@ -66,12 +81,9 @@ def bench(
     grbl = GrblController({}, clock, start_mm=(-30.0, -30.0, -10.0))
     x, y, z = (o + d for o, d in zip(EXPECTED.origin_machine_mm, off_mm, strict=True))
     true = StageFrame((x, y, z), turn_deg, tilt_deg)
-    face = BenchFace(
-        true,
-        SkinDimensions(),
-        hard_mm=(22.0, 22.0) if block_mm is None else None,
-        block_mm=block_mm,
-    )
+    face = (BenchFace if block_mm is None else Block)(true, SkinDimensions())
+    if isinstance(face, Block) and block_mm is not None:
+        face.size_mm = block_mm
     face.mount(indenter, longer_mm)
 
     def wrenches(t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -83,7 +95,7 @@ def bench(
     stage = GrblStage(link, clock, EXPECTED)
     force = NetFTSensor(LockstepLink(box), clock)
     limits = GuardLimits.of(GuardConfig(force_n=guard_n), ForceConfig())
-    guard = ForceGuard(stage, limits, clock)
+    guard = ForceGuard(stage.cancel, limits, clock)
     if homed:
         stage.connect()
         stage.home()

@@ -17,13 +17,7 @@ from looked import to_the_end
 
 from deltact_fab.errors import InputError
 from deltact_fab.optics import Fisheye, FlatField, Pinhole, Rectified, as_toml
-from deltact_fab.rig.camera.model import (
-    flat_field,
-    open_camera,
-    photograph,
-    tracked_view,
-    view_notes,
-)
+from deltact_fab.rig.camera.model import open_camera, photograph, tracked_view, view_notes
 from deltact_fab.rig.check import camera_rows
 from deltact_fab.rig.devices import FoundDevice, cameras
 from deltact_fab.rig.interface import WallClock
@@ -99,10 +93,9 @@ def test_a_camera_file_gives_the_view_the_size_and_the_light(tmp_path: Path) -> 
 
     view = tracked_view(config(model="lens.toml", width_px=W, height_px=H), sensor, rig)
     assert view == Rectified.of(sensor, lens)
-    light = flat_field("lens.toml", rig)
+    light = FlatField.beside(tmp_path / "lens.toml")
     assert light is not None
     assert light.share.shape == (H, W, 3)
-    assert flat_field(None, rig) is None
     assert tracked_view(config(model="pinhole.toml"), sensor, rig) == Pinhole(0.1, W, H, 12.85)
     assert tracked_view(config(), sensor, rig) is None
     assert "not calibrated" in view_notes(None, None)[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,8 @@ from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig import config
-from deltact_fab.rig.tool.session import Registration, write
-from deltact_fab.rig.tool.touch import FaceTouch
+from deltact_fab.rig.tables import RegisteredTouch, RegistrationFile
+from deltact_fab.rig.tool.session import write
 
 PROTOCOL = """
 name = "poses"
@@ -95,11 +96,14 @@ def test_protocol_check_has_rows_for_it(tmp_path: Path) -> None:
 
 
 def test_a_registration_stands_for_what_the_rig_file_says_of_the_face(tmp_path: Path) -> None:
-    touch = FaceTouch("force", (1.0, 2.0), 0.1, 0.004, 3)
     frame = StageFrame((-60.5, -59.0, -39.25), 0.0, (0.8, -0.5))
-    rows = tuple((touch, (-60.0 + k, -60.0, -39.0)) for k in range(4))
+    row = RegisteredTouch(at_mm=(1.0, 2.0), machine_mm=(-60.0, -60.0, -39.0), spread_mm=0.004)
+    found = RegistrationFile(
+        date="", rig="bench.toml", indenter="sphere:10", by="force", residual_mm=0.003,
+        touches=(row,) * 4, **dataclasses.asdict(frame),
+    )  # fmt: skip
     bench = tmp_path / "bench.toml"
-    write(Registration(frame, "sphere:10", "force", rows, 0.003), bench, tmp_path / "reg.toml")
+    write(found, tmp_path / "reg.toml")
     bench.write_text(STAGE.replace("port =", 'registration = "reg.toml"\nport ='))
     loaded, _ = config.load(str(bench))
     assert loaded.stage.frame == frame
@@ -111,7 +115,7 @@ def test_a_registration_stands_for_what_the_rig_file_says_of_the_face(tmp_path: 
     with pytest.raises(InputError, match=r"reg\.toml: rig: missing key"):
         config.load(str(bench))
     with pytest.raises(RunFailed):
-        write(Registration(frame, "x", "force", rows, 0.0), bench, tmp_path / "no" / "reg.toml")
+        write(found, tmp_path / "no" / "reg.toml")
 
 
 def test_only_a_real_rig_with_a_force_sensor_is_registered(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ class Bench:
         self.link = SerialLink(self.controller, self.clock)
         frame = StageFrame((-50.0, -50.0, -20.0))
         self.stage = GrblStage(self.link, self.clock, frame)
-        self.guard = ForceGuard(self.stage, LIMITS, self.clock, 0.1)
+        self.guard = ForceGuard(self.stage.cancel, LIMITS, self.clock, 0.1)
 
     def samples(
         self,
@@ -103,7 +103,7 @@ def test_a_force_over_any_limit_stops_the_stage(
 
 def test_the_whole_force_has_a_limit_of_its_own(bench: Bench) -> None:
     bench.guard = ForceGuard(
-        bench.stage, GuardLimits((4.0, 4.0, 8.0), resultant_n=8.5), bench.clock
+        bench.stage.cancel, GuardLimits((4.0, 4.0, 8.0), resultant_n=8.5), bench.clock
     )
     bench.guard.watch(bench.samples(fx=3.9, fz=-7.9))
     assert bench.guard.tripped == "a force of 8.81 N, over the guard's 8.5 N"

@@ -19,18 +19,15 @@ from felt import EXPECTED, Bench, bench
 from deltact_fab import record
 from deltact_fab.cad.design import load_design
 from deltact_fab.errors import InputError, RunFailed, SensorError, StageError
-from deltact_fab.optics import StageFrame
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
 from deltact_fab.record import RunWriter
-from deltact_fab.rig.config import ToolConfig
 from deltact_fab.rig.interface import Devices, RigSetup
 from deltact_fab.rig.run.runner import Runner
-from deltact_fab.rig.tool.config import TouchConfig
+from deltact_fab.rig.tables import ToolConfig, TouchConfig
+from deltact_fab.rig.tool import session
 from deltact_fab.rig.tool.feeler import ForceProbe
-from deltact_fab.rig.tool.operator import TerminalOperator, clear_the_face, confirm
-from deltact_fab.rig.tool.session import places_for, register, require_fit
-from deltact_fab.rig.tool.tooling import KEPT, Tooling
+from deltact_fab.rig.tool.tooling import KEPT, TerminalOperator, Tooling, clear_the_face, confirm
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 from examples.find_the_block import BlockPlace, BlockTouch
@@ -224,13 +221,14 @@ def test_the_tilt_of_a_face_is_found() -> None:
     ball, skin = parse("sphere:10"), SkinDimensions()
     it = bench("sphere:10", (0.0, 0.0, 0.4), 1.0, tilt_deg=(0.8, -0.5))
     low(it)
-    touch = it.touch(TOUCH)
-    longer = StageFrame((-60.0, -60.0, -39.0))
-    it.stage.set_frame(longer)
-    places = places_for(skin, ball)
-    found = register(lambda at: touch.find(ball, at), longer, 1.0, ball, places)
-    assert found.frame.tilt_deg == pytest.approx((0.8, -0.5), abs=0.02)
-    assert found.frame.origin_machine_mm == pytest.approx((-60.0, -60.0, -39.6), abs=0.02)
+    asked = session.RegistrationRequest(
+        ball, session.places_for(skin, ball), TOUCH, 1.0, "bench.toml"
+    )
+    devices = session.GuardedStage(it.stage, it.force, it.guard)
+    with typing("sphere:10"):
+        found = session.register_face(devices, asked, TerminalOperator())
+    assert found.tilt_deg == pytest.approx((0.8, -0.5), abs=0.02)
+    assert found.origin_machine_mm == pytest.approx((-60.0, -60.0, -39.6), abs=0.02)
     assert found.residual_mm < 0.01
     assert "by 4 touches" in found.line()
 
@@ -238,13 +236,13 @@ def test_the_tilt_of_a_face_is_found() -> None:
 def test_places_and_indenters_that_give_no_plane_are_refused() -> None:
     skin, ball = SkinDimensions(), parse("sphere:10")
     for name, places, why in (
-        ("star", places_for(skin, ball), "with a ball"),
+        ("star", session.places_for(skin, ball), "with a ball"),
         ("sphere:10", ((0.0, 0.0), (5.0, 5.0), (8.0, 8.0)), "not in a line"),
         ("sphere:10", ((0.0, 0.0), (5.0, 5.0)), "three places"),
         ("sphere:10", ((0.0, 0.0), (15.0, 0.0), (0.0, 8.0)), "does not fit"),
     ):
         with pytest.raises(InputError, match=why):
-            require_fit(skin, parse(name), places)
+            session.require_fit(skin, parse(name), places)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from felt import Bench, bench
 from deltact_fab.errors import SensorError
 from deltact_fab.rig.config import load
 from deltact_fab.rig.interface import go
-from deltact_fab.rig.tool.config import TouchConfig
+from deltact_fab.rig.tables import TouchConfig
 from deltact_fab.rig.tool.touch import FaceTouch, change_s, fit
 from deltact_fab.shapes.indenter import parse
 
@@ -108,11 +108,8 @@ def test_a_loose_tool_is_told_by_its_spread(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_the_guard_trips_in_a_touch() -> None:
-    """A tip that is over the rim of something hard, and a guard below what that gives."""
-    it = bench("sphere:10", guard_n=0.15)
-    config = TouchConfig(repeats=1, at_mm=(19.0, 0.0), force_n=0.1)
-    text = fails(it, config)
-    assert "over the guard's 0.15 N" in text
+    it = bench("sphere:10", guard_n=0.08)
+    assert "over the guard's 0.08 N" in fails(it, TouchConfig(repeats=1, force_n=0.1))
     assert it.guard.tripped
 
 

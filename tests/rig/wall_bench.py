@@ -22,7 +22,7 @@ from deltact_fab.rig.interface import Devices, WallClock
 from deltact_fab.rig.run.runner import Runner
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.rig.tables import CameraConfig, ForceConfig, GuardConfig, NetFTConfig
-from deltact_fab.rig.tool.operator import home_safely
+from deltact_fab.rig.tool.tooling import home_safely
 from deltact_fab.virtual.served import NetFTServer
 
 ORIGIN_MM = (-30.0, -30.0, -20.0)
@@ -149,7 +149,7 @@ def wall_bench(
             held.callback(seeing.close)
             seeing.timeout_s = 3.0  # type: ignore[attr-defined] # the camera's process, too
         limits = GuardLimits.of(GuardConfig(force_n=guard_n), config)
-        guard = ForceGuard(stage, limits, clock, behind_s)
+        guard = ForceGuard(stage.cancel, limits, clock, behind_s)
         yield WallBench(
             folder,
             it,

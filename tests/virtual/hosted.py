@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from deltact_fab.protocols.motion import StageConfig
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.rig.tables import StageConfig
 from deltact_fab.virtual import wire
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController

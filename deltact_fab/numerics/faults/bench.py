@@ -345,7 +345,7 @@ class FaultBench:
             }  # fmt: skip
             writer = RunWriter.create(folder, meta, of.text, {"dots_mm": []}, steps)
         stage = GrblStage(self.link, self.clock, of.frame)
-        guard = ForceGuard(stage, of.limits, self.clock)
+        guard = ForceGuard(stage.cancel, of.limits, self.clock)
         force = VirtualForce(self.box, self.clock, None)
         camera = BenchCamera(self.clock, self.tip_mm, self.camera_faults)
         try:

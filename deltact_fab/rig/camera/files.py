@@ -93,42 +93,15 @@ class Video:
         self._capture.release()
 
 
-class Stack:
-    """A numpy file of images: (n, h, w) grey or (n, h, w, 3) RGB, uint8, read as they are asked."""
-
-    kind = "stack"
-    rate_hz = ASSUMED_HZ
-
-    def __init__(self, file: Path) -> None:
-        """Raises InputError for a file that is no such stack."""
-        self.name = str(file)
-        try:
-            self._stack = stack = np.lib.format.open_memmap(file, mode="r")
-        except (OSError, ValueError) as why:
-            raise InputError(f"{file}: not a numpy file of numbers: {why}") from why
-        if stack.dtype != np.uint8 or stack.ndim not in (3, 4) or stack.shape[3:] not in ((), (3,)):
-            found = f"{stack.dtype} of shape {stack.shape}"
-            raise InputError(f"{file}: {found}; uint8 of (n, h, w) or (n, h, w, 3) is needed")
-
-    def read(self) -> Generator[Image, None, None]:
-        for one in self._stack:
-            yield np.array(one[..., ::-1] if one.ndim == 3 else np.stack([one] * 3, axis=-1))
-
-    def close(self) -> None:
-        """Nothing is held open that numpy does not close."""
-
-
-Images = Folder | Video | Stack
+Images = Folder | Video
 """Images of one size, one after another."""
 
 
 def images_of(path: Path) -> Images:
-    """Of a folder, a video or a stack. Raises InputError, one line."""
+    """Of a folder or a video. Raises InputError, one line."""
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
-    if path.is_dir():
-        return Folder(path)
-    return Stack(path) if path.suffix == ".npy" else Video(path)
+    return Folder(path) if path.is_dir() else Video(path)
 
 
 class UrlFeed:

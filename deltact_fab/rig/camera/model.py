@@ -17,7 +17,6 @@ from ...files import making, write_whole
 from ...optics import (
     CameraModel,
     Fisheye,
-    FlatField,
     Rectified,
     aliased_share,
     load_camera,
@@ -62,11 +61,6 @@ def tracked_view(
                 f"of images of {made[0]} x {made[1]} px"
             )
     return Rectified.of(sensor, camera) if isinstance(camera, Fisheye) else camera
-
-
-def flat_field(model: str | None, source: Path) -> FlatField | None:
-    """How the light falls off over raw images, where the camera file says it. Raises InputError."""
-    return None if model is None else FlatField.beside(source.parent / model)
 
 
 def raw_size_px(camera: CameraModel) -> tuple[int, int]:

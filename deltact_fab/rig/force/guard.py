@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
-from typing import Protocol
 
 import numpy as np
 
@@ -68,13 +67,7 @@ class Trip:
     byte_ns: int
 
 
-class Stops(Protocol):
-    """Whatever can be stopped."""
-
-    def cancel(self) -> None:
-        """Write the byte that ends the motion under way."""
-
-
+@dataclass
 class ForceGuard:
     """Looks at every sample before anyone else does; may live in any thread, for it only writes.
 
@@ -82,26 +75,23 @@ class ForceGuard:
     (`lost`). Once tripped it stays so until `rearm`: it writes the stop byte again while samples
     are over the limit, because a byte that reaches GRBL before its jog has begun does nothing.
 
+    stop: writes the byte that ends the motion under way.
     behind_s: on the wall clock, a guard whose newest sample stays older than that for as long
     again is blind, and stops the stage; a hiccup that is caught up is counted in `tally` alone.
     None: the samples' ages are not looked at, as in lockstep.
     """
 
-    def __init__(
-        self,
-        stage: Stops,
-        limits: GuardLimits,
-        clock: Clock,
-        behind_s: float | None = None,
-    ) -> None:
-        self._stage = stage
-        self._clock = clock
-        self.limits = limits
+    stop: Callable[[], None]
+    limits: GuardLimits
+    clock: Clock
+    behind_s: float | None = None
+
+    def __post_init__(self) -> None:
+        limits = self.limits
         self._most = np.array([*limits.force_n, *limits.torque_nmm, limits.resultant_n])
         self._peak = np.zeros(7)  # since it tripped: six axes and the whole force
         self._easing = False
         self._byte_ns = 0
-        self._behind_s = behind_s
         self._behind_ns: int | None = None  # since when it looks at old samples
         self.tally = NoteCounts()
         self.trip: Trip | None = None
@@ -124,7 +114,7 @@ class ForceGuard:
         elif (
             self.trip is not None
             and not self._easing
-            and self._clock.now_ns() - self.trip.byte_ns < SURELY_NS
+            and self.clock.now_ns() - self.trip.byte_ns < SURELY_NS
         ):
             self._write()
 
@@ -135,7 +125,7 @@ class ForceGuard:
             self.trip = Trip(why, None, self._byte_ns)
 
     def tell(self) -> tuple[str, ...]:
-        return self.tally.tell(self._clock.now_ns())
+        return self.tally.tell(self.clock.now_ns())
 
     def rearm(self) -> None:
         self.trip = None
@@ -160,10 +150,10 @@ class ForceGuard:
 
     def _look_at_age(self, newest_ns: int) -> None:
         """Blind is who looks at old samples, and after behind_s of that still does."""
-        if self._behind_s is None:
+        if self.behind_s is None:
             return
-        now_ns = self._clock.now_ns()
-        old_ns, limit_ns = now_ns - newest_ns, self._behind_s * 1e9
+        now_ns = self.clock.now_ns()
+        old_ns, limit_ns = now_ns - newest_ns, self.behind_s * 1e9
         if old_ns <= limit_ns:
             self._behind_ns = None
             return
@@ -196,7 +186,7 @@ class ForceGuard:
 
     def _write(self) -> None:
         """The stop byte, at most every AGAIN_NS."""
-        now_ns = self._clock.now_ns()
+        now_ns = self.clock.now_ns()
         if not self._byte_ns or now_ns - self._byte_ns >= AGAIN_NS:
-            self._stage.cancel()
+            self.stop()
             self._byte_ns = now_ns

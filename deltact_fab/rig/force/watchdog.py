@@ -262,7 +262,7 @@ class _Server:
     def do_open(self, config: ForceConfig, limits: GuardLimits) -> None:
         self._force = open_force(config, self._clock)
         silent_s = SILENT_S if config.netft is None else config.netft.silent_s
-        self._guard = ForceGuard(self._stop_line, limits, self._clock, 2 * silent_s)
+        self._guard = ForceGuard(self._stop_line.cancel, limits, self._clock, 2 * silent_s)
         gc.freeze()
 
     def do_hold(self, stop: bytes, follows: bool) -> None:

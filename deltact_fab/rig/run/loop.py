@@ -152,7 +152,7 @@ def watched(
     if force is None or guard is None:
         yield Watch()
         return
-    stream = ForceStream(force, guard, clock, lambda name, text: None)
+    stream = ForceStream(force, guard, lambda name, text: None)
     stream.keeping = False
     watch = Watch(stream)
     trouble = watch.trouble

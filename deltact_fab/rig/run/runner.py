@@ -19,7 +19,7 @@ from ...errors import DeltactFabError, StageError, Stopped
 from ...protocols.plan import Step
 from ...record import RunWriter
 from ...units import duration, to_ns
-from ..interface import LIFT_FEED_MM_MIN, Devices, Stage, rise
+from ..interface import LIFT_FEED_MM_MIN, Devices, rise
 from .loop import interruptible
 from .schedule import DROPPED, LATE, MISSED, TAKEN, UNWRITTEN, Schedule
 from .streams import FrameRequest
@@ -49,7 +49,8 @@ class Runner:
         self._live = live
         kind = ThreadedSchedule if devices.wall_clock else Schedule
         self._streams: Schedule = kind(devices, writer, self._tell)
-        self._motion = StageMotion(devices.stage, self._streams)
+        self._stage = devices.stage
+        self._mounted = ""
         self._kept = self._total = 0  # frames
         self._remaining: Remaining | None = None
 
@@ -64,7 +65,7 @@ class Runner:
         todo = [i for i, s in enumerate(steps) if s.press not in self._writer.kept]
         self._kept = self._total - sum(steps[i].frames for i in todo)
         self._remaining = Remaining(steps, todo, self._d.wall_clock, self._d.change_s)
-        with interruptible(self._d.stage.abort):
+        with interruptible(self._stage.abort):
             try:
                 self._set_up(bool(todo))
                 before = -1
@@ -85,7 +86,7 @@ class Runner:
 
     def _set_up(self, moves: bool) -> None:
         """Connect, arm the guard, home. An error leaves the stage where it stopped."""
-        stage, streams = self._d.stage, self._streams
+        stage, streams = self._stage, self._streams
         try:
             stage.connect()
             if moves:
@@ -113,20 +114,20 @@ class Runner:
         try:
             try:
                 if take_up:
-                    self._motion.take_up(steps, i)
-                self._motion.step(step, last)
+                    self._take_up(steps, i)
+                self._carry_out(step, last)
             except StageError:
                 self._streams.check()  # a thread stopped it, and the stage says that it stopped
                 raise
             assert self._remaining is not None
             self._remaining.finished(i)
         except StageError as why:
-            lifted = self._motion.rescue(lift_to_mm)
+            lifted = self._rescue(lift_to_mm)
             self._cut_off(step, "fault", f"{why}; {lifted}")
             raise type(why)(f"{why} ({lifted})") from why
         except BaseException as why:
             # The tip may be in the gel: whatever went wrong, it is not left there.
-            lifted = self._motion.lift(lift_to_mm)
+            lifted = self._lift(lift_to_mm)
             stopped = isinstance(why, KeyboardInterrupt)
             text = "by the operator" if stopped else str(why)
             self._cut_off(step, "stop" if stopped else "fault", f"{text}; {lifted}")
@@ -135,6 +136,90 @@ class Runner:
             if isinstance(why, DeltactFabError):
                 raise type(why)(f"{why} ({lifted})") from why
             raise
+
+    def _take_up(self, steps: Sequence[Step], i: int) -> None:
+        """Before the first step of a press: its indenter, and where the step before it ended.
+
+        So that it is reached by the same move as in an undisturbed run, and takes the same time.
+        What is driven again for that is not journalled again.
+        """
+        step, before = steps[i], steps[i - 1]
+        if step.kind != "change" and step.indenter != self._mounted:
+            change = next(s for s in steps if s.kind == "change" and s.indenter == step.indenter)
+            self._go(change)
+            self._change(change)
+            if change == before:
+                return
+        # Both ends of this move are at or above the clearance plane.
+        self._go(before)
+
+    def _carry_out(self, step: Step, last: bool) -> None:
+        """Carry out one step; last: of its press, which it completes."""
+        streams = self._streams
+        streams.enter(step)
+        start_ns = streams.now_ns()
+        planned_s = self._stage.start_move(step.target_mm, step.feed_mm_min)
+        streams.set_out(step)
+        filmed_s = planned_s + step.hold_s
+        filmed_ns = to_ns(filmed_s)
+        for k in range(1, step.frames):
+            # Whole nanoseconds from the start of the move, so that a frame is taken at the same
+            # pose at any time of day.
+            at_ns = start_ns + to_ns(filmed_s * k / step.frames)
+            streams.film(FrameRequest(step, k, at_ns, start_ns, filmed_ns // step.frames))
+        streams.arrive(step, start_ns + filmed_ns)
+        if step.kind == "change":
+            self._change(step)
+        if step.id.endswith("/rest"):
+            streams.begin(step)
+        if step.frames:
+            at_ns = streams.now_ns() + to_ns(step.settle_s)
+            streams.film(FrameRequest(step, step.frames, at_ns, start_ns))
+        streams.complete(step)
+        streams.finish(step, planned_s, start_ns, last)
+
+    def _lift(self, height_mm: float) -> str:
+        """Stop, then straight up to the clearance plane; says what came of it.
+
+        Nothing moves where the stage has lost its position, for it refuses to.
+        """
+        stage = self._stage
+        try:
+            stage.stop()
+            with self._streams.lifting():
+                rise(stage, height_mm, LIFT_FEED_MM_MIN)
+        except KeyboardInterrupt:
+            stage.stop()
+            return "the lift was stopped by the operator"
+        except DeltactFabError as why:
+            return f"the tip could NOT be lifted: {why}"
+        return "the tip was lifted"
+
+    def _rescue(self, height_mm: float) -> str:
+        """After a fault of the stage: up to the clearance plane, where its count is kept."""
+        try:
+            with self._streams.lifting():
+                if self._stage.rescue(height_mm, LIFT_FEED_MM_MIN):
+                    return "the controller kept its count: the tip was lifted"
+        except KeyboardInterrupt:
+            self._stage.abort()
+            return "the lift was stopped by the operator"
+        except DeltactFabError as why:
+            return f"the tip could NOT be lifted: {why}"
+        return (
+            "the tip was NOT lifted and may be in the gel: switch the motors off and turn z up by "
+            "hand"
+        )
+
+    def _go(self, step: Step) -> None:
+        self._streams.enter(step)
+        planned_s = self._stage.start_move(step.target_mm, step.feed_mm_min)
+        self._streams.reach(self._streams.now_ns() + to_ns(planned_s))
+
+    def _change(self, step: Step) -> None:
+        found = self._streams.change(step.indenter)
+        self._mounted = step.indenter
+        self._streams.event("indenter", found or f"{step.indenter} mounted")
 
     def _tell(self, step: Step) -> None:
         counts = self._streams.counts
@@ -238,96 +323,3 @@ def _in_gel_mm(steps: Sequence[Step], i: int) -> float:
         return 0.0
     share = 1.0 if here[2] <= 0 else -there[2] / (here[2] - there[2])
     return START_MM + share * math.dist(here, there)
-
-
-class StageMotion:
-    """Moves the stage by the steps of a protocol, and has the streams take what goes with them."""
-
-    def __init__(self, stage: Stage, streams: Schedule) -> None:
-        self._stage = stage
-        self._streams = streams
-        self._mounted = ""
-
-    def take_up(self, steps: Sequence[Step], i: int) -> None:
-        """Before the first step of a press: its indenter, and where the step before it ended.
-
-        So that it is reached by the same move as in an undisturbed run, and takes the same time.
-        What is driven again for that is not journalled again.
-        """
-        step, before = steps[i], steps[i - 1]
-        if step.kind != "change" and step.indenter != self._mounted:
-            change = next(s for s in steps if s.kind == "change" and s.indenter == step.indenter)
-            self._go(change)
-            self._change(change)
-            if change == before:
-                return
-        # Both ends of this move are at or above the clearance plane.
-        self._go(before)
-
-    def step(self, step: Step, last: bool) -> None:
-        """Carry out one step; last: of its press, which it completes."""
-        streams = self._streams
-        streams.enter(step)
-        start_ns = streams.now_ns()
-        planned_s = self._stage.start_move(step.target_mm, step.feed_mm_min)
-        streams.set_out(step)
-        filmed_s = planned_s + step.hold_s
-        filmed_ns = to_ns(filmed_s)
-        for k in range(1, step.frames):
-            # Whole nanoseconds from the start of the move, so that a frame is taken at the same
-            # pose at any time of day.
-            at_ns = start_ns + to_ns(filmed_s * k / step.frames)
-            streams.film(FrameRequest(step, k, at_ns, start_ns, filmed_ns // step.frames))
-        streams.arrive(step, start_ns + filmed_ns)
-        if step.kind == "change":
-            self._change(step)
-        if step.id.endswith("/rest"):
-            streams.begin(step)
-        if step.frames:
-            at_ns = streams.now_ns() + to_ns(step.settle_s)
-            streams.film(FrameRequest(step, step.frames, at_ns, start_ns))
-        streams.complete(step)
-        streams.finish(step, planned_s, start_ns, last)
-
-    def lift(self, height_mm: float) -> str:
-        """Stop, then straight up to the clearance plane; says what came of it.
-
-        Nothing moves where the stage has lost its position, for it refuses to.
-        """
-        stage = self._stage
-        try:
-            stage.stop()
-            with self._streams.lifting():
-                rise(stage, height_mm, LIFT_FEED_MM_MIN)
-        except KeyboardInterrupt:
-            stage.stop()
-            return "the lift was stopped by the operator"
-        except DeltactFabError as why:
-            return f"the tip could NOT be lifted: {why}"
-        return "the tip was lifted"
-
-    def rescue(self, height_mm: float) -> str:
-        """After a fault of the stage: up to the clearance plane, where its count is kept."""
-        try:
-            with self._streams.lifting():
-                if self._stage.rescue(height_mm, LIFT_FEED_MM_MIN):
-                    return "the controller kept its count: the tip was lifted"
-        except KeyboardInterrupt:
-            self._stage.abort()
-            return "the lift was stopped by the operator"
-        except DeltactFabError as why:
-            return f"the tip could NOT be lifted: {why}"
-        return (
-            "the tip was NOT lifted and may be in the gel: switch the motors off and turn z up by "
-            "hand"
-        )
-
-    def _go(self, step: Step) -> None:
-        self._streams.enter(step)
-        planned_s = self._stage.start_move(step.target_mm, step.feed_mm_min)
-        self._streams.reach(self._streams.now_ns() + to_ns(planned_s))
-
-    def _change(self, step: Step) -> None:
-        found = self._streams.change(step.indenter)
-        self._mounted = step.indenter
-        self._streams.event("indenter", found or f"{step.indenter} mounted")

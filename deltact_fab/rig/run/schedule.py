@@ -59,7 +59,7 @@ class Schedule:
         self.frames = FrameStream(devices.camera, devices.clock, self._keep)
         self.force: ForceStream | None = None
         if devices.force is not None:
-            self.force = ForceStream(devices.force, devices.guard, devices.clock, self._note)
+            self.force = ForceStream(devices.force, devices.guard, self._note)
 
     # ---- what the thread that moves the stage asks for ------------------------------------------
 
@@ -177,10 +177,9 @@ class Schedule:
             self._d.camera.begin(step.press)
         self._feel_no_more()  # what the guard saw was on another tare
         self._origin_ns = self.pose.looked_ns = self.now_ns()
-        if self._d.force is not None:
-            assert self.force is not None
+        if self.force is not None:
             self._felt = self.force.keeping = True
-            self._d.force.begin(step.press)
+            self.force.force.begin(step.press)
 
     def _end_camera(self, frames: Mapping[str, float]) -> None:
         assert self._d.camera is not None

@@ -10,10 +10,11 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...aliases import Vector
 from ...errors import SensorError
 from ...protocols.plan import Step
 from ...record import Chunk
@@ -51,6 +52,7 @@ class PoseStream:
         return [Chunk("pose", origin_ns / 1e9, columns)]
 
 
+@dataclass
 class ForceStream:
     """What the force sensor sends; the guard sees it first.
 
@@ -58,33 +60,25 @@ class ForceStream:
     comes is kept. lifting: the tip is on its way out of the gel, and only the guard stops that.
     """
 
-    def __init__(
-        self,
-        force: ForceSensor,
-        guard: Guard | None,
-        clock: Clock,
-        note: Callable[[str, str], None],
-    ) -> None:
-        self._force = force
-        self._clock = clock
-        self._guard = guard
-        self._note = note
-        self._kept: list[ForceSamples] = []
-        self.keeping = True
-        self.lifting = False
-        self.last_ns = 0  # of the last sample
-        self.force_n: tuple[float, float, float] | None = None  # of the last sample
+    force: ForceSensor
+    guard: Guard | None
+    note: Callable[[str, str], None]
+    keeping: bool = True
+    lifting: bool = False
+    last_ns: int = 0  # of the last sample
+    force_n: Vector | None = None  # of the last sample
+    _kept: list[ForceSamples] = field(default_factory=list)
 
     def step(self) -> None:
         """Read once. Raises SensorError: the sensor's own, and beyond the guard's limit."""
         try:
-            samples = self._force.read()
+            samples = self.force.read()
         except SensorError as why:
-            if self._guard is not None:
-                self._guard.lost(str(why))
+            if self.guard is not None:
+                self.guard.lost(str(why))
             raise
-        if self._guard is not None:
-            self._guard.watch(samples)
+        if self.guard is not None:
+            self.guard.watch(samples)
         if self.keeping:
             self._kept.append(samples)
         force_n = samples.force_n
@@ -93,15 +87,15 @@ class ForceStream:
             x, y, z = force_n[-1].tolist()
             self.force_n = (x, y, z)
         notes = samples.notes
-        if self._guard is not None:
-            notes += self._guard.tell()
+        if self.guard is not None:
+            notes += self.guard.tell()
         for line in notes:
             name, _, text = line.partition(": ")
-            self._note(name, text)
+            self.note(name, text)
         if self.lifting:
             return
-        if self._guard is not None and self._guard.tripped:
-            raise SensorError(self._guard.tripped)
+        if self.guard is not None and self.guard.tripped:
+            raise SensorError(self.guard.tripped)
         if samples.saturated.any():
             found = tuple(force_n[samples.saturated.argmax()].tolist())
             raise SensorError(f"the force sensor is saturated at {found} N")

@@ -50,11 +50,11 @@ class ThreadedSchedule(Schedule):
             self._writer.ready()
             self._seeing = Loop("camera", self.frames.step, self._fail)
             self._loops.append(self._seeing)
-        if self._d.force is not None and self.force is not None:
+        if self.force is not None:
             self.force.keeping = False
             self._feeling = Loop("force sensor", self.force.step, self._fail)
             self._loops.append(self._feeling)
-            self._feeling.ask(self._d.force.start, ANSWER_S, going=True)
+            self._feeling.ask(self.force.force.start, ANSWER_S, going=True)
 
     def enter(self, step: Step) -> None:
         """Nothing moves while another thread has a reason against it."""
@@ -105,12 +105,11 @@ class ThreadedSchedule(Schedule):
 
     def change(self, name: str) -> str | None:
         """The force sensor is left alone, stopped, and streams again after that."""
-        force = self._d.force
-        if self._feeling is not None and force is not None:
-            self._feeling.ask(force.stop, ANSWER_S, going=False)
+        if self._feeling is None or self.force is None:
+            return self._d.change_indenter(name)
+        self._feeling.ask(self.force.force.stop, ANSWER_S, going=False)
         found = self._d.change_indenter(name)
-        if self._feeling is not None and force is not None:
-            self._feeling.ask(force.start, ANSWER_S, going=True)
+        self._feeling.ask(self.force.force.start, ANSWER_S, going=True)
         return found
 
     @contextmanager
@@ -133,10 +132,10 @@ class ThreadedSchedule(Schedule):
         return [loop.name for loop in self._loops if not loop.end(END_S)]
 
     def _begin_devices(self, step: Step) -> None:
-        camera, force = self._d.camera, self._d.force
-        if self._feeling is not None and force is not None and self.force is not None:
-            self._feeling.ask(lambda: force.begin(step.press), ANSWER_S)
-            self.force.keeping = True
+        camera, stream = self._d.camera, self.force
+        if self._feeling is not None and stream is not None:
+            self._feeling.ask(lambda: stream.force.begin(step.press), ANSWER_S)
+            stream.keeping = True
         if self._seeing is not None and camera is not None:
             self._seeing.ask(lambda: camera.begin(step.press), ANSWER_S, going=True)
         self._origin_ns = self.now_ns()

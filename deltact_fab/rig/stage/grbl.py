@@ -26,9 +26,9 @@ from typing import Any
 
 from ...aliases import Vector
 from ...optics import StageFrame
+from ...protocols.motion import StageConfig
 from ...units import to_ns
 from ..interface import Clock, DeviceRow, StageState
-from ..tables import StageConfig
 from . import jogs
 from .controller import JOG_CANCEL, Controller
 from .exchange import BANNER, RESET, SETTING, TalkFault, state_in_words
@@ -58,7 +58,7 @@ class GrblStage:
     ) -> None:
         self._url = url
         self.clock = clock
-        self._frame = frame
+        self.frame = frame
         self._config = config
         self._c = Controller(url, clock, baud)
         self._driver = threading.current_thread()  # who moves it
@@ -146,8 +146,8 @@ class GrblStage:
                 raise TalkFault("a move is under way: wait for it or stop it first")
             if self._c.stopping:
                 self.stop()
-            machine_mm = self._frame.to_machine_mm(target_mm)
-            low_mm = min(self._frame.to_sensor_mm(self._c.at_mm)[2], target_mm[2])
+            machine_mm = self.frame.to_machine_mm(target_mm)
+            low_mm = min(self.frame.to_sensor_mm(self._c.at_mm)[2], target_mm[2])
             clear = low_mm > CLEAR_MM
             return jogs.begin(self._c, machine_mm, feed_mm_min, clear, self.whole_moves)
 
@@ -172,7 +172,7 @@ class GrblStage:
             self._c.require_ready()
             state = jogs.poll(self._c)
             self._within_s = max(self._within_s, state.within_s)
-        return to_ns(state.t_s), self._frame.to_sensor_mm(state.machine_mm)
+        return to_ns(state.t_s), self.frame.to_sensor_mm(state.machine_mm)
 
     def stop(self) -> None:
         """Halt motion with the controller's own deceleration and wait for Idle.
@@ -222,12 +222,12 @@ class GrblStage:
         return {
             "kind": "grbl",
             "port": str(self._url),
-            "banner": self.banner,
+            "banner": self._c.banner,
             "info": list(self._info),
             "settings": {f"${n}": v for n, v in sorted(self._c.limits.settings.items())},
-            "origin_machine_mm": list(self._frame.origin_machine_mm),
-            "angle_deg": self._frame.angle_deg,
-            "tilt_deg": list(self._frame.tilt_deg),
+            "origin_machine_mm": list(self.frame.origin_machine_mm),
+            "angle_deg": self.frame.angle_deg,
+            "tilt_deg": list(self.frame.tilt_deg),
             "pose_within_s": self._within_s,
             "waits": self._c.waits,
         }
@@ -238,19 +238,8 @@ class GrblStage:
         self._c.port.close()
 
     @property
-    def banner(self) -> str:
-        return self._c.banner
-
-    @property
-    def frame(self) -> StageFrame:
-        return self._frame
-
-    @property
     def homed(self) -> bool:
         return self._c.homed and not self._c.trouble
-
-    def set_frame(self, frame: StageFrame) -> None:
-        self._frame = frame
 
     def lift(self, height_mm: float, feed_mm_min: float) -> bool:
         was = self._c.homed
@@ -260,7 +249,7 @@ class GrblStage:
         try:
             top_mm = min(z + height_mm, self._c.limits.ends_mm(2)[1])
             if top_mm > z:
-                self.start_move(self._frame.to_sensor_mm((x, y, top_mm)), feed_mm_min)
+                self.start_move(self.frame.to_sensor_mm((x, y, top_mm)), feed_mm_min)
                 self.wait()
         finally:
             self._c.homed = self._c.homed and was
@@ -275,7 +264,7 @@ class GrblStage:
             return False
         why, c.trouble = c.trouble, ""
         try:
-            above_mm = height_mm - self._frame.to_sensor_mm(state.machine_mm)[2]
+            above_mm = height_mm - self.frame.to_sensor_mm(state.machine_mm)[2]
             return self.lift(max(above_mm, 0.0), feed_mm_min)
         finally:
             c.lose(why)

@@ -45,7 +45,7 @@ class Port:
         self._clock = clock
         self._port: Any = None
         self._partial = b""
-        self._tell_it: Callable[[int | None], None] | None = None
+        self._tell: Callable[[int | None], None] | None = None
 
     @property
     def is_open(self) -> bool:
@@ -74,17 +74,13 @@ class Port:
                 ) from why
             raise StageError(f"{self.url}: cannot be opened: {why}") from why
         self._stay_up()
-        self._tell(lambda: self._port.fileno())
+        self.share(self._tell)
 
-    def share(self, tell: Callable[[int | None], None]) -> None:
+    def share(self, tell: Callable[[int | None], None] | None) -> None:
         """Have somebody told its file descriptor, None before it is closed."""
-        self._tell_it = tell
-        if self.is_open:
-            self._tell(lambda: self._port.fileno())
-
-    def _tell(self, number: Callable[[], int | None]) -> None:
-        if self._tell_it is not None:
-            self._tell_it(number())
+        self._tell = tell
+        if tell is not None and self.is_open:
+            tell(self._port.fileno())
 
     def _stay_up(self) -> None:
         """Leave DTR up when the port is closed: its fall and rise is what restarts an Arduino.
@@ -102,7 +98,8 @@ class Port:
     def close(self) -> None:
         port, self._port = self._port, None
         if port is not None:
-            self._tell(lambda: None)
+            if self._tell is not None:
+                self._tell(None)
             with suppress(OSError):
                 port.close()
 

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping
 
 from ...aliases import Vector
 from ...protocols.limits import ends_mm
+from ...protocols.motion import StageConfig
 from ..interface import DeviceRow
-from ..tables import StageConfig
 from .exchange import OPTIONS
 
 AXES = "XYZ"

@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from ...aliases import Vector
 from ...errors import DeltactFabError, InputError, SensorError, StageError, Stopped
@@ -20,7 +20,6 @@ from ..run.loop import Watch, interruptible, watched
 from ..stage.grbl import GrblStage
 
 CLEARANCE_MM = 5.0
-MAX_MM = 10.0
 FEED_MM_MIN = 300.0
 NEAR_FEED_MM_MIN = 30.0
 """Below the clearance height."""
@@ -48,31 +47,14 @@ def stopped_by_ctrl_c(stage: Stage) -> Iterator[None]:
             raise Stopped(f"stopped by the operator{where}") from why
 
 
-def jog(
-    stage: Stage,
-    by_mm: Vector,
-    feed_mm_min: float = FEED_MM_MIN,
-    *,
-    most_mm: float = MAX_MM,
-    into_gel: bool = False,
-) -> Vector:
-    """One straight move by so much (sensor frame); returns where the tip is then.
-
-    Raises InputError, with nothing sent, for one that is longer than most_mm or, without into_gel,
-    ends below CLEARANCE_MM or goes sideways there; straight up is always allowed.
-    """
-    go(stage, *wanted(stage, by_mm, feed_mm_min, most_mm, into_gel))
-    return stage.position_mm()
-
-
 def wanted(
-    stage: Stage,
-    by_mm: Vector,
-    feed_mm_min: float,
-    most_mm: float,
-    into_gel: bool,
+    stage: Stage, by_mm: Vector, feed_mm_min: float, most_mm: float, into_gel: bool
 ) -> tuple[Vector, float]:
-    """Where such a jog leads, and how fast; nothing moves. Raises as `jog`."""
+    """Where a straight move by so much (sensor frame) leads, and how fast; nothing moves.
+
+    Raises InputError for one that is longer than most_mm or, without into_gel, ends below
+    CLEARANCE_MM or goes sideways there; straight up is always allowed.
+    """
     require_short(by_mm, most_mm)
     here = stage.position_mm()
     there = plus(here, by_mm)
@@ -83,7 +65,7 @@ def wanted(
     return there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
 
 
-def require_short(by_mm: Vector, most_mm: float = MAX_MM) -> None:
+def require_short(by_mm: Vector, most_mm: float) -> None:
     """Raise InputError for a way that is longer than most_mm, or none."""
     length_mm = math.hypot(*by_mm)
     if not length_mm <= most_mm:
@@ -93,13 +75,7 @@ def require_short(by_mm: Vector, most_mm: float = MAX_MM) -> None:
         )
 
 
-def goto(
-    stage: Stage,
-    target_mm: Vector,
-    feed_mm_min: float = FEED_MM_MIN,
-    *,
-    into_gel: bool = False,
-) -> Vector:
+def goto(stage: Stage, target_mm: Vector, feed_mm_min: float, into_gel: bool) -> None:
     """To a place (sensor frame): up to the clearance height, sideways, then down.
 
     Raises InputError, with nothing sent, for one below CLEARANCE_MM without into_gel.
@@ -119,7 +95,6 @@ def goto(
             go(stage, (x, y, CLEARANCE_MM), feed_mm_min)
         feed_mm_min = min(feed_mm_min, NEAR_FEED_MM_MIN)
     go(stage, target_mm, feed_mm_min)
-    return stage.position_mm()
 
 
 def in_words(position_mm: Vector) -> str:
@@ -141,107 +116,102 @@ MOVES: dict[str, Vector] = {
 }  # fmt: skip
 
 
+@dataclass
 class HandSession:
     """tell: a line for the operator. show: the state, over and over. into_gel: below the clearance
     height without a guard as well. others: what a key does between two watches, and says."""
 
-    def __init__(
-        self,
-        stage: GrblStage,
-        force: ForceSensor | None,
-        guard: Guard | None,
-        key: Key,
-        tell: Callable[[str], None],
-        show: Callable[[str], None],
-        into_gel: bool = False,
-        others: dict[str, Callable[[], str]] | None = None,
-    ) -> None:
-        self._stage, self._force, self._guard = stage, force, guard
-        self._key, self._tell, self._show = key, tell, show
-        self._into_gel = into_gel or guard is not None
-        self._others = others or {}
-        self.step_mm = 1.0
+    stage: GrblStage
+    force: ForceSensor | None
+    guard: Guard | None
+    key: Key
+    tell: Callable[[str], None]
+    show: Callable[[str], None]
+    into_gel: bool = False
+    others: dict[str, Callable[[], str]] = field(default_factory=dict)
+    step_mm: float = 1.0
 
     def run(self) -> None:
         """Until the key q. Raises StageError where the stage cannot be talked to any more."""
-        self._tell(HELP)
-        if not self._stage.trust_count():
-            self._tell("the position is lost: h homes")
+        self.tell(HELP)
+        if not self.stage.trust_count():
+            self.tell("the position is lost: h homes")
         while True:
             try:
-                with watched(self._stage, self._stage.clock, self._force, self._guard) as watch:
+                with watched(self.stage, self.stage.clock, self.force, self.guard) as watch:
                     what = self._drive(watch)
             except SensorError as why:
                 self._ease(str(why))
                 what = ""
                 while not what:
-                    what = self._key(TELL_S)
+                    what = self.key(TELL_S)
             if what == "q":
                 return
-            if what in self._others:
+            if what in self.others:
                 try:
-                    self._tell(self._others[what]())
+                    self.tell(self.others[what]())
                 except DeltactFabError as why:
-                    self._tell(str(why))
+                    self.tell(str(why))
 
     def _drive(self, watch: Watch) -> str:
         """Keys that move, until one that does not; "" when the guard has stopped the stage."""
         while not watch.trouble:
-            self._show(self._line(watch))
-            key = self._key(TELL_S)
-            if key in self._others or key == "q":
+            self.show(self._line(watch))
+            key = self.key(TELL_S)
+            if key in self.others or key == "q":
                 return key
             if key in MOVES:
                 self._move(MOVES[key], watch)
             elif key == "o":
-                self._tell(self._origin())
+                self.tell(self._origin())
             elif key.isdigit() and 0 < int(key) <= len(STEPS_MM):
                 self.step_mm = STEPS_MM[int(key) - 1]
         return ""
 
     def _move(self, way: Vector, watch: Watch) -> None:
         x, y, z = (self.step_mm * part for part in way)
-        stage, clock = self._stage, self._stage.clock
+        stage, clock = self.stage, self.stage.clock
+        deep = self.into_gel or self.guard is not None
         try:
-            target_mm, feed = wanted(stage, (x, y, z), FEED_MM_MIN, self.step_mm, self._into_gel)
+            target_mm, feed = wanted(stage, (x, y, z), FEED_MM_MIN, self.step_mm, deep)
             end_s = clock.now_s() + stage.start_move(target_mm, feed)
             while clock.now_s() < end_s and not watch.trouble:
-                self._show(self._line(watch, asks=False))
+                self.show(self._line(watch, asks=False))
                 stage.listen(min(TELL_S / 10, max(end_s - clock.now_s(), 0.0)))
-                if self._key(0.0) == " ":
+                if self.key(0.0) == " ":
                     stage.stop()
                     return
             stage.wait()
         except (InputError, StageError) as why:
-            self._tell(str(why))
+            self.tell(str(why))
 
     def _origin(self) -> str:
         """The tip stands where the face has its middle, from now on (0, 0, 0)."""
-        if not self._stage.homed:
+        if not self.stage.homed:
             return "home first: h"
-        here = self._stage.frame.to_machine_mm(self._stage.position_mm())
-        self._stage.set_frame(replace(self._stage.frame, origin_machine_mm=here))
+        here = self.stage.frame.to_machine_mm(self.stage.position_mm())
+        self.stage.frame = replace(self.stage.frame, origin_machine_mm=here)
         x, y, z = here
         return f"origin_machine_mm = [{x:.3f}, {y:.3f}, {z:.3f}]  # for [stage] of the rig file"
 
     def _ease(self, why: str) -> None:
         """After a trip, a little up; only a force that still grows would stop that."""
-        self._tell(f"{why}; lifting by {EASE_MM:g} mm; any key goes on, q ends")
-        if self._guard is None:
+        self.tell(f"{why}; lifting by {EASE_MM:g} mm; any key goes on, q ends")
+        if self.guard is None:
             return
-        with self._guard.easing():
+        with self.guard.easing():
             try:
-                self._stage.stop()
-                self._stage.lift(EASE_MM, LIFT_FEED_MM_MIN)
+                self.stage.stop()
+                self.stage.lift(EASE_MM, LIFT_FEED_MM_MIN)
             except StageError as fault:
-                self._tell(str(fault))
-        self._guard.rearm()
+                self.tell(str(fault))
+        self.guard.rearm()
 
     def _line(self, watch: Watch, asks: bool = True) -> str:
         where = "moving"
         if asks:
-            homed = self._stage.homed
-            where = in_words(self._stage.position_mm()) if homed else "not homed"
+            homed = self.stage.homed
+            where = in_words(self.stage.position_mm()) if homed else "not homed"
         force_n = None if watch.stream is None else watch.stream.force_n
         felt = "no force sensor: no guard"
         if watch.stream is not None:

@@ -7,7 +7,7 @@ the face. Three touches give a plane, and only the fourth says how far from flat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -16,22 +16,20 @@ from pathlib import Path
 
 import numpy as np
 
-from ...aliases import Vector
+from ...catalog import as_toml
 from ...errors import DeltactFabError, InputError, RunFailed, StageError, Stopped
 from ...files import write_whole
-from ...optics import StageFrame
 from ...shapes import Indenter, SensorDimensions, SkinDimensions
 from ...shapes.indenter import parse as parse_indenter
 from ..config import GrblConfig
 from ..force.watchdog import open_guarded
-from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Guard, Stage, WallClock
+from ..interface import LIFT_FEED_MM_MIN, ForceSensor, Guard, WallClock
 from ..run.loop import interruptible
 from ..stage.grbl import GrblStage
-from .config import TouchConfig
+from ..tables import RegisteredTouch, RegistrationFile, TouchConfig
 from .feeler import ForceProbe
-from .operator import LIFT_MM, TerminalOperator, confirm, home_safely
-from .tooling import raised
-from .touch import FaceTouch, ForceTouch, powers_of
+from .tooling import LIFT_MM, TerminalOperator, confirm, home_safely, raised
+from .touch import ForceTouch, powers_of
 
 MAX_TILT_DEG = 2.0
 MAX_RESIDUAL_MM = 0.1
@@ -44,8 +42,7 @@ Place = tuple[float, float]
 class GuardedStage:
     """A stage that is homed, with its force sensor and the guard on it."""
 
-    clock: Clock
-    stage: Stage
+    stage: GrblStage
     force: ForceSensor
     guard: Guard
 
@@ -64,8 +61,7 @@ def homed(
             f"{source}: force: no way to a force sensor, and nothing else keeps the tip from "
             "breaking what it meets: add [force.netft] or [force.serial]"
         )
-    clock = WallClock()
-    stage = GrblStage.of(config.stage, clock)
+    stage = GrblStage.of(config.stage, WallClock())
     with ExitStack() as opened:
         opened.callback(stage.close)
         force = guard = open_guarded(config.force, config.guard, stage)
@@ -73,8 +69,10 @@ def homed(
         with interruptible(stage.abort):
             try:
                 stage.connect()
-                home_safely(stage, clock, force, operator, tip_is_clear=tip_is_clear, guard=guard)
-                yield GuardedStage(clock, stage, force, guard)
+                home_safely(
+                    stage, stage.clock, force, operator, tip_is_clear=tip_is_clear, guard=guard
+                )
+                yield GuardedStage(stage, force, guard)
             except StageError:
                 raise
             except BaseException as why:
@@ -90,13 +88,14 @@ def homed(
 class RegistrationRequest:
     """A registration as it was asked for, judged: a ball, places that it fits at, how it touches.
 
-    longer_mm: than the reference tool it is.
+    longer_mm: than the reference tool it is. rig: name of the rig file.
     """
 
     ball: Indenter
     places: tuple[Place, ...]
     touch: TouchConfig
     longer_mm: float
+    rig: str
 
 
 def wanted(
@@ -115,78 +114,62 @@ def wanted(
     places = places or places_for(sensor.skin, ball)
     require_fit(sensor.skin, ball, places)
     longer_mm = config.tools[ball.name].length_mm if ball.name in config.tools else 0.0
-    return RegistrationRequest(ball, places, touch, longer_mm)
+    return RegistrationRequest(ball, places, touch, longer_mm, source.name)
 
 
 def register_face(
     bench: GuardedStage, asked: RegistrationRequest, operator: TerminalOperator
-) -> Registration:
-    """Have the ball mounted, touch the face at each place, and fit where it lies.
+) -> RegistrationFile:
+    """Have the ball mounted, touch the face at each place, and fit the plane where it lies.
 
-    Raises RunFailed, SensorError, StageError.
+    Raises SensorError, StageError and RunFailed, that also for a tilt over MAX_TILT_DEG and for
+    touches that lie further than MAX_RESIDUAL_MM from their plane.
     """
-    stage, ball, touch = bench.stage, asked.ball, asked.touch
+    stage, ball = bench.stage, asked.ball
     confirm(operator, ball.name, "it is mounted, screwed tight")
-    frame = raised(stage.frame, asked.longer_mm)
-    stage.set_frame(frame)
+    stage.frame = frame = raised(stage.frame, asked.longer_mm)
+    touch = ForceTouch(ForceProbe(stage, bench.force, stage.clock, bench.guard), asked.touch)
+    touches = [touch.find(ball, place) for place in asked.places]
+    at = np.array([frame.to_machine_mm((*t.at_mm, t.z_mm)) for t in touches])
+    level = np.column_stack((np.ones(len(at)), at[:, :2]))
+    (height, along_x, along_y), *_ = np.linalg.lstsq(level, at[:, 2], rcond=None)
+    residual_mm = float(abs(level @ (height, along_x, along_y) - at[:, 2]).max())
+    x, y, _ = frame.origin_machine_mm
+    z = float(height + along_x * x + along_y * y) - asked.longer_mm
+    found = replace(frame, origin_machine_mm=(x, y, z)).facing((-along_x, -along_y, 1.0))
+    a, b = map(math.radians, found.tilt_deg)
+    tilt_deg = math.degrees(math.acos(math.cos(a) * math.cos(b)))
+    if tilt_deg > MAX_TILT_DEG:
+        raise RunFailed(
+            f"the face is tilted by {tilt_deg:.2f} degrees against the stage, more than "
+            f"{MAX_TILT_DEG:g}: put the sensor level and register again"
+        )
+    if residual_mm > MAX_RESIDUAL_MM:
+        raise RunFailed(
+            f"the touches lie up to {residual_mm:.3f} mm from one plane, more than "
+            f"{MAX_RESIDUAL_MM:g}: something moved, or the face is not flat"
+        )
+    places = at.round(4).tolist()
+    return RegistrationFile(
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+        rig=asked.rig,
+        indenter=ball.name,
+        by=touches[0].by,
+        origin_machine_mm=(x, y, round(z, 4)),
+        angle_deg=round(found.angle_deg, 4),
+        tilt_deg=(round(found.tilt_deg[0], 4), round(found.tilt_deg[1], 4)),
+        residual_mm=round(residual_mm, 4),
+        touches=tuple(
+            RegisteredTouch(at_mm=t.at_mm, machine_mm=place, spread_mm=t.spread_mm)
+            for t, place in zip(touches, places, strict=True)
+        ),
+    )
 
-    def find(place: Place) -> FaceTouch:
-        feeler = ForceProbe(stage, bench.force, bench.clock, bench.guard)
-        return ForceTouch(feeler, touch).find(ball, place)
 
-    return register(find, frame, asked.longer_mm, ball, asked.places)
-
-
-def write(registration: Registration, rig: Path, out: Path) -> None:
+def write(registration: RegistrationFile, out: Path) -> None:
     """Keep it in a file. Raises RunFailed when the disk refuses."""
-    date = datetime.now(UTC).isoformat(timespec="seconds")
-    write_whole(out, registration.toml(rig.name, date).encode())
-
-
-@dataclass(frozen=True)
-class Registration:
-    """frame: of the reference tool. touches: by place, with where the stage was (machine mm).
-
-    residual_mm: farthest touch from the plane; of three touches there is none to tell.
-    """
-
-    frame: StageFrame
-    indenter: str
-    by: str
-    touches: tuple[tuple[FaceTouch, Vector], ...]
-    residual_mm: float
-
-    @property
-    def tilt_deg(self) -> float:
-        """Angle between the face and the stage's xy plane."""
-        a, b = map(math.radians, self.frame.tilt_deg)
-        return math.degrees(math.acos(math.cos(a) * math.cos(b)))
-
-    def line(self) -> str:
-        """For a person."""
-        x, y, z = self.frame.origin_machine_mm
-        tx, ty = self.frame.tilt_deg
-        known = f"{self.residual_mm:.3f} mm from flat" if len(self.touches) > 3 else "no residual"
-        return (
-            f"face at machine ({x:.3f}, {y:.3f}, {z:.3f}) mm, tilted {tx:+.3f} deg about x and "
-            f"{ty:+.3f} about y, {known} by {len(self.touches)} touches"
-        )
-
-    def toml(self, rig: str, date: str) -> str:
-        """The text of a registration file. rig: the file it is of."""
-        rows = "".join(
-            f"\n[[touches]]\nat_mm = {_list(touch.at_mm)}\nmachine_mm = {_list(machine)}\n"
-            f"spread_mm = {touch.spread_mm:.4f}\n"
-            for touch, machine in self.touches
-        )
-        return (
-            "# Where the face lies; `[stage] registration` of the rig file names this file.\n"
-            f'date = "{date}"\nrig = "{rig}"\nindenter = "{self.indenter}"\nby = "{self.by}"\n'
-            f"origin_machine_mm = {_list(self.frame.origin_machine_mm)}\n"
-            f"angle_deg = {self.frame.angle_deg:.4f}\n"
-            f"tilt_deg = {_list(self.frame.tilt_deg)}\n"
-            f"residual_mm = {self.residual_mm:.4f}\n{rows}"
-        )
+    about = "Where the face lies; `[stage] registration` of the rig file names this file."
+    write_whole(out, as_toml(registration.model_dump(mode="json"), [about]).encode())
 
 
 def places_for(skin: SkinDimensions, indenter: Indenter) -> tuple[Place, ...]:
@@ -218,43 +201,6 @@ def require_fit(skin: SkinDimensions, indenter: Indenter, places: Sequence[Place
         )
 
 
-def register(
-    find: Callable[[Place], FaceTouch],
-    frame: StageFrame,
-    longer_mm: float,
-    indenter: Indenter,
-    places: Sequence[Place],
-) -> Registration:
-    """Touch at each place, and fit the plane.
-
-    find: touches there, with heights in `frame`, which is that of the mounted tool; longer_mm: than
-    the reference tool it is. Raises RunFailed for a tilt over MAX_TILT_DEG, or touches that lie
-    further than MAX_RESIDUAL_MM from their plane.
-    """
-    touches = [find(place) for place in places]
-    machine = [frame.to_machine_mm((*t.at_mm, t.z_mm)) for t in touches]
-    at = np.array(machine)
-    level = np.column_stack((np.ones(len(at)), at[:, :2]))
-    (height, along_x, along_y), *_ = np.linalg.lstsq(level, at[:, 2], rcond=None)
-    residual_mm = float(abs(level @ (height, along_x, along_y) - at[:, 2]).max())
-    x, y, _ = frame.origin_machine_mm
-    z = float(height + along_x * x + along_y * y) - longer_mm
-    found = replace(frame, origin_machine_mm=(x, y, z)).facing((-along_x, -along_y, 1.0))
-    rows = tuple(zip(touches, machine, strict=True))
-    result = Registration(found, indenter.name, touches[0].by, rows, residual_mm)
-    if result.tilt_deg > MAX_TILT_DEG:
-        raise RunFailed(
-            f"the face is tilted by {result.tilt_deg:.2f} degrees against the stage, more than "
-            f"{MAX_TILT_DEG:g}: put the sensor level and register again"
-        )
-    if residual_mm > MAX_RESIDUAL_MM:
-        raise RunFailed(
-            f"the touches lie up to {residual_mm:.3f} mm from one plane, more than "
-            f"{MAX_RESIDUAL_MM:g}: something moved, or the face is not flat"
-        )
-    return result
-
-
 def _largest_mm2(places: Sequence[Place]) -> float:
     return max(
         (
@@ -263,7 +209,3 @@ def _largest_mm2(places: Sequence[Place]) -> float:
         ),
         default=0.0,
     )
-
-
-def _list(values: Sequence[float]) -> str:
-    return "[" + ", ".join(f"{value:.4f}" for value in values) + "]"

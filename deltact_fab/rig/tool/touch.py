@@ -17,12 +17,11 @@ import numpy as np
 
 from ...aliases import Field, Vector
 from ...errors import DeltactFabError, SensorError, StageError
-from ...protocols.motion import WALL_CLOCK, move_duration_s
+from ...protocols.motion import WALL_CLOCK, StageConfig, move_duration_s
 from ...shapes import Indenter
 from ...shapes.tips import EllipsoidTip, SphereTip
 from ..interface import go, rise
-from ..tables import StageConfig
-from .config import TouchConfig
+from ..tables import TouchConfig
 from .feeler import LOOK_S, MEAN_S, SETTLE_S, TARE_S, ForceProbe
 
 STRIDE_MM = 0.5
@@ -67,12 +66,10 @@ class FaceTouch:
         )
 
 
-def change_s(
-    stage: StageConfig, touch: TouchConfig | None, park_mm: float, move_s: float = WALL_CLOCK.move_s
-) -> float:
+def change_s(stage: StageConfig, touch: TouchConfig | None, park_mm: float) -> float:
     """How long `ForceTouch.find` takes from the height of a change and back; 0 without a [touch].
 
-    The face is taken to be where it is expected. move_s: what a move takes beyond its motion.
+    The face is taken to be where it is expected.
     """
     if touch is None:
         return 0.0
@@ -87,7 +84,8 @@ def change_s(
         (1, high_mm, TRAVEL_FEED_MM_MIN),
     )
     limits = stage.max_feed_mm_min, stage.acceleration_mm_s2
-    moving_s = sum(n * (move_duration_s((0, 0, mm), f, *limits) + move_s) for n, mm, f in moves)
+    beyond_s = WALL_CLOCK.move_s
+    moving_s = sum(n * (move_duration_s((0, 0, mm), f, *limits) + beyond_s) for n, mm, f in moves)
     return TARE_S + moving_s + touch.repeats * (steps + 1) * (SETTLE_S + MEAN_S + LOOK_S)
 
 
