@@ -132,17 +132,17 @@ def without_libgl(
 @pytest.mark.parametrize(
     ("how", "why"),
     [
-        (
-            "broken",
-            "cadquery needs libGL.so.1, and the one here is broken (file too short): "
-            "apt-get install --reinstall libgl1 libegl1 libx11-6",
-        ),
-        ("missing", "cadquery needs libGL.so.1: apt-get install libgl1 libegl1 libx11-6"),
+        ("broken", "libGL.so.1: file too short"),
+        ("missing", "libGL.so.1: cannot open shared object file: No such file or directory"),
     ],
 )
 def test_without_libgl_an_export_says_what_to_install_and_the_demo_leaves_parts_out(
     how: str, why: str, tmp_path: Path
 ) -> None:
+    why = (
+        f"cadquery cannot be imported ({why}): apt-get install --reinstall libgl1 libegl1 "
+        "libx11-6, or pip install --force-reinstall cadquery"
+    )
     done = without_libgl(how, "cad", "export", "sphere:10", "--out", "parts", cwd=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (2, "", f"deltact-fab: {why}\n")
     assert not (tmp_path / "parts").exists()

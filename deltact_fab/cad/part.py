@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from .design import IndenterDimensions
     from .dimensions import Design
     from .drafting.dimensioning import Callouts
+    from .kernel import Box
     from .rule import PlayFit, Rule
-    from .solid_gate import Box
 
 Group = Literal["sensor", "electronics", "tools", "bench", "indenters"]
 GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indenters")

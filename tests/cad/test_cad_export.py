@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 import json
 import subprocess
@@ -19,7 +18,6 @@ from deltact_fab.cad.drafting.wiring import wiring
 from deltact_fab.cad.export import batch
 from deltact_fab.cad.export.batch import export_parts, stored_by
 from deltact_fab.cad.export.part_files import DRAWN, FORMATS, Task, applicable
-from deltact_fab.cad.kernel import _advice
 from deltact_fab.cad.parts import skin_frame
 from deltact_fab.cli.cad import cad
 from deltact_fab.errors import InputError, RunFailed
@@ -296,30 +294,18 @@ entry()
 """
 
 
+INSTALL = (
+    "apt-get install --reinstall libgl1 libegl1 libx11-6, or pip install --force-reinstall cadquery"
+)
+
+
 @pytest.mark.slow
 def test_a_missing_system_library_is_one_line_that_says_what_to_install(tmp_path):
     words = ["cad", "export", "mold", "--out", "o"]
     done = subprocess.run(
         [sys.executable, "-c", BROKEN, *words], cwd=tmp_path, capture_output=True, text=True
     )
-    said = "deltact-fab: cadquery needs libGL.so.1: apt-get install libgl1 libegl1 libx11-6\n"
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
+    assert (done.returncode, done.stdout) == (2, "")
+    said = "libGL.so.1: cannot open shared object file: No such file or directory"
+    assert done.stderr == f"deltact-fab: cadquery cannot be imported ({said}): {INSTALL}\n"
     assert not (tmp_path / "o").exists()
-
-
-@pytest.mark.parametrize(
-    ("library", "content", "says"),
-    [
-        ("libGL.so.1", None, "cadquery needs libGL.so.1: apt-get install libgl1"),
-        ("libX11.so.6", b"text" * 99, "the one here is broken (invalid ELF header): apt-get inst"),
-        ("site-packages/libTK.so.7.9", b"", "pip install --force-reinstall cadquery"),
-    ],
-)
-def test_the_advice_on_a_library_follows_what_the_loader_says(library, content, says, tmp_path):
-    path = tmp_path / library
-    path.parent.mkdir(exist_ok=True)
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(OSError, match="lib") as why:
-        ctypes.CDLL(str(path))
-    assert says in _advice(str(why.value))

@@ -10,7 +10,7 @@ import pytest
 from closed_forms import indenter_mm3, segment_mm2
 
 from deltact_fab.aliases import Field
-from deltact_fab.cad import registry, solid_gate
+from deltact_fab.cad import kernel, registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import (
     IndenterBody,
@@ -80,7 +80,7 @@ SHAPES = (*map(parse, NAMES), Indenter("cup", (cup(),)), UNEVEN, PAIR, MIXED)
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.name)
 def test_the_underside_is_the_height_field(shape: Indenter) -> None:
     dims = IndenterDimensions(shape, IndenterBody())
-    solid, made = solid_gate.gate(shape.slug, indenter_part.build(dims), indenter_part.box(dims))
+    solid, made = kernel.gate(shape.slug, indenter_part.build(dims), indenter_part.box(dims))
     # Boxes that overlap give bounds, everything else one number.
     low, high = indenter_mm3(dims)
     assert (low == high) == (shape not in (UNEVEN, PAIR))

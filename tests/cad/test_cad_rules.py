@@ -11,7 +11,7 @@ from deltact_fab.cad import feasibility
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.parts.camera import BOARD_KEYS
-from deltact_fab.cad.rule import Quantity, Rule
+from deltact_fab.cad.rule import at_most, below
 from deltact_fab.cad.sensor_sections import CameraDimensions, ScrewDimensions
 from deltact_fab.errors import InputError
 from deltact_fab.shapes.bounded import ShapeError
@@ -173,9 +173,9 @@ def test_a_rule_that_rests_on_an_unverified_value_says_so_until_it_is_measured()
 def test_nan_is_no_dimension_and_no_rule_holds_for_it():
     with pytest.raises(ShapeError, match="length_mm"):
         ScrewDimensions(length_mm=math.nan)
-    for relation in ("<", "<="):
-        assert not Rule(Quantity("a", math.nan), relation, Quantity("b", 1.0)).holds
-        assert not Rule(Quantity("a", 0.0), relation, Quantity("b", math.nan)).holds
+    for rule in (below, at_most):
+        assert not rule("a", math.nan, "b", 1.0).holds
+        assert not rule("a", 0.0, "b", math.nan).holds
 
 
 def test_every_dimension_has_a_meaning_and_a_default_within_its_limits():

@@ -13,9 +13,9 @@ from ...errors import RunFailed
 from ..build import build_from, made_by, part_key
 from ..dimensions import Design
 from ..features import Round, SolidFeatures, features_of
+from ..kernel import Box
 from ..mesh import Mesh, mesh_solid
 from ..part import Part
-from ..solid_gate import Box
 
 # Rays and closure need no finer mesh: what they find is measured again on exact surfaces.
 MESH_MM = 0.05

@@ -19,10 +19,10 @@ from ...aliases import Point
 from ...errors import RunFailed
 from ..dimensions import Design
 from ..drafting.scheme import scheme
+from ..kernel import flaw_of
 from ..overhangs import MIN_CONTACT_MM2, Stand, laid, stand
 from ..part import GROUPS, LASER_CUT, MACHINED, PRINT, Part
 from ..rays import ExactRays, Walls
-from ..solid_gate import flaw_of
 from .built import MESH_MM, BuiltDesign
 from .row import Row, at
 

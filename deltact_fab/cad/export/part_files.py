@@ -14,11 +14,10 @@ from ..dimensions import Design
 from ..drafting.drawing import drawing
 from ..drafting.page import DrawingPage
 from ..drafting.wiring import wiring
-from ..kernel import guarded
+from ..kernel import Box, SolidProperties, enclosing, guarded, shifted
 from ..mesh import Mesh, mesh_solid
 from ..overhangs import laid
 from ..part import BOUGHT, LASER_CUT, Matrix, Part
-from ..solid_gate import Box, SolidProperties, enclosing, shifted
 from .formats import dxf, meshes, step
 
 ASSEMBLY, WIRING = "assembly", "wiring"

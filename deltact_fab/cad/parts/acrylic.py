@@ -15,10 +15,9 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, x_of, y_of, z_of
-from ..kernel import Shape, prism, without_corners
+from ..kernel import Box, Shape, around, prism, without_corners
 from ..part import CLEAR, LASER_CUT, Part
 from ..rule import Length, PlayFit
-from ..solid_gate import Box, around
 
 
 def box(design: Design) -> Box:

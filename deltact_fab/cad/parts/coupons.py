@@ -42,10 +42,9 @@ from collections.abc import Iterator
 from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut, x_of
-from ..kernel import Shape, cuboid, cylinders
+from ..kernel import Box, Shape, around, cuboid, cylinders
 from ..part import AMBER, CLEAR, LASER_CUT, PRINT, RESIN, Part
-from ..rule import Quantity, Rule
-from ..solid_gate import Box, around
+from ..rule import Rule, at_most, below
 
 PIECES = 10  # of the kerf coupon
 
@@ -111,7 +110,7 @@ def fit_build(design: Design) -> Shape:
 def fit_rules(d: Design) -> Iterator[Rule]:
     """A peg that is on its block."""
     coupon = d.fit_coupon
-    yield Quantity("peg_mm + 2", coupon.peg_mm + 2.0).at_most("block_mm", coupon.block_mm)
+    yield at_most("peg_mm + 2", coupon.peg_mm + 2.0, "block_mm", coupon.block_mm)
 
 
 def fit_callouts(d: Design) -> Callouts:
@@ -140,7 +139,7 @@ def kerf_build(design: Design) -> Shape:
 def kerf_rules(d: Design) -> Iterator[Rule]:
     """A strip that can be told from its side."""
     coupon = d.kerf_coupon
-    yield Quantity("width_mm", coupon.width_mm).below("length_mm", coupon.length_mm)
+    yield below("width_mm", coupon.width_mm, "length_mm", coupon.length_mm)
 
 
 def kerf_callouts(d: Design) -> Callouts:

@@ -25,10 +25,9 @@ from typing import Any
 from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Cut, Leader, x_of, y_of, z_of
-from ..kernel import Shape, cuboid, require
+from ..kernel import Box, Shape, around, cuboid, require
 from ..part import AMBER, PRINT, RESIN, Part
-from ..rule import PlayFit, Quantity, Rule
-from ..solid_gate import Box, around
+from ..rule import PlayFit, Rule, below
 
 # The mold's drawing and the guide say the same.
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
@@ -79,10 +78,8 @@ def _cutter(design: Design) -> Any:
 def rules(d: Design) -> Iterator[Rule]:
     """A seat that leaves something of the frame to lift; notches that do not meet."""
     mold = d.mold
-    yield Quantity("seat_mm", mold.seat_mm).below("frame height", d.frame_height_mm)
-    yield Quantity("fit_mm + pry_mm", mold.fit_mm + mold.pry_mm).below(
-        "web_mm / 2", mold.web_mm / 2
-    )
+    yield below("seat_mm", mold.seat_mm, "frame height", d.frame_height_mm)
+    yield below("fit_mm + pry_mm", mold.fit_mm + mold.pry_mm, "web_mm / 2", mold.web_mm / 2)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:

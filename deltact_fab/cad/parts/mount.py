@@ -26,9 +26,8 @@ from collections.abc import Iterator
 from ...aliases import Point
 from ..dimensions import Design
 from ..drafting.dimensioning import Told, y_of, z_of
-from ..kernel import Workplane, cuboid, require
-from ..rule import Length, PlayFit, Quantity, Rule
-from ..solid_gate import Box
+from ..kernel import Box, Workplane, cuboid, require
+from ..rule import Length, PlayFit, Rule, at_most
 
 FLANGE = tuple(f"mount.flange_{key}_mm" for key in ("pitch", "height", "width", "hole"))
 
@@ -105,18 +104,15 @@ def boss_room(design: Design) -> Workplane:
 def rules(d: Design) -> Iterator[Rule]:
     """The mount on the shell, its holes, and the room of heads and washers."""
     mount = d.mount
-    yield Quantity("mount.height_mm", mount.height_mm).at_most(
-        "depth of the shell", d.z_joint_mm - d.z_floor_mm
-    )
-    yield Quantity("mount.width_mm", mount.width_mm).at_most("outer x", d.frame_outer_mm[0])
+    yield at_most("mount.height_mm", mount.height_mm, "depth of the shell", d.shell_depth_mm)
+    yield at_most("mount.width_mm", mount.width_mm, "outer x", d.frame_outer_mm[0])
     if mount.kind == "block":
         # A head or a washer beside the shell, two of them side by side, and on the bar.
-        washer = Quantity(f"mount: washer {mount.screw}", mount.washer_mm)
-        yield Quantity(
-            f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + mount.washer_mm
-        ).at_most("mount.length_mm", mount.length_mm)
-        yield washer.at_most("mount.hole_pitch_mm", mount.hole_pitch_mm)
-        yield washer.at_most("mount.width_mm", mount.width_mm)
+        washer = f"mount: washer {mount.screw}", mount.washer_mm
+        two, two_mm = f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + washer[1]
+        yield at_most(two, two_mm, "mount.length_mm", mount.length_mm)
+        yield at_most(*washer, "mount.hole_pitch_mm", mount.hole_pitch_mm)
+        yield at_most(*washer, "mount.width_mm", mount.width_mm)
     if mount.kind == "franka":
         yield from _flange_rules(d)
 
@@ -154,7 +150,7 @@ def _flange_rules(d: Design) -> Iterator[Rule]:
         ("front of the arm", d.flange_arm_z_mm[1], "joint", d.z_joint_mm),
     ):  # fmt: skip
         rests_on = (*FLANGE, "mount.stress_limit_mpa")
-        yield Quantity(f"mount: {name}", value).at_most(what, room, rests_on)
+        yield at_most(f"mount: {name}", value, what, room, rests_on)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:

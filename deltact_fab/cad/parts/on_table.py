@@ -31,10 +31,9 @@ from collections.abc import Iterator
 from ...aliases import Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, shown, x_of
-from ..kernel import Shape, Workplane, cuboid, cylinders, require
+from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
 from ..part import BLACK, MACHINED, PRINT, RESIN, STEEL, Part, PrintPose
-from ..rule import Length, PlayFit, Quantity, Rule
-from ..solid_gate import Box, around
+from ..rule import Length, PlayFit, Rule, at_most
 from ..standards import PITCH_MM
 from . import shell
 from .mount import boss_room
@@ -72,15 +71,12 @@ def testing_rules(d: Design) -> Iterator[Rule]:
     """Tabs around their holes, and higher than the cover."""
     table = d.table
     around = table.hole_mm + 2 * table.edge_mm
-    yield Quantity("table: hole + 2 edge_mm", around).at_most("tab_mm", table.tab_mm)
-    yield Quantity("table: pitch + hole + 2 edge_mm", table.hole_pitch_mm + around).at_most(
-        "width_mm", table.width_mm
-    )
-    yield Quantity("table: width_mm", table.width_mm).at_most("outer y", d.frame_outer_mm[1])
-    yield Quantity("cover + 2", d.cover.floor_mm + 2.0).at_most("table.height_mm", table.height_mm)
-    yield Quantity("table.height_mm", table.height_mm).at_most(
-        "cover and shell", d.z_joint_mm - d.z_back_mm
-    )
+    yield at_most("table: hole + 2 edge_mm", around, "tab_mm", table.tab_mm)
+    along = table.hole_pitch_mm + around
+    yield at_most("table: pitch + hole + 2 edge_mm", along, "width_mm", table.width_mm)
+    yield at_most("table: width_mm", table.width_mm, "outer y", d.frame_outer_mm[1])
+    yield at_most("cover + 2", d.cover.floor_mm + 2.0, "table.height_mm", table.height_mm)
+    yield at_most("table.height_mm", table.height_mm, "cover and shell", d.z_joint_mm - d.z_back_mm)
 
 
 def testing_fits(d: Design) -> Iterator[PlayFit]:
@@ -164,7 +160,7 @@ def plate_rules(d: Design) -> Iterator[Rule]:
     """Thread enough for the tabs' screws: one diameter of it in aluminium."""
     screw_mm = float(d.table.screw.removeprefix("M"))
     thick = d.stage_plate.thickness_mm
-    yield Quantity(f"thread {d.table.screw}", screw_mm).at_most("stage_plate.thickness_mm", thick)
+    yield at_most(f"thread {d.table.screw}", screw_mm, "stage_plate.thickness_mm", thick)
 
 
 def plate_fits(d: Design) -> Iterator[PlayFit]:
