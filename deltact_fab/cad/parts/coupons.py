@@ -41,7 +41,7 @@ from collections.abc import Iterator
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import Callouts, Cut, x_of
+from ..drafting.dimensioning import Callouts, x_of
 from ..kernel import Box, Shape, around, cuboid, cylinders
 from ..part import AMBER, CLEAR, LASER_CUT, PRINT, RESIN, Part
 from ..rule import Rule, at_most, below
@@ -78,7 +78,7 @@ def well_build(design: Design) -> Shape:
 def well_callouts(d: Design) -> Callouts:
     """The wells; section through the first."""
     notes = ("Same resin, same wash, cure and coat as the mold: it is there to test them.",)
-    return Callouts(notes=notes, cut=Cut(centres_mm(d)[0][0]))
+    return Callouts(notes=notes, cut_x_mm=centres_mm(d)[0][0])
 
 
 def fit_box(design: Design) -> Box:
@@ -122,7 +122,7 @@ def fit_callouts(d: Design) -> Callouts:
     coupon = d.fit_coupon
     at, half = coupon.block_x_mm, coupon.block_mm / 2
     block = x_of(at - half, at + half, fitted=False)
-    return Callouts((block,), notes=notes, cut=Cut(at))
+    return Callouts((block,), notes=notes, cut_x_mm=at)
 
 
 def kerf_box(design: Design) -> Box:

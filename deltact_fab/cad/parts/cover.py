@@ -21,7 +21,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Callouts, Cut, shown, x_of, y_of, z_of
+from ..drafting.dimensioning import Callouts, shown, x_of, y_of, z_of
 from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
 from ..part import BLACK, PRINT, RESIN, Part, PrintPose
 from ..rule import Length, PlayFit, Rule, at_most, below
@@ -135,7 +135,7 @@ def callouts(d: Design) -> Callouts:
     )
     rounds = {row.bore_mm: "for the heads, from the outer face"}
     fitted = (row.clearance_mm, row.bore_mm, cover.peg_mm)
-    return Callouts(lengths, rounds, fitted, notes, cut=Cut(-sx))
+    return Callouts(lengths, rounds, fitted, notes, cut_x_mm=-sx)
 
 
 PARTS = (

@@ -28,7 +28,7 @@ import math
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, z_of
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, z_of
 from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
 from ..part import AMBER, BOUGHT, PRINT, WHITE, Part, PrintPose
 from ..rule import Length, PlayFit, Rule, at_most, below
@@ -145,7 +145,7 @@ def callouts(d: Design) -> Callouts:
     )
     return Callouts(
         (z_of(d.z_board_front_mm, d.z_light_mm),), rounds, tuple(2 * r for r in radii), notes,
-        cut=Cut(0.0),
+        cut_x_mm=0.0,
         rests_on=("camera.lens_diameter_mm", "camera.lens_height_mm", *UPPER_HOLES),
     )  # fmt: skip
 

@@ -32,7 +32,7 @@ from collections.abc import Iterator
 from ...shapes import Indenter
 from ..bench_sections import BOLT, SCREW
 from ..dimensions import Design
-from ..drafting.dimensioning import Callouts, Cut, shown
+from ..drafting.dimensioning import Callouts, shown
 from ..kernel import Box, Shape, around, cylinders, require
 from ..part import BLACK, BOUGHT, PRINT, RESIN, STEEL, Part, PrintPose, Shift
 from ..rule import Length, PlayFit, Rule, at_most, below
@@ -112,7 +112,7 @@ def holder_callouts(d: Design) -> Callouts:
         "The indenter's flat, which faces its tip's +x, lies on the bore's flat.",
         f"Flats out of parallel by 0.1 turn the tip by {turn_deg:.1f}°.",
     )
-    return Callouts(rounds=rounds, fitted=(2 * tool.bore_mm,), notes=notes, cut=Cut(0.0))
+    return Callouts(rounds=rounds, fitted=(2 * tool.bore_mm,), notes=notes, cut_x_mm=0.0)
 
 
 SIZE = ("adapter.sensor_mm", "adapter.sensor_height_mm")
@@ -169,7 +169,7 @@ def adapter_callouts(d: Design) -> Callouts:
         plate.bolt_bore_mm: "for the heads, from the back",
     }
     notes = ("Measure the force sensor's own screws first: its pattern is assumed.",)
-    return Callouts(rounds=rounds, notes=notes, cut=Cut(plate.bolt_centres_mm[0][0]), rests_on=KEYS)
+    return Callouts(rounds=rounds, notes=notes, cut_x_mm=plate.bolt_centres_mm[0][0], rests_on=KEYS)
 
 
 def adapter_places(design: Design) -> list[Shift]:

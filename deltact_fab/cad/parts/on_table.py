@@ -30,7 +30,7 @@ from collections.abc import Iterator
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, shown, x_of
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, shown, x_of
 from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
 from ..part import BLACK, MACHINED, PRINT, RESIN, STEEL, Part, PrintPose
 from ..rule import Length, PlayFit, Rule, at_most
@@ -98,7 +98,7 @@ def testing_callouts(d: Design) -> Callouts:
     lengths = (*shell.body_lengths(d), x_of(-ox, ox, fitted=False))
     return Callouts(
         lengths, fitted=(d.screw.row.clearance_mm,), notes=notes,
-        cut=Cut(0.0),
+        cut_x_mm=0.0,
     )  # fmt: skip
 
 

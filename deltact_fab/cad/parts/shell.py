@@ -27,7 +27,6 @@ from ..dimensions import Design
 from ..drafting.dimensioning import (
     SQUARE_EDGES,
     Callouts,
-    Cut,
     Told,
     shown,
     x_of,
@@ -163,7 +162,7 @@ def callouts(d: Design) -> Callouts:
     )
     lengths = (*body_lengths(d), *mount.lengths(d))
     return Callouts(
-        lengths, fitted=(d.screw.row.clearance_mm,), notes=notes, cut=Cut(0.0),
+        lengths, fitted=(d.screw.row.clearance_mm,), notes=notes, cut_x_mm=0.0,
         rests_on=mount.FLANGE,
     )  # fmt: skip
 

@@ -35,7 +35,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from ..dimensions import Design
-from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, x_of, y_of, z_of
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
 from ..part import BLACK, CLEAR, PRINT, RESIN, Part, PrintPose, nothing
 from ..rule import Length, PlayFit, Rule, at_most, below
@@ -117,7 +117,7 @@ def callouts(d: Design) -> Callouts:
         f"Window (all around) bonds to the silicone: keep it clean. {SQUARE_EDGES}",
     )
     return Callouts(
-        tuple(lengths), fitted=(d.screw.row.pilot_mm,), notes=notes, cut=Cut(0.0), flipped=True
+        tuple(lengths), fitted=(d.screw.row.pilot_mm,), notes=notes, cut_x_mm=0.0, flipped=True
     )
 
 
