@@ -13,7 +13,7 @@ from ..aliases import Point2
 from ..shapes import Indenter
 from ..shapes.bounded import Bounded, assumed, measured, number
 from .rule import Length
-from .standards import CAP_SCREWS, CLEARANCE_MM, Thread
+from .standards import CAP_SCREWS, THREADS, Thread
 
 PLANE = ("resin_printer.plane_mm", "resin_printer.hole_bias_mm", "resin_printer.outside_bias_mm")
 HEIGHT = ("resin_printer.height_mm",)
@@ -146,7 +146,7 @@ class TableDimensions(Bounded):
     @property
     def hole_mm(self) -> float:
         """Through hole of the table's screws (ISO 273 medium)."""
-        return CLEARANCE_MM[self.screw]
+        return THREADS[self.screw].clearance_mm
 
 
 @dataclass(frozen=True)

@@ -157,8 +157,7 @@ def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
     PART is a name of `cad list`.
     """
     from ..cad.design import load_design
-    from ..cad.registry import find
-    from ..cad.show import dimensions
+    from ..cad.registry import dimensions, find
 
     found = find(part)
     about = {n: getattr(found, n) for n in ("name", "group", "material", "process", "quantity")}

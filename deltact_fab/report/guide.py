@@ -175,7 +175,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     from ..cad.build import build_part
     from ..cad.drafting import picture
     from ..cad.drafting.casting import Bench
-    from ..cad.export.formats.meshes import drawn, glb_bytes
+    from ..cad.export.meshes import drawn, glb_bytes
     from ..cad.kernel import require
     from ..cad.mesh import mesh_solid
 

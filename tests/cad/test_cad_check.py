@@ -11,10 +11,9 @@ import pytest
 from solids import box, made, mutated
 
 from deltact_fab.cad import check, rays
-from deltact_fab.cad.check import arithmetic, each_part, visibility
+from deltact_fab.cad.check import CHECKS, arithmetic, each_part, visibility
 from deltact_fab.cad.check.built import MESH_MM, BuiltDesign
 from deltact_fab.cad.check.row import Row, at, verified
-from deltact_fab.cad.check.run import CHECKS
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.features import features_of, near
 from deltact_fab.cad.kernel import require

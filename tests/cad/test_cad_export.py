@@ -11,12 +11,12 @@ import pytest
 from click.testing import CliRunner
 
 from deltact_fab import cache
+from deltact_fab.cad import export as batch
 from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.drafting.wiring import wiring
-from deltact_fab.cad.export import batch
-from deltact_fab.cad.export.batch import export_parts, stored_by
+from deltact_fab.cad.export import export_parts, stored_by
 from deltact_fab.cad.export.part_files import DRAWN, FORMATS, Task, applicable
 from deltact_fab.cad.parts import skin_frame
 from deltact_fab.cli.cad import cad

@@ -204,7 +204,10 @@ def test_every_hole_of_the_mount_takes_its_head(cq):
         assert len(axes) == 2
         gap_mm = m.length_mm - m.flange_mm - 1e-3
         for (x, y, z), end in axes:
-            heads = [((x, y, z), end, m.washer_mm, gap_mm), (end, (x, y, z), m.washer_mm, gap_mm)]
+            heads = [
+                ((x, y, z), end, m.thread.washer_mm, gap_mm),
+                (end, (x, y, z), m.thread.washer_mm, gap_mm),
+            ]
             if m.kind == "franka":
                 floor = (x, y + m.counterbore_depth_mm - 1e-3, z)
                 heads = [(floor, end, m.head_mm, gap_mm + m.counterbore_depth_mm - 1e-3)]

@@ -22,7 +22,7 @@ MESH_MM = 0.05
 
 NO_PART = "could not be built"
 Tell = Callable[[str], None]
-KIND, CODE = "cad-check", "cad.check.run"
+KIND, CODE = "cad-check", "cad.check"
 LIMIT_BYTES = 64 * 2**20
 MOST = 20_000  # facts; a design has some 500
 

@@ -18,7 +18,7 @@ from ..kernel import Box, SolidProperties, enclosing, guarded, shifted
 from ..mesh import Mesh, mesh_solid
 from ..overhangs import laid
 from ..part import BOUGHT, LASER_CUT, Matrix, Part
-from .formats import dxf, meshes, step
+from . import dxf, meshes, step
 
 ASSEMBLY, WIRING = "assembly", "wiring"
 FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")

@@ -108,7 +108,7 @@ def rules(d: Design) -> Iterator[Rule]:
     yield at_most("mount.width_mm", mount.width_mm, "outer x", d.frame_outer_mm[0])
     if mount.kind == "block":
         # A head or a washer beside the shell, two of them side by side, and on the bar.
-        washer = f"mount: washer {mount.screw}", mount.washer_mm
+        washer = f"mount: washer {mount.screw}", mount.thread.washer_mm
         two, two_mm = f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + washer[1]
         yield at_most(two, two_mm, "mount.length_mm", mount.length_mm)
         yield at_most(*washer, "mount.hole_pitch_mm", mount.hole_pitch_mm)
@@ -120,7 +120,6 @@ def rules(d: Design) -> Iterator[Rule]:
 def _flange_rules(d: Design) -> Iterator[Rule]:
     """Counterbores on the flange, the arm between them, and screws that go in head last."""
     mount = d.mount
-    screw_mm = float(mount.screw.removeprefix("M"))
     under_mm = mount.flange_mm - mount.counterbore_depth_mm
     # A cantilever from the flange, pressed in the middle of the face: 6 F l / (w h^2).
     lever_mm = d.frame_outer_mm[1] / 2 + mount.length_mm - mount.flange_mm
@@ -145,7 +144,7 @@ def _flange_rules(d: Design) -> Iterator[Rule]:
         ("stress in arm_mm under plate.force_n, MPa", stress_mpa,
          "stress_limit_mpa", mount.stress_limit_mpa),
         # A screw that grips by 1.5 d goes in head last: the gap takes all of it.
-        (f"flange under the head + 2.5 x {mount.screw}", under_mm + 2.5 * screw_mm,
+        (f"flange under the head + 2.5 x {mount.screw}", under_mm + 2.5 * mount.thread.thread_mm,
          "gap between shell and flange", mount.length_mm - mount.flange_mm),
         ("front of the arm", d.flange_arm_z_mm[1], "joint", d.z_joint_mm),
     ):  # fmt: skip
@@ -159,7 +158,7 @@ def fits(d: Design) -> Iterator[PlayFit]:
     if mount.kind != "franka":
         return
     pitch = Length(0.0, printer.height_mm, ("mount.flange_pitch_mm",))
-    screw = Length(float(mount.screw.removeprefix("M")))
+    screw = Length(mount.thread.thread_mm)
     hole = printer.tall(mount.hole_mm)
     name = f"{mount.screw} through the flange"
     yield PlayFit(name, "shell, finger", (hole,), (screw, pitch))

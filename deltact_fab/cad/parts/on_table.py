@@ -34,7 +34,7 @@ from ..drafting.dimensioning import SQUARE_EDGES, Callouts, shown, x_of
 from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
 from ..part import BLACK, MACHINED, PRINT, RESIN, STEEL, Part, PrintPose
 from ..rule import Length, PlayFit, Rule, at_most
-from ..standards import PITCH_MM
+from ..standards import THREADS
 from . import shell
 from .mount import boss_room
 
@@ -158,7 +158,7 @@ DRILL_MM = 0.1
 
 def plate_rules(d: Design) -> Iterator[Rule]:
     """Thread enough for the tabs' screws: one diameter of it in aluminium."""
-    screw_mm = float(d.table.screw.removeprefix("M"))
+    screw_mm = THREADS[d.table.screw].thread_mm
     thick = d.stage_plate.thickness_mm
     yield at_most(f"thread {d.table.screw}", screw_mm, "stage_plate.thickness_mm", thick)
 
@@ -171,7 +171,7 @@ def plate_fits(d: Design) -> Iterator[PlayFit]:
     core = Length(plate.thread_hole_mm + off, off)
     yield PlayFit("M6 through its slot", part, (slot,), (Length(6.0),))
     # ISO 724: the thread is 0.61 of its pitch deep; a tap for 60 to 85 % of that is stocked.
-    major, depth = float(screw.removeprefix("M")), 1.0825 * PITCH_MM[screw]
+    major, depth = THREADS[screw].thread_mm, 1.0825 * THREADS[screw].pitch_mm
     yield PlayFit(f"{screw} holds in its thread", part, (Length(major - 0.5 * depth),), (core,))
     yield PlayFit(f"{screw} can be tapped", part, (core,), (Length(major - depth),))
 

@@ -18,9 +18,9 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
-from ....aliases import Point
-from ....version import VERSION
-from ...mesh import Mesh
+from ...aliases import Point
+from ...version import VERSION
+from ..mesh import Mesh
 
 # x to x, y to -z, z to y, all in metres.
 _ROOT = np.array([(0.001, 0, 0, 0), (0, 0, 0.001, 0), (0, -0.001, 0, 0), (0, 0, 0, 1)])
