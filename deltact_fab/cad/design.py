@@ -11,7 +11,7 @@ from typing import Any
 from .. import catalog
 from ..errors import InputError, did_you_mean
 from ..shapes import Indenter
-from ..shapes.bounded import Bounded, ShapeError, number
+from ..shapes.bounded import Bounded, number
 from ..shapes.indenter import parse
 from ..shapes.own import OwnShape
 from .dimensions import Design
@@ -61,11 +61,6 @@ class IndenterDimensions:
 
     indenter: Indenter
     body: IndenterBody
-
-    def __post_init__(self) -> None:
-        high = max(tip.equator_mm for tip in self.indenter.tips)
-        if not high < self.indenter.reach_mm:
-            raise ShapeError(f"equator_mm < reach_mm: {high:g} < {self.indenter.reach_mm:g} fails")
 
 
 def load_design(name: str = "deltact", changes: Iterable[str] = ()) -> Design:

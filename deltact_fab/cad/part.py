@@ -73,13 +73,6 @@ class PrintPose:
     tilt_deg: float = 0.0
     supports: str = ""
 
-    def __post_init__(self) -> None:
-        if not 0 <= self.tilt_deg <= 80 or (self.tilt_deg and not self.supports):
-            raise ValueError(
-                f"tilt_deg from 0 to 80, and a tilted part says where its supports are: "
-                f"{self.tilt_deg:g} with supports {self.supports!r}"
-            )
-
     @property
     def turn(self) -> Matrix:
         """Rotation from the part's frame to the platform's; a part that lies flat, exactly."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -48,7 +47,6 @@ CACHED = "cad"
 BESIDE_DRAWINGS = ("drawing", "resin_printer", "laser", "optics")
 # About ten designs at 0.01 mm; the longest unused go first.
 LIMIT_BYTES = 512 * 2**20
-DIGITS = 6  # of lengths and volumes in the manifest
 
 
 def export_parts(
@@ -61,7 +59,6 @@ def export_parts(
     *,
     cached: bool = True,
     jobs: int | None = None,
-    executor: Executor | None = None,
 ) -> list[PartFile]:
     """Write every part in every format that applies to it, and manifest.json, into out_dir.
 
@@ -69,7 +66,7 @@ def export_parts(
     progress: called with (done, total, what) at the start, after each part, and at the end.
     cached: files made before from the same dimensions, sources and kernel are taken from the
         user's cache, and new ones put there; when none is missing the kernel is not loaded.
-    jobs: processes; None decides by the work that is left. executor: in place of them.
+    jobs: processes; None decides by the work that is left.
 
     assembly.step, assembly.glb, wiring.svg and wiring.pdf are written when all of the sensor's
     parts are among parts. A file that has the name of one is replaced; others stay.
@@ -100,12 +97,12 @@ def export_parts(
         tasks.insert(0, Task(sensor, own, design, tolerance_mm))
     check_folder(out_dir)
     tell = progress or (lambda done, total, what: None)
-    made = _made(tasks, cached, jobs, executor, tell)
+    made = _made(tasks, cached, jobs, tell)
     if sensor and "glb" in kinds:
         made.append(_assembly_glb(sensor, design, made))
     # In an order of their own: that of asking or making does not count.
     made.sort(key=lambda m: (m[0].part != ASSEMBLY, m[0].part, FORMATS.index(_kind(m[0]))))
-    files = [_rounded(entry) for entry, _ in made]
+    files = [entry for entry, _ in made]
     wanted = {out_dir / entry.file: data for entry, data in made}
     told = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
     wanted[out_dir / MANIFEST] = told.encode()
@@ -116,9 +113,7 @@ def export_parts(
     return files
 
 
-def _made(
-    tasks: Sequence[Task], cached: bool, jobs: int | None, executor: Executor | None, tell: Progress
-) -> list[Made]:
+def _made(tasks: Sequence[Task], cached: bool, jobs: int | None, tell: Progress) -> list[Made]:
     """Everything but assembly.glb, from the cache or from the kernel."""
     found: list[Made] = []
     missing: list[Task] = []
@@ -141,7 +136,7 @@ def _made(
 
     # Several processes where the work is worth it.
     shared = min(processors(), MAX_JOBS) if len(missing) >= SHARED_FROM else 1
-    arrivals(make, missing, arrived, executor, workers=jobs or shared)
+    arrivals(make, missing, arrived, workers=jobs or shared)
     return found
 
 
@@ -188,13 +183,3 @@ def _assembly_glb(sensor: Sequence[Part], design: Design, made: Sequence[Made]) 
 
 def _kind(entry: PartFile) -> str:
     return entry.file.rpartition(".")[2]
-
-
-def _rounded(entry: PartFile) -> PartFile:
-    """Without the digits that tell nothing."""
-    box_mm: Any = tuple(tuple(round(v, DIGITS) + 0.0 for v in c) for c in entry.bounding_box_mm)
-    off_mm = entry.mesh_deviation_mm
-    return replace(
-        entry, volume_mm3=round(entry.volume_mm3, DIGITS), bounding_box_mm=box_mm,
-        mesh_deviation_mm=None if off_mm is None else round(off_mm, DIGITS),
-    )  # fmt: skip

@@ -25,6 +25,7 @@ FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
 DRAWN = ("svg", "pdf")
 MESHED = ("stl", "3mf", "glb")
 TO_PRINT = ("stl", "3mf")
+DIGITS = 6  # of lengths and volumes in the manifest
 
 
 @dataclass(frozen=True)
@@ -120,11 +121,9 @@ def make(task: Task) -> list[Made]:
                 laser = task.design.laser
                 kerf_mm = laser.kerf_mm if laser.compensate else 0.0
                 data = dxf.dxf_bytes(solid, part.name, kerf_mm / 2)
-        entry = PartFile(
-            part.name, f"{part.name}.{kind}", part.material, part.process, part.quantity,
-            measured.volume_mm3, box_mm, deviation_mm, hashlib.sha256(data).hexdigest(), turned,
-        )  # fmt: skip
-        made.append((entry, data))
+        about = part.material, part.process, part.quantity
+        size = measured.volume_mm3, box_mm, deviation_mm
+        made.append(_told(part.name, kind, data, about, size, turned))
     return made
 
 
@@ -135,9 +134,20 @@ def whole(
     """A file of an assembly of (volume, box, places), one place a copy."""
     volume_mm3 = sum(volume * len(places) for volume, _, places in parts)
     box_mm = enclosing(shifted(box, at) for _, box, places in parts for at in places)
+    about = "", "wired" if name == WIRING else "assembled", 1
+    return _told(name, kind, data, about, (volume_mm3, box_mm, deviation_mm))
+
+
+def _told(
+    name: str, kind: str, data: bytes, about: tuple[str, str, int],
+    size: tuple[float, Box, float | None], turned: Matrix | None = None,
+) -> Made:  # fmt: skip
+    """A file and what the manifest says of it, without the digits that tell nothing."""
+    volume_mm3, (low, high), off_mm = size
+    low, high = (tuple(round(v, DIGITS) + 0.0 for v in corner) for corner in (low, high))
     entry = PartFile(
-        name, f"{name}.{kind}", "", "wired" if name == WIRING else "assembled", 1,
-        volume_mm3, box_mm, deviation_mm, hashlib.sha256(data).hexdigest(),
+        name, f"{name}.{kind}", *about, round(volume_mm3, DIGITS), (low, high),
+        None if off_mm is None else round(off_mm, DIGITS), hashlib.sha256(data).hexdigest(), turned,
     )  # fmt: skip
     return entry, data
 
