@@ -143,10 +143,10 @@ def _told(
     size: tuple[float, Box, float | None], turned: Matrix | None = None,
 ) -> Made:  # fmt: skip
     """A file and what the manifest says of it, without the digits that tell nothing."""
-    volume_mm3, (low, high), off_mm = size
-    low, high = (tuple(round(v, DIGITS) + 0.0 for v in corner) for corner in (low, high))
+    volume_mm3, box_mm, off_mm = size
+    rounded: Any = tuple(tuple(round(v, DIGITS) + 0.0 for v in corner) for corner in box_mm)
     entry = PartFile(
-        name, f"{name}.{kind}", *about, round(volume_mm3, DIGITS), (low, high),
+        name, f"{name}.{kind}", *about, round(volume_mm3, DIGITS), rounded,
         None if off_mm is None else round(off_mm, DIGITS), hashlib.sha256(data).hexdigest(), turned,
     )  # fmt: skip
     return entry, data
