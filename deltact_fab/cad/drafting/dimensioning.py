@@ -154,7 +154,3 @@ class TitleBlock(Bounded):
                 width_em(said)
             except ValueError as why:
                 raise ShapeError(f"{f.name}: {why}; expected Latin letters") from why
-
-    def number_of(self, part: str) -> str:
-        """The drawing number of a part; empty without a number of the lab's."""
-        return f"{self.number}-{part}" if self.number else ""

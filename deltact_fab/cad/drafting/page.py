@@ -296,7 +296,7 @@ def draw_frame(
     said = {
         "Projection": "first angle", "Dimensions": "mm", "Paper": sheet, "Owner": lab.owner,
         "Drawn by": lab.drawn_by, "Approved by": lab.approved_by, "Title": name,
-        "Made by": f"deltact-fab {VERSION}", "Drawing number": lab.number_of(name),
+        "Made by": f"deltact-fab {VERSION}", "Drawing number": lab.number and f"{lab.number}-{name}",
         "Revision": lab.revision, "Date of issue": lab.date, "Sheet": "1 of 1", **told,
     }  # fmt: skip
     row_mm = BLOCK_MM[1] / len(CELLS)
