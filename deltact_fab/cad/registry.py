@@ -52,23 +52,19 @@ def listed(indenters: IndenterList | None = None, design: Design | None = None) 
 def find(name: str, indenters: IndenterList | None = None) -> Part:
     """One part by name; an indenter also by its name in a protocol, and in any size.
 
-    `indenter-sphere-12p5`, `sphere:12.5`, `star`, `star:8` and `indenter-star-8` all exist.
-    Raises InputError with the nearest known name, or stating the sizes that are valid.
+    `indenter-star`, `star` and `star:8` all exist. Raises InputError with the nearest known name,
+    or stating the sizes that are valid.
     """
     known = load_indenters() if indenters is None else indenters
     every = {part.name: part for part in listed(known)}
     if name in every:
         return every[name]
-    # `indenter-sphere-12p5` and `indenter-sphere-12.5` are what `sphere:12.5` is called as a file.
-    short = name.removeprefix("indenter-").replace("-", ":", 1)
-    kind, colon, size = short.partition(":")
-    if short in known.shape or name in known.shape:
-        own = short if short in known.shape else name
-        return indenter_part(known.shape[own].indenter(own), known.body)
-    if kind not in KINDS or (colon and not size) or (kind == "sphere" and not size):
+    if name in known.shape:
+        return indenter_part(known.shape[name].indenter(name), known.body)
+    if name.partition(":")[0] not in KINDS:
         names = [*every, *GROUPS, *KINDS, *known.shape]
         raise InputError(f"part {name!r}: unknown; {did_you_mean(name, names)}")
-    part = indenter_part(parse(f"{kind}{colon}{size.replace('p', '.')}"), known.body)
+    part = indenter_part(parse(name), known.body)
     return every.get(part.name, part)
 
 

@@ -258,10 +258,10 @@ def test_a_folder_that_cannot_be_one_is_refused(tmp_path):
         ("sphere:10", "indenter-sphere-10"),
         ("sphere:12.5", "indenter-sphere-12p5"),
         ("star:9", "indenter-star"),
-        ("indenter-edges-7p5", "indenter-edges-7p5"),
+        ("indenter-star", "indenter-star"),
     ],
 )
-def test_indenters_go_by_the_protocol_s_name_or_the_file_s(typed, part):
+def test_indenters_go_by_the_protocol_s_name_or_the_list_s(typed, part):
     assert registry.find(typed).name == part
 
 
@@ -270,7 +270,7 @@ def test_indenters_go_by_the_protocol_s_name_or_the_file_s(typed, part):
     [
         ("skinframe", "part 'skinframe': unknown; did you mean 'skin-frame'?"),
         ("qqq", "part 'qqq': unknown; valid: 2dots, 4dots, acrylic, bench, "),
-        ("indenter-sphere-99", "diameter of 0.5 to 30 mm"),
+        ("sphere:99", "diameter of 0.5 to 30 mm"),
     ],
 )
 def test_an_unknown_part_is_named_with_the_nearest(tmp_path, typed, says):
