@@ -38,17 +38,13 @@ STEEL = (0.62, 0.64, 0.66, 1.0)
 GREEN = (0.13, 0.42, 0.25, 1.0)
 AMBER = (0.85, 0.60, 0.25, 1.0)
 
-Side = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
+Side = Literal["-z", "+z"]
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 
-# Quarter turns, exact, by the side of the part's own frame that comes to face the platform.
+# Turns, exact, by the side of the part's own frame that comes to face the platform.
 _DOWN: dict[str, Matrix] = {
     "-z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     "+z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
-    "-y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
-    "+y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
-    "-x": ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
-    "+x": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
 }
 
 SELF_SUPPORTING_DEG = 19.0
