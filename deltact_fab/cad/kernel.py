@@ -8,6 +8,8 @@ untouched box in place of a shell, two solids where a hole split the part.
 from __future__ import annotations
 
 import importlib
+import signal
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -37,6 +39,10 @@ def require() -> Any:
     or broken.
     """
     extras.require("cad", "the CAD kernel", "cadquery")
+    # Ctrl-C comes when the import is over: the kernel's own modules swallow it in between.
+    asked: list[int] = []
+    main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number)) if main else None
     try:
         return importlib.import_module("cadquery")
     except ImportError as why:
@@ -44,6 +50,11 @@ def require() -> Any:
             f"cadquery cannot be imported ({why}): apt-get install --reinstall "
             f"{SYSTEM_PACKAGES}, or pip install --force-reinstall cadquery"
         ) from why
+    finally:
+        if main:
+            signal.signal(signal.SIGINT, before)
+        if asked:
+            raise KeyboardInterrupt
 
 
 @contextmanager
