@@ -47,6 +47,7 @@ CACHED = "cad"
 BESIDE_DRAWINGS = ("drawing", "resin_printer", "laser", "optics")
 # About ten designs at 0.01 mm; the longest unused go first.
 LIMIT_BYTES = 512 * 2**20
+DIGITS = 6  # of lengths and volumes in the manifest
 
 
 def export_parts(
@@ -102,7 +103,7 @@ def export_parts(
         made.append(_assembly_glb(sensor, design, made))
     # In an order of their own: that of asking or making does not count.
     made.sort(key=lambda m: (m[0].part != ASSEMBLY, m[0].part, FORMATS.index(_kind(m[0]))))
-    files = [entry for entry, _ in made]
+    files = [_rounded(entry) for entry, _ in made]
     wanted = {out_dir / entry.file: data for entry, data in made}
     told = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
     wanted[out_dir / MANIFEST] = told.encode()
@@ -183,3 +184,11 @@ def _assembly_glb(sensor: Sequence[Part], design: Design, made: Sequence[Made]) 
 
 def _kind(entry: PartFile) -> str:
     return entry.file.rpartition(".")[2]
+
+
+def _rounded(entry: PartFile) -> PartFile:
+    """Without the digits that tell nothing."""
+    box_mm: Any = tuple(tuple(round(v, DIGITS) + 0.0 for v in c) for c in entry.bounding_box_mm)
+    volume_mm3, off_mm = round(entry.volume_mm3, DIGITS), entry.mesh_deviation_mm
+    off_mm = None if off_mm is None else round(off_mm, DIGITS)
+    return replace(entry, volume_mm3=volume_mm3, bounding_box_mm=box_mm, mesh_deviation_mm=off_mm)

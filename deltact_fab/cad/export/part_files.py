@@ -25,7 +25,6 @@ FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
 DRAWN = ("svg", "pdf")
 MESHED = ("stl", "3mf", "glb")
 TO_PRINT = ("stl", "3mf")
-DIGITS = 6  # of lengths and volumes in the manifest
 
 
 @dataclass(frozen=True)
@@ -142,14 +141,9 @@ def _told(
     name: str, kind: str, data: bytes, about: tuple[str, str, int],
     size: tuple[float, Box, float | None], turned: Matrix | None = None,
 ) -> Made:  # fmt: skip
-    """A file and what the manifest says of it, without the digits that tell nothing."""
-    volume_mm3, box_mm, off_mm = size
-    rounded: Any = tuple(tuple(round(v, DIGITS) + 0.0 for v in corner) for corner in box_mm)
-    entry = PartFile(
-        name, f"{name}.{kind}", *about, round(volume_mm3, DIGITS), rounded,
-        None if off_mm is None else round(off_mm, DIGITS), hashlib.sha256(data).hexdigest(), turned,
-    )  # fmt: skip
-    return entry, data
+    """A file and what the manifest says of it."""
+    sha = hashlib.sha256(data).hexdigest()
+    return PartFile(name, f"{name}.{kind}", *about, *size, sha, turned), data
 
 
 def _of_sensor(task: Task, kind: str) -> Made:
