@@ -114,7 +114,7 @@ def _scaled(factor):
 @pytest.mark.parametrize(
     ("factor", "told"),
     [
-        (0.7, r"coupon\.base_mm: .*; 1\.5 <= base_mm <= 50"),
+        (0.7, r"coupon\.base_mm: .*1\.5 <= base_mm <= 50"),
         (0.9, "strip_width_mm <= depth of the channel: 8 <= 7.2 fails"),
         (3.0, r"tool\.clamp_mm: .*clamp_mm <= 6"),
     ],
