@@ -13,7 +13,7 @@ import numpy as np
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.scheme import scheme
-from deltact_fab.cad.export.formats import step
+from deltact_fab.cad.export import step
 from deltact_fab.cad.features import features_of
 from deltact_fab.cad.registry import listed
 

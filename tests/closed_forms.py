@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.dimensions import Design
+from deltact_fab.cad.kernel import VOLUME_TOLERANCE, SolidProperties
 from deltact_fab.cad.part import Part
 from deltact_fab.cad.parts import coupons, indenter, mount, on_table
-from deltact_fab.cad.solid_gate import VOLUME_TOLERANCE, SolidProperties
 from deltact_fab.shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 
 Array = NDArray[np.float64]

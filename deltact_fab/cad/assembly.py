@@ -12,10 +12,9 @@ from typing import Any
 from ..errors import RunFailed
 from .build import build_part
 from .dimensions import Design
-from .kernel import guarded
+from .kernel import VOLUME_TOLERANCE, Box, guarded
 from .part import Part, Shift
 from .registry import of_design, of_group
-from .solid_gate import VOLUME_TOLERANCE, Box
 
 # Boxes that meet by less share a face at most; what they could share stays below 0.001 mm3.
 TOUCH_MM = 1e-6

@@ -13,7 +13,7 @@ from ..aliases import Point2
 from ..shapes import Indenter
 from ..shapes.bounded import Bounded, assumed, measured, number
 from .rule import Length
-from .standards import CAP_SCREWS, CLEARANCE_MM, Thread
+from .standards import CAP_SCREWS, THREADS, Thread
 
 PLANE = ("resin_printer.plane_mm", "resin_printer.hole_bias_mm", "resin_printer.outside_bias_mm")
 HEIGHT = ("resin_printer.height_mm",)
@@ -146,7 +146,7 @@ class TableDimensions(Bounded):
     @property
     def hole_mm(self) -> float:
         """Through hole of the table's screws (ISO 273 medium)."""
-        return CLEARANCE_MM[self.screw]
+        return THREADS[self.screw].clearance_mm
 
 
 @dataclass(frozen=True)
@@ -216,21 +216,6 @@ class ResinPrinterDimensions(Bounded):
     bed_z_mm: float = assumed(175.0, "height of the build room", 20, 2000)
     measured: tuple[str, ...] = measured("keys measured on the lab's own printer")
 
-    @property
-    def limits_mm(self) -> tuple[float, float]:
-        """What a fitted length in the layers may be off, (lower, upper)."""
-        return -self.plane_mm, self.plane_mm
-
-    @property
-    def tall_limits_mm(self) -> tuple[float, float]:
-        """What a fitted length across the layers may be off, (lower, upper)."""
-        return -self.height_mm, self.height_mm
-
-    @property
-    def general_tolerance(self) -> str:
-        """What a drawing says of every length without limits of its own."""
-        return f"±{self.plane_mm:.2g} in the layers, ±{self.height_mm:.2g} across"
-
     def inner(self, nominal_mm: float) -> Length:
         """A printed hole, slot or pocket, in the layers."""
         return Length(nominal_mm + self.hole_bias_mm, self.plane_mm, PLANE)
@@ -269,16 +254,6 @@ class LaserDimensions(Bounded):
         0.1, "thickness of the sheet, share, +-; measure yours", 0.001, 0.3
     )
     measured: tuple[str, ...] = measured("keys measured on the lab's own laser and sheet")
-
-    @property
-    def limits_mm(self) -> tuple[float, float]:
-        """What a cut length may be off, (lower, upper)."""
-        return -self.tolerance_mm, self.tolerance_mm
-
-    @property
-    def general_tolerance(self) -> str:
-        """What a drawing says of every length without limits of its own."""
-        return f"±{self.tolerance_mm:.2g}; sheet ±{100 * self.sheet_tolerance:.2g} %"
 
     @property
     def path(self) -> str:

@@ -12,10 +12,9 @@ from . import feasibility
 from . import parts as parts_package
 from .design import load_design
 from .dimensions import Design
-from .kernel import LIBRARIES, guarded
+from .kernel import LIBRARIES, SolidProperties, gate, guarded
 from .part import Part
 from .registry import find
-from .solid_gate import SolidProperties, gate
 
 
 @dataclass(frozen=True)

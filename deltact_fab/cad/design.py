@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from .. import catalog
 from ..errors import InputError, did_you_mean
 from ..shapes import Indenter
-from ..shapes.bounded import Bounded, ShapeError, number
+from ..shapes.bounded import Bounded, number
 from ..shapes.indenter import parse
 from ..shapes.own import OwnShape
 from .dimensions import Design
@@ -61,11 +61,6 @@ class IndenterDimensions:
 
     indenter: Indenter
     body: IndenterBody
-
-    def __post_init__(self) -> None:
-        high = max(tip.equator_mm for tip in self.indenter.tips)
-        if not high < self.indenter.reach_mm:
-            raise ShapeError(f"equator_mm < reach_mm: {high:g} < {self.indenter.reach_mm:g} fails")
 
 
 def load_design(name: str = "deltact", changes: Iterable[str] = ()) -> Design:
@@ -135,27 +130,16 @@ def load_indenters(name: str = "indenters") -> IndenterList:
 
 
 @dataclass(frozen=True)
-class CameraModule(CameraDimensions):
-    """A camera: its section of a design, and where that was found."""
-
-    source: str = field(default="", metadata={"description": "documents that the figures are from"})
-
-    def section(self) -> CameraDimensions:
-        """What a design takes of it."""
-        return CameraDimensions(**{f.name: getattr(self, f.name) for f in fields(CameraDimensions)})
-
-
-@dataclass(frozen=True)
 class CameraList:
     """cad/cameras.toml."""
 
-    module: dict[str, CameraModule] = field(default_factory=dict)
+    module: dict[str, CameraDimensions] = field(default_factory=dict)
     """One `[module.NAME]` table each."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
 
-def load_cameras() -> dict[str, CameraModule]:
+def load_cameras() -> dict[str, CameraDimensions]:
     """The cameras by name. Raises InputError naming file and key."""
     path = catalog.find("cad", "cameras")
     return catalog.validate(CameraList, catalog.read(path), str(path)).module
@@ -166,4 +150,4 @@ def load_camera(name: str) -> CameraDimensions:
     known = load_cameras()
     if name not in known:
         raise InputError(f"--camera {name!r}: no such camera; {did_you_mean(name, known)}")
-    return known[name].section()
+    return known[name]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..aliases import Point, Points
-from .solid_gate import bounding_box
+from .kernel import bounding_box
 
 SAME_MM = 1e-5
 """Coordinates closer than this are one."""

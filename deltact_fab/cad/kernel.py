@@ -1,25 +1,31 @@
-"""The way to the CAD kernel: its import, its exceptions turned into one line, and the solids along
-z that parts are made of and cut with."""
+"""The way to the CAD kernel: its import, its exceptions turned into one line, the solids along z
+that parts are made of and cut with, and the gate that every solid passes.
+
+The kernel returns wrong shapes without an exception: an empty compound that calls itself valid, an
+untouched box in place of a shell, two solids where a hole split the part.
+"""
 
 from __future__ import annotations
 
 import importlib
-import re
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, TypeAlias
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from .. import extras
+from ..aliases import Point, Point2
 from ..errors import DeltactFabError, MissingLibrary, RunFailed
-
-if TYPE_CHECKING:
-    from ..aliases import Point2
-    from .solid_gate import Box
 
 Shape: TypeAlias = Any  # cadquery's own; naming them by their class would import it
 Workplane: TypeAlias = Any
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+BOX_TOLERANCE_MM = 1e-5
+VOLUME_TOLERANCE = 1e-6
 
 SYSTEM_PACKAGES = "libgl1 libegl1 libx11-6"
 LIBRARIES = ("cadquery", "cadquery-ocp", "ezdxf", "numpy", "scipy", "shapely")
@@ -33,43 +39,22 @@ def require() -> Any:
     or broken.
     """
     extras.require("cad", "the CAD kernel", "cadquery")
-    try:
-        with _ctrl_c_after():
-            return importlib.import_module("cadquery")
-    except ImportError as why:
-        raise MissingLibrary(_advice(str(why))) from why
-
-
-@contextmanager
-def _ctrl_c_after() -> Iterator[None]:
-    """Ctrl-C comes when the import is over: the kernel's own modules swallow it in between."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+    # Ctrl-C comes when the import is over: the kernel's own modules swallow it in between.
     asked: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
+    main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number)) if main else None
     try:
-        yield
+        return importlib.import_module("cadquery")
+    except ImportError as why:
+        raise MissingLibrary(
+            f"cadquery cannot be imported ({why}): apt-get install --reinstall "
+            f"{SYSTEM_PACKAGES}, or pip install --force-reinstall cadquery"
+        ) from why
     finally:
-        signal.signal(signal.SIGINT, before)
+        if main:
+            signal.signal(signal.SIGINT, before)
         if asked:
             raise KeyboardInterrupt
-
-
-def _advice(reason: str) -> str:
-    """What to install, from what the loader said of the import."""
-    named = re.search(r"\blib[\w+-]+\.so[.\d]*", reason)
-    broken = re.search(r"file too short|invalid ELF header", reason)
-    # A library inside the package is the package's own: the system cannot bring it.
-    if named and "site-packages" not in reason:
-        if "No such file" in reason:
-            return f"cadquery needs {named.group()}: apt-get install {SYSTEM_PACKAGES}"
-        if broken:
-            return (
-                f"cadquery needs {named.group()}, and the one here is broken ({broken.group()}): "
-                f"apt-get install --reinstall {SYSTEM_PACKAGES}"
-            )
-    return f"cadquery cannot be imported ({reason}): pip install --force-reinstall cadquery"
 
 
 @contextmanager
@@ -120,3 +105,73 @@ def without_corners(half_mm: Point2, inner_mm: Point2) -> list[Point2]:
         return [(-w, -h), (w, -h), (w, h), (-w, h)]
     upper = [(w, y), (x, y), (x, h), (-x, h), (-x, y), (-w, y)]
     return upper + [(-a, -b) for a, b in upper]
+
+
+def around(half_x_mm: float, half_y_mm: float, low_mm: float, high_mm: float) -> Box:
+    """The box about the z axis, from low to high."""
+    return (-half_x_mm, -half_y_mm, low_mm), (half_x_mm, half_y_mm, high_mm)
+
+
+def shifted(box: Box, by_mm: Point) -> Box:
+    """The box moved."""
+    low, high = ((x + by_mm[0], y + by_mm[1], z + by_mm[2]) for x, y, z in box)
+    return low, high
+
+
+def enclosing(boxes: Iterable[Box]) -> Box:
+    """The box around boxes, of which there is one at least."""
+    lows, highs = zip(*boxes, strict=True)
+    (x0, y0, z0), (x1, y1, z1) = np.min(lows, axis=0).tolist(), np.max(highs, axis=0).tolist()
+    return (x0, y0, z0), (x1, y1, z1)
+
+
+@dataclass(frozen=True)
+class SolidProperties:
+    """What the kernel says of the solid before any mesh exists."""
+
+    volume_mm3: float
+    area_mm2: float
+    box_mm: Box
+
+
+def gate(part: str, shape: Any, box_mm: Box) -> tuple[Any, SolidProperties]:
+    """Check a shape and return its one Solid with its measures.
+
+    Raises RunFailed naming part and finding unless the shape is exactly one valid solid with one
+    closed shell, within 1e-5 mm in the box that its dimensions give. Volumes are held against
+    closed forms by the tests.
+    """
+    if flaw := flaw_of(shape):
+        raise RunFailed(f"{part}: {flaw}")
+    (solid,) = shape.Solids()
+    found = SolidProperties(float(solid.Volume()), float(solid.Area()), bounding_box(solid))
+    if not np.allclose(found.box_mm, box_mm, rtol=0, atol=BOX_TOLERANCE_MM):
+        raise RunFailed(f"{part}: bounding box {found.box_mm}, expected {box_mm}")
+    if not found.volume_mm3 > 0:
+        raise RunFailed(f"{part}: volume {found.volume_mm3:.6f} mm3: it is inside out")
+    return solid, found
+
+
+def flaw_of(shape: Any) -> str:
+    """What keeps a shape from being one valid solid with one closed shell; empty when it is one."""
+    solids = shape.Solids()
+    if len(solids) != 1:
+        return f"{len(solids)} solids, expected one"
+    if not solids[0].isValid():
+        return "the kernel calls it invalid"
+    shells = solids[0].Shells()
+    if len(shells) != 1:
+        return f"{len(shells)} shells, expected one"
+    return "" if shells[0].wrapped.Closed() else "its shell is open"
+
+
+def bounding_box(solid: Any) -> Box:
+    """Tight box of the exact surfaces, without the mesh and without the shape's tolerance."""
+    from OCP.Bnd import Bnd_Box
+    from OCP.BRepBndLib import BRepBndLib
+
+    box = Bnd_Box()
+    BRepBndLib.AddOptimal_s(solid.wrapped, box, False, False)
+    box.SetGap(0.0)
+    x0, y0, z0, x1, y1, z1 = box.Get()
+    return (x0, y0, z0), (x1, y1, z1)

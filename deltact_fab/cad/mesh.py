@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RunFailed
-from .solid_gate import Box, enclosing
+from .kernel import Box, enclosing
 
 ANGLE_RAD = 0.2
 # Above the spacing of float32 at 100 mm (7.6e-6), far below any tolerance asked for.

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from .design import IndenterDimensions
     from .dimensions import Design
     from .drafting.dimensioning import Callouts
+    from .kernel import Box
     from .rule import PlayFit, Rule
-    from .solid_gate import Box
 
 Group = Literal["sensor", "electronics", "tools", "bench", "indenters"]
 GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indenters")
@@ -38,17 +38,13 @@ STEEL = (0.62, 0.64, 0.66, 1.0)
 GREEN = (0.13, 0.42, 0.25, 1.0)
 AMBER = (0.85, 0.60, 0.25, 1.0)
 
-Side = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
+Side = Literal["-z", "+z"]
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 
-# Quarter turns, exact, by the side of the part's own frame that comes to face the platform.
+# Turns, exact, by the side of the part's own frame that comes to face the platform.
 _DOWN: dict[str, Matrix] = {
     "-z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     "+z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
-    "-y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
-    "+y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
-    "-x": ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
-    "+x": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
 }
 
 SELF_SUPPORTING_DEG = 19.0
@@ -72,13 +68,6 @@ class PrintPose:
     face: str = "underside"
     tilt_deg: float = 0.0
     supports: str = ""
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.tilt_deg <= 80 or (self.tilt_deg and not self.supports):
-            raise ValueError(
-                f"tilt_deg from 0 to 80, and a tilted part says where its supports are: "
-                f"{self.tilt_deg:g} with supports {self.supports!r}"
-            )
 
     @property
     def turn(self) -> Matrix:

@@ -9,16 +9,16 @@ outside   p        thickness: from a point p of the surface along -n to the firs
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..aliases import Field
+from ..aliases import Field, Point
 from .mesh import Mesh
 
+Wall = tuple[float, Point]  # how thick in mm, inwards along -normal, and where
 # Faces that meet in an edge look past each other, and the distance between them ends in zero there:
 # a wall is where they look apart to within this.
 OPPOSITE_DEG = 30.0
@@ -108,14 +108,6 @@ def _edges(corners_mm: Field) -> Field:
     return corners_mm[:, 1:] - corners_mm[:, :1]
 
 
-@dataclass(frozen=True)
-class Thickness:
-    """A wall: thickness_mm at the point at_mm, measured inwards along -normal."""
-
-    thickness_mm: float
-    at_mm: tuple[float, float, float]
-
-
 class Walls:
     """The walls of one solid: sampled on its mesh, the thinnest measured on its exact surfaces."""
 
@@ -126,7 +118,7 @@ class Walls:
         self.points_mm, self._triangle = samples(self._corners)
         self._face = mesh.face[self._triangle]
 
-    def thinnest(self, where: NDArray[np.bool_] | None = None) -> Thickness | None:
+    def thinnest(self, where: NDArray[np.bool_] | None = None) -> Wall | None:
         """The thinnest wall among the points of the mask; None where there is no wall at all.
 
         An upper bound of the true minimum: what lies between the points is not seen. Walls that
@@ -135,7 +127,7 @@ class Walls:
         for reach_mm in REACHES_MM:
             screened = self._screened(reach_mm)
             found = self._measured(screened if where is None else np.where(where, screened, np.inf))
-            if found is not None and found.thickness_mm < reach_mm:
+            if found is not None and found[0] < reach_mm:
                 return found
         return None
 
@@ -162,18 +154,18 @@ class Walls:
         wall = real & (hit >= 0) & (opposite > math.cos(lean)) & (far <= reach_mm)
         return np.where(wall, far, np.inf)
 
-    def _measured(self, screened: Field) -> Thickness | None:
+    def _measured(self, screened: Field) -> Wall | None:
         order = np.argsort(screened, kind="stable")
-        best: Thickness | None = None
+        best: Wall | None = None
         beyond = 0
         for i in order[:TRIED].tolist():
             if not math.isfinite(screened[i]) or beyond >= REFINED:
                 break
             found = self._exact.thickness(self.points_mm[i], int(self._face[i]))
-            if found is not None and (best is None or found.thickness_mm < best.thickness_mm):
+            if found is not None and (best is None or found[0] < best[0]):
                 best = found
             # Facets and surfaces differ: a few that seem no thinner are measured, too.
-            if best is not None and screened[i] > best.thickness_mm - NEAR_MM:
+            if best is not None and screened[i] > best[0] - NEAR_MM:
                 beyond += 1
         return best
 
@@ -194,11 +186,7 @@ class ExactRays:
         self._oriented = [BRepGProp_Face(face) for face in faces]
         self._normal_of = BRepGProp_Face
 
-    def first(self, origin_mm: Field, direction: Field, start_mm: float = START_MM) -> float:
-        """Distance along a unit direction to the nearest surface beyond start_mm; inf for none."""
-        return self._first(origin_mm, direction, start_mm)[0]
-
-    def thickness(self, point_mm: Field, face: int) -> Thickness | None:
+    def thickness(self, point_mm: Field, face: int) -> Wall | None:
         """Thickness inwards from the point of a face nearest to point_mm; None at an edge."""
         from OCP.gp import gp_Pnt
 
@@ -206,7 +194,7 @@ class ExactRays:
         point, normal = _point_normal(self._oriented[face], uv.X(), uv.Y())
         if normal is None:
             return None
-        far, hit = self._first(point, -normal, START_MM)
+        far, hit = self.first(point, -normal)
         if hit is None:
             return None
         other, u, v = hit
@@ -215,16 +203,20 @@ class ExactRays:
         if behind is None or float(-normal @ behind) < limit:
             return None
         x, y, z = point.tolist()
-        return Thickness(far, (x, y, z))
+        return far, (x, y, z)
 
-    def _first(
-        self, origin_mm: Field, direction: Field, start_mm: float
+    def first(
+        self, origin_mm: Field, direction: Field
     ) -> tuple[float, tuple[Any, float, float] | None]:
+        """Distance along a unit direction to the nearest surface beyond START_MM; inf for none.
+
+        With the face that is met, and where on it in its own parameters.
+        """
         from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
 
         rays = self._rays
         line = gp_Lin(gp_Pnt(*origin_mm.tolist()), gp_Dir(*direction.tolist()))
-        rays.Perform(line, start_mm, 1e4)
+        rays.Perform(line, START_MM, 1e4)
         hits = [(rays.WParameter(k), k) for k in range(1, rays.NbPnt() + 1)]
         if not hits:
             return math.inf, None

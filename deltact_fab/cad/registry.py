@@ -1,17 +1,20 @@
-"""Every part by name: those of the files in parts/, and the indenters of a list.
+"""Every part by name: those of the files in parts/, and the indenters of a list; and what each is
+made from, its dimensions with their meaning and limits.
 
 A file of parts/ is found by being there. Imports no CAD kernel.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, fields
+from typing import Any
 
 from ..discover import modules_in
 from ..errors import InputError, did_you_mean
 from ..shapes.indenter import KINDS, parse
 from . import parts
-from .design import IndenterList, load_indenters
+from .design import IndenterDimensions, IndenterList, load_indenters
 from .dimensions import Design
 from .part import GROUPS, Part
 from .parts.indenter import part as indenter_part
@@ -49,23 +52,19 @@ def listed(indenters: IndenterList | None = None, design: Design | None = None) 
 def find(name: str, indenters: IndenterList | None = None) -> Part:
     """One part by name; an indenter also by its name in a protocol, and in any size.
 
-    `indenter-sphere-12p5`, `sphere:12.5`, `star`, `star:8` and `indenter-star-8` all exist.
-    Raises InputError with the nearest known name, or stating the sizes that are valid.
+    `indenter-star`, `star` and `star:8` all exist. Raises InputError with the nearest known name,
+    or stating the sizes that are valid.
     """
     known = load_indenters() if indenters is None else indenters
     every = {part.name: part for part in listed(known)}
     if name in every:
         return every[name]
-    # `indenter-sphere-12p5` and `indenter-sphere-12.5` are what `sphere:12.5` is called as a file.
-    short = name.removeprefix("indenter-").replace("-", ":", 1)
-    kind, colon, size = short.partition(":")
-    if short in known.shape or name in known.shape:
-        own = short if short in known.shape else name
-        return indenter_part(known.shape[own].indenter(own), known.body)
-    if kind not in KINDS or (colon and not size) or (kind == "sphere" and not size):
+    if name in known.shape:
+        return indenter_part(known.shape[name].indenter(name), known.body)
+    if name.partition(":")[0] not in KINDS:
         names = [*every, *GROUPS, *KINDS, *known.shape]
         raise InputError(f"part {name!r}: unknown; {did_you_mean(name, names)}")
-    part = indenter_part(parse(f"{kind}{colon}{size.replace('p', '.')}"), known.body)
+    part = indenter_part(parse(name), known.body)
     return every.get(part.name, part)
 
 
@@ -81,3 +80,51 @@ def select(names: Iterable[str]) -> list[Part]:
         for part in grouped or [find(name)]:
             wanted[part.name] = part
     return list(wanted.values()) or every
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """One independent value. low, high: what it accepts; None where it is no bounded number."""
+
+    key: str
+    value: Any
+    meaning: str
+    low: float | None = None
+    high: float | None = None
+    unverified: bool = False
+
+    @property
+    def row(self) -> tuple[str, str, str, str]:
+        """Key, value, limits and meaning for a table; numbers with six digits."""
+        key = self.key + (" (unverified)" if self.unverified else "")
+        limits = "" if self.low is None else f"{self.low:g} to {self.high:g}"
+        if isinstance(self.value, dict):
+            lengths = ", ".join(f"{name} {number}" for name, number in self.value.items())
+            return key, "", "", f"{self.meaning}: {lengths}"
+        value = f"{self.value:.6g}" if isinstance(self.value, float) else str(self.value)
+        return key, value, limits, self.meaning
+
+
+def dimensions(part: Part, design: Design) -> Iterator[Dimension]:
+    """Everything that the part is made from, also where a rule is broken: then one looks."""
+    if part.indenter is not None:
+        yield from _of_indenter(part.indenter)
+        return
+    unverified = design.unverified()
+    for section in part.sections:
+        record = getattr(design, section)
+        for f in fields(record):
+            key, meta = f"{section}.{f.name}", f.metadata
+            about = (meta.get("description", ""), meta.get("ge"), meta.get("le"), key in unverified)
+            yield Dimension(key, getattr(record, f.name), *about)
+
+
+def _of_indenter(dims: IndenterDimensions) -> Iterator[Dimension]:
+    shape = dims.indenter
+    yield Dimension("plate_mm", dims.body.plate_mm, "back plate")
+    yield Dimension("stem_diameter_mm", shape.stem_diameter_mm, "stem, for the tool holder")
+    yield Dimension("stem_length_mm", shape.stem_length_mm, "stem above the plate")
+    yield Dimension("reach_mm", shape.reach_mm, "free length of the tips below the plate")
+    for number, tip in enumerate(shape.tips, 1):
+        kind = type(tip).__name__.removesuffix("Tip").lower()
+        yield Dimension(f"tip{number}", asdict(tip), kind)

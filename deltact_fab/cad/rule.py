@@ -9,53 +9,35 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 SLACK = 1e-9  # sums of decimal fractions
 SHOWN = 4  # one line has room for no more
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """One side of an inequality: what it is called, and its value."""
-
-    name: str
-    value: float
-
-    def below(self, name: str, value: float, rests_on: tuple[str, ...] = ()) -> Rule:
-        """The rule that it is less than another one."""
-        return Rule(self, "<", Quantity(name, value), rests_on)
-
-    def at_most(self, name: str, value: float, rests_on: tuple[str, ...] = ()) -> Rule:
-        """The rule that it is no more than another one."""
-        return Rule(self, "<=", Quantity(name, value), rests_on)
-
-
-@dataclass(frozen=True)
 class Rule:
-    """`left < right` or `left <= right`; NaN fails.
+    """An inequality in words and in numbers, and whether it holds; NaN does not.
 
-    rests_on: keys of unverified values that it uses. part: whose it is; where empty, that part's
-    which states it.
+    value, limit: its smaller and its larger side. rests_on: keys of unverified values that it uses.
+    part: whose it is; where empty, that part's which states it.
     """
 
-    left: Quantity
-    relation: Literal["<", "<="]
-    right: Quantity
+    text: str
+    holds: bool
+    value: float
+    limit: float
     rests_on: tuple[str, ...] = ()
     part: str = ""
 
-    @property
-    def holds(self) -> bool:
-        """Whether it holds, `<=` to rounding."""
-        a, b = self.left.value, self.right.value
-        return a < b - SLACK if self.relation == "<" else a <= b + SLACK
 
-    @property
-    def text(self) -> str:
-        """The inequality in words and in numbers."""
-        a, b = self.left, self.right
-        return f"{a.name} {self.relation} {b.name}: {a.value:.4g} {self.relation} {b.value:.4g}"
+def below(name: str, a: float, other: str, b: float, rests_on: tuple[str, ...] = ()) -> Rule:
+    """The rule that a is less than b, each with its name."""
+    return Rule(f"{name} < {other}: {a:.4g} < {b:.4g}", a < b - SLACK, a, b, rests_on)
+
+
+def at_most(name: str, a: float, other: str, b: float, rests_on: tuple[str, ...] = ()) -> Rule:
+    """The rule that a is no more than b, to rounding."""
+    return Rule(f"{name} <= {other}: {a:.4g} <= {b:.4g}", a <= b + SLACK, a, b, rests_on)
 
 
 def first_of(texts: Sequence[str], between: str) -> str:

@@ -11,12 +11,12 @@ from ..shapes.bounded import Bounded, assumed, measured, number
 from .standards import (
     CAP_SCREWS,
     CHEESE_SCREWS,
-    CLEARANCE_MM,
-    WASHER_MM,
+    THREADS,
     CapScrew,
     CapThread,
     CheeseScrew,
     CheeseThread,
+    MetricThread,
     Thread,
     next_e24,
 )
@@ -80,6 +80,7 @@ class CameraDimensions(Bounded):
     cable_width_mm: float = assumed(16.0, "that cable, with the stiffener at its end", 0.5, 60)
     cable_height_mm: float = assumed(0.3, "the same, along z", 0.05, 20)
     tolerance_mm: float = assumed(0.05, "spread of board and lens, +-", 0.0, 1)
+    source: str = field(default="", metadata={"description": "documents that the figures are from"})
     measured: tuple[str, ...] = measured(
         "keys measured on the lab's own module, or read off its maker's document"
     )
@@ -296,19 +297,19 @@ class MountDimensions(Bounded):
     measured: tuple[str, ...] = measured("keys measured on the lab's own finger")
 
     @property
+    def thread(self) -> MetricThread:
+        """The screws' row in the table of standards."""
+        return THREADS[self.screw]
+
+    @property
     def hole_mm(self) -> float:
         """Through hole of the mount's screws: ISO 273 medium, in a flange what its finger has."""
-        return self.flange_hole_mm if self.kind == "franka" else CLEARANCE_MM[self.screw]
+        return self.flange_hole_mm if self.kind == "franka" else self.thread.clearance_mm
 
     @property
     def head_mm(self) -> float:
         """Head of a cap screw = 1.5 d + 1, as ISO 4762 has it from M3 to M5: 7 for M4."""
-        return 1.5 * float(self.screw.removeprefix("M")) + 1.0
-
-    @property
-    def washer_mm(self) -> float:
-        """Washer of the mount's screws (ISO 7089): what a head or a nut needs around its hole."""
-        return WASHER_MM[self.screw]
+        return 1.5 * self.thread.thread_mm + 1.0
 
 
 @dataclass(frozen=True)

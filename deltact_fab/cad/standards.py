@@ -62,32 +62,28 @@ CHEESE_SCREWS: dict[CheeseThread, CheeseScrew] = {
     "M3": CheeseScrew(3.0, 5.5, 2.0, 2.55, 0.8, 0.85),
 }
 
-# Through holes for what fixes the sensor (ISO 273, medium).
-CLEARANCE_MM: dict[Thread, float] = {
-    "M2": 2.4,
-    "M2.5": 2.9,
-    "M3": 3.4,
-    "M4": 4.5,
-    "M5": 5.5,
-    "M6": 6.6,
-}
-# Coarse pitches (ISO 261).
-PITCH_MM: dict[Thread, float] = {
-    "M2": 0.4,
-    "M2.5": 0.45,
-    "M3": 0.5,
-    "M4": 0.7,
-    "M5": 0.8,
-    "M6": 1.0,
-}
-# Plain washers (ISO 7089): a little more than a head or a nut across its corners.
-WASHER_MM: dict[Thread, float] = {
-    "M2": 5.0,
-    "M2.5": 6.0,
-    "M3": 7.0,
-    "M4": 9.0,
-    "M5": 10.0,
-    "M6": 12.0,
+
+@dataclass(frozen=True)
+class MetricThread:
+    """A thread of what fixes the sensor, and what goes with it.
+
+    thread_mm: nominal diameter. clearance_mm: through hole (ISO 273, medium). pitch_mm: coarse (ISO
+    261). washer_mm: plain washer (ISO 7089), a little more than a head or a nut across its corners.
+    """
+
+    thread_mm: float
+    clearance_mm: float
+    pitch_mm: float
+    washer_mm: float
+
+
+THREADS: dict[Thread, MetricThread] = {
+    "M2": MetricThread(2.0, 2.4, 0.4, 5.0),
+    "M2.5": MetricThread(2.5, 2.9, 0.45, 6.0),
+    "M3": MetricThread(3.0, 3.4, 0.5, 7.0),
+    "M4": MetricThread(4.0, 4.5, 0.7, 9.0),
+    "M5": MetricThread(5.0, 5.5, 0.8, 10.0),
+    "M6": MetricThread(6.0, 6.6, 1.0, 12.0),
 }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -20,7 +19,6 @@ from .options import (
     DESIGN,
     NAME_OR_PATH,
     NEW_FILE,
-    ON,
     PATH,
     PROCESSES,
     out_file,
@@ -157,8 +155,7 @@ def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
     PART is a name of `cad list`.
     """
     from ..cad.design import load_design
-    from ..cad.registry import find
-    from ..cad.show import dimensions
+    from ..cad.registry import dimensions, find
 
     found = find(part)
     about = {n: getattr(found, n) for n in ("name", "group", "material", "process", "quantity")}
@@ -202,11 +199,10 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
               help="Largest distance of a mesh from the true surface.")  # fmt: skip
 @out_folder("Folder to write into.", default=Path("cad-out"))
 @PROCESSES
-@ON
 @answers
 def export(
     parts: tuple[str, ...], design: str, changes: tuple[str, ...], formats: str,
-    tolerance_mm: float, out: Path, jobs: int | None, on: str,
+    tolerance_mm: float, out: Path, jobs: int | None,
 ) -> Answer:  # fmt: skip
     """Write each PART and the assembly, with a manifest.json; without PART, everything.
 
@@ -217,16 +213,10 @@ def export(
     """
     from ..cad.export import export_parts
     from ..cad.registry import select
-    from ..jobs import executor
 
     dims, chosen = load(design, changes), select(parts)
-    # Where nobody says how, the work that is left decides.
-    here = nullcontext() if on == "local" else executor(on, jobs)
-    with here as where, progress("cad export") as tell:
-        files = export_parts(
-            dims, chosen, formats.split(","), tolerance_mm, out, tell,
-            jobs=jobs, executor=where,
-        )  # fmt: skip
+    with progress("cad export") as tell:
+        files = export_parts(dims, chosen, formats.split(","), tolerance_mm, out, tell, jobs=jobs)
     plain = [asdict(f) for f in files]
     told = f"{len(files)} files and manifest.json in {out}"
     shown = columns_of(("file", "quantity", "process", "volume_mm3", "mesh_deviation_mm"), plain)

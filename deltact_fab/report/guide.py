@@ -19,8 +19,7 @@ from ..cad.design import load_indenters
 from ..cad.dimensions import Design
 from ..cad.drafting.wiring import wiring
 from ..cad.fabrication import bom, quantities
-from ..cad.fabrication.paper_gaps import gaps
-from ..cad.fabrication.quantities import DEFAULT
+from ..cad.fabrication.quantities import DEFAULT, gaps
 from ..cad.overhangs import laid, stand
 from ..cad.part import SELF_SUPPORTING_DEG, Part
 from ..cad.parts.coupons import well_volume_mm3
@@ -175,7 +174,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     from ..cad.build import build_part
     from ..cad.drafting import picture
     from ..cad.drafting.casting import Bench
-    from ..cad.export.formats.meshes import drawn, glb_bytes
+    from ..cad.export.meshes import drawn, glb_bytes
     from ..cad.kernel import require
     from ..cad.mesh import mesh_solid
 

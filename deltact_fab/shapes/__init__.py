@@ -8,16 +8,3 @@ from .rigid import Indenter, PosedTip, Tip
 from .sensor import SensorDimensions, SkinDimensions
 from .tips import EllipsoidTip, RidgeTip, SphereTip
 from .turned import TurnedTip
-
-__all__ = [
-    "EllipsoidTip",
-    "Indenter",
-    "PosedTip",
-    "PrismTip",
-    "RidgeTip",
-    "SensorDimensions",
-    "SkinDimensions",
-    "SphereTip",
-    "Tip",
-    "TurnedTip",
-]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from deltact_fab.cad.design import load_cameras, load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.fabrication import bom, quantities
-from deltact_fab.cad.fabrication.paper_gaps import gaps
+from deltact_fab.cad.fabrication.quantities import gaps
 from deltact_fab.cad.intent import solved, wish_of
 from deltact_fab.cad.registry import listed, of_group
 from deltact_fab.cad.sensor_sections import LightDimensions

@@ -8,8 +8,8 @@ import pytest
 from solids import box, mutated, rod
 
 from deltact_fab.cad import registry
+from deltact_fab.cad.check import CHECKS, of_built
 from deltact_fab.cad.check.built import BuiltDesign
-from deltact_fab.cad.check.run import CHECKS, of_built
 from deltact_fab.cad.design import IndenterBody, IndenterDimensions, IndenterList, ListedIndenter
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.kernel import require

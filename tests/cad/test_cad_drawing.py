@@ -229,7 +229,6 @@ def test_the_title_block_names_part_process_tolerance_and_lab(made):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ("drawing.date=2026-02-30", "date: expected one as 2026-11-23"),
         ("drawing.owner=実験室", "owner: '実験室': the font has no '実'"),
         (f"drawing.number={'x' * 61}", "number: one line of at most 60 characters"),
     ],
@@ -322,13 +321,9 @@ def test_a_length_is_printed_as_a_machinist_writes_it_with_its_own_limits():
     assert [shown(v) for v in (36, 1.35, 10.0062, 0.1 + 0.2, -0.0, 16.666)] == [
         "36", "1.35", "10.01", "0.3", "0", "16.67",
     ]  # fmt: skip
-    assert [
-        toleranced(35.8, (-0.1, 0.0)), toleranced(3, (-0.1, 0.1)), toleranced(2, (0.05, 0.1)),
-    ] == ["35.8 0/−0.1", "3 ±0.1", "2 +0.1/+0.05"]  # fmt: skip
-    with pytest.raises(ValueError, match=r"lower 0\.1 above upper -0\.1"):
-        toleranced(3, (0.1, -0.1))
-    assert Told(0, 1, 4, auxiliary=True).words((-0.1, 0)) == "(3 0/−0.1)"
-    assert Told(0, 1, 4, before="Ø", fitted=False).words((-0.1, 0)) == "Ø3"
+    assert [toleranced(35.8), toleranced(3, 0.1)] == ["35.8", "3 ±0.1"]
+    assert Told(0, 1, 4, auxiliary=True).words(0.1) == "(3 ±0.1)"
+    assert Told(0, 1, 4, before="Ø", fitted=False).words(0.1) == "Ø3"
 
 
 def test_a_label_s_arrow_ends_on_the_rim_of_what_it_tells(cq):

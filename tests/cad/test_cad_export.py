@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 import json
 import subprocess
@@ -12,14 +11,13 @@ import pytest
 from click.testing import CliRunner
 
 from deltact_fab import cache
+from deltact_fab.cad import export as batch
 from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.drafting.wiring import wiring
-from deltact_fab.cad.export import batch
-from deltact_fab.cad.export.batch import export_parts, stored_by
+from deltact_fab.cad.export import export_parts, stored_by
 from deltact_fab.cad.export.part_files import DRAWN, FORMATS, Task, applicable
-from deltact_fab.cad.kernel import _advice
 from deltact_fab.cad.parts import skin_frame
 from deltact_fab.cli.cad import cad
 from deltact_fab.errors import InputError, RunFailed
@@ -195,21 +193,18 @@ def _listed(folder):
     return {entry["file"]: entry["sha256"] for entry in entries}
 
 
-def test_what_is_not_asked_for_stays_and_what_is_replaces_what_has_its_name(tmp_path):
+def test_what_an_earlier_export_left_goes_and_what_a_person_put_or_changed_stays(tmp_path):
     _export(["acrylic", "cover", "skin"], ["step"], tmp_path)
     (tmp_path / "notes.txt").write_text("mine")
-    # The same bytes, in a place of a person's choosing.
-    (tmp_path / "skin.step").rename(tmp_path / "kept.step")
-    (tmp_path / "skin.step").symlink_to("kept.step")
-    before = _bytes(tmp_path)
     (tmp_path / "cover.step").write_text("mine now")
     _export(["acrylic"], ["dxf"], tmp_path)
     assert set(_listed(tmp_path)) == {"acrylic.dxf"}
-    assert set(_bytes(tmp_path)) == {*before, "acrylic.dxf"}
-    _export(["acrylic", "cover", "skin"], ["step"], tmp_path)
-    assert not (tmp_path / "skin.step").is_symlink()
-    del (held := _bytes(tmp_path))["acrylic.dxf"]
-    assert held == before
+    left = {"acrylic.dxf", "cover.step", "manifest.json", "notes.txt"}
+    assert {path.name for path in tmp_path.iterdir()} == left
+    (tmp_path / "manifest.json").write_text('{"files": [{"file": "../x", "sha256": 1}]}')
+    _export(["cover"], ["step"], tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == left
+    assert (tmp_path / "cover.step").read_bytes() != b"mine now"
 
 
 def test_a_folder_in_the_way_leaves_all_as_it_was(tmp_path):
@@ -260,10 +255,10 @@ def test_a_folder_that_cannot_be_one_is_refused(tmp_path):
         ("sphere:10", "indenter-sphere-10"),
         ("sphere:12.5", "indenter-sphere-12p5"),
         ("star:9", "indenter-star"),
-        ("indenter-edges-7p5", "indenter-edges-7p5"),
+        ("indenter-star", "indenter-star"),
     ],
 )
-def test_indenters_go_by_the_protocol_s_name_or_the_file_s(typed, part):
+def test_indenters_go_by_the_protocol_s_name_or_the_list_s(typed, part):
     assert registry.find(typed).name == part
 
 
@@ -272,7 +267,7 @@ def test_indenters_go_by_the_protocol_s_name_or_the_file_s(typed, part):
     [
         ("skinframe", "part 'skinframe': unknown; did you mean 'skin-frame'?"),
         ("qqq", "part 'qqq': unknown; valid: 2dots, 4dots, acrylic, bench, "),
-        ("indenter-sphere-99", "diameter of 0.5 to 30 mm"),
+        ("sphere:99", "diameter of 0.5 to 30 mm"),
     ],
 )
 def test_an_unknown_part_is_named_with_the_nearest(tmp_path, typed, says):
@@ -296,30 +291,18 @@ entry()
 """
 
 
+INSTALL = (
+    "apt-get install --reinstall libgl1 libegl1 libx11-6, or pip install --force-reinstall cadquery"
+)
+
+
 @pytest.mark.slow
 def test_a_missing_system_library_is_one_line_that_says_what_to_install(tmp_path):
     words = ["cad", "export", "mold", "--out", "o"]
     done = subprocess.run(
         [sys.executable, "-c", BROKEN, *words], cwd=tmp_path, capture_output=True, text=True
     )
-    said = "deltact-fab: cadquery needs libGL.so.1: apt-get install libgl1 libegl1 libx11-6\n"
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
+    assert (done.returncode, done.stdout) == (2, "")
+    said = "libGL.so.1: cannot open shared object file: No such file or directory"
+    assert done.stderr == f"deltact-fab: cadquery cannot be imported ({said}): {INSTALL}\n"
     assert not (tmp_path / "o").exists()
-
-
-@pytest.mark.parametrize(
-    ("library", "content", "says"),
-    [
-        ("libGL.so.1", None, "cadquery needs libGL.so.1: apt-get install libgl1"),
-        ("libX11.so.6", b"text" * 99, "the one here is broken (invalid ELF header): apt-get inst"),
-        ("site-packages/libTK.so.7.9", b"", "pip install --force-reinstall cadquery"),
-    ],
-)
-def test_the_advice_on_a_library_follows_what_the_loader_says(library, content, says, tmp_path):
-    path = tmp_path / library
-    path.parent.mkdir(exist_ok=True)
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(OSError, match="lib") as why:
-        ctypes.CDLL(str(path))
-    assert says in _advice(str(why.value))

@@ -22,7 +22,7 @@ from readers import closed_mm3, of_3mf
 from deltact_fab import cache
 from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.export.batch import export_parts
+from deltact_fab.cad.export import export_parts
 from deltact_fab.cad.export.part_files import FORMATS
 from deltact_fab.cad.part import BOUGHT
 
@@ -33,7 +33,7 @@ import sys
 from pathlib import Path
 from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.export.batch import export_parts
+from deltact_fab.cad.export import export_parts
 from deltact_fab.cad.export.part_files import FORMATS
 
 if __name__ == "__main__":
@@ -109,7 +109,7 @@ def test_a_stopped_export_leaves_nothing_and_a_killed_worker_is_made_up_for(tmp_
     script = f"""
 import signal, sys
 from pathlib import Path
-from deltact_fab.cad.export import batch as export
+from deltact_fab.cad import export
 # A shell starts what it puts in the background, this test perhaps, with Ctrl-C ignored.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 export.SHARED_FROM = 2

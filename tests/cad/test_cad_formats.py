@@ -16,7 +16,7 @@ from readers import closed_mm3, of_3mf
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.export.formats import dxf, meshes, step
+from deltact_fab.cad.export import dxf, meshes, step
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.errors import RunFailed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltact_fab.cad import registry, solid_gate
+from deltact_fab.cad import kernel, registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.kernel import require
@@ -70,6 +70,4 @@ def test_a_ball_far_smaller_than_the_tolerance_stays_within_it():
 def test_the_box_that_the_gate_reads_is_not_the_meshs():
     solid, found = build_part(registry.find("skin"), DESIGN)
     mesh_solid(solid, 0.1, "skin")
-    assert np.array(solid_gate.bounding_box(solid)) == pytest.approx(
-        np.array(found.box_mm), abs=1e-5
-    )
+    assert np.array(kernel.bounding_box(solid)) == pytest.approx(np.array(found.box_mm), abs=1e-5)

@@ -13,12 +13,12 @@ import pytest
 
 from deltact_fab import cache, digest
 from deltact_fab.cad.build import part_key
+from deltact_fab.cad.check import of_built
 from deltact_fab.cad.check.built import BuiltDesign, Facts
-from deltact_fab.cad.check.run import of_built
 from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.drafting.drawing import drawing
-from deltact_fab.cad.export.batch import BESIDE_DRAWINGS
+from deltact_fab.cad.export import BESIDE_DRAWINGS
 from deltact_fab.cad.registry import find, listed, of_design
 
 LIST = IndenterList(indenter=(ListedIndenter("sphere:10"),))

@@ -35,7 +35,7 @@ def exported(tmp_path_factory):
     return folder, {entry["file"]: entry for entry in entries}
 
 
-@pytest.mark.parametrize("down", ["-x", "+x", "-y", "+y", "-z", "+z"])
+@pytest.mark.parametrize("down", ["-z", "+z"])
 @pytest.mark.parametrize("tilt_deg", [0, 30])
 def test_the_named_side_faces_the_platform_and_y_rises(down, tilt_deg):
     turn = np.array(PrintPose(down, "side", tilt_deg, "outside" if tilt_deg else "").turn)
@@ -45,8 +45,6 @@ def test_the_named_side_faces_the_platform_and_y_rises(down, tilt_deg):
     side["xyz".index(down[1])] = 1 if down[0] == "+" else -1
     angle = np.radians(tilt_deg)
     assert np.allclose(turn @ side, (0, np.sin(angle), -np.cos(angle)))
-    with pytest.raises(ValueError, match="where its supports are"):
-        PrintPose(down, "side", 20)
 
 
 def test_each_file_stands_on_the_platform_as_the_manifest_turns_it(exported):

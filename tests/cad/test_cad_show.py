@@ -8,8 +8,7 @@ from dataclasses import asdict
 import pytest
 
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.registry import find, listed
-from deltact_fab.cad.show import dimensions
+from deltact_fab.cad.registry import dimensions, find, listed
 
 DEFAULT = load_design()
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 import pytest
 
 from deltact_fab import cache
-from deltact_fab.cad.check import Row, arithmetic, run
+from deltact_fab.cad.check import ARITHMETIC, Row, arithmetic, run
 from deltact_fab.cad.check.row import advice, advised
-from deltact_fab.cad.check.run import ARITHMETIC
 from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
 from deltact_fab.errors import InputError
 

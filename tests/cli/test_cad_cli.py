@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 
 from deltact_fab import cache
 from deltact_fab.cli.cad import cad
-from deltact_fab.errors import InputError
+from deltact_fab.errors import InputError, RunFailed
 
 
 @pytest.fixture(autouse=True)
@@ -30,9 +30,9 @@ def done(*words: str) -> Result:
     return result
 
 
-def refused(*words: str) -> str:
+def refused(*words: str, kind: type[Exception] = InputError) -> str:
     result = ask(*words)
-    assert isinstance(result.exception, InputError), result.output + repr(result.exception)
+    assert isinstance(result.exception, kind), result.output + repr(result.exception)
     return str(result.exception)
 
 
@@ -50,8 +50,8 @@ def test_an_export_over_another_leaves_nothing_of_it() -> None:
     done("export", "acrylic", "--format", "dxf", *thick)
     assert {p.name for p in Path("two").iterdir()} == {"acrylic.dxf", "manifest.json"}
     Path("two/acrylic.svg").mkdir()
-    line = refused("export", "acrylic", "--format", "step,svg", *thick)
-    assert line == "two/acrylic.svg: a folder; move it away, or export into another folder"
+    line = refused("export", "acrylic", "--format", "step,svg", *thick, kind=RunFailed)
+    assert line == "two/acrylic.svg: cannot be written: Is a directory"
     assert {p.name for p in Path("two").iterdir()} == {
         "acrylic.dxf", "acrylic.svg", "manifest.json"
     }  # fmt: skip

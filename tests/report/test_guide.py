@@ -17,7 +17,7 @@ from seen_page import SeenPage, offline
 from deltact_fab.cad import kernel
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.export.formats.meshes import ORIGIN, drawn, glb_bytes
+from deltact_fab.cad.export.meshes import ORIGIN, drawn, glb_bytes
 from deltact_fab.cad.mesh import Mesh
 from deltact_fab.cad.parts.mold import RELEASE_AGENT
 from deltact_fab.cad.registry import listed

@@ -40,16 +40,13 @@ def inequalities(design: Design) -> Iterator[Row]:
         if broken:
             found = f"{len(broken)} of {len(rules)} fail: {first_of(broken, '; ')}"
         rests_on = tuple(dict.fromkeys(key for rule in rules for key in rule.rests_on))
-        left = min(
-            rule.right.value - rule.left.value - (0.0 if rule.holds else 1e-6) for rule in rules
-        )
+        left = min(r.limit - r.value - (0.0 if r.holds else 1e-6) for r in rules)
         yield Row("inequalities", part, found, "all hold", not broken, rests_on, left)
 
 
 def _margin(rule: Rule) -> float:
     """What is left between both sides, as a share of the larger one."""
-    left, right = rule.left.value, rule.right.value
-    return (right - left) / max(abs(left), abs(right), 1e-9)
+    return (rule.limit - rule.value) / max(abs(rule.value), abs(rule.limit), 1e-9)
 
 
 def fits(design: Design) -> Iterator[Row]:

@@ -13,16 +13,16 @@ from ...errors import RunFailed
 from ..build import build_from, made_by, part_key
 from ..dimensions import Design
 from ..features import Round, SolidFeatures, features_of
+from ..kernel import Box
 from ..mesh import Mesh, mesh_solid
 from ..part import Part
-from ..solid_gate import Box
 
 # Rays and closure need no finer mesh: what they find is measured again on exact surfaces.
 MESH_MM = 0.05
 
 NO_PART = "could not be built"
 Tell = Callable[[str], None]
-KIND, CODE = "cad-check", "cad.check.run"
+KIND, CODE = "cad-check", "cad.check"
 LIMIT_BYTES = 64 * 2**20
 MOST = 20_000  # facts; a design has some 500
 

@@ -15,18 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...aliases import Point
 from ...errors import RunFailed
 from ..dimensions import Design
 from ..drafting.scheme import scheme
+from ..kernel import flaw_of
 from ..overhangs import MIN_CONTACT_MM2, Stand, laid, stand
 from ..part import GROUPS, LASER_CUT, MACHINED, PRINT, Part
-from ..rays import ExactRays, Walls
-from ..solid_gate import flaw_of
+from ..rays import ExactRays, Wall, Walls
 from .built import MESH_MM, BuiltDesign
 from .row import Row, at
 
-Wall = tuple[float, Point]  # how thick in mm, and where
 FIELD_MM = 1e-5
 POINTS = 40
 SLACK_MM = 1e-6
@@ -99,11 +97,10 @@ def walls(built: BuiltDesign) -> Iterator[Row]:
 def _walls(built: BuiltDesign, name: str) -> list[Wall | None]:
     """The thinnest wall, and apart from it that of a cover's legs."""
     walls = Walls(built.solid(name), built.mesh(name))
-    found = [walls.thinnest(), None]
     if name == "cover":
         legs = _of_legs(built.design, walls.points_mm)
-        found = [walls.thinnest(~legs), walls.thinnest(legs)]
-    return [(one.thickness_mm, one.at_mm) if one else None for one in found]
+        return [walls.thinnest(~legs), walls.thinnest(legs)]
+    return [walls.thinnest(), None]
 
 
 def _row(
@@ -210,7 +207,7 @@ def _miss_mm(built: BuiltDesign, part: Part) -> float:
     up, below = np.array((0.0, 0.0, 1.0)), -10.0
     worst = 0.0
     for (x, y), height in zip(xy.tolist(), field.tolist(), strict=True):
-        found = below + rays.first(np.array((x, y, below)), up)
+        found = below + rays.first(np.array((x, y, below)), up)[0]
         if math.isfinite(height):
             worst = max(worst, abs(found - height))
         else:

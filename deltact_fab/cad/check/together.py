@@ -14,12 +14,11 @@ import numpy as np
 from ...errors import RunFailed
 from ..assembly import PlacedPart, common_mm3, meet, on_bench, places
 from ..features import Round, near
-from ..kernel import require
+from ..kernel import VOLUME_TOLERANCE, Box, bounding_box, require, shifted
 from ..parts.camera import BOARD_KEYS
 from ..parts.indenter import plate_half_mm
 from ..parts.mold import centres_mm
 from ..parts.on_stage import SIZE
-from ..solid_gate import VOLUME_TOLERANCE, Box, bounding_box, shifted
 from .built import BuiltDesign
 from .row import Row
 

@@ -64,7 +64,7 @@ class ArrangedView:
             x = width + edge + COLUMN_MM if side == "right" else -edge - COLUMN_MM
             for leader, y in self._column(side):
                 self.labels.append((leader, x, y))
-                wide = text_width_mm(leader.text)
+                wide = text_width_mm(leader.words)
                 left = x if side == "right" else x - wide
                 rects.append((left, y - SMALL_MM, left + wide, y))
         beyond = CUT_ROOM_MM if self.cut_x is not None else 0.0
@@ -204,7 +204,7 @@ class ArrangedView:
         tip = (cx + dx * away, cy + dy * away)
         page.path([[tip, knee, (at[0] - way * 0.8, knee[1])]], "thin")
         page.arrow(tip, (-dx, -dy))
-        page.text(at, leader.text, SMALL_MM, "end" if leader.side == "left" else "start")
+        page.text(at, leader.words, SMALL_MM, "end" if leader.side == "left" else "start")
 
     def _draw_cut(self, page: DrawingPage, origin: Point2) -> None:
         """The cutting plane as ISO 128-44 has it: ends wide, arrows the way one looks."""

@@ -6,7 +6,6 @@ turned half about x first, so that its back or its tips are seen from above.
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import partial
@@ -17,7 +16,6 @@ from ...pdf import width_em
 from ...shapes.bounded import Bounded, ShapeError
 
 Side = Literal["left", "right", "top", "bottom"]
-Limits = tuple[float, float]
 LONGEST = 60  # characters of a line of the title block
 
 
@@ -26,27 +24,9 @@ def shown(value_mm: float) -> str:
     return f"{round(value_mm, 2) + 0.0:.2f}".rstrip("0").rstrip(".")
 
 
-def toleranced(value_mm: float, limits: Limits | None = None) -> str:
-    """A length with its own limits (ISO 129-1): `35.8 +0.1/−0.05`, `3 ±0.1`, `35.8 0/−0.1`.
-
-    limits: lower and upper deviation in mm; None where the general tolerance holds. Raises
-    ValueError when the lower one is above the upper one.
-    """
-    if limits is None:
-        return shown(value_mm)
-    low, high = limits
-    if low > high:
-        raise ValueError(f"limits: lower {low} above upper {high}")
-    if shown(-low) == shown(high):
-        return f"{shown(value_mm)} ±{shown(high)}"
-    return f"{shown(value_mm)} {_deviation(high)}/{_deviation(low)}"
-
-
-def _deviation(value_mm: float) -> str:
-    size = shown(abs(value_mm))
-    if size == "0":
-        return size
-    return f"+{size}" if value_mm > 0 else f"−{size}"
+def toleranced(value_mm: float, off_mm: float = 0.0) -> str:
+    """A length with what it may be off (ISO 129-1), `3 ±0.1`; 0: the general tolerance holds."""
+    return shown(value_mm) + (f" ±{shown(off_mm)}" if off_mm else "")
 
 
 @dataclass(frozen=True)
@@ -64,26 +44,13 @@ class Linear:
 
 @dataclass(frozen=True)
 class Leader:
-    """A label and an arrow to a circle of radius_mm about a point, or to the point itself (0).
-
-    flatness_mm: width of the zone that the surface there lies in (ISO 1101). roughness_um: Ra
-    (ISO 21920). 0 leaves either out.
-    """
+    """A label and an arrow to a circle of radius_mm about a point, or to the point itself (0)."""
 
     view: str
     at: Vector
     radius_mm: float
     words: str
     side: Literal["left", "right"] = "right"
-    flatness_mm: float = 0.0
-    roughness_um: float = 0.0
-
-    @property
-    def text(self) -> str:
-        """What is printed."""
-        flat = f"flat within {shown(self.flatness_mm)}" if self.flatness_mm else ""
-        rough = f"Ra {shown(self.roughness_um)}" if self.roughness_um else ""
-        return ", ".join(word for word in (self.words, flat, rough) if word)
 
 
 @dataclass(frozen=True)
@@ -94,13 +61,6 @@ class CentreLine:
     a: Vector
     b: Vector
     beyond_mm: float = 2.0
-
-
-@dataclass(frozen=True)
-class Cut:
-    """Section A-A in place of the left view: the plane x = x_mm, seen from -x."""
-
-    x_mm: float
 
 
 Item = Linear | Leader | CentreLine
@@ -131,9 +91,9 @@ class Told:
         """Its length."""
         return abs(self.b_mm - self.a_mm)
 
-    def words(self, limits: Limits | None) -> str:
-        """What is printed; limits: lower and upper deviation in mm, of a fitted length."""
-        length = toleranced(self.value_mm, limits if self.fitted else None)
+    def words(self, off_mm: float) -> str:
+        """What is printed; off_mm: what a fitted length may be off."""
+        length = toleranced(self.value_mm, off_mm if self.fitted else 0.0)
         words = f"{self.before}{length}{self.after}"
         return f"({words})" if self.auxiliary else words
 
@@ -148,9 +108,9 @@ class Callouts:
 
     lengths: that fit something, or that a machinist must see as such. rounds: by diameter in mm,
     what its label adds. fitted: diameters with limits of their own. labels: for faces that are
-    neither flat nor round. axes: (axis, coordinate) of places where the same features stand. cut:
-    section A-A in place of the left view. rests_on: unverified keys that the part is made from;
-    those still open are named on the drawing.
+    neither flat nor round. axes: (axis, coordinate) of places where the same features stand.
+    cut_x_mm: section A-A in place of the left view, the plane x = cut_x_mm seen from -x. rests_on:
+    unverified keys that the part is made from; those still open are named on the drawing.
     """
 
     lengths: tuple[Told, ...] = ()
@@ -159,7 +119,7 @@ class Callouts:
     notes: tuple[str, ...] = ()
     labels: tuple[Leader, ...] = ()
     axes: tuple[tuple[int, float], ...] = ()
-    cut: Cut | None = None
+    cut_x_mm: float | None = None
     flipped: bool = False
     rests_on: tuple[str, ...] = ()
 
@@ -194,12 +154,3 @@ class TitleBlock(Bounded):
                 width_em(said)
             except ValueError as why:
                 raise ShapeError(f"{f.name}: {why}; expected Latin letters") from why
-        if self.date:
-            try:
-                datetime.date.fromisoformat(self.date)
-            except ValueError as why:
-                raise ShapeError(f"date: expected one as 2026-11-23: {self.date!r} fails") from why
-
-    def number_of(self, part: str) -> str:
-        """The drawing number of a part; empty without a number of the lab's."""
-        return f"{self.number}-{part}" if self.number else ""

@@ -22,7 +22,7 @@ from ..features import features_of
 from ..kernel import guarded
 from ..part import LASER_CUT, PRINT, Part
 from .arrangement import ArrangedView, on_paper
-from .dimensioning import GENERAL_TOLERANCE, Callouts, Item, Limits
+from .dimensioning import GENERAL_TOLERANCE, Callouts, Item
 from .page import (
     BORDER_MM,
     LINE_MM,
@@ -108,8 +108,8 @@ def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
     if open_keys := [key for key in said.rests_on if key in design.unverified()]:
         notes.append(f"Rests on unverified values: {', '.join(open_keys)}.")
     found = features_of(solid)
-    general, limits = _tolerances(part, design)
-    items = list(Placing(found, said, drawn, limits).items(scheme(found, said)))
+    general, off_mm = _tolerances(part, design)
+    items = list(Placing(found, said, drawn, off_mm).items(scheme(found, said)))
     layout = _laid_out(part.name, drawn, said, items, notes)
     page = DrawingPage(SHEETS[layout.sheet], f"{part.name}, {layout.scale}")
     told = {
@@ -128,16 +128,16 @@ def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
     return page
 
 
-def _tolerances(part: Part, design: Design) -> tuple[str, tuple[Limits | None, ...]]:
-    """What the part's machine does to every length, and to a fitted one along x, y and z."""
-    printer, laser = design.resin_printer, design.laser
+def _tolerances(part: Part, design: Design) -> tuple[str, tuple[float, float, float]]:
+    """What the part's machine does to every length, and to a fitted one along x, y and z, in mm."""
     if part.process == PRINT:
-        limits = (printer.limits_mm, printer.limits_mm, printer.tall_limits_mm)
-        return printer.general_tolerance, limits
+        plane, height = design.resin_printer.plane_mm, design.resin_printer.height_mm
+        return f"±{plane:.2g} in the layers, ±{height:.2g} across", (plane, plane, height)
     if part.process == LASER_CUT:
-        sheet_mm = laser.sheet_tolerance * design.optics.acrylic_mm
-        return laser.general_tolerance, (laser.limits_mm, laser.limits_mm, (-sheet_mm, sheet_mm))
-    return GENERAL_TOLERANCE, (None, None, None)
+        cut, share = design.laser.tolerance_mm, design.laser.sheet_tolerance
+        general = f"±{cut:.2g}; sheet ±{100 * share:.2g} %"
+        return general, (cut, cut, share * design.optics.acrylic_mm)
+    return GENERAL_TOLERANCE, (0.0, 0.0, 0.0)
 
 
 def _belongs(part: Part) -> str:
@@ -162,8 +162,8 @@ def _laid_out(
                 drawn[name],
                 SCALES[scale],
                 [item for item in items if item.view == name],
-                said.cut.x_mm if said.cut is not None and name == "top" else None,
-                "A–A" if said.cut is not None and name == "left" else "",
+                said.cut_x_mm if name == "top" else None,
+                "A–A" if said.cut_x_mm is not None and name == "left" else "",
             )
             for name in ("front", "top", "left")
         }

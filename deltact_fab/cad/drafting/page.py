@@ -296,8 +296,8 @@ def draw_frame(
     said = {
         "Projection": "first angle", "Dimensions": "mm", "Paper": sheet, "Owner": lab.owner,
         "Drawn by": lab.drawn_by, "Approved by": lab.approved_by, "Title": name,
-        "Made by": f"deltact-fab {VERSION}", "Drawing number": lab.number_of(name),
-        "Revision": lab.revision, "Date of issue": lab.date, "Sheet": "1 of 1", **told,
+        "Made by": f"deltact-fab {VERSION}", "Revision": lab.revision, "Date of issue": lab.date,
+        "Drawing number": lab.number and f"{lab.number}-{name}", "Sheet": "1 of 1", **told,
     }  # fmt: skip
     row_mm = BLOCK_MM[1] / len(CELLS)
     for i, row in enumerate(CELLS):

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from ...aliases import Points
 from ..assembly import PlacedPart, assemble, lifted
 from ..dimensions import Design
-from ..kernel import guarded
+from ..kernel import bounding_box, guarded
 from ..part import Part
 from ..registry import of_group
-from ..solid_gate import bounding_box
 from .page import BLACK, LARGE_MM, SMALL_MM, DrawingPage, text_width_mm
 from .projection import View, project
 

@@ -19,7 +19,6 @@ from .dimensioning import (
     CentreLine,
     Item,
     Leader,
-    Limits,
     Linear,
     Side,
     Told,
@@ -44,7 +43,7 @@ Anchor = tuple[Point, tuple[Point, ...]]
 class Placing:
     """Items for the views of one part.
 
-    limits: of a fitted length along each axis, None where the general tolerance holds.
+    off_mm: what a fitted length may be off along each axis, 0 where the general tolerance holds.
     """
 
     def __init__(
@@ -52,9 +51,9 @@ class Placing:
         found: SolidFeatures,
         said: Callouts,
         drawn: Mapping[str, DrawnView],
-        limits: Sequence[Limits | None],
+        off_mm: Sequence[float],
     ) -> None:
-        self._found, self._said, self._drawn, self._limits = found, said, drawn, limits
+        self._found, self._said, self._drawn, self._off_mm = found, said, drawn, off_mm
         self._count: dict[tuple[str, Side], int] = {}
 
     def items(self, plan: Scheme) -> Iterator[Item]:
@@ -71,7 +70,7 @@ class Placing:
 
     def _best(self, told: Told, a: list[Anchor], b: list[Anchor]) -> tuple[float, Linear]:
         """The length in the view and on the side that cost least."""
-        found, words = [], told.words(self._limits[told.axis])
+        found, words = [], told.words(self._off_mm[told.axis])
         for view, along in SEEN_IN[told.axis].items():
             for side in SIDES[along]:
                 (one_cost, one), (other_cost, other) = (
@@ -131,16 +130,15 @@ class Placing:
     def _label(self, group: Rounds) -> Iterator[Item]:
         """A diameter across, or a label with an arrow and crosses over the centres."""
         r = group.first
-        diameter = any(abs(d - 2 * r.radius_mm) < 1e-6 for d in self._said.fitted)
-        limits = self._limits[0] if diameter else None
+        fitted = any(abs(d - 2 * r.radius_mm) < 1e-6 for d in self._said.fitted)
         if group.about_middle:
-            yield self._taken(self._diameter(group, limits is not None))
+            yield self._taken(self._diameter(group, fitted))
             return
         view, drawn = ALONG[r.axis], self._drawn[ALONG[r.axis]]
         words = group.words
-        if limits is not None:
-            said = toleranced(2 * r.radius_mm)
-            words = words.replace(f"Ø{said}", f"Ø{toleranced(2 * r.radius_mm, limits)}", 1)
+        if fitted:
+            said, with_limits = (toleranced(2 * r.radius_mm, off) for off in (0.0, self._off_mm[0]))
+            words = words.replace(f"Ø{said}", f"Ø{with_limits}", 1)
         if r.turn_deg > 180:
             for one in group.alike:
                 yield from self._cross(view, np.array(one.high_mm), r.radius_mm)
@@ -163,8 +161,8 @@ class Placing:
         """Over a circle; the cutting plane is a centre line already."""
         right, up, _ = (radius_mm * axis for axis in self._drawn[view].view.axes)
         yield CentreLine(view, _point(centre - right), _point(centre + right), 1.5)
-        cut = self._said.cut if view == "top" else None
-        if cut is None or abs(centre[0] - cut.x_mm) > 1e-6:
+        cut = self._said.cut_x_mm if view == "top" else None
+        if cut is None or abs(centre[0] - cut) > 1e-6:
             yield CentreLine(view, _point(centre + up), _point(centre - up), 1.5)
 
     def _of_face(self, alike: Sequence[OtherFace], words: str) -> Leader:
@@ -192,19 +190,19 @@ class Placing:
 
     def _centre_lines(self, plan: Scheme) -> Iterator[Item]:
         """Axes of rounds seen from the side, and the middle of what is even about it."""
-        cut = self._said.cut
+        cut = self._said.cut_x_mm
         said: set[tuple[str, float]] = set()
         for r in self._found.rounds:
             if r.axis != 2 or not r.whole:
                 continue
             for name, across in (("front", 0), ("left", 1)):
                 place = (name, round(r.low_mm[across], 3))
-                hidden = name == "left" and cut and abs(r.low_mm[0] - cut.x_mm) > SAME_MM
+                hidden = name == "left" and cut is not None and abs(r.low_mm[0] - cut) > SAME_MM
                 if place not in said and not hidden:
                     said.add(place)
                     yield CentreLine(name, r.low_mm, r.high_mm)
         middles = [(axis, 0.0) for axis in plan.middle if axis < 2]
-        if cut and abs(cut.x_mm) < SAME_MM:
+        if cut is not None and abs(cut) < SAME_MM:
             middles = [(axis, at_mm) for axis, at_mm in middles if axis != 0]
         for axis, at_mm in (*middles, *self._said.axes):
             a, b = (_moved(box, axis, at_mm) for box in (self._found.low_mm, self._found.high_mm))

@@ -177,8 +177,8 @@ def views(solid: Any, said: Callouts) -> dict[str, DrawnView]:
     """The four projections; the left one cut where the callouts ask for a section."""
     drawn = {}
     for name, view in (FLIPPED if said.flipped else VIEWS).items():
-        if name == "left" and said.cut is not None:
-            drawn[name] = _section(solid, view, said.cut.x_mm)
+        if name == "left" and said.cut_x_mm is not None:
+            drawn[name] = _section(solid, view, said.cut_x_mm)
         else:
             (drawn[name],) = project([solid], view)
     return drawn

@@ -14,12 +14,11 @@ from ..dimensions import Design
 from ..drafting.drawing import drawing
 from ..drafting.page import DrawingPage
 from ..drafting.wiring import wiring
-from ..kernel import guarded
+from ..kernel import Box, SolidProperties, enclosing, guarded, shifted
 from ..mesh import Mesh, mesh_solid
 from ..overhangs import laid
 from ..part import BOUGHT, LASER_CUT, Matrix, Part
-from ..solid_gate import Box, SolidProperties, enclosing, shifted
-from .formats import dxf, meshes, step
+from . import dxf, meshes, step
 
 ASSEMBLY, WIRING = "assembly", "wiring"
 FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
@@ -121,11 +120,9 @@ def make(task: Task) -> list[Made]:
                 laser = task.design.laser
                 kerf_mm = laser.kerf_mm if laser.compensate else 0.0
                 data = dxf.dxf_bytes(solid, part.name, kerf_mm / 2)
-        entry = PartFile(
-            part.name, f"{part.name}.{kind}", part.material, part.process, part.quantity,
-            measured.volume_mm3, box_mm, deviation_mm, hashlib.sha256(data).hexdigest(), turned,
-        )  # fmt: skip
-        made.append((entry, data))
+        about = part.material, part.process, part.quantity
+        size = measured.volume_mm3, box_mm, deviation_mm
+        made.append(_told(part.name, kind, data, about, size, turned))
     return made
 
 
@@ -136,11 +133,17 @@ def whole(
     """A file of an assembly of (volume, box, places), one place a copy."""
     volume_mm3 = sum(volume * len(places) for volume, _, places in parts)
     box_mm = enclosing(shifted(box, at) for _, box, places in parts for at in places)
-    entry = PartFile(
-        name, f"{name}.{kind}", "", "wired" if name == WIRING else "assembled", 1,
-        volume_mm3, box_mm, deviation_mm, hashlib.sha256(data).hexdigest(),
-    )  # fmt: skip
-    return entry, data
+    about = "", "wired" if name == WIRING else "assembled", 1
+    return _told(name, kind, data, about, (volume_mm3, box_mm, deviation_mm))
+
+
+def _told(
+    name: str, kind: str, data: bytes, about: tuple[str, str, int],
+    size: tuple[float, Box, float | None], turned: Matrix | None = None,
+) -> Made:  # fmt: skip
+    """A file and what the manifest says of it."""
+    sha = hashlib.sha256(data).hexdigest()
+    return PartFile(name, f"{name}.{kind}", *about, *size, sha, turned), data
 
 
 def _of_sensor(task: Task, kind: str) -> Made:

@@ -1,4 +1,1 @@
-"""What a lab buys, weighs and waits for: bill of materials, recipes, and the paper's gaps.
-
-None of it needs the CAD kernel.
-"""
+"""What a lab buys, weighs and waits for, and the paper's gaps; none needs the CAD kernel."""

@@ -21,8 +21,7 @@ from ..parts.camera import COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
 from ..registry import listed
 from . import quantities
-from .paper_gaps import filled_in
-from .quantities import DEFAULT, WASTE
+from .quantities import DEFAULT, WASTE, filled_in
 
 PIECES = "pcs"
 MADE = (PRINT, LASER_CUT, MACHINED, "cast in the mold")  # of what the other lines bring
@@ -121,7 +120,7 @@ def lines(design: Design, sensors: int = 1, indenters: IndenterList | None = Non
         for p in listed(indenters, design)
     ]  # fmt: skip
     figures = _figures(design, sensors)
-    for group, bought in filled_in(__file__, d=design, p=DEFAULT, f=figures).items():
+    for group, bought in filled_in("bom", d=design, p=DEFAULT, f=figures).items():
         for row in bought:
             told = {"material": "", "process": "bought", "unit": PIECES, "quantity": "one", **row}
             if figures[told.get("needs", "one")]:

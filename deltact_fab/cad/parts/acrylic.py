@@ -15,10 +15,9 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, x_of, y_of, z_of
-from ..kernel import Shape, prism, without_corners
+from ..kernel import Box, Shape, around, prism, without_corners
 from ..part import CLEAR, LASER_CUT, Part
 from ..rule import Length, PlayFit
-from ..solid_gate import Box, around
 
 
 def box(design: Design) -> Box:
@@ -46,42 +45,24 @@ def fits(d: Design) -> Iterator[PlayFit]:
             posts = printer.inner(2 * d.post_edge_mm[i])
             neck = laser.cut(2 * (d.acrylic_half_mm[i] - d.acrylic_notch_mm[i]))
             yield PlayFit(f"plate between the posts, {axis}", parts, (posts,), (neck,))
-    thick = laser.sheet(d.optics.acrylic_mm)
-    pocket = printer.tall(d.optics.acrylic_mm)
-    drop = printer.tall(d.shell.ledge_drop_mm)
     # A plate that is too thick would hold the joint open; a bead of adhesive fills what is left.
-    yield PlayFit(
-        "plate between the ledges, z",
-        "acrylic, skin-frame, shell",
-        (pocket, drop),
-        (thick,),
-    )
-    opening = printer.inner(d.skin.length_mm)
-    pocket_y = printer.inner(2 * d.seat_half_mm[1])
-    plate_y = laser.cut(2 * d.acrylic_half_mm[1])
+    high = printer.tall(d.optics.acrylic_mm), printer.tall(d.shell.ledge_drop_mm)
+    thick, name = laser.sheet(d.optics.acrylic_mm), "plate between the ledges, z"
+    yield PlayFit(name, "acrylic, skin-frame, shell", high, (thick,))
     # A plate that lies at one end of its pocket bears least at the other.
-    yield PlayFit(
-        "plate on the frame's ledge, y",
-        parts,
-        (plate_y,),
-        (opening.half(), pocket_y.half()),
-        d.plate.ledge_mm,
-    )
+    opening, pocket = printer.inner(d.skin.length_mm), printer.inner(2 * d.seat_half_mm[1])
+    plate, name = laser.cut(2 * d.acrylic_half_mm[1]), "plate on the frame's ledge, y"
+    yield PlayFit(name, parts, (plate,), (opening.half(), pocket.half()), d.plate.ledge_mm)
     # The shell stands off the frame by what its screws leave it.
     hole = printer.inner(d.screw.row.clearance_mm)
     shank = Length(-d.screw.row.thread_mm)
     for i, key in enumerate(("ledge_x_mm", "ledge_mm")):
         if getattr(d.shell, key) == 0:
             continue
-        behind = printer.inner(2 * d.ledge_half_mm[i])
-        pocket = printer.inner(2 * d.seat_half_mm[i])
-        yield PlayFit(
-            f"plate on the shell's ledge, {'xy'[i]}",
-            "acrylic, shell",
-            (laser.cut(2 * d.acrylic_half_mm[i]),),
-            (behind.half(), pocket.half(), hole.half(), shank.half()),
-            d.plate.ledge_mm,
-        )
+        behind, pocket = (printer.inner(2 * at[i]) for at in (d.ledge_half_mm, d.seat_half_mm))
+        plate, name = laser.cut(2 * d.acrylic_half_mm[i]), f"plate on the shell's ledge, {'xy'[i]}"
+        off = behind.half(), pocket.half(), hole.half(), shank.half()
+        yield PlayFit(name, "acrylic, shell", (plate,), off, d.plate.ledge_mm)
 
 
 def callouts(d: Design) -> Callouts:

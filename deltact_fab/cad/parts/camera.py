@@ -38,11 +38,10 @@ from dataclasses import fields
 from ..bench_sections import PLANE
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
-from ..kernel import Shape, cuboid, cylinders, prism
+from ..kernel import Box, Shape, cuboid, cylinders, prism
 from ..part import BLACK, BOUGHT, GREEN, PRINT, RESIN, Part, PrintPose
-from ..rule import Length, PlayFit, Quantity, Rule
+from ..rule import Length, PlayFit, Rule, at_most, below
 from ..sensor_sections import CameraDimensions
-from ..solid_gate import Box
 from ..standards import screw_tolerance_mm
 
 COMPUTER = "Nvidia Jetson Nano B01"
@@ -88,9 +87,7 @@ def rules(d: Design) -> Iterator[Rule]:
     """The board's own holes and lens, which nothing else looks at."""
     cam, radius = d.camera, d.camera.hole_mm / 2
     if not radius:
-        yield Quantity("head of holder.screw", d.holder.row.head_mm).at_most(
-            "none without holes", 0
-        )
+        yield at_most("head of holder.screw", d.holder.row.head_mm, "none without holes", 0)
         return
     upper, lower = cam.hole_rows_mm
     corner = math.hypot(cam.hole_pitch_x_mm / 2, min(abs(upper), abs(lower)))
@@ -101,7 +98,7 @@ def rules(d: Design) -> Iterator[Rule]:
         ("the board's -y edge + hole radius", cam.board_bottom_mm + radius, "lower holes", lower),
         ("lens radius + hole radius", cam.lens_diameter_mm / 2 + radius, "nearest hole", corner),
     ):
-        yield Quantity(name, least).below(what, room, ("camera.lens_diameter_mm", *BOARD_KEYS))
+        yield below(name, least, what, room, ("camera.lens_diameter_mm", *BOARD_KEYS))
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -165,14 +162,11 @@ def holder_build(design: Design) -> Shape:
 
 def holder_rules(d: Design) -> Iterator[Rule]:
     """The board rests on either side of the window, which the arms close."""
-    holder = d.holder
-    half = d.holder_window_half_mm + holder.window_rest_mm
-    yield Quantity("half the window + window_rest_mm", half).at_most(
-        "half the board", d.camera.board_width_mm / 2, BOARD_KEYS
-    )
-    yield Quantity("the window's upper edge", d.holder_window_top_mm).below(
-        "the arms' edge", d.holder_arm_mm, BOARD_KEYS
-    )
+    half = d.holder_window_half_mm + d.holder.window_rest_mm
+    board = "half the board", d.camera.board_width_mm / 2
+    yield at_most("half the window + window_rest_mm", half, *board, BOARD_KEYS)
+    arms = "the arms' edge", d.holder_arm_mm
+    yield below("the window's upper edge", d.holder_window_top_mm, *arms, BOARD_KEYS)
 
 
 def holder_fits(d: Design) -> Iterator[PlayFit]:

@@ -41,11 +41,10 @@ from collections.abc import Iterator
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import Callouts, Cut, x_of
-from ..kernel import Shape, cuboid, cylinders
+from ..drafting.dimensioning import Callouts, x_of
+from ..kernel import Box, Shape, around, cuboid, cylinders
 from ..part import AMBER, CLEAR, LASER_CUT, PRINT, RESIN, Part
-from ..rule import Quantity, Rule
-from ..solid_gate import Box, around
+from ..rule import Rule, at_most, below
 
 PIECES = 10  # of the kerf coupon
 
@@ -79,7 +78,7 @@ def well_build(design: Design) -> Shape:
 def well_callouts(d: Design) -> Callouts:
     """The wells; section through the first."""
     notes = ("Same resin, same wash, cure and coat as the mold: it is there to test them.",)
-    return Callouts(notes=notes, cut=Cut(centres_mm(d)[0][0]))
+    return Callouts(notes=notes, cut_x_mm=centres_mm(d)[0][0])
 
 
 def fit_box(design: Design) -> Box:
@@ -111,7 +110,7 @@ def fit_build(design: Design) -> Shape:
 def fit_rules(d: Design) -> Iterator[Rule]:
     """A peg that is on its block."""
     coupon = d.fit_coupon
-    yield Quantity("peg_mm + 2", coupon.peg_mm + 2.0).at_most("block_mm", coupon.block_mm)
+    yield at_most("peg_mm + 2", coupon.peg_mm + 2.0, "block_mm", coupon.block_mm)
 
 
 def fit_callouts(d: Design) -> Callouts:
@@ -123,7 +122,7 @@ def fit_callouts(d: Design) -> Callouts:
     coupon = d.fit_coupon
     at, half = coupon.block_x_mm, coupon.block_mm / 2
     block = x_of(at - half, at + half, fitted=False)
-    return Callouts((block,), notes=notes, cut=Cut(at))
+    return Callouts((block,), notes=notes, cut_x_mm=at)
 
 
 def kerf_box(design: Design) -> Box:
@@ -140,7 +139,7 @@ def kerf_build(design: Design) -> Shape:
 def kerf_rules(d: Design) -> Iterator[Rule]:
     """A strip that can be told from its side."""
     coupon = d.kerf_coupon
-    yield Quantity("width_mm", coupon.width_mm).below("length_mm", coupon.length_mm)
+    yield below("width_mm", coupon.width_mm, "length_mm", coupon.length_mm)
 
 
 def kerf_callouts(d: Design) -> Callouts:

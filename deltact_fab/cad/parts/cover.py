@@ -21,11 +21,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Callouts, Cut, shown, x_of, y_of, z_of
-from ..kernel import Shape, cuboid, cylinders, prism, require, without_corners
+from ..drafting.dimensioning import Callouts, shown, x_of, y_of, z_of
+from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
 from ..part import BLACK, PRINT, RESIN, Part, PrintPose
-from ..rule import Length, PlayFit, Quantity, Rule
-from ..solid_gate import Box, around
+from ..rule import Length, PlayFit, Rule, at_most, below
 
 
 def box(design: Design) -> Box:
@@ -79,14 +78,12 @@ def _leg(cq: Any, design: Design) -> Any:
 def rules(d: Design) -> Iterator[Rule]:
     """Legs within the peg, a slot that stays open, lips no higher than the light holder's floor."""
     cover = d.cover
-    yield Quantity("slot_mm / 2 + leg_mm", cover.slot_mm / 2 + cover.leg_mm).below(
-        "peg_mm / 2", cover.peg_mm / 2
-    )
-    gap = Quantity("resin_printer.least_gap_mm", d.resin_printer.least_gap_mm)
-    yield gap.at_most("cover.slot_mm", cover.slot_mm)
-    yield Quantity("peg_play_mm + lip_height_mm", cover.peg_play_mm + cover.lip_height_mm).at_most(
-        "camera.board_mm + light.floor_mm", d.camera.board_mm + d.light.floor_mm
-    )
+    outside = cover.slot_mm / 2 + cover.leg_mm
+    yield below("slot_mm / 2 + leg_mm", outside, "peg_mm / 2", cover.peg_mm / 2)
+    gap_mm = d.resin_printer.least_gap_mm
+    yield at_most("resin_printer.least_gap_mm", gap_mm, "cover.slot_mm", cover.slot_mm)
+    lip = "peg_play_mm + lip_height_mm", cover.peg_play_mm + cover.lip_height_mm
+    yield at_most(*lip, "camera.board_mm + light.floor_mm", d.camera.board_mm + d.light.floor_mm)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -138,7 +135,7 @@ def callouts(d: Design) -> Callouts:
     )
     rounds = {row.bore_mm: "for the heads, from the outer face"}
     fitted = (row.clearance_mm, row.bore_mm, cover.peg_mm)
-    return Callouts(lengths, rounds, fitted, notes, cut=Cut(-sx))
+    return Callouts(lengths, rounds, fitted, notes, cut_x_mm=-sx)
 
 
 PARTS = (

@@ -25,9 +25,8 @@ from ...shapes import EllipsoidTip, Indenter, PosedTip, PrismTip, RidgeTip, Sphe
 from ...shapes.rigid import PlainTip
 from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Callouts, Leader, Told, shown, z_of
-from ..kernel import Shape, require
+from ..kernel import Box, Shape, around, require
 from ..part import PRINT, RESIN, WHITE, Part, PrintPose
-from ..solid_gate import Box, around
 
 _APART_MM = 1e-6
 

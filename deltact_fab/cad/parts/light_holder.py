@@ -28,11 +28,10 @@ import math
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, z_of
-from ..kernel import Shape, Workplane, cuboid, cylinders, require
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, z_of
+from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
 from ..part import AMBER, BOUGHT, PRINT, WHITE, Part, PrintPose
-from ..rule import Length, PlayFit, Quantity, Rule
-from ..solid_gate import Box, around
+from ..rule import Length, PlayFit, Rule, at_most, below
 from .camera import UPPER_HOLES
 
 WIRE = "0.08 mm²"
@@ -75,18 +74,13 @@ def build(design: Design) -> Shape:
 def rules(d: Design) -> Iterator[Rule]:
     """Light holder: the strip in its channel, the heads of the camera's screws in the floor."""
     light = d.light
-    yield Quantity("led_count x pitch", light.strip_mm).at_most(
-        "2 pi strip radius", 2 * math.pi * max(d.strip_radius_mm, 0.0)
-    )
-    depth = d.z_light_mm - d.z_board_front_mm - light.floor_mm
-    yield Quantity("strip_width_mm", light.strip_width_mm).at_most(
-        "depth of the channel", depth, ("camera.lens_height_mm",)
-    )
-    yield Quantity("0", 0.0).below("bore radius", d.light_bore_mm)
+    round_mm = 2 * math.pi * max(d.strip_radius_mm, 0.0)
+    yield at_most("led_count x pitch", light.strip_mm, "2 pi strip radius", round_mm)
+    depth = "depth of the channel", d.z_light_mm - d.z_board_front_mm - light.floor_mm
+    yield at_most("strip_width_mm", light.strip_width_mm, *depth, ("camera.lens_height_mm",))
+    yield below("0", 0.0, "bore radius", d.light_bore_mm)
     head = d.holder.row.head_height_mm + light.head_room_mm
-    yield Quantity(f"{d.holder.screw} head + head_room_mm", head).at_most(
-        "floor_mm", light.floor_mm
-    )
+    yield at_most(f"{d.holder.screw} head + head_room_mm", head, "floor_mm", light.floor_mm)
 
 
 def led_room_mm(d: Design) -> float:
@@ -151,7 +145,7 @@ def callouts(d: Design) -> Callouts:
     )
     return Callouts(
         (z_of(d.z_board_front_mm, d.z_light_mm),), rounds, tuple(2 * r for r in radii), notes,
-        cut=Cut(0.0),
+        cut_x_mm=0.0,
         rests_on=("camera.lens_diameter_mm", "camera.lens_height_mm", *UPPER_HOLES),
     )  # fmt: skip
 
@@ -184,9 +178,9 @@ def strip_build(design: Design) -> Shape:
 def strip_rules(d: Design) -> Iterator[Rule]:
     """LEDs beside one another, on their strip."""
     light = d.light
-    width = Quantity("led_width_mm", light.led_width_mm)
-    yield width.below("pitch = 1000 / leds_per_m", light.pitch_mm)
-    yield width.at_most("strip_width_mm", light.strip_width_mm)
+    width = "led_width_mm", light.led_width_mm
+    yield below(*width, "pitch = 1000 / leds_per_m", light.pitch_mm)
+    yield at_most(*width, "strip_width_mm", light.strip_width_mm)
 
 
 def led_turns(d: Design) -> list[float]:

@@ -24,11 +24,10 @@ from typing import Any
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import Callouts, Cut, Leader, x_of, y_of, z_of
-from ..kernel import Shape, cuboid, require
+from ..drafting.dimensioning import Callouts, Leader, shown, x_of, y_of, z_of
+from ..kernel import Box, Shape, around, cuboid, require
 from ..part import AMBER, PRINT, RESIN, Part
-from ..rule import PlayFit, Quantity, Rule
-from ..solid_gate import Box, around
+from ..rule import PlayFit, Rule, below
 
 # The mold's drawing and the guide say the same.
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
@@ -79,10 +78,8 @@ def _cutter(design: Design) -> Any:
 def rules(d: Design) -> Iterator[Rule]:
     """A seat that leaves something of the frame to lift; notches that do not meet."""
     mold = d.mold
-    yield Quantity("seat_mm", mold.seat_mm).below("frame height", d.frame_height_mm)
-    yield Quantity("fit_mm + pry_mm", mold.fit_mm + mold.pry_mm).below(
-        "web_mm / 2", mold.web_mm / 2
-    )
+    yield below("seat_mm", mold.seat_mm, "frame height", d.frame_height_mm)
+    yield below("fit_mm + pry_mm", mold.fit_mm + mold.pry_mm, "web_mm / 2", mold.web_mm / 2)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -110,10 +107,9 @@ def callouts(d: Design) -> Callouts:
         y_of(cy - sy - mold.pry_mm, cy + sy + mold.pry_mm, fitted=False),
         z_of(floor, floor + skin.protrusion_mm),
     )
-    touched = Leader(
-        "left", (cx, cy + h / 2, floor), 0, "floor, the touched face",
-        flatness_mm=mold.floor_flatness_mm, roughness_um=mold.floor_roughness_um,
-    )  # fmt: skip
+    flat, rough = shown(mold.floor_flatness_mm), shown(mold.floor_roughness_um)
+    words = f"floor, the touched face, flat within {flat}, Ra {rough}"
+    touched = Leader("left", (cx, cy + h / 2, floor), 0, words)
     notes = (
         f"{mold.columns} × {mold.rows} cavities alike. Floors smooth: they form the touched face. "
         + RELEASE_AGENT,
@@ -121,7 +117,7 @@ def callouts(d: Design) -> Callouts:
     )
     rounds = {2 * skin.edge_fillet_mm: "all around the floors"}
     axes = sorted({(0, x) for x, _ in centres} | {(1, y) for _, y in centres})
-    return Callouts(lengths, rounds, (), notes, (touched,), tuple(axes), Cut(cx))
+    return Callouts(lengths, rounds, (), notes, (touched,), tuple(axes), cx)
 
 
 PARTS = (

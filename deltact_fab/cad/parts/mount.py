@@ -26,9 +26,8 @@ from collections.abc import Iterator
 from ...aliases import Point
 from ..dimensions import Design
 from ..drafting.dimensioning import Told, y_of, z_of
-from ..kernel import Workplane, cuboid, require
-from ..rule import Length, PlayFit, Quantity, Rule
-from ..solid_gate import Box
+from ..kernel import Box, Workplane, cuboid, require
+from ..rule import Length, PlayFit, Rule, at_most
 
 FLANGE = tuple(f"mount.flange_{key}_mm" for key in ("pitch", "height", "width", "hole"))
 
@@ -105,18 +104,15 @@ def boss_room(design: Design) -> Workplane:
 def rules(d: Design) -> Iterator[Rule]:
     """The mount on the shell, its holes, and the room of heads and washers."""
     mount = d.mount
-    yield Quantity("mount.height_mm", mount.height_mm).at_most(
-        "depth of the shell", d.z_joint_mm - d.z_floor_mm
-    )
-    yield Quantity("mount.width_mm", mount.width_mm).at_most("outer x", d.frame_outer_mm[0])
+    yield at_most("mount.height_mm", mount.height_mm, "depth of the shell", d.shell_depth_mm)
+    yield at_most("mount.width_mm", mount.width_mm, "outer x", d.frame_outer_mm[0])
     if mount.kind == "block":
         # A head or a washer beside the shell, two of them side by side, and on the bar.
-        washer = Quantity(f"mount: washer {mount.screw}", mount.washer_mm)
-        yield Quantity(
-            f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + mount.washer_mm
-        ).at_most("mount.length_mm", mount.length_mm)
-        yield washer.at_most("mount.hole_pitch_mm", mount.hole_pitch_mm)
-        yield washer.at_most("mount.width_mm", mount.width_mm)
+        washer = f"mount: washer {mount.screw}", mount.thread.washer_mm
+        two, two_mm = f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + washer[1]
+        yield at_most(two, two_mm, "mount.length_mm", mount.length_mm)
+        yield at_most(*washer, "mount.hole_pitch_mm", mount.hole_pitch_mm)
+        yield at_most(*washer, "mount.width_mm", mount.width_mm)
     if mount.kind == "franka":
         yield from _flange_rules(d)
 
@@ -124,7 +120,6 @@ def rules(d: Design) -> Iterator[Rule]:
 def _flange_rules(d: Design) -> Iterator[Rule]:
     """Counterbores on the flange, the arm between them, and screws that go in head last."""
     mount = d.mount
-    screw_mm = float(mount.screw.removeprefix("M"))
     under_mm = mount.flange_mm - mount.counterbore_depth_mm
     # A cantilever from the flange, pressed in the middle of the face: 6 F l / (w h^2).
     lever_mm = d.frame_outer_mm[1] / 2 + mount.length_mm - mount.flange_mm
@@ -149,12 +144,12 @@ def _flange_rules(d: Design) -> Iterator[Rule]:
         ("stress in arm_mm under plate.force_n, MPa", stress_mpa,
          "stress_limit_mpa", mount.stress_limit_mpa),
         # A screw that grips by 1.5 d goes in head last: the gap takes all of it.
-        (f"flange under the head + 2.5 x {mount.screw}", under_mm + 2.5 * screw_mm,
+        (f"flange under the head + 2.5 x {mount.screw}", under_mm + 2.5 * mount.thread.thread_mm,
          "gap between shell and flange", mount.length_mm - mount.flange_mm),
         ("front of the arm", d.flange_arm_z_mm[1], "joint", d.z_joint_mm),
     ):  # fmt: skip
         rests_on = (*FLANGE, "mount.stress_limit_mpa")
-        yield Quantity(f"mount: {name}", value).at_most(what, room, rests_on)
+        yield at_most(f"mount: {name}", value, what, room, rests_on)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -163,7 +158,7 @@ def fits(d: Design) -> Iterator[PlayFit]:
     if mount.kind != "franka":
         return
     pitch = Length(0.0, printer.height_mm, ("mount.flange_pitch_mm",))
-    screw = Length(float(mount.screw.removeprefix("M")))
+    screw = Length(mount.thread.thread_mm)
     hole = printer.tall(mount.hole_mm)
     name = f"{mount.screw} through the flange"
     yield PlayFit(name, "shell, finger", (hole,), (screw, pitch))

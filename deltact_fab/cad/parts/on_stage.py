@@ -32,11 +32,10 @@ from collections.abc import Iterator
 from ...shapes import Indenter
 from ..bench_sections import BOLT, SCREW
 from ..dimensions import Design
-from ..drafting.dimensioning import Callouts, Cut, shown
-from ..kernel import Shape, cylinders, require
+from ..drafting.dimensioning import Callouts, shown
+from ..kernel import Box, Shape, around, cylinders, require
 from ..part import BLACK, BOUGHT, PRINT, RESIN, STEEL, Part, PrintPose, Shift
-from ..rule import Length, PlayFit, Quantity, Rule
-from ..solid_gate import Box, around
+from ..rule import Length, PlayFit, Rule, at_most, below
 
 
 def holder_box(design: Design) -> Box:
@@ -69,21 +68,16 @@ def holder_build(design: Design) -> Shape:
 def holder_rules(d: Design) -> Iterator[Rule]:
     """Stem, screws and their heads have room."""
     tool = d.tool
-    stem = Quantity("indenter's stem", Indenter.stem_length_mm)
-    yield stem.below("tool.depth_mm", tool.depth_mm)
-    yield Quantity("tool.body_mm + head M3", tool.body_mm + SCREW.head_mm).at_most(
-        "tool.bolt_circle_mm", tool.bolt_circle_mm
-    )
-    yield Quantity(
-        "tool.bolt_circle_mm + hole + 3", tool.bolt_circle_mm + tool.screw_hole_mm + 3.0
-    ).at_most("tool.flange_diameter_mm", tool.flange_diameter_mm)
-    yield Quantity("bore + 2 x 3 for the set screw's thread", 2 * tool.bore_mm + 6.0).at_most(
-        "tool.body_mm", tool.body_mm
-    )
-    above = tool.clamp_z_mm + tool.clamp_mm / 2 + 1.5
-    yield Quantity("tool.clamp_z_mm + hole / 2 + 1.5", above).at_most(
-        "underside of the flange", tool.height_mm - tool.flange_mm
-    )
+    yield below("indenter's stem", Indenter.stem_length_mm, "tool.depth_mm", tool.depth_mm)
+    body, circle = tool.body_mm, tool.bolt_circle_mm
+    heads, holes = body + SCREW.head_mm, circle + tool.screw_hole_mm + 3.0
+    yield at_most("tool.body_mm + head M3", heads, "tool.bolt_circle_mm", circle)
+    flange = "tool.flange_diameter_mm", tool.flange_diameter_mm
+    yield at_most("tool.bolt_circle_mm + hole + 3", holes, *flange)
+    bore = "bore + 2 x 3 for the set screw's thread", 2 * tool.bore_mm + 6.0
+    yield at_most(*bore, "tool.body_mm", body)
+    above, under = tool.clamp_z_mm + tool.clamp_mm / 2 + 1.5, tool.height_mm - tool.flange_mm
+    yield at_most("tool.clamp_z_mm + hole / 2 + 1.5", above, "underside of the flange", under)
 
 
 def holder_fits(d: Design) -> Iterator[PlayFit]:
@@ -118,7 +112,7 @@ def holder_callouts(d: Design) -> Callouts:
         "The indenter's flat, which faces its tip's +x, lies on the bore's flat.",
         f"Flats out of parallel by 0.1 turn the tip by {turn_deg:.1f}°.",
     )
-    return Callouts(rounds=rounds, fitted=(2 * tool.bore_mm,), notes=notes, cut=Cut(0.0))
+    return Callouts(rounds=rounds, fitted=(2 * tool.bore_mm,), notes=notes, cut_x_mm=0.0)
 
 
 SIZE = ("adapter.sensor_mm", "adapter.sensor_height_mm")
@@ -149,12 +143,10 @@ def adapter_build(design: Design) -> Shape:
 def adapter_rules(d: Design) -> Iterator[Rule]:
     """Room for the heads, on the sensor."""
     plate = d.adapter
-    yield Quantity("bolt_bore_depth_mm + 2", plate.bolt_bore_depth_mm + 2.0).at_most(
-        "adapter.thickness_mm", plate.thickness_mm
-    )
-    yield Quantity(
-        "adapter.bolt_circle_mm + hole", plate.bolt_circle_mm + plate.bolt_hole_mm
-    ).at_most("adapter.sensor_mm", plate.sensor_mm, KEYS)
+    deep, thick = plate.bolt_bore_depth_mm + 2.0, plate.thickness_mm
+    yield at_most("bolt_bore_depth_mm + 2", deep, "adapter.thickness_mm", thick)
+    holes = "adapter.bolt_circle_mm + hole", plate.bolt_circle_mm + plate.bolt_hole_mm
+    yield at_most(*holes, "adapter.sensor_mm", plate.sensor_mm, KEYS)
 
 
 def adapter_fits(d: Design) -> Iterator[PlayFit]:
@@ -177,7 +169,7 @@ def adapter_callouts(d: Design) -> Callouts:
         plate.bolt_bore_mm: "for the heads, from the back",
     }
     notes = ("Measure the force sensor's own screws first: its pattern is assumed.",)
-    return Callouts(rounds=rounds, notes=notes, cut=Cut(plate.bolt_centres_mm[0][0]), rests_on=KEYS)
+    return Callouts(rounds=rounds, notes=notes, cut_x_mm=plate.bolt_centres_mm[0][0], rests_on=KEYS)
 
 
 def adapter_places(design: Design) -> list[Shift]:

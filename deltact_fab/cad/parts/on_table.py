@@ -30,12 +30,11 @@ from collections.abc import Iterator
 
 from ...aliases import Point2
 from ..dimensions import Design
-from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, shown, x_of
-from ..kernel import Shape, Workplane, cuboid, cylinders, require
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, shown, x_of
+from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
 from ..part import BLACK, MACHINED, PRINT, RESIN, STEEL, Part, PrintPose
-from ..rule import Length, PlayFit, Quantity, Rule
-from ..solid_gate import Box, around
-from ..standards import PITCH_MM
+from ..rule import Length, PlayFit, Rule, at_most
+from ..standards import THREADS
 from . import shell
 from .mount import boss_room
 
@@ -72,15 +71,12 @@ def testing_rules(d: Design) -> Iterator[Rule]:
     """Tabs around their holes, and higher than the cover."""
     table = d.table
     around = table.hole_mm + 2 * table.edge_mm
-    yield Quantity("table: hole + 2 edge_mm", around).at_most("tab_mm", table.tab_mm)
-    yield Quantity("table: pitch + hole + 2 edge_mm", table.hole_pitch_mm + around).at_most(
-        "width_mm", table.width_mm
-    )
-    yield Quantity("table: width_mm", table.width_mm).at_most("outer y", d.frame_outer_mm[1])
-    yield Quantity("cover + 2", d.cover.floor_mm + 2.0).at_most("table.height_mm", table.height_mm)
-    yield Quantity("table.height_mm", table.height_mm).at_most(
-        "cover and shell", d.z_joint_mm - d.z_back_mm
-    )
+    yield at_most("table: hole + 2 edge_mm", around, "tab_mm", table.tab_mm)
+    along = table.hole_pitch_mm + around
+    yield at_most("table: pitch + hole + 2 edge_mm", along, "width_mm", table.width_mm)
+    yield at_most("table: width_mm", table.width_mm, "outer y", d.frame_outer_mm[1])
+    yield at_most("cover + 2", d.cover.floor_mm + 2.0, "table.height_mm", table.height_mm)
+    yield at_most("table.height_mm", table.height_mm, "cover and shell", d.z_joint_mm - d.z_back_mm)
 
 
 def testing_fits(d: Design) -> Iterator[PlayFit]:
@@ -102,7 +98,7 @@ def testing_callouts(d: Design) -> Callouts:
     lengths = (*shell.body_lengths(d), x_of(-ox, ox, fitted=False))
     return Callouts(
         lengths, fitted=(d.screw.row.clearance_mm,), notes=notes,
-        cut=Cut(0.0),
+        cut_x_mm=0.0,
     )  # fmt: skip
 
 
@@ -162,9 +158,9 @@ DRILL_MM = 0.1
 
 def plate_rules(d: Design) -> Iterator[Rule]:
     """Thread enough for the tabs' screws: one diameter of it in aluminium."""
-    screw_mm = float(d.table.screw.removeprefix("M"))
+    screw_mm = THREADS[d.table.screw].thread_mm
     thick = d.stage_plate.thickness_mm
-    yield Quantity(f"thread {d.table.screw}", screw_mm).at_most("stage_plate.thickness_mm", thick)
+    yield at_most(f"thread {d.table.screw}", screw_mm, "stage_plate.thickness_mm", thick)
 
 
 def plate_fits(d: Design) -> Iterator[PlayFit]:
@@ -175,7 +171,7 @@ def plate_fits(d: Design) -> Iterator[PlayFit]:
     core = Length(plate.thread_hole_mm + off, off)
     yield PlayFit("M6 through its slot", part, (slot,), (Length(6.0),))
     # ISO 724: the thread is 0.61 of its pitch deep; a tap for 60 to 85 % of that is stocked.
-    major, depth = float(screw.removeprefix("M")), 1.0825 * PITCH_MM[screw]
+    major, depth = THREADS[screw].thread_mm, 1.0825 * THREADS[screw].pitch_mm
     yield PlayFit(f"{screw} holds in its thread", part, (Length(major - 0.5 * depth),), (core,))
     yield PlayFit(f"{screw} can be tapped", part, (core,), (Length(major - depth),))
 

@@ -17,10 +17,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from ..kernel import Shape, cuboid, cylinders, require
+from ..kernel import Box, Shape, around, cuboid, cylinders, require
 from ..part import BOUGHT, STEEL, Part, Shift
-from ..rule import Quantity, Rule
-from ..solid_gate import Box, around
+from ..rule import Rule, at_most
 
 
 def box(design: Design) -> Box:
@@ -68,9 +67,8 @@ def camera_places(d: Design) -> list[Shift]:
 
 def rules(d: Design) -> Iterator[Rule]:
     """The heads behind nothing."""
-    yield Quantity("back of the sensor", d.z_back_mm).at_most(
-        "back of the screw heads (screw.length_mm)", d.z_head_mm - d.screw.row.head_height_mm
-    )
+    heads, z_mm = "back of the screw heads (screw.length_mm)", box(d)[0][2]
+    yield at_most("back of the sensor", d.z_back_mm, heads, z_mm)
 
 
 def stock_note(d: Design) -> str:

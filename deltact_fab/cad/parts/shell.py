@@ -27,17 +27,25 @@ from ..dimensions import Design
 from ..drafting.dimensioning import (
     SQUARE_EDGES,
     Callouts,
-    Cut,
     Told,
     shown,
     x_of,
     y_of,
     z_of,
 )
-from ..kernel import Shape, Workplane, cuboid, cylinders, prism, without_corners
+from ..kernel import (
+    Box,
+    Shape,
+    Workplane,
+    around,
+    cuboid,
+    cylinders,
+    enclosing,
+    prism,
+    without_corners,
+)
 from ..part import BLACK, PRINT, RESIN, Part, PrintPose
-from ..rule import Length, PlayFit, Quantity, Rule
-from ..solid_gate import Box, around, enclosing
+from ..rule import Length, PlayFit, Rule, at_most, below
 from . import mount
 from .light_holder import WIRE_OUTER
 from .mount import boss_room
@@ -82,26 +90,21 @@ def rules(d: Design) -> Iterator[Rule]:
     """Posts, cable notch and ledge, and the mount's own."""
     shell, posts = d.shell, d.z_joint_mm - d.z_boss_mm
     # The board stands between the cable's notch and the room of the light holder.
-    room_z = d.holder.clearance_mm
-    yield Quantity("cable_height_mm", shell.cable_height_mm).at_most("holder.clearance_mm", room_z)
-    yield Quantity("ledge_drop_mm", shell.ledge_drop_mm).below(
-        "ledge_height_mm", shell.ledge_height_mm
-    )
-    yield Quantity(
-        "cable_width_mm + 2 (cover.fit_mm + wall_mm)",
-        shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm),
-    ).at_most("room between the posts", 2 * d.post_edge_mm[0])
-    yield Quantity(
-        "cable_height_mm + ledge_height_mm + wall_mm",
-        shell.cable_height_mm + shell.ledge_height_mm + shell.wall_mm,
-    ).at_most("depth of the shell", d.shell_depth_mm)
+    room = "holder.clearance_mm", d.holder.clearance_mm
+    yield at_most("cable_height_mm", shell.cable_height_mm, *room)
+    yield below("ledge_drop_mm", shell.ledge_drop_mm, "ledge_height_mm", shell.ledge_height_mm)
+    wide = shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm)
+    words = "cable_width_mm + 2 (cover.fit_mm + wall_mm)"
+    yield at_most(words, wide, "room between the posts", 2 * d.post_edge_mm[0])
+    high = shell.cable_height_mm + shell.ledge_height_mm + shell.wall_mm
+    words = "cable_height_mm + ledge_height_mm + wall_mm"
+    yield at_most(words, high, "depth of the shell", d.shell_depth_mm)
     # The ledge ends on the posts, in both directions.
-    yield Quantity("ledge_height_mm", shell.ledge_height_mm).at_most("height of the posts", posts)
-    yield Quantity("ledge_mm and what the wall leaves before it", max(d.ledge_reach_mm)).at_most(
-        "posts beyond the wall", d.post_mm - shell.wall_mm
-    )
-    yield Quantity("floor", d.z_floor_mm).below("back of the posts", d.z_boss_mm)
-    yield Quantity("2", 2.0).below("height of the posts", posts)
+    yield at_most("ledge_height_mm", shell.ledge_height_mm, "height of the posts", posts)
+    words, beyond = "ledge_mm and what the wall leaves before it", d.post_mm - shell.wall_mm
+    yield at_most(words, max(d.ledge_reach_mm), "posts beyond the wall", beyond)
+    yield below("floor", d.z_floor_mm, "back of the posts", d.z_boss_mm)
+    yield below("2", 2.0, "height of the posts", posts)
     yield from mount.rules(d)
 
 
@@ -159,7 +162,7 @@ def callouts(d: Design) -> Callouts:
     )
     lengths = (*body_lengths(d), *mount.lengths(d))
     return Callouts(
-        lengths, fitted=(d.screw.row.clearance_mm,), notes=notes, cut=Cut(0.0),
+        lengths, fitted=(d.screw.row.clearance_mm,), notes=notes, cut_x_mm=0.0,
         rests_on=mount.FLANGE,
     )  # fmt: skip
 

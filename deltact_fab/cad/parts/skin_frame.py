@@ -35,11 +35,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from ..dimensions import Design
-from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Cut, x_of, y_of, z_of
-from ..kernel import Shape, cuboid, cylinders, prism, require, without_corners
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
+from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
 from ..part import BLACK, CLEAR, PRINT, RESIN, Part, PrintPose, nothing
-from ..rule import Length, PlayFit, Quantity, Rule
-from ..solid_gate import Box, around
+from ..rule import Length, PlayFit, Rule, at_most, below
 from ..standards import screw_tolerance_mm
 
 
@@ -70,15 +69,14 @@ def rules(d: Design) -> Iterator[Rule]:
     """The frame around the skin, and its pilots."""
     edge, seat = d.post_edge_mm, d.seat_half_mm
     for i, axis in enumerate("xy"):
-        yield Quantity("0", 0.0).below(f"room between the posts in {axis}", 2 * edge[i])
-        yield Quantity(f"half the acrylic's pocket in {axis}", seat[i]).below(
-            f"half the frame in {axis}", d.frame_outer_mm[i] / 2
-        )
-    depth = Quantity("screw.engagement_mm + screw.tip_clearance_mm", d.screw.pilot_depth_mm)
-    least = Quantity("resin_printer.least_hole_mm", d.resin_printer.least_hole_mm)
-    yield least.at_most(f"pilot of screw.thread {d.screw.thread}", d.screw.row.pilot_mm)
+        yield below("0", 0.0, f"room between the posts in {axis}", 2 * edge[i])
+        frame = f"half the frame in {axis}", d.frame_outer_mm[i] / 2
+        yield below(f"half the acrylic's pocket in {axis}", seat[i], *frame)
+    hole, pilot = "resin_printer.least_hole_mm", f"pilot of screw.thread {d.screw.thread}"
+    yield at_most(hole, d.resin_printer.least_hole_mm, pilot, d.screw.row.pilot_mm)
     # Above a pilot is the face that seals in the mold: no skin is cast on one that is too thin.
-    yield depth.at_most("frame height - shell.wall_mm", d.frame_height_mm - d.shell.wall_mm)
+    depth = "screw.engagement_mm + screw.tip_clearance_mm", d.screw.pilot_depth_mm
+    yield at_most(*depth, "frame height - shell.wall_mm", d.frame_height_mm - d.shell.wall_mm)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -119,7 +117,7 @@ def callouts(d: Design) -> Callouts:
         f"Window (all around) bonds to the silicone: keep it clean. {SQUARE_EDGES}",
     )
     return Callouts(
-        tuple(lengths), fitted=(d.screw.row.pilot_mm,), notes=notes, cut=Cut(0.0), flipped=True
+        tuple(lengths), fitted=(d.screw.row.pilot_mm,), notes=notes, cut_x_mm=0.0, flipped=True
     )
 
 
@@ -181,8 +179,8 @@ def skin_rules(d: Design) -> Iterator[Rule]:
     for view_mm, px, side in zip(
         d.optics.view_mm, ("width", "height"), ("width", "length"), strict=True
     ):
-        view = Quantity(f"view (optics.image_{px}_px x mm_per_px)", view_mm)
-        yield view.at_most(f"skin.{side}_mm", getattr(d.skin, f"{side}_mm"))
+        view = f"view (optics.image_{px}_px x mm_per_px)"
+        yield at_most(view, view_mm, f"skin.{side}_mm", getattr(d.skin, f"{side}_mm"))
 
 
 def skin_note(d: Design) -> str:

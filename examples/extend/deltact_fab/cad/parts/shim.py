@@ -6,10 +6,9 @@ from collections.abc import Iterable
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts
-from ..kernel import Shape, require
+from ..kernel import Box, Shape, require
 from ..part import PRINT, RESIN, Part
-from ..rule import Quantity, Rule
-from ..solid_gate import Box
+from ..rule import Rule, at_most
 
 
 def size(d: Design) -> tuple[float, float, float]:
@@ -29,7 +28,7 @@ def build(d: Design) -> Shape:
 
 def rules(d: Design) -> Iterable[Rule]:
     """Thick enough to print."""
-    yield Quantity("1", 1.0).at_most("shell.wall_mm", d.shell.wall_mm)
+    yield at_most("1", 1.0, "shell.wall_mm", d.shell.wall_mm)
 
 
 def callouts(d: Design) -> Callouts:

@@ -11,7 +11,7 @@ import io
 import math
 from typing import Any
 
-from ....errors import RunFailed
+from ...errors import RunFailed
 
 LAYER = "CUT"
 _MILLIMETRES = 4

@@ -10,9 +10,9 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
-from ....aliases import Point
-from ....errors import RunFailed
-from ....version import VERSION
+from ...aliases import Point
+from ...errors import RunFailed
+from ...version import VERSION
 
 
 def part_bytes(solid: Any, name: str) -> bytes:
