@@ -50,8 +50,8 @@ class Sources:
 
     def _origin(self, module: str, name: str) -> tuple[str, str]:
         """The module that defines a name, and the name there."""
-        while name in self.imports.get(module, {}):
-            module, name = self.imports[module][name]
+        while (at := self.imports.get(module, {}).get(name, (module, name))) != (module, name):
+            module, name = at
         return module, name
 
     def foreign_private(self) -> Iterator[str]:

@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 73005,
-    ("deltact_fab", "files"): 572,
-    ("tests", "lines"): 35729,
+    ("deltact_fab", "lines"): 66938,
+    ("deltact_fab", "files"): 378,
+    ("tests", "lines"): 35453,
 }
 
 

@@ -37,7 +37,7 @@ def frame_id_of(step: Step, k: int) -> str:
 
 
 def image_file(frame_id: str, suffix: str = "png") -> str:
-    """Path of a frame's image inside the run folder; suffix: one of `images.FORMATS`."""
+    """Path of a frame's image inside the run folder; suffix: png or jxl."""
     return f"images/{frame_id.replace('/', '_').replace('#', '_')}.{suffix}"
 
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from .. import extras
 from ..errors import RunFailed
 
-FORMATS = ("png", "jxl")
 RATE_HELD_HZ = {"png": 30.0, "jxl": 80.0}
 """Images of 1280 x 720 a second that a run holds on two cores: as fast as they go, 35 and 88 were
 seen, and none of 240 was dropped at 30 and at 60 (`python -m benchmarks.recording`)."""
