@@ -18,6 +18,7 @@ from benchmarks.star import Star
 from deltact_fab.errors import RunFailed
 from deltact_fab.imaging import ImageSensor
 from deltact_fab.measure.flow import FLOW_METHODS
+from deltact_fab.numerics.engine import plain
 from deltact_fab.numerics.engines.flow import found, tracked
 from deltact_fab.numerics.engines.flow_frames import (
     CAMERA,
@@ -30,7 +31,6 @@ from deltact_fab.numerics.engines.flow_frames import (
     in_plane,
     pressed,
 )
-from deltact_fab.numerics.harness import plain
 
 from . import peer
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
+import sys
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,3 +84,67 @@ class Engine:
     about: str
     cases: Callable[[bool], Sequence[Case]]
     curves: Callable[[bool], Sequence[CurveSetting]]
+
+
+def judge(case: Case, scratch: Path) -> dict[str, Any]:
+    """One row of the table: what was expected, the figure, the outcome, and what was said.
+
+    Outcome: right, refused or wrong. Seconds: wall clock.
+    """
+    start_s = time.perf_counter()
+    figure: float | None = None
+    note = ""
+    try:
+        found = case.check(scratch)
+        figure, note = found if isinstance(found, tuple) else (found, "")
+        figure = float(figure)
+    except DeltactFabError as why:
+        note = " ".join(str(why).split())
+        came = "refused"
+    except Exception as why:  # a crash is a verdict of its own
+        note = f"{type(why).__name__}: {' '.join(str(why).split())}"[:300]
+        came = "crashed"
+    else:
+        within = case.bound is not None and math.isfinite(figure) and abs(figure) <= case.bound
+        came = "right" if within else "off"
+    if came == "refused" and case.says not in note:
+        came, note = "off", f"refused for another reason: {note}"
+    outcome = came if came in case.expectation.split(" or ") else "wrong"
+    return as_row(case, outcome, plain(figure), note, time.perf_counter() - start_s)
+
+
+def as_row(
+    case: Case, outcome: str, figure: float | None, note: str, seconds: float = 0.0
+) -> dict[str, Any]:
+    return {
+        "case": case.name, "expectation": case.expectation, "bound": case.bound, "figure": figure,
+        "unit": case.unit, "outcome": outcome, "note": note, "seconds": seconds,
+    }  # fmt: skip
+
+
+def plain(figure: float | None) -> float | None:
+    """JSON knows no NaN: a figure that is none is null."""
+    return None if figure is None or not math.isfinite(figure) else float(figure)
+
+
+def reset_peak_mb() -> float:
+    """Start the record of the peak anew where the system can, and return the memory held now."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+        return _status_mb("VmRSS:")
+    return peak_resident_mb()
+
+
+def peak_resident_mb() -> float:
+    """Largest resident memory since `reset_peak_mb`; since the start where that cannot be reset."""
+    with contextlib.suppress(OSError):
+        return _status_mb("VmHWM:")
+    import resource
+
+    unit = 1024 * 1024 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+
+def _status_mb(key: str) -> float:
+    words = Path("/proc/self/status").read_text().split()
+    return int(words[words.index(key) + 1]) / 1024

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from deltact_fab.numerics.engine import Case
+from deltact_fab.numerics.engine import Case, judge
 from deltact_fab.numerics.engines.gel import cases
-from deltact_fab.numerics.harness import judge
 
 QUICK = {case.name for case in cases(True)}
 

@@ -11,7 +11,8 @@ from deltact_fab.elasticity.block import FreeBlock
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear.contact import LinearContact
-from deltact_fab.numerics.harness import REGISTRY, judge, load
+from deltact_fab.numerics.engine import judge
+from deltact_fab.numerics.harness import REGISTRY, load
 from deltact_fab.patterns.laws import algorithm1 as patches
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse

@@ -77,7 +77,7 @@ def test_a_file_keeps_what_stands_beside_the_camera(tmp_path: Path) -> None:
         ('[camera]\nmodel = "fisheye"\nf_px = "long"', "camera: f_px: .*'long'"),
         (
             '[camera]\nmodel = "fisheye"\nn_gel = 0.5',
-            "camera: n_gel: .*; 1 <= n_gel <= 3",
+            "camera: n_gel: 0.5; expected 1 <= n_gel <= 3",
         ),
         ("[camera", "not valid TOML"),
     ],
