@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
     ("deltact_fab", "lines"): 66949,
     ("deltact_fab", "files"): 378,
-    ("tests", "lines"): 35453,
+    ("tests", "lines"): 35463,
 }
 
 

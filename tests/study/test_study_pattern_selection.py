@@ -191,3 +191,13 @@ def test_a_pattern_without_an_error_under_one_indenter_has_no_mean() -> None:
     del errors._joined["d0p1-r0p5", "i1", SUMMED]
     assert errors.mean("d0p1-r0p5", SUMMED, "at_dots") is None
     assert errors.best(SUMMED, "at_dots", errors.printed) != best
+
+
+def test_frames_along_the_path_are_those_at_a_depth_by_their_drag() -> None:
+    path = np.array([[2.5, 0.0], [5.0, 0.0], [5.0, 0.5], [5.0, 1.0], [5.0, 2.0]])
+    rows = {SUMMED: np.full((5, 3), 0.1)}
+    cell = PressErrors("x", "i/p1", "i", {}, rows, path, None, ())
+    found = PatternErrors((), [cell]).along("x", SUMMED)
+    assert [(row["depth_mm"], row["drag_to_mm"], row["frames"]) for row in found] == [
+        (5.0, 0.0, 1), (5.0, 1.0, 2), (5.0, 2.0, 1)
+    ]  # fmt: skip
