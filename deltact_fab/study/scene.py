@@ -90,7 +90,6 @@ class PressScene:
         From there a job of the press has it, that of a mirror image too. One that cannot be solved
         is kept with the reason, which its press raises at once.
         """
-        asked.say("the gel of each press is solved first, where it is not kept yet")
         protocols, gel = self.protocols.values(), self.rig.virtual.gel
         solve_ahead(protocols, self.sensor.skin, gel, asked.executor, asked.progress)
 
