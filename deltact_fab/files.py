@@ -50,8 +50,9 @@ def write_together(
     gone: Collection[Path] = (),
     error: type[DeltactFabError] = InputError,
 ) -> None:
-    """Write all files, in their order, or none: no half file is ever seen.
+    """Write all files, in their order: no half file is ever seen.
 
+    None takes its name before all are on the disk; a rename that fails then leaves those before it.
     gone: files that go when all are there. Raises `error` in one line when one cannot be written.
     """
     parts = {path: _beside(path) for path in wanted}

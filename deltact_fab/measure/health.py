@@ -20,7 +20,7 @@ from ..aliases import Array
 from ..errors import InputError, SensorError
 from ..optics import CameraModel
 from .dots import FoundDots, find_dots
-from .face import FaceFlow, rigid
+from .face import EVERY_PX, FaceFlow, rigid
 from .flow import FlowTracker, to_gray
 from .flow.confidence import FINE_PX, TEXTURED_SHARE
 
@@ -32,7 +32,6 @@ MIN_MATCHED = 0.9
 MIN_BRIGHTNESS, MAX_BRIGHTNESS = 0.4, 1.6
 MIN_CONTRAST = 0.4
 _BLOCK_PX = 32
-_EVERY_PX = 8
 _RIM = 4  # nodes at the image's edge that are never confident: their windows are cut
 
 
@@ -88,7 +87,7 @@ def health(reference: Array, now: Array, camera: CameraModel) -> Health:
         raise InputError(f"health: the calibration's image: {why}") from why
     seen = tracker.update(now)
     brightness, contrast = _light(to_gray(reference), to_gray(now))
-    flow = FaceFlow.of(seen, camera, every=_EVERY_PX)
+    flow = FaceFlow.of(seen, camera, every=EVERY_PX)
     inner = (slice(_RIM, -_RIM), slice(_RIM, -_RIM))
     matched = float(np.sum(seen.confident[inner]) / np.sum(first.confident[inner]))
     if not seen.diagnostics.trusted or not flow.known.any():
