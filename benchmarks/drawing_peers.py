@@ -1,7 +1,7 @@
 """Holes that draftwright locates on our STEP files, and whether our drawings place each of them.
 
-`python -m benchmarks.drawing_peers [DESIGN]`, after `make peers`. draftwright is AGPL: it reads the
-files in a process and an environment of its own.
+`python -m benchmarks.drawing_peers [DESIGN]`. draftwright is AGPL: it reads the files in a process
+and an environment of its own, which benchmarks/peers/README.md sets up.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def main(design: str = "deltact") -> int:
         data = np.frombuffer(step.part_bytes(solid, part.name), np.uint8)
         answer = peer.ask("draftwright", "draftwright_holes.py", {"step": data})
         if answer is None:
-            print("not run: `make peers` first")
+            print("not run: DELTACT_PEERS names no interpreter with draftwright")
             return 0
         plan = scheme(features_of(solid), part.callouts(part.source(dims)))
         ours = [r for group in plan.rounds for r in group.alike if r.hole]
