@@ -13,7 +13,7 @@ PYTEST := $(V)/python -m pytest -n $(JOBS) --maxprocesses 8 --dist worksteal
 	@test -x $(V)/python || $(PYTHON) -m venv .venv 2>/dev/null || $(PYTHON) -m virtualenv -q .venv \
 	  || virtualenv -q -p $(PYTHON) .venv \
 	  || { echo "make: no venv and no virtualenv for $(PYTHON); install one: apt-get install python3-venv"; exit 1; }
-	@$(V)/python -m pip --version >/dev/null 2>&1 || $(V)/python -m ensurepip -q
+	@$(V)/python -m pip --version >/dev/null 2>&1 || $(V)/python -m ensurepip >/dev/null
 	@$(V)/python -m pip install -q --disable-pip-version-check uv 2>/dev/null \
 	  || echo "make: uv is not to be had here, pip installs instead (slower)"
 	@echo "make: installing deltact-fab and its packages into .venv (3.7 GB)"
@@ -59,7 +59,7 @@ peers: .venv-peers/.ready
 	@test -x .venv-peers/bin/python || $(PYTHON) -m venv .venv-peers 2>/dev/null \
 	  || $(PYTHON) -m virtualenv -q .venv-peers || virtualenv -q -p $(PYTHON) .venv-peers \
 	  || { echo "make: no venv and no virtualenv for $(PYTHON); install one: apt-get install python3-venv"; exit 1; }
-	@.venv-peers/bin/python -m pip --version >/dev/null 2>&1 || .venv-peers/bin/python -m ensurepip -q
+	@.venv-peers/bin/python -m pip --version >/dev/null 2>&1 || .venv-peers/bin/python -m ensurepip >/dev/null
 	.venv-peers/bin/python -m pip install -q --disable-pip-version-check -r $<
 	@touch $@
 
