@@ -88,9 +88,9 @@ def test_a_sheet_refuses_what_the_camera_cannot_use(tmp_path, recipe, says):
 
 @pytest.mark.parametrize("recipe", [WIDE, BOARD])
 def test_a_printed_code_regenerates_whatever_the_camera_sees(run, tmp_path, recipe):
-    code, out, err = run("make", encode(recipe), "--dpi", "300", "-o", "p.png", "--json")
+    code, _, err = run("make", encode(recipe), "--dpi", "300", "-o", "p.png", "--json")
     assert (code, err) == (0, "")
-    assert json.loads(out)["law"] == recipe.law
+    assert json.loads(run("show", encode(recipe), "--json")[1])["law"] == recipe.law
     assert read_recipe(tmp_path / "p.png") == recipe
     with Image.open(tmp_path / "p.png") as image:
         assert np.array_equal(np.asarray(image), raster(recipe, 300))
