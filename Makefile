@@ -32,8 +32,12 @@ STYLE := $(V)/ruff check . && $(V)/ruff format --check . && $(V)/lint-imports
 lint: .venv/.ready
 	@$(STYLE) && $(V)/mypy
 
+KERNEL := $(V)/python -c "import OCP" 2>/dev/null || { echo "make: the CAD kernel cannot be loaded;\
+  apt-get install libgl1 libegl1 libx11-6, or $(V)/deltact-fab doctor"; exit 1; }
+
 # Types are checked beside the tests, and what mypy says comes last: half a minute less to wait.
 test: .venv/.ready
+	@$(KERNEL)
 	@$(STYLE)
 	@types=$$(mktemp); $(V)/mypy >"$$types" 2>&1 & mypy=$$!; \
 	$(PYTEST); tests=$$?; \
@@ -41,6 +45,7 @@ test: .venv/.ready
 
 # A file stays with one worker: what its tests share is made once.
 test-slow: .venv/.ready
+	@$(KERNEL)
 	$(PYTEST) --dist loadfile -m 'slow and not evidence'
 
 # A site that needs no network: open site/index.html. A dead link fails.
