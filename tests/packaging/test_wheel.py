@@ -64,7 +64,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     build = (sys.executable, "-m", "hatchling", "build", "-d", str(dist), "-t")
     call(*build, "sdist", cwd=ROOT)
     unpacked = tmp_path_factory.mktemp("sdist")
-    call("tar", "-xf", str(next(dist.glob("*.tar.gz"))), cwd=unpacked)  # 3.11.2 has no filter="data"
+    call("tar", "-xf", str(next(dist.glob("*.tar.gz"))), cwd=unpacked)
     (source,) = unpacked.iterdir()
     call(*build, "wheel", cwd=source)
     return dist
