@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,6 @@ COMMAND = (
 def page(found: dict[str, Any]) -> str:
     """found: as `Rehearsal.as_dict`. Rows: the faults that let the tip go lower, or lost a row."""
     told = [c for c in found["cells"] if c["deeper_mm"] > 0 or c["wrong"]]
-    told += [c for c in found["cells"] if c not in told and c["fault"] == "kill -9"]
     others = [c for c in found["cells"] if c not in told]
     silent = [c["fault"] for c in others if c["outcome"] == "success"]
     stopped = [c["fault"] for c in others if c["outcome"] != "success"]
@@ -33,6 +33,7 @@ def page(found: dict[str, Any]) -> str:
         [
             "# What each fault does",
             "",
+            f"{time.strftime('%Y-%m-%d')}.",
             f"Made by {COMMAND}; OUT/rehearsal.json has every fault and its line:",
             "the real host, force client, guard, camera, runner and writer on a simulated board in",
             "lockstep; `--thorough` strikes each fault at each moment. Travel counts from when the",

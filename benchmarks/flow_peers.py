@@ -1,6 +1,6 @@
 """The flow's methods beside other people's correlators, pyvale and al-dic, on the same frames.
 
-Every one gets the same two grey images: green, blurred, as the tracker sees them. Its flow is
+Every one gets the same two grey images: luma, blurred, as the tracker sees them. Its flow is
 judged at the nodes of a grid; a correlator that answers elsewhere is asked there.
 """
 

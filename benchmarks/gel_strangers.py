@@ -1,5 +1,5 @@
 """Presses on gels that the product does not believe in, solved by `gel_twin`: truth for what it
-measures. `python -m benchmarks.gel_strangers` solves them again (an hour of one core) into
+measures. `python -m benchmarks.gel_strangers` solves them again (hours of one core) into
 gel_strangers.npz; simulated, by a solver that shares no line with the product's.
 """
 

@@ -18,7 +18,13 @@ from scipy.special import stdtrit
 
 from deltact_fab.aliases import Array
 from deltact_fab.analysis.force import ForceData, fit
-from deltact_fab.analysis.force.gel import EarlyLabels, ToldGel, early_labels, errors_of, search
+from deltact_fab.analysis.force.gel import (
+    FoundGel,
+    UnrelaxedForces,
+    early_labels,
+    errors_of,
+    search,
+)
 from deltact_fab.analysis.force.judge import left_out
 from deltact_fab.cad.design import load_design
 from deltact_fab.measure.face import FaceFlow
@@ -81,7 +87,7 @@ class Seen:
             judge = presses[first : first + len(presses) - LEARN]
             yield [*presses[first + len(judge) :], *presses[:first]][:LEARN], judge
 
-    def told(self, learn: Sequence[Press], labels: str = "late") -> ToldGel | None:
+    def told(self, learn: Sequence[Press], labels: str = "late") -> FoundGel | None:
         """The gel that presses tell; labels: as of `judged`."""
         data = self.data(learn, BELIEVED, labels != "late")
         found = early_labels(data) if labels == "mended" else None
@@ -89,7 +95,7 @@ class Seen:
         return search(BELIEVED, errors_of(flows, found.mended(data) if found else data))
 
 
-EARLY = EarlyLabels(0.05, 3.0)
+EARLY = UnrelaxedForces(0.05, 3.0)
 WAITS_S = (0.0, 30.0)
 
 
@@ -105,7 +111,7 @@ class Judged:
 
 
 def judged(
-    seen: Seen, learn: Sequence[Press], judge: Sequence[Press], gel: ToldGel | None,
+    seen: Seen, learn: Sequence[Press], judge: Sequence[Press], gel: FoundGel | None,
     labels: str = "late",
 ) -> Judged:  # fmt: skip
     """Some presses calibrate with a gel (None: the design's), the others judge.

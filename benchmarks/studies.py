@@ -17,6 +17,7 @@ from typing import Any
 
 from deltact_fab.files import write_whole
 from deltact_fab.report.study_page import read_result
+from deltact_fab.study.registry import STUDIES
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "docs" / "evidence" / "studies"
@@ -86,11 +87,14 @@ def with_block(readme: str, studies: list[dict[str, Any]]) -> str:
 
 
 def _section(study: dict[str, Any]) -> list[str]:
-    scale = "" if study["scale"] is None else f" --scale {study['scale']:g}"
+    takes = STUDIES[study["study"]].takes
+    options = [f" --{name} {study[name]:g}" for name in ("scale", "seed")
+               if name in takes and study[name] is not None]  # fmt: skip
+    options += [" --from RUN"] * ("seed" not in takes)
     lines = [
         f"## {study['title']}",
         "",
-        f"`deltact-fab study run {study['study']}{scale} --seed {study['seed']}`"
+        f"`deltact-fab study run {study['study']}{''.join(options)}`"
         + (" (simulated)" if study["simulated"] else "")
         + f", {study['made'].partition('T')[0]}, code {study.get('code') or 'of before 0.3'}",
         "",

@@ -229,8 +229,8 @@ def _held(entries: Sequence[dict[str, Any]]) -> list[str]:
         "## What a cap on a path's unknowns costs", "",
         "Meshes for the whole way of the pattern selection, pressed in the middle in its "
         "increments, against the cells that the default tolerance asks for (below this press "
-        "alone) in half of them. Flagged `mesh`. Where the gel jumps on the way (sharp tips, the "
-        "ellipsoid beyond 8 mm) the finer solve is itself one of several rests.", "",
+        "alone) in half of them. Flagged `mesh`. Where the gel jumps on the way (sharp tips) the "
+        "finer solve is itself one of several rests.", "",
         *_table(head, body),
     ]  # fmt: skip
 
@@ -238,7 +238,7 @@ def _held(entries: Sequence[dict[str, Any]]) -> list[str]:
 def _peers(entries: Sequence[dict[str, Any]]) -> list[str]:
     out = [
         "## Flow, beside other people's correlators", "",
-        "One pair from a cold start, one thread, the same grey images to all (green, blurred), "
+        "One pair from a cold start, one thread, the same grey images to all (luma, blurred), "
         "drawn by the virtual camera: synthetic. pyvale: subsets of 15 px; al-dic: of 32 px, "
         "global step; nodes 4 px apart on the star, 8 on motions. A preset's time is for every "
         "pixel, best of three; al-dic has compiled before.",

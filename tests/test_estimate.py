@@ -72,7 +72,7 @@ def test_what_is_left_of_a_simulated_run_is_told_within_a_factor_of_two(
         at_mm = step.target_mm
     now_s, end_s = 0.0, sum(wall_s)
     monkeypatch.setattr(runner.time, "monotonic", lambda: now_s)
-    left = runner.Remaining(steps, range(len(steps)), wall_clock=False)
+    left = runner.RemainingTime(steps, range(len(steps)), wall_clock=False)
     looked = 0
     for i, took_s in enumerate(wall_s):
         now_s += took_s

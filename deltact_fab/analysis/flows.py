@@ -16,8 +16,7 @@ from .runs import camera_of, settled
 
 _KIND = "face-flow"
 _KEPT_BYTES = 2 << 30
-EVERY_PX = 4
-"""Pixels between points of a flow that is given on."""
+MAP_EVERY_PX = 4  # of maps that are drawn and handed on; force and depth have face.EVERY_PX
 
 
 def key_of(run: Run, press: str) -> str:
@@ -56,7 +55,7 @@ def follower(run: Run) -> Callable[[Array], FaceFlow]:
 
     cv2.setNumThreads(1)  # the flow depends on their number
     tracker = FlowTracker(full=False)
-    return lambda image: FaceFlow.of(tracker.update(image), run.camera, every=EVERY_PX)
+    return lambda image: FaceFlow.of(tracker.update(image), run.camera, every=MAP_EVERY_PX)
 
 
 def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:

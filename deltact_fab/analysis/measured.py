@@ -19,7 +19,7 @@ from ..measure.force.calibration import ForceCalibration, load_force
 from ..measure.pipeline import Measurement, Result
 from ..measure.sensor_id import Kind, read_calibration, require_same
 from ..record import Run
-from .flows import EVERY_PX
+from .flows import MAP_EVERY_PX
 from .runs import sensor_of, view_of
 
 MAX_FRAMES = 1000
@@ -104,7 +104,7 @@ def measured(
     if frames.empty:
         raise InputError(f"{run.folder}: a run without images")
     view = view_of(run)
-    measurement = Measurement(view, None, calibrations, every=EVERY_PX)
+    measurement = Measurement(view, None, calibrations, every=MAP_EVERY_PX)
     heads = {read_calibration(file)[0].kind: file for file in calibrations}
     last = frames[frames["kind"] == "press"].groupby("step_id", sort=False).tail(1)
     last = last.dropna(subset="z_mm")  # under a weight nobody knows how deep it went

@@ -74,7 +74,7 @@ def _common(scale: float | None) -> dict[str, tuple[Decorator, ...]]:
         ),
         "from": (
             click.option("--from", multiple=True, type=PATH, metavar="RUN",
-                         help="Use this recorded run instead of simulating; repeatable."),
+                         help="A recorded run, in place of a simulated one; repeatable."),
         ),
         "grid": (PROCESSES, ON),
     }  # fmt: skip

@@ -21,7 +21,7 @@ from ..record import RunWriter
 from ..record import open as open_run
 from ..rig.config import RigConfig, VirtualConfig
 from ..rig.interface import OpenBench, Rig, RigSetup
-from ..rig.run.runner import Live, Runner
+from ..rig.run.runner import Runner, RunProgress
 from ..rig.weights import WeightsBench
 from ..shapes import indenter
 from ..version import VERSION
@@ -38,7 +38,7 @@ def run(
     *,
     resume: bool = False,
     note: str | None = None,
-    live: Callable[[Live], None] | None = None,
+    live: Callable[[RunProgress], None] | None = None,
 ) -> dict[str, Any]:
     """Check everything, run every step, return the summary.
 
@@ -108,7 +108,7 @@ def run(
 
 def _carry_out(
     bench: OpenBench, steps: Sequence[Step], writer: RunWriter, progress: Progress | None,
-    live: Callable[[Live], None] | None,
+    live: Callable[[RunProgress], None] | None,
 ) -> tuple[dict[str, int], float]:  # fmt: skip
     """By the stage, or by a hand that lays weights on: frames late or lost, and the rig's seconds.
 

@@ -1,4 +1,4 @@
-"""First light: a finished sensor's own images against its design, before anything presses on it.
+"""Acceptance: a finished sensor's own images against its design, before anything presses on it.
 
 The recipe is drawn as the camera should see it and laid onto the mean of the images at rest, tile
 by tile: where the tiles lie tells place, turn, scale and tilt, what they hold tells blur and light,
@@ -55,7 +55,7 @@ WIDE_MM = 2.0  # what differs alike over more is light
 
 
 @dataclass(frozen=True)
-class Accepted:
+class Acceptance:
     """rows: the worst is the verdict. found: None where the pattern is not the recipe's.
 
     Of found, in mm of the sensor's frame: turned_deg: of the sticker from where the design has it,
@@ -88,7 +88,9 @@ class Accepted:
         }  # fmt: skip
 
 
-def accept(source: Source, recipe: PatternRecipe, design: Design, frames: int = FRAMES) -> Accepted:
+def accept(
+    source: Source, recipe: PatternRecipe, design: Design, frames: int = FRAMES
+) -> Acceptance:
     """Judge a sensor by its images at rest.
 
     frames: so many are looked at, where the source has them. Raises InputError for a recipe without
@@ -110,13 +112,13 @@ def accept(source: Source, recipe: PatternRecipe, design: Design, frames: int = 
             "recipe", "not this recipe's pattern", "the recipe's pattern", False,
             "is it this recipe and sensor, its cover off the face, its light on? Guide E, G",
         )  # fmt: skip
-        return Accepted(source.name, still.count, (row,), None, still.raw)
+        return Acceptance(source.name, still.count, (row,), None, still.raw)
     found = {**compared.found(design), **still.found()}
     rows = tuple(JudgedRow(*row) for row in _rows(found, sticker, design, still.count))
-    return Accepted(source.name, still.count, rows, found, still.raw)
+    return Acceptance(source.name, still.count, rows, found, still.raw)
 
 
-def save(accepted: Accepted, known: KnownSensor, seed: int, out: Path) -> None:
+def save(accepted: Acceptance, known: KnownSensor, seed: int, out: Path) -> None:
     """Keep a sensor that was accepted, and its face at rest beside it.
 
     seed: of a simulated one. Raises InputError for one that was not accepted and for a file that is
@@ -140,7 +142,7 @@ def save(accepted: Accepted, known: KnownSensor, seed: int, out: Path) -> None:
     write_together({image: rest, out: head.toml(tables).encode()})
 
 
-def picture(accepted: Accepted, camera: CameraModel) -> bytes:
+def picture(accepted: Acceptance, camera: CameraModel) -> bytes:
     """The face at rest as it is tracked, with what was found on it; PNG."""
     image = np.ascontiguousarray(Rectifier(camera).view(accepted.raw), np.uint8)
     found = accepted.found or {"torn": (), "places": ()}
@@ -258,7 +260,7 @@ class _Compared:
         self.agreement = float(np.median(self.like.max(axis=0)))
 
     def found(self, design: Design) -> dict[str, Any]:
-        """What the print shows, by the names of `Accepted`."""
+        """What the print shows, by the names of `Acceptance`."""
         camera, tiles, like = self.sticker.camera, self.tiles, self.like
         best = like.argmax(axis=0)
         # Contrast is compared at one blur: a tile without pattern may be like anything very soft.

@@ -104,7 +104,7 @@ def load_printer(path: Path) -> KnownPrinter:
 
 
 @dataclass(frozen=True)
-class Verified:
+class PrintCheck:
     """What `verify` says: rows, the worst of which is the verdict, and the figures behind them.
 
     scaled: by which the sheet was stretched when it was written.
@@ -164,7 +164,7 @@ def verify(
     dpi: float | None = None,
     mirrored: bool = False,
     scaled: tuple[float, float] = (1.0, 1.0),
-) -> Verified:
+) -> PrintCheck:
     """Compare a scan or photograph of a print with its recipe.
 
     dpi: of the scan, instead of the file's. mirrored: what the transfer requires (`slide`). scaled:
@@ -180,9 +180,9 @@ def verify(
             "recipe", _read(scan), "this recipe's pattern, whole, with blank film around it", False,
             "scan the whole sticker at 600 dpi or more; is it this recipe?",
         )  # fmt: skip
-        return Verified(str(path), (row,), None)
+        return PrintCheck(str(path), (row,), None)
     found = _found(recipe, best, dpi, halved)
-    return Verified(str(path), tuple(_rows(found, recipe, best, mirrored, scaled)), found, scaled)
+    return PrintCheck(str(path), tuple(_rows(found, recipe, best, mirrored, scaled)), found, scaled)
 
 
 @dataclass(frozen=True)

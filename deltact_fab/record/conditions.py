@@ -13,7 +13,7 @@ from .run import Run
 # What a run may be continued with although it differs: it changes no number and no byte.
 _MAY_DIFFER = (
     "format", "name", "rig_name", "rig.stage.port", "rig.stage.registration", "rig.camera.model",
-    "rig.camera.source", "rig.touch.gauge_mm", "versions.python", "versions.cadquery",
+    "rig.camera.source", "versions.python", "versions.cadquery",
 )  # fmt: skip
 
 

@@ -91,7 +91,6 @@ class _Specimen(TypedDict, total=False):
 
 
 class _Capture(TypedDict, total=False):
-    mode: str | None
     rate_hz: Positive | None
     settle_s: Waits | None
     hold: dict[str, Positive] | None

@@ -70,8 +70,8 @@ class CameraConfig(Table):
     latency_ms: float = Field(default=0.0, ge=0, le=10_000)
     """From the middle of the exposure to the moment that the image is stamped with."""
     format: Literal["png", "jxl"] = "png"
-    """Of the images in the record, both lossless: "png" holds some 45 images of 1280 x 720 a second
-    on two cores, "jxl" (extra `images`) some 120."""
+    """Of the images in the record, both lossless: "png" holds 30 images of 1280 x 720 a second on
+    two cores, "jxl" (extra `images`) 80."""
     model: Word | None = Field(default=None, examples=["camera.toml"])
     """A camera file, of `deltact-fab calibrate lens`; without one nothing can be tracked."""
 

@@ -49,7 +49,7 @@ KIND = "study"
 KEPT_BYTES = 4_000_000_000
 """Of all studies; what a grid has just used is kept in any case."""
 Value = dict[str, Any]
-"""Plain JSON data with numpy arrays in it."""
+"""What a job found, as the store keeps it."""
 
 # What may end one job and no other; anything else is a mistake in the code of all of them.
 _FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)

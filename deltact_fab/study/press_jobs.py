@@ -22,7 +22,7 @@ from .. import catalog, record
 from ..analysis.force.dataset import points_of
 from ..analysis.runs import view_of
 from ..analysis.shape import calibrate_depth, press_shape
-from ..analysis.tracking_error.follow import Follower, TrackingPlan, analyse_press, scene_of
+from ..analysis.tracking_error.follow import Follower, TrackingPlan, analyse_press, tracking_plan_of
 from ..errors import SensorError
 from ..experiment.session import run_presses
 from ..measure.force.calibration import load_force
@@ -242,7 +242,7 @@ def packed(
 def follow_recorded(given: dict[str, Any]) -> dict[str, Any]:
     """One press of a run, as `follow` returns one of a simulated gel."""
     run, name = record.open(given["folder"]), given["name"]
-    scene = scene_of(run, given["methods"])
+    scene = tracking_plan_of(run, given["methods"])
     found = analyse_press(given["folder"], given["press"], scene)
     rows = {m: [row for row in found.rows if row["method"] == m] for m in given["methods"]}
     tips = run.frames(given["press"])[["x_mm", "y_mm", "z_mm"]].to_numpy(float)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..aliases import Field, Float, Image
 from ..analysis.tracking_error.follow import Follower, TrackingPlan
-from ..analysis.tracking_error.tally import Marks, TrueFrame, seen_by
+from ..analysis.tracking_error.tally import PrintedDots, TrueFrame, seen_by
 from ..catalog import validate
 from ..errors import RunFailed, SensorError
 from ..experiment.session import pattern_of
@@ -305,7 +305,7 @@ def probe(given: dict[str, Any]) -> dict[str, Any]:
     config = validate(VirtualConfig, given["rig"], "rig")
     recipe, seed = recipe_from(given["recipe"], "recipe"), given["seed"]
     view = view_of(validate(SensorDimensions, given["sensor"], "sensor"))
-    marks, drawing = Marks.of(view, pattern_of(recipe)), geometry(view)[0]
+    marks, drawing = PrintedDots.of(view, pattern_of(recipe)), geometry(view)[0]
     picture, noise = printed(config.virtual, recipe, drawing, seed), noise_of(seed, 0)
     there = dragged(view, seed)
     rest = picture.expose(drawing.material_px(None), noise)
@@ -328,7 +328,7 @@ def probe(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _followed(
-    marks: Marks, rest: Image, images: Sequence[Image], truths: Sequence[TrueFrame]
+    marks: PrintedDots, rest: Image, images: Sequence[Image], truths: Sequence[TrueFrame]
 ) -> tuple[dict[str, Any], float]:
     """Figures of all frames, and the mean error of the last one, mm."""
     follower = Follower(TrackingPlan((TRACKER,), False, ()), marks)

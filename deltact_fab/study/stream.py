@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..aliases import Field
-from ..analysis.tracking_error.tally import Marks, TrueFrame, seen_by
+from ..analysis.tracking_error.tally import PrintedDots, TrueFrame, seen_by
 from ..errors import SolverError
 from ..experiment.session import pattern_of
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, divide
@@ -135,9 +135,9 @@ class PressStream:
         seen = np.asarray(self.view.rectify(image), np.uint8)
         return seen if self._light is None else self._light.apply(seen)
 
-    def marks(self, recipe: PatternRecipe) -> Marks:
+    def marks(self, recipe: PatternRecipe) -> PrintedDots:
         """The pattern's dots before this camera."""
-        return Marks.of(self.view, pattern_of(recipe))
+        return PrintedDots.of(self.view, pattern_of(recipe))
 
     @cached_property
     def _light(self) -> FlatField | None:

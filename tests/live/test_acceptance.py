@@ -21,7 +21,7 @@ from called import called
 from deltact_fab.cad.design import load_design
 from deltact_fab.errors import InputError
 from deltact_fab.imaging import ImageSensor, Printer
-from deltact_fab.live.acceptance import Accepted, accept
+from deltact_fab.live.acceptance import Acceptance, accept
 from deltact_fab.live.known_step import known_steps
 from deltact_fab.live.open import acceptance_file
 from deltact_fab.live.source import KnownSensor, Source
@@ -210,14 +210,14 @@ def given(images: list[np.ndarray], camera: Pinhole | Rectified) -> Source:
     return Source("given", KnownSensor(camera), lambda _: iter(frames))
 
 
-def judged(made: Made, images: int = 2, recipe: str = "") -> Accepted:
+def judged(made: Made, images: int = 2, recipe: str = "") -> Acceptance:
     through_lens = made.fisheye or made.lens
     camera = Rectified.of(DESIGN, Fisheye.of(DESIGN)) if through_lens else Pinhole.of(DESIGN)
     source = given(photographs(made, max(images, made.images)), camera)
     return accept(source, load_recipe(recipe or made.recipe), DESIGN)
 
 
-def failed(done: Accepted) -> set[str]:
+def failed(done: Acceptance) -> set[str]:
     return {row.check for row in done.rows if not row.passed}
 
 

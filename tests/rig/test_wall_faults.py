@@ -22,7 +22,7 @@ from wall_bench import N_PER_MM, ORIGIN_MM, WallBench, sine_n, wall_bench
 from deltact_fab import record
 from deltact_fab.errors import RunFailed, SensorError, StageError
 from deltact_fab.rig.interface import Devices, WallClock
-from deltact_fab.rig.run.runner import Live
+from deltact_fab.rig.run.runner import RunProgress
 from deltact_fab.rig.run.wallclock import ThreadedSchedule
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
@@ -81,7 +81,7 @@ def test_a_fault_in_a_press(
         monkeypatch.setattr(os, "fsync", full)
     with wall_bench(tmp_path, **given) as bench:
 
-        def once(live: Live) -> None:
+        def once(live: RunProgress) -> None:
             if live.step.endswith(PRESS) and strike is not None and not struck:
                 struck.append(live.step)
                 strike(bench)
@@ -157,10 +157,10 @@ def test_a_thread_that_fails_stops_the_stage_before_anybody_asks() -> None:
 
 @pytest.mark.slow
 def test_streams_of_a_run_belong_together_by_their_times(tmp_path: Path) -> None:
-    seen: list[Live] = []
+    seen: list[RunProgress] = []
     with wall_bench(tmp_path) as bench:
 
-        def look(live: Live) -> None:
+        def look(live: RunProgress) -> None:
             if live.step.endswith("p1/d1.00/press") and not any(s.step == live.step for s in seen):
                 (tmp_path / "skip").write_text("7")
             seen.append(live)

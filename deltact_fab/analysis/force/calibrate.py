@@ -32,7 +32,7 @@ from ...protocols.plan import DeadWeights
 from ...record import Run, encode_png
 from ..runs import head_of, in_pixels, settled, settles, view_of
 from .dataset import STRETCHES, ForceData, gather, opened, presses
-from .gel import early_labels, told_gel
+from .gel import early_labels, identify_gel
 from .judge import (
     FOLDS,
     figures,
@@ -78,7 +78,7 @@ def calibrate(
     gel = early = None
     if Inverse.name in asked:
         early = early_labels(data)
-        gel = told_gel(runs, early.mended(data) if early else data, view, progress)
+        gel = identify_gel(runs, early.mended(data) if early else data, view, progress)
     if gel is not None:
         view = gel.view(view)
         data = gather(runs, looked, executor, progress, view)

@@ -38,7 +38,7 @@ Errors = Callable[[SensorView], Array]
 
 
 @dataclass(frozen=True)
-class ToldGel:
+class FoundGel:
     """Poisson's ratio and thickness, each with the interval of a share SURE of redrawn presses.
 
     error_share: the force's error of left-out positions over that with what was believed, mean
@@ -65,13 +65,13 @@ class ToldGel:
         return believed.with_gel(self.poisson, self.thickness_mm)
 
 
-def told_gel(
+def identify_gel(
     runs: Sequence[Run], data: ForceData, view: SensorView, progress: Progress | None = None
-) -> ToldGel | None:
+) -> FoundGel | None:
     """By the features that rest on the gel; None where the presses do not tell it.
 
-    They do not where `can_tell` says so, where it gains less than a tenth, or where redrawn presses
-    would as soon keep what is believed.
+    They do not where `can_tell` denies it, where it gains less than a tenth, or where redrawn
+    presses would as soon keep what is believed.
     """
     if not can_tell(data):
         return None
@@ -108,7 +108,7 @@ def squared_errors(data: ForceData) -> Array:
 
 
 @dataclass(frozen=True)
-class EarlyLabels:
+class UnrelaxedForces:
     """How much more force a label had that was taken at once: share x exp(-wait / time_s)."""
 
     share: float
@@ -127,13 +127,13 @@ class EarlyLabels:
         return replace(data, wrench=data.wrench * (more.min() / more)[:, None])
 
 
-def early_labels(data: ForceData) -> EarlyLabels | None:
+def early_labels(data: ForceData) -> UnrelaxedForces | None:
     """What the presses tell of it; None where all waited alike, or nothing is sure."""
     wait_s = data.points["wait_s"].to_numpy(float)
     if not can_tell(data) or not wait_s.min() >= 0 or wait_s.max() <= 2 * wait_s.min():
         return None
-    tried = [EarlyLabels(0.0, 1.0)]
-    tried += [EarlyLabels(share, time_s) for time_s in TIMES_S for share in SHARES]
+    tried = [UnrelaxedForces(0.0, 1.0)]
+    tried += [UnrelaxedForces(share, time_s) for time_s in TIMES_S for share in SHARES]
     each = np.stack([squared_errors(one.mended(data)) for one in tried])
     best = int(np.log(each.sum(axis=1)).sum(axis=1).argmin())
     scores = _redrawn(each)
@@ -147,7 +147,7 @@ def _redrawn(each: Array) -> Array:
     return np.asarray(np.log(np.einsum("dp,gpc->dgc", drawn, each)).sum(axis=2))
 
 
-def search(view: SensorView, errors: Errors, progress: Progress | None = None) -> ToldGel | None:
+def search(view: SensorView, errors: Errors, progress: Progress | None = None) -> FoundGel | None:
     """The pair under which the errors are least, from the believed one on; None: not told."""
     seen: dict[tuple[int, int], Array] = {}
 
@@ -192,4 +192,4 @@ def search(view: SensorView, errors: Errors, progress: Progress | None = None) -
     # Half a step more on either side, for between steps nothing was tried.
     low, high = np.quantile(taken, [(1 - SURE) / 2, (1 + SURE) / 2], axis=0) + [[-0.5], [0.5]]
     (b, c), (a, d), (poisson, thickness_mm) = at(low), at(high), at(best)
-    return ToldGel(poisson, (a, b), thickness_mm, (c, d), gain)
+    return FoundGel(poisson, (a, b), thickness_mm, (c, d), gain)

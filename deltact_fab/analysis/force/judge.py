@@ -2,7 +2,7 @@
 
 Whatever a model learns from points (its coefficients, and the priors that go with their size) it
 learns anew in each fold. What is learned before, from all of them, is said where it happens: the
-gel that presses tell (`gel.told_gel`), and which feature set is best.
+gel that presses tell (`gel.identify_gel`), and which feature set is best.
 """
 
 from __future__ import annotations

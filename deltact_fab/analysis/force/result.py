@@ -15,7 +15,7 @@ from ...measure.force.calibration import ForceCalibration
 from ...record import UNKNOWN
 from ..runs import write_results
 from .dataset import ForceData
-from .gel import EarlyLabels, ToldGel
+from .gel import FoundGel, UnrelaxedForces
 from .judge import (
     FORCES,
     SHOWN,
@@ -49,8 +49,8 @@ class ForceResult:
     seed: int
     left_out: list[str]
     curves: dict[str, dict[int, float]] = made_by(default_factory=dict)
-    gel: ToldGel | None = None
-    early: EarlyLabels | None = None
+    gel: FoundGel | None = None
+    early: UnrelaxedForces | None = None
 
     @property
     def best(self) -> EvaluatedModel:

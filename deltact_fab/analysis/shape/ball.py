@@ -10,11 +10,12 @@ import numpy as np
 
 from ... import record
 from ...errors import InputError
+from ...measure.face import EVERY_PX
 from ...measure.force.calibration import load_force
 from ...measure.sensor_id import Head, require_same
 from ...measure.shape import DepthFinder, DepthModel
 from ...measure.shape.depth import ball_mm
-from ..flows import EVERY_PX, flows_of
+from ..flows import flows_of
 from ..runs import head_of, recorded, sensor_of, settled, view_of
 
 SURE = 0.4

@@ -30,7 +30,7 @@ from ...optics import LatticeSampler
 from ...record import UNKNOWN, RunTruth
 from ...shapes import Indenter
 from ...shapes.indenter import of_run
-from ..flows import EVERY_PX, flows_of
+from ..flows import MAP_EVERY_PX, flows_of
 from ..runs import settled, view_of
 
 TOUCHING_MM = 0.06
@@ -158,7 +158,7 @@ def press_shape(
     told: list[dict[str, Any]] = []
     shown: dict[int, ShapeMaps] = {}
     way = None
-    followed = flows_of(run, press, EVERY_PX)
+    followed = flows_of(run, press, MAP_EVERY_PX)
     for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
         found = _measured(row, flow, finder, features, force)
         indenter = None if row.indenter == UNKNOWN else run.indenter(str(row.indenter))

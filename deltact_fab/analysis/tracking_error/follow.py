@@ -29,7 +29,7 @@ from .tally import (
     DotFollower,
     DotTally,
     ErrorTally,
-    Marks,
+    PrintedDots,
     TrueFrame,
     off_dots,
     sampled,
@@ -54,7 +54,7 @@ class TrackingPlan:
     timed: bool = True
 
 
-def scene_of(run: record.Run, methods: Sequence[str] | None) -> TrackingPlan:
+def tracking_plan_of(run: record.Run, methods: Sequence[str] | None) -> TrackingPlan:
     """Of a run; methods: None for the default ones.
 
     Raises InputError for a method that is not known, or of dense flow where there are only dots.
@@ -87,7 +87,7 @@ class Follower:
     not be.
     """
 
-    def __init__(self, scene: TrackingPlan, marks: Marks) -> None:
+    def __init__(self, scene: TrackingPlan, marks: PrintedDots) -> None:
         self.tallies = {name: ErrorTally() for name in scene.methods}
         self.dots = DotFollower(marks) if scene.dots else None
         self.left_out: list[str] = []
@@ -145,7 +145,7 @@ def _frame(observed: FlowObservation, frame: TrueFrame | None, scale: float) -> 
     flow, last = observed.flow_px, observed.diagnostics
     one = ErrorTally.of_frame(last.confident_share, last.trusted, last.cpu_ms)
     one.switches = last.n_reference_switches
-    one.lost.take(float((observed.state == FlowState.LOST).mean()))
+    one.lost_share.take(float((observed.state == FlowState.LOST).mean()))
     if frame is not None:
         moving = frame.moving
         errors = np.linalg.norm(flow[moving] - frame.flow_px[moving], axis=-1) * scale
@@ -182,7 +182,7 @@ def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
     cv2.setNumThreads(1)  # one thread, so that milliseconds compare
     run = record.open(folder)
     camera, truth = run.camera, run.truth()
-    follower = Follower(scene, Marks.of(camera, run.pattern))
+    follower = Follower(scene, PrintedDots.of(camera, run.pattern))
     in_view = seen_by(camera)
     result = PressResult(follower.tallies)
     for at, row in enumerate(run.frames(press).itertuples()):
@@ -217,7 +217,7 @@ def analyse(
     """
     run = record.open(folder)
     frames = recorded(run, "tracking")
-    scene = scene_of(run, methods)
+    scene = tracking_plan_of(run, methods)
     indenter_of = dict(zip(frames["press"], frames["indenter"], strict=True))
     presses = list(indenter_of)
     results = each(

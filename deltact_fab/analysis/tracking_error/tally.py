@@ -44,36 +44,36 @@ class Mean:
 class ErrorTally:
     """Sums over frames; lengths in mm. The percentile is that of a histogram, to a hundredth.
 
-    off, confident: errors of all moving visible pixels, and of the confident ones of them.
-    in_plane: of the flow there, where it is read as in-plane motion. believed, lost: shares of the
-    image, a value a frame.
+    error_off_dots, error_confident: of all moving visible pixels, and of the confident ones.
+    in_plane: of the flow there, where it is read as in-plane motion. confident_share, lost_share:
+    of the image, a value a frame.
     """
 
     at_dots: Mean = field(default_factory=Mean)
     at_moving_dots: Mean = field(default_factory=Mean)
     in_plane: Mean = field(default_factory=Mean)
-    off: Mean = field(default_factory=Mean)
-    confident: Mean = field(default_factory=Mean)
-    believed: Mean = field(default_factory=Mean)
-    lost: Mean = field(default_factory=Mean)
+    error_off_dots: Mean = field(default_factory=Mean)
+    error_confident: Mean = field(default_factory=Mean)
+    confident_share: Mean = field(default_factory=Mean)
+    lost_share: Mean = field(default_factory=Mean)
     histogram: NDArray[np.int64] = field(default_factory=lambda: np.zeros(BINS, np.int64))
     n_moving: int = 0
     wrong_n: int = 0
     switches: int = 0
-    bad_frames: int = 0
+    untrusted_frames: int = 0
     peak_true_mm: float | None = None
     ms: list[float] = field(default_factory=list)
 
     @classmethod
     def of_frame(cls, confident_share: float, trusted: bool, cpu_ms: float) -> Self:
         """What a method says of one frame, without any error."""
-        one = cls(bad_frames=int(not trusted), ms=[cpu_ms])
-        one.believed.take(confident_share)
+        one = cls(untrusted_frames=int(not trusted), ms=[cpu_ms])
+        one.confident_share.take(confident_share)
         return one
 
     def take_moving(self, errors_mm: NDArray[Any], confident: NDArray[np.bool_]) -> None:
         """Count in the moving visible pixels of a frame, (n,) errors and which are confident."""
-        self.off.take(errors_mm)
+        self.error_off_dots.take(errors_mm)
         index = np.log(np.maximum(errors_mm, LEAST_MM) / LEAST_MM) / np.log(WIDER)
         index = np.minimum(index.astype(np.int64), BINS - 1)
         self.histogram += np.bincount(index, minlength=BINS)
@@ -82,7 +82,7 @@ class ErrorTally:
     def take_confident(self, errors_mm: NDArray[Any], n_moving: int) -> None:
         """Add the confident ones (n,), out of this many moving visible pixels."""
         self.n_moving += n_moving
-        self.confident.take(errors_mm)
+        self.error_confident.take(errors_mm)
         self.wrong_n += int((errors_mm > WRONG_MM).sum())
 
     def join(self, other: ErrorTally) -> None:
@@ -94,29 +94,29 @@ class ErrorTally:
 
     def figures(self) -> dict[str, Any]:
         """The figures of the report; None where nothing was measured."""
-        n = self.believed.n
+        n = self.confident_share.n
         return {
             "mean_at_dots_mm": self.at_dots.value,
-            "mean_off_dots_mm": self.off.value,
+            "mean_off_dots_mm": self.error_off_dots.value,
             "p95_off_dots_mm": self._p95(),
             "mean_as_in_plane_mm": self.in_plane.value,
-            "mean_confident_mm": self.confident.value,
-            "coverage": ratio(self.confident.n, self.n_moving),
-            "confident_wrong_share": ratio(self.wrong_n, self.confident.n),
-            "confident_share": self.believed.value,
-            "lost_share": self.lost.value,
+            "mean_confident_mm": self.error_confident.value,
+            "coverage": ratio(self.error_confident.n, self.n_moving),
+            "confident_wrong_share": ratio(self.wrong_n, self.error_confident.n),
+            "confident_share": self.confident_share.value,
+            "lost_share": self.lost_share.value,
             "n_moving_px": self.n_moving,
             "peak_true_mm": self.peak_true_mm,
             "ms_per_frame": float(np.median(self.ms)) if self.ms else None,
             "n_frames": n,
-            "trusted_share": ratio(n - self.bad_frames, n),
+            "trusted_share": ratio(n - self.untrusted_frames, n),
             "reference_switches": self.switches,
         }
 
     def _p95(self) -> float | None:
-        if not self.off.n:
+        if not self.error_off_dots.n:
             return None
-        at = int(np.searchsorted(np.cumsum(self.histogram), 0.95 * self.off.n))
+        at = int(np.searchsorted(np.cumsum(self.histogram), 0.95 * self.error_off_dots.n))
         return float(LEAST_MM * WIDER ** (at + 1))
 
 
@@ -159,7 +159,7 @@ class DotTally:
 
 
 @dataclass(frozen=True)
-class Marks:
+class PrintedDots:
     """The dots of a printed pattern, and the camera whose images are tracked.
 
     dots_mm: centres at rest, (n, 2); n = 0 without dots.
@@ -171,7 +171,7 @@ class Marks:
     polarity: Polarity
 
     @classmethod
-    def of(cls, camera: CameraModel, pattern: dict[str, Any]) -> Marks:
+    def of(cls, camera: CameraModel, pattern: dict[str, Any]) -> PrintedDots:
         """pattern: as a run's `pattern.json` has it."""
         dots_mm = np.asarray(pattern.get("dots_mm", []), dtype=float).reshape(-1, 2)
         # Dark on light, where the recipe's dots are nearer to black; else white on colours.
@@ -184,7 +184,7 @@ class Marks:
 class DotFollower:
     """Follows the dots of one press, and counts them."""
 
-    def __init__(self, marks: Marks) -> None:
+    def __init__(self, marks: PrintedDots) -> None:
         camera = marks.camera
         self.rest_px = camera.rest_px(marks.dots_mm)
         self.mm_per_px = camera.mm_per_px

@@ -2,11 +2,11 @@
 
 Normal: a penalty on the signed distance g at Gauss points of a face, pressure p(g) = k times the
 ramp of -g, rounded over a width w so that it is C1 (Wriggers, Computational Contact Mechanics,
-ch. 5 and 10). k = 100 E/h and w = h/40 for cells h, so that the penetration shrinks with the
-mesh and costs about as much force as the mesh adds; stiffer, bricks are overconstrained.
+ch. 5 and 10). k = 50 E/h and w = 0.03 h for cells h, and k grows with the penetration, which so
+shrinks with the mesh and costs about as much force as the mesh adds; stiffer, bricks are too stiff.
 Tangential: with the slip e since the last release and the bound b = friction x pressure, the
-return mapping of Coulomb's law, k e up to |e| = b/k and b e/|e| beyond. With b held it is the
-derivative of Huber's function and its tangent symmetric; that b follows the pressure is `Coupling`.
+return mapping of Coulomb's law, t e up to |e| = b/t and b e/|e| beyond, t = 10 E/h. With b held it
+is the derivative of Huber's function, its tangent symmetric; b follows the pressure in `Coupling`.
 Tractions act per resting area.
 """
 

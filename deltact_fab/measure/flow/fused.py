@@ -6,7 +6,7 @@ and Matthews 2004). Gradients and normal matrix are the reference's, and gain an
 light are projected out. The sums also give the local correlation and the deviation to be expected.
 
 The luma is tracked, blurred by sigma 1: a camera that subsamples chroma leaves luma whole, and the
-blur takes the patterns of mosaic and compression away (decision 0015).
+blur takes the patterns of mosaic and compression away (decision 0061).
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Figures of one image of a pattern: how much there is to track, and what could be mismatched.
 
-They are taken from the grey image (ITU-R BT.601 luma), as the paper's tracker sees it; the default
-tracker follows green, the largest part of it. Mean intensity gradient: Pan, Lu, Xie, Opt. Lasers
-Eng. 48 (2010) 469. SSSIG: Pan, Xie, Wang, Qian, Asundi, Opt. Express 16 (2008) 7037. Both predict
-how image noise propagates into the error of a small displacement. Contrast at the coarse levels of
-the pyramid tells whether a large displacement is found at all.
+They are taken from the grey image (ITU-R BT.601 luma), which the trackers follow. Mean intensity
+gradient: Pan, Lu, Xie, Opt. Lasers Eng. 48 (2010) 469. SSSIG: Pan, Xie, Wang, Qian, Asundi, Opt.
+Express 16 (2008) 7037. Both predict how image noise propagates into the error of a small
+displacement. Contrast at the coarse levels of the pyramid tells whether a large one is found.
 """
 
 from __future__ import annotations

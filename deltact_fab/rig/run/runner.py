@@ -41,7 +41,7 @@ class Runner:
         devices: Devices,
         writer: RunWriter,
         progress: Progress | None = None,
-        live: Callable[[Live], None] | None = None,
+        live: Callable[[RunProgress], None] | None = None,
     ) -> None:
         self._d = devices
         self._writer = writer
@@ -52,7 +52,7 @@ class Runner:
         self._stage = devices.stage
         self._mounted = ""
         self._kept = self._total = 0  # frames
-        self._remaining: Remaining | None = None
+        self._remaining: RemainingTime | None = None
 
     def run(self, steps: Sequence[Step]) -> int:
         """Carry out the steps of all presses that the writer has not kept.
@@ -64,7 +64,7 @@ class Runner:
         lift_to_mm = min(s.target_mm[2] for s in steps if s.kind == "travel")
         todo = [i for i, s in enumerate(steps) if s.press not in self._writer.kept]
         self._kept = self._total - sum(steps[i].frames for i in todo)
-        self._remaining = Remaining(steps, todo, self._d.wall_clock, self._d.change_s)
+        self._remaining = RemainingTime(steps, todo, self._d.wall_clock, self._d.change_s)
         with interruptible(self._stage.abort):
             try:
                 self._set_up(bool(todo))
@@ -229,7 +229,7 @@ class Runner:
             lost = counts[MISSED] + counts[UNWRITTEN] + counts[DROPPED]
             force_n = self._streams.force.force_n if self._streams.force is not None else None
             left_s = self._remaining.left_s()
-            self._live(Live(step.id, done, self._total, force_n, counts[LATE], lost, left_s))
+            self._live(RunProgress(step.id, done, self._total, force_n, counts[LATE], lost, left_s))
 
     def _cut_off(self, step: Step, kind: str, text: str) -> None:
         """Keep what the streams held when the run broke off; no error here hides the first one."""
@@ -243,7 +243,7 @@ class Runner:
 
 
 @dataclass(frozen=True)
-class Live:
+class RunProgress:
     """One look: where the run is, what the sensor feels, what was lost, what is left."""
 
     step: str
@@ -266,7 +266,7 @@ class Live:
         return "  ".join(parts)
 
 
-class Remaining:
+class RemainingTime:
     """Wall time that is left: the plan's, times how much longer than planned it took so far.
 
     In lockstep the plan is the way through the gel, which is solved; one through the air is free.

@@ -214,7 +214,7 @@ class Controller:
         self.homed, self.reset_due = False, True
 
     def status(self) -> StageState:
-        """Ask where it is and what it does. Raises Fault; what moves is stopped in a silence."""
+        """Where it is and what it does. Raises TalkFault; what moves is stopped in a silence."""
         return self.talk.status(self.halt)
 
     def require_position(self, state: StageState) -> None:
@@ -311,7 +311,7 @@ class Controller:
                 raise TalkFault(f"its position was lost as {before.state} was ended", lost=True)
 
     def greet(self) -> list[str]:
-        """Reset it and hear what it says, the banner first. Raises Fault when none comes."""
+        """Reset it and hear what it says, the banner first. Raises TalkFault when none comes."""
         heard = self.talk.greet()
         if not heard:
             raise TalkFault("no banner after a reset (0x18)", lost=True)

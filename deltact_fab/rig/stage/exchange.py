@@ -93,7 +93,7 @@ class NoAnswer(TalkFault):
 
 
 class Talk:
-    """Commands, questions and greetings over one port. Raises Fault, and LinkLost of the port.
+    """Commands, questions and greetings over one port. Raises TalkFault, and LinkLost of the port.
 
     posted: the line whose answer is heard whenever it comes, and when it was sent (ns).
     """
