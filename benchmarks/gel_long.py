@@ -27,7 +27,7 @@ DRAG_MM = 1.6  # cells of the long drags
 def cases() -> list[Case]:
     """What `deltact-fab numerics` leaves out of its table."""
     percent, force = "% of the force", "of the force"
-    coarse, corner = GelCase(spacing_mm=2.0), GelCase("sphere:10", 1.5)
+    deep, corner = GelCase(spacing_mm=1.5), GelCase("sphere:10", 1.5)
     out = [
         *of_nu((0.4, 0.45, 0.49, 0.495, 0.499)),
         *of_friction((0.0, 0.1, 1.0, 5.0)),
@@ -38,10 +38,10 @@ def cases() -> list[Case]:
         # Friction is of first order in the increment: the interface of all levels parts a long one.
         Case("10 mm in one increment, friction 0.5: against 10", "right",
              partial(one_increment_of_the_level, 10.0, 2.0), 0.1, force),
-        Case("10 mm deep: finer mesh", "right", partial(checks.finer, coarse, 1.0, (down(10.0),)),
+        Case("10 mm deep: finer mesh", "right", partial(checks.finer, deep, 1.0, (down(10.0),)),
              3.0, percent),
         Case("10 mm deep: work of the indenter", "right", partial(
-             checks.law, checks.work_error_percent, coarse, 1.0, (down(10.0),)), 0.5,
+             checks.law, checks.work_error_percent, deep, 1.0, (down(10.0),)), 0.5,
              "% of the energy"),
         Case("four corners, sphere:10 at 14, 13 mm, 3 mm deep", "right",
              partial(gel_checks.corners, corner, (14.0, 13.0), 3.0), 1e-6, force),

@@ -30,7 +30,7 @@ TESTS = {
     "preflight": "tests/test_preflight*.py tests/test_estimate.py",
     "experiment": "tests/test_experiment.py tests/protocols",
     "pdf": "tests/patterns",
-    "": "tests/test_*.py tests/schema",
+    "": "tests/test_*.py tests/lab tests/schema",
 }
 TURNED: dict[type, type] = {
     ast.Lt: ast.GtE, ast.LtE: ast.Lt, ast.Gt: ast.LtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq,

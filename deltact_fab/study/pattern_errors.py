@@ -19,7 +19,7 @@ from ..patterns.series import SeriesEntry
 from . import intervals
 from .intervals import Interval
 
-Measure = Literal["at_dots", "at_moving_dots", "off"]
+Measure = Literal["at_dots", "at_moving_dots", "off_dots"]
 SUMMED, COMPOSED, OURS = "paper", "farneback-paper/composed", "fused"
 METHODS = {
     SUMMED: "the paper's tracker, summed",

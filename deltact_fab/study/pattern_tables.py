@@ -35,7 +35,7 @@ KEPT = {
 }
 """Of the table's columns those of the page; the file has all."""
 SHORT = {SUMMED: "summed", COMPOSED: "composed", OURS: "ours"}
-MEASURES: dict[Measure, str] = {"at_dots": "", "at_moving_dots": "moving_", "off": "off_"}
+MEASURES: dict[Measure, str] = {"at_dots": "", "at_moving_dots": "moving_", "off_dots": "off_"}
 """The paper's over all dots, over those that move; ours over moving pixels off the dots."""
 
 
@@ -101,8 +101,8 @@ def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
                 paper_mm = None if method == OURS else p.paper_error_mm
                 found.append(headline(what, "mm", known, paper=paper_mm, remark=_lost(
                     errors, p, method)))  # fmt: skip
-    least = errors.best(OURS, "off", errors.printed)
-    if least and (known := errors.mean(least.name, OURS, "off")):
+    least = errors.best(OURS, "off_dots", errors.printed)
+    if least and (known := errors.mean(least.name, OURS, "off_dots")):
         what = f"least error of {METHODS[OURS]}, {least.words}, moving pixels off the dots"
         found.append(headline(what, "mm", known, remark=_lost(errors, least, OURS)))
     return tuple(found)
@@ -124,7 +124,7 @@ def tables(errors: PatternErrors, covers: str) -> tuple[ReportTable, ...]:
     rows, by_indenter, along = [], [], []
     best = [p for p in errors.printed if (p.recipe.patch_mm, p.recipe.r) in PAPER_BEST]
     chosen = best or errors.printed[:1]
-    if (least := errors.best(OURS, "off", errors.printed)) and least not in chosen:
+    if (least := errors.best(OURS, "off_dots", errors.printed)) and least not in chosen:
         chosen = [*chosen, least]
     for p in errors.printed:
         row: dict[str, Any] = {
@@ -191,7 +191,7 @@ def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
     wanted: tuple[tuple[str, Measure, str], ...] = (
         (SUMMED, "at_dots", "at the dots"),
         (COMPOSED, "at_dots", "at the dots"),
-        (OURS, "off", "of moving pixels off the dots, against truth"),
+        (OURS, "off_dots", "of moving pixels off the dots, against truth"),
         (OURS, "at_dots", "at the dots"),
     )
     return tuple(

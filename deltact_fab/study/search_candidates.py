@@ -168,7 +168,7 @@ def confirmed(errors: PatternErrors, names: Sequence[str]) -> pd.DataFrame:
     """A row a pattern that the default tracker lost with no seed, the best first."""
     rows = []
     for name in names:
-        by_seed = errors.by_indenter(name, OURS, "off")
+        by_seed = errors.by_indenter(name, OURS, "off_dots")
         if by_seed is not None:
             value, low, high, _ = mean(by_seed, errors.indenters, "seed", "positive")
             rows.append((name, value, low, high, errors.figures(name, OURS)["coverage"]))
@@ -180,7 +180,7 @@ def headlines(errors: PatternErrors, best: Sequence[str], to_print: str) -> tupl
     """Error of the pattern to print, and its share of the paper's pattern's."""
 
     def by_seed(name: str) -> NDArray[np.float64] | None:
-        return errors.by_indenter(name, OURS, "off")
+        return errors.by_indenter(name, OURS, "off_dots")
 
     own, seeds = by_seed(to_print), errors.indenters
     assert own is not None

@@ -139,8 +139,8 @@ def made_up(
             for method, share in ((SUMMED, 1.0), (COMPOSED, composed)):
                 value = mean * times * (share if at in errors_mm else 1.0)
                 tally = tallies[method] = ErrorTally()
-                tally.believed.take(1.0)
-                tally.lost.take(0.0)
+                tally.confident_share.take(1.0)
+                tally.lost_share.take(0.0)
                 tally.at_dots.take(np.full(4, value))
                 tally.at_moving_dots.take(np.full(4, value))
                 tally.take_moving(np.full(4, value), np.ones(4, bool))

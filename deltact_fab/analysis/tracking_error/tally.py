@@ -44,7 +44,7 @@ class Mean:
 class ErrorTally:
     """Sums over frames; lengths in mm. The percentile is that of a histogram, to a hundredth.
 
-    error_off_dots, error_confident: of all moving visible pixels, and of the confident ones.
+    off_dots, error_confident: of all moving visible pixels, and of the confident ones.
     in_plane: of the flow there, where it is read as in-plane motion. confident_share, lost_share:
     of the image, a value a frame.
     """
@@ -52,7 +52,7 @@ class ErrorTally:
     at_dots: Mean = field(default_factory=Mean)
     at_moving_dots: Mean = field(default_factory=Mean)
     in_plane: Mean = field(default_factory=Mean)
-    error_off_dots: Mean = field(default_factory=Mean)
+    off_dots: Mean = field(default_factory=Mean)
     error_confident: Mean = field(default_factory=Mean)
     confident_share: Mean = field(default_factory=Mean)
     lost_share: Mean = field(default_factory=Mean)
@@ -73,7 +73,7 @@ class ErrorTally:
 
     def take_moving(self, errors_mm: NDArray[Any], confident: NDArray[np.bool_]) -> None:
         """Count in the moving visible pixels of a frame, (n,) errors and which are confident."""
-        self.error_off_dots.take(errors_mm)
+        self.off_dots.take(errors_mm)
         index = np.log(np.maximum(errors_mm, LEAST_MM) / LEAST_MM) / np.log(WIDER)
         index = np.minimum(index.astype(np.int64), BINS - 1)
         self.histogram += np.bincount(index, minlength=BINS)
@@ -97,7 +97,7 @@ class ErrorTally:
         n = self.confident_share.n
         return {
             "mean_at_dots_mm": self.at_dots.value,
-            "mean_off_dots_mm": self.error_off_dots.value,
+            "mean_off_dots_mm": self.off_dots.value,
             "p95_off_dots_mm": self._p95(),
             "mean_as_in_plane_mm": self.in_plane.value,
             "mean_confident_mm": self.error_confident.value,
@@ -114,9 +114,9 @@ class ErrorTally:
         }
 
     def _p95(self) -> float | None:
-        if not self.error_off_dots.n:
+        if not self.off_dots.n:
             return None
-        at = int(np.searchsorted(np.cumsum(self.histogram), 0.95 * self.error_off_dots.n))
+        at = int(np.searchsorted(np.cumsum(self.histogram), 0.95 * self.off_dots.n))
         return float(LEAST_MM * WIDER ** (at + 1))
 
 
