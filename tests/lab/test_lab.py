@@ -49,6 +49,8 @@ def test_the_folder_holds_the_shipped_files_as_they_are(mine: Path) -> None:
         assert own.keys() == shipped.keys()
         for name, file in own.items():
             assert catalog.read(file) == catalog.read(shipped[name])
+    for noun in ("protocol", "cad", "pattern"):
+        run(noun, "new", "own")
     for file in mine.rglob("*.toml"):
         first = file.read_text().partition("\n")[0]
         if file.parent.name != "cameras":
@@ -118,10 +120,7 @@ def test_a_file_is_never_overwritten_and_a_name_is_a_name(here: Path) -> None:
     before = Path("there.toml").read_bytes()
     for words, says in (
         (["protocol", "new", "own", "-o", "there.toml"], "there.toml: already there"),
-        (
-            ["protocol", "new", "own", "-o", "no/own.toml"],
-            "no/own.toml: there is no folder no",
-        ),
+        (["protocol", "new", "own", "-o", "no/own.toml"], "no/own.toml: there is no folder no"),
         (["protocol", "new", "own.toml"], "expected a name"),
         (["cad", "new", "../own"], "expected a name"),
         (["protocol", "new", "two words"], "name: "),
