@@ -19,7 +19,7 @@ COMMAND = (
 
 def page(found: dict[str, Any]) -> str:
     """found: as `Rehearsal.as_dict`. Rows: the faults that let the tip go lower, or lost a row."""
-    told = [c for c in found["cells"] if c["deeper_mm"] > 0 or c["wrong"]]
+    told = [c for c in found["cells"] if c["deeper_mm"] >= 0.005 or c["wrong"]]
     others = [c for c in found["cells"] if c not in told]
     silent = [c["fault"] for c in others if c["outcome"] == "success"]
     stopped = [c["fault"] for c in others if c["outcome"] != "success"]

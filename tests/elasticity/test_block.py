@@ -17,6 +17,7 @@ from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.finite.assembly import BulkAssembly, Pattern
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
+from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear.contact import ContactState, LinearContact
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
@@ -211,7 +212,7 @@ def test_light_presses_against_finite_strain() -> None:
     """Cells of .5 mm in the finite mesh; cells of .35 mm give .5 % less force."""
     press = FinitePress(block_mesh(SKIN, 0.5, (-2.0, 2.0, -2.0, 2.0)), GEL, SPHERE, friction=0)
     gel = FreeBlock(SKIN, GEL, 0.125, 1.5)
-    *_, state = press.path(press.rest(), (0.0, 0.0, 0.5), 0.5)
+    *_, state = follow(press, press.rest(), (0.0, 0.0, 0.5), 0.5)
     assert -state.force_n[2] == pytest.approx(normal_n(gel, 0, 0, depth=0.5), rel=0.02)
 
 

@@ -67,7 +67,7 @@ def test_area_of_a_ball_against_the_axisymmetric_twin(name: str, depth_mm: float
     assert zones.contact_area_mm2 == pytest.approx(truth_mm2, rel=0.03)
     assert abs(zones.contact_area_mm2 - truth_mm2) < zones.contact_area_error_mm2
     assert zones.contact_area_error_mm2 < 0.08 * truth_mm2
-    assert zones.centroid_mm == pytest.approx((0, 0), abs=1e-9)
+    assert zones.centroid_mm == pytest.approx((0, 0), abs=2e-3)  # a sample on the rim
     assert zones.stick_area_mm2 == zones.stick_area_error_mm2 == 0
     cell_mm2 = (contact.x_mm[1] - contact.x_mm[0]) * (contact.y_mm[1] - contact.y_mm[0])
     # At rest, where the map is, the gel that touches is at most a tenth smaller.
