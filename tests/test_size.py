@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
     ("deltact_fab", "lines"): 66948,
     ("deltact_fab", "files"): 378,
-    ("tests", "lines"): 35462,
+    ("tests", "lines"): 35467,
 }
 
 
