@@ -18,7 +18,7 @@ COMMAND = (
 
 
 def page(found: dict[str, Any]) -> str:
-    """found: as `Rehearsal.as_dict`. Rows: the faults that let the tip go lower, or lost a row."""
+    """found: as `Rehearsal.as_dict`. Rows: faults that let the tip go 0.005 mm lower or more, or lost a row."""
     told = [c for c in found["cells"] if c["deeper_mm"] >= 0.005 or c["wrong"]]
     others = [c for c in found["cells"] if c not in told]
     silent = [c["fault"] for c in others if c["outcome"] == "success"]
@@ -46,7 +46,7 @@ def page(found: dict[str, Any]) -> str:
             "|---|---|---|---|---|---|",
             *rows,
             "",
-            f"Stopped with one line, the tip no lower: {'; '.join(stopped)}.",
+            f"Stopped with one line, the tip lower by less than 0.005 mm: {'; '.join(stopped)}.",
             f"Gone on to the end: {'; '.join(silent)}.",
             "",
         ]
