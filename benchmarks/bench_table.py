@@ -18,7 +18,7 @@ COMMAND = (
 
 
 def page(found: dict[str, Any]) -> str:
-    """found: as `Rehearsal.as_dict`. Rows: faults that let the tip go 0.005 mm lower or more, or lost a row."""
+    """found: as `Rehearsal.as_dict`. Rows: faults that cost 0.005 mm of depth or a row."""
     told = [c for c in found["cells"] if c["deeper_mm"] >= 0.005 or c["wrong"]]
     others = [c for c in found["cells"] if c not in told]
     silent = [c["fault"] for c in others if c["outcome"] == "success"]
