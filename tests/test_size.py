@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 66948,
+    ("deltact_fab", "lines"): 66946,
     ("deltact_fab", "files"): 378,
     ("tests", "lines"): 35467,
 }

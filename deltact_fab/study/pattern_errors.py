@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.tracking_error.tally import ErrorTally, Mean
+from ..analysis.tracking_error.tally import ErrorTally
 from ..patterns.series import SeriesEntry
 from . import intervals
 from .intervals import Interval
@@ -93,10 +93,8 @@ class PatternErrors:
         self, pattern: str, method: str, measure: Measure
     ) -> NDArray[np.float64] | None:
         """Mean error mm of each indenter, all its presses together; None where one has none."""
-        means: list[Mean | None] = [
-            getattr(self._joined.get((pattern, i, method)), measure, None) for i in self.indenters
-        ]
-        values = [mean.value if mean else None for mean in means]
+        tallies = [self._joined.get((pattern, i, method)) for i in self.indenters]
+        values = [None if tally is None else getattr(tally, measure).value for tally in tallies]
         known = [v for v in values if v is not None]
         return np.array(known) if known and len(known) == len(values) else None
 
