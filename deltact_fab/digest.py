@@ -13,7 +13,8 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-PACKAGE = Path(__file__).parent
+from .paths import PACKAGE
+
 # They say what went wrong, where things are kept and how far it is: no result depends on them.
 SILENT = ("errors", "cache", "digest", "files", "jobs")
 
