@@ -24,6 +24,7 @@ from deltact_fab.report import (
     patterns_page,
     study_page,
 )
+from deltact_fab.report.first_light import pairs
 from deltact_fab.report.result import GEL_FLAGS
 from deltact_fab.report.templating import Finding, verdict
 
@@ -117,7 +118,9 @@ def fabrication_guide(warned: bool, out: Path, _: Any) -> Path:
         for name, keys in unverified(design).items()
     }
     drawn = guide.Pictures(note=TOLD if warned else "")
-    return guide.write(replace(design, **measured), out / "guide.html", pictures=drawn)
+    return guide.write(
+        replace(design, **measured), out / "guide.html", examples=pairs, pictures=drawn
+    )
 
 
 def unverified(design: Any) -> dict[str, list[str]]:
