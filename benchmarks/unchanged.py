@@ -91,7 +91,7 @@ def parts() -> dict[str, Any]:
 
 def sheets() -> dict[str, Any]:
     """Bytes of stickers and sheets."""
-    rows = {}
+    rows: dict[str, Any] = {}
     for recipe in RECIPES:
         called("pattern", "make", recipe, "-o", f"{recipe}.png")
         called("pattern", "sheet", recipe, "-o", f"{recipe}.pdf")
