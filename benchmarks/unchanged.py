@@ -105,7 +105,7 @@ def presses() -> dict[str, Any]:
     for press in PRESSES:
         for level in LEVELS:
             words = ["gel", "press", "--indenter", *press.split(), "--model", level, "--json"]
-            answer = called(*words, "--spacing", "1", refusals=True)
+            answer = called(*words, "--spacing", "1.5", refusals=True)
             rows[f"{press}, {level}"] = timeless(json.loads(answer or "null"))
     return rows
 
@@ -191,9 +191,9 @@ def main() -> int:
         for name in options.only:
             begun_s = time.monotonic()
             now[name] = SECTIONS[name]()
+            figures.write_text(json.dumps(now, indent=1))
             print(f"{name}: {time.monotonic() - begun_s:.0f} s", file=sys.stderr)
         os.chdir(figures.parent)
-    figures.write_text(json.dumps(now, indent=1))
     if not against:
         return 0
     before = json.loads(against.read_text())
