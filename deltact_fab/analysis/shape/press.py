@@ -250,7 +250,8 @@ def _against(found: ShapeMaps) -> dict[str, Any]:
     x, y = np.meshgrid(flow.x_mm, flow.y_mm)
     apart = None
     if seen.any():
-        apart = float(np.hypot(*(a[seen].mean() - a[contact].mean() for a in (x, y))))
+        dx_mm, dy_mm = (a[seen].mean() - a[contact].mean() for a in (x, y))
+        apart = float(np.hypot(dx_mm, dy_mm))
     return figures | {
         "depth_error_contact_mm": float(error[contact].mean()),
         "zero_error_contact_mm": float(true_depth_mm[contact].mean()),
