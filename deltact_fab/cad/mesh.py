@@ -41,8 +41,7 @@ class Mesh:
     def box_mm(self) -> Box:
         """Lowest and highest corner of the vertices."""
         points = self.vertices_mm.astype(float)
-        (x0, y0, z0), (x1, y1, z1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-        return (x0, y0, z0), (x1, y1, z1)
+        return tuple(points.min(axis=0).tolist()), tuple(points.max(axis=0).tolist())
 
     @property
     def volume_mm3(self) -> float:
