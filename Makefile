@@ -68,9 +68,9 @@ peers: .venv-peers/.ready
 	.venv-peers/bin/python -m pip install -q --disable-pip-version-check -r $<
 	@touch $@
 
-# Real firmware under the host; clones of gnea/grbl, grblHAL/Simulator and grblHAL/core. Half an hour.
+# Firmware that you built for this computer, under the host: PROGRAM='path arguments'. Half an hour.
 firmware: .venv/.ready
-	$(V)/python -m benchmarks.firmware $(GRBL) $(SIMULATOR) $(CORE)
+	$(V)/python -m benchmarks.firmware $(PROGRAM)
 
 # Two hours; goes on where it was stopped. Wants the extra `fast`, and `make peers` for felupe's rows.
 evidence: .venv/.ready
