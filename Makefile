@@ -3,7 +3,7 @@
 TESTED := import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
   $$p -c '$(TESTED)' 2>/dev/null && echo $$p && break; done)
-VENV ?= .venv
+VENV := .venv
 V := $(VENV)/bin
 # Three workers for two cores, as some wait for a simulated stage; up to 8, as each may take 1 GB.
 # JOBS=0: none, all in one process.
@@ -87,4 +87,4 @@ evidence: $(VENV)/.ready
 	$(V)/python -m benchmarks.strangers
 
 clean:
-	rm -rf .venv demo-out site .doctrees .pytest_cache .mypy_cache .ruff_cache .import_linter_cache
+	rm -rf .venv .venv-3.* demo-out site .doctrees .pytest_cache .mypy_cache .ruff_cache .import_linter_cache
