@@ -23,7 +23,6 @@ from ..cad.check.arithmetic import EVEN_SHARE, lit
 from ..cad.dimensions import Design
 from ..errors import InputError, SensorError
 from ..files import disk_errors, write_together
-from ..imaging import GAMMA
 from ..measure.face import FaceFlow
 from ..measure.flow import FlowTracker
 from ..measure.health import MAX_DEFORMATION_MM, health
@@ -34,6 +33,7 @@ from ..optics.flat import FULL_SHARE
 from ..patterns.recipe import PatternRecipe
 from ..patterns.verify import Image, JudgedRow
 from ..record import encode_png
+from ..shapes.imaging import GAMMA
 from ..version import VERSION
 from .print_in_view import RIM_PX, PrintInView, aligned, luma
 from .source import KnownSensor, Source, images

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from .. import catalog
 from ..errors import InputError
-from ..imaging import Printer
 from ..shapes.bounded import Bounded, number
+from ..shapes.imaging import Printer
 from ..units import MM_PER_INCH
 from .dots import to_px
 from .metadata import opened

@@ -20,7 +20,7 @@ from called import called
 
 from deltact_fab.cad.design import load_design
 from deltact_fab.errors import InputError
-from deltact_fab.imaging import ImageSensor, Printer
+from deltact_fab.imaging import print_colours
 from deltact_fab.live.acceptance import Acceptance, accept
 from deltact_fab.live.known_step import known_steps
 from deltact_fab.live.open import acceptance_file
@@ -30,6 +30,7 @@ from deltact_fab.patterns import load_recipe
 from deltact_fab.patterns.raster import albedo
 from deltact_fab.report.first_light import pairs
 from deltact_fab.rig.interface import CameraFrame
+from deltact_fab.shapes.imaging import ImageSensor, Printer
 from deltact_fab.virtual.picture import FrameRenderer, Geometry, RawView, Texture
 
 DESIGN = load_design("deltact")
@@ -57,7 +58,7 @@ class Made:
 def photographs(made: Made, n: int) -> list[np.ndarray]:
     """n images (h, w, 3) BGR as the camera gives them."""
     rng = np.random.default_rng(made.seed)
-    print_ = Printer().print_(albedo(load_recipe(made.recipe), STEP_MM), rng)
+    print_ = print_colours(Printer(), albedo(load_recipe(made.recipe), STEP_MM), rng)
     side = len(print_)
     back = np.array([[1 / STEP_MM, 0, (side - 1) / 2], [0, 1 / STEP_MM, (side - 1) / 2], [0, 0, 1]])
     moved = back @ np.vstack((made.move, [0, 0, 1])) @ np.linalg.inv(back)
