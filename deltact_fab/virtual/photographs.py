@@ -26,9 +26,8 @@ from ..aliases import Array, Float
 from ..errors import InputError
 from ..files import making, write_whole
 from ..imaging import Exposure
-from ..measure.lens.calibration import PHOTOGRAPHS
-from ..measure.lens.corners import Checkerboard
 from ..optics import Fisheye, Medium, Rectified, as_toml
+from ..optics.checkerboard import PHOTOGRAPHS, Checkerboard
 from ..record import encode_png
 from ..record.files import json_bytes
 from ..rig.config import VirtualConfig
