@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -11,15 +13,26 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..aliases import Field, Float
 from ..optics import CameraModel
+from ..patterns.locate import (
+    LEAST_AGREEMENT,
+    LEAST_RESPONSE,
+    Placement,
+    Tiles,
+    correlation,
+    refine,
+    tile_shifts,
+)
 from ..patterns.quality.figures import grey
 from ..patterns.raster import albedo
 from ..patterns.recipe import PatternRecipe
-from ..patterns.verify import FOUND, TOLD, Image, alike, moves
 
 SEARCH_MM = 9.0  # side of what is compared first
 ASIDE_MM = 3.0  # the sticker's middle is looked for so far off
 ALIGN_PX, RIM_PX = 48, 32
+ROUNDS_PX = (96, 96, 64, 64)  # sides of the tiles, from round to round
+TOLERANCE_PX = 1.5
 TURNS_DEG = np.arange(-7.5, 7.6, 1.5)
 SCALES = ((1.0,), (0.94, 0.96, 0.98, 1.02, 1.04, 1.06))  # of the picture; tried in turn
 
@@ -34,10 +47,10 @@ class PrintInView:
         self.nominal = np.array([[1 / scale, 0, x], [0, 1 / scale, y], [0, 0, 1]])
         """From the sensor's mm (x, y) to px of the view."""
         self._step_mm = scale / 2
-        self._print: Image = albedo(recipe, self._step_mm)
+        self._print: Float = albedo(recipe, self._step_mm)
         self._bare = recipe.model_copy(update={"dots": None})  # those look the same in all recipes
 
-    def seen(self, to_px: NDArray[np.float64], rim_px: int = 0) -> Image:
+    def seen(self, to_px: Field, rim_px: int = 0) -> Float:
         """(h, w, 3) RGB in 0..1, white beyond the sticker. to_px: from its mm to the view's px.
 
         rim_px: so much wider on every side.
@@ -47,7 +60,7 @@ class PrintInView:
         fine = _warped(self._print, self._step_mm, twice @ to_px, (2 * w, 2 * h))
         return np.asarray(cv2.resize(fine, (w, h), interpolation=cv2.INTER_AREA), np.float32)
 
-    def dots(self, to_px: NDArray[np.float64]) -> NDArray[np.uint8]:
+    def dots(self, to_px: Field) -> NDArray[np.uint8]:
         """Where in the view (h, w) a marker dot is, or its edge."""
         w, h = self.camera.width_px, self.camera.height_px
         if self.recipe.dots is None:
@@ -57,14 +70,17 @@ class PrintInView:
         bare = np.asarray(1 - mask, np.float32)
         return (_warped(bare, self._step_mm, to_px, (w, h)) < 0.5).astype(np.uint8)
 
-    def placed(self, view: Image) -> NDArray[np.float64] | None:
-        """From the sticker's mm to the view's px (3, 3); None where it is another pattern."""
-        for some in SCALES:
-            if (start := self._start(view, some)) is not None:
-                return self._refined(view, start)
+    def locate(self, view: Float) -> Placement | None:
+        """The print in a view (h, w, 3); None where it is another pattern."""
+        for scales in SCALES:
+            guess = self._guess(view, scales)
+            if guess.agreement >= LEAST_AGREEMENT:
+                rounds = [partial(self._compare, luma(view), tile_px) for tile_px in ROUNDS_PX]
+                to_px = refine(guess.to_px, rounds, TOLERANCE_PX)
+                return None if to_px is None else replace(guess, to_px=to_px)
         return None
 
-    def _start(self, view: Image, scales: Sequence[float]) -> NDArray[np.float64] | None:
+    def _guess(self, view: Float, scales: Sequence[float]) -> Placement:
         """The way round in which the middle of the view is most like the recipe."""
         step = min(0.1, max(self.patch_mm / 2, self.camera.mm_per_px))
         shrink = self.camera.mm_per_px / step
@@ -80,39 +96,26 @@ class PrintInView:
         cut = np.array([[shrink, 0, (shrink - 1) / 2 - left],
                         [0, shrink, (shrink - 1) / 2 - top], [0, 0, 1]])  # fmt: skip
         window, reach = np.ones((px, px, 1), np.float32), min(round(ASIDE_MM / step), px // 2 - 1)
-        best, at = 0.0, None
+        best = Placement(view, self.nominal, 0.0)
         turns = np.add.outer((0.0, 90.0, 180.0, 270.0), TURNS_DEG).ravel()
         for scale, flip, turn_deg in product(scales, (1.0, -1.0), turns):
             way = self.nominal @ _turn(turn_deg) @ np.diag([scale * flip, scale, 1.0])
             drawn = _warped(coarse, step, cut @ way, (px, px))
-            like, (x, y) = alike(seen, drawn, window, reach, 2 * self.patch_mm / step)
-            if like > best:
+            agreement, (x, y) = correlation(seen, drawn, window, reach, 2 * self.patch_mm / step)
+            if agreement > best.agreement:
                 moved = np.array([[1, 0, x / shrink], [0, 1, y / shrink], [0, 0, 1]])
-                best, at = like, moved @ way
-        return at if best >= FOUND else None
+                best = Placement(view, moved @ way, agreement)
+        return best
 
-    def _refined(self, view: Image, to_px: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """The map with every tile where it lies."""
-        seen = luma(view)
-        for tile_px in (96, 96, 64, 64):
-            middles, off, told = moves(seen, luma(self.seen(to_px)), tile_px)
-            good = told > TOLD
-            if good.sum() < max(8, 0.2 * len(told)):
-                return None
-            back = np.linalg.inv(to_px)
-            at_mm = cv2.perspectiveTransform((middles - 0.5)[None], back)[0]
-            fitted, _ = cv2.findHomography(
-                at_mm[good], (middles - 0.5 + off)[good], cv2.RANSAC, 1.5
-            )
-            if fitted is None:
-                return None
-            to_px = np.asarray(fitted, np.float64)
-        return to_px
+    def _compare(self, seen: Float, tile_px: int, to_px: Field) -> Tiles:
+        """A `Comparison` of a view's luma, tile by tile of the view."""
+        middles, shifts, responses = tile_shifts(seen, luma(self.seen(to_px)), tile_px)
+        middles = middles - 0.5
+        points_mm = cv2.perspectiveTransform(middles[None], np.linalg.inv(to_px))[0]
+        return points_mm, middles + shifts, responses
 
 
-def _warped(
-    image: Image, step_mm: float, to_px: NDArray[np.float64], size: tuple[int, int]
-) -> Image:
+def _warped(image: Float, step_mm: float, to_px: Field, size: tuple[int, int]) -> Float:
     """A print of step_mm, its middle at 0, through a map from mm to px; beyond it white."""
     middle = [(1 - n) * step_mm / 2 for n in image.shape[1::-1]]
     grid = np.array([[step_mm, 0, middle[0]], [0, step_mm, middle[1]], [0, 0, 1]])
@@ -120,22 +123,22 @@ def _warped(
                                           borderValue=(1, 1, 1)), np.float32)  # fmt: skip
 
 
-def _turn(deg: float) -> NDArray[np.float64]:
+def _turn(deg: float) -> Field:
     c, s = math.cos(math.radians(deg)), math.sin(math.radians(deg))
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
-def _levelled(image: Image, step_mm: float) -> Image:
+def _levelled(image: Float, step_mm: float) -> Float:
     """Without what light does to it over more than a millimetre."""
     return np.asarray(image - cv2.GaussianBlur(image, (0, 0), 1.0 / step_mm), np.float32)
 
 
-def luma(image: Image) -> Image:
+def luma(image: Float) -> Float:
     """Of an RGB picture (h, w, 3), float32."""
     return np.asarray(grey(image), np.float32)
 
 
-def aligned(seen: Image, wide: Image) -> Image:
+def aligned(seen: Float, wide: Float) -> Float:
     """What is drawn wide, RIM_PX on every side, each part of it where it lies in what is seen.
 
     What a homography leaves of a lens is smooth.
@@ -147,14 +150,14 @@ def aligned(seen: Image, wide: Image) -> Image:
     moved = np.zeros((h, w, 2))
     corners = (0, 0), (h % ALIGN_PX, w % ALIGN_PX)  # tiles from both ends: the rim counts too
     for _ in range(2):
-        found = [moves(seen[i:, j:], drawn[i:, j:], ALIGN_PX) for i, j in corners]
-        at = np.concatenate([one[0] + (j, i) for one, (i, j) in zip(found, corners, strict=True)])
-        off, told = (np.concatenate([one[k] for one in found]) for k in (1, 2))
-        good = told > TOLD
+        parts = [tile_shifts(seen[i:, j:], drawn[i:, j:], ALIGN_PX) for i, j in corners]
+        at = np.concatenate([p[0] + (j, i) for p, (i, j) in zip(parts, corners, strict=True)])
+        off, response = (np.concatenate([p[k] for p in parts]) for k in (1, 2))
+        good = response > LEAST_RESPONSE
         for _ in range(3):
             fitted = np.linalg.pinv(_quartic(at[good, 0], at[good, 1], w, h)) @ off[good]
             left = np.hypot(*(off - _quartic(at[:, 0], at[:, 1], w, h) @ fitted).T)
-            good = (told > TOLD) & (left < max(0.5, 3 * float(np.median(left[good]))))
+            good = (response > LEAST_RESPONSE) & (left < max(0.5, 3 * float(np.median(left[good]))))
         moved += (everywhere @ fitted).reshape(h, w, 2)
         at_x, at_y = (
             (one - moved[..., k] + RIM_PX).astype(np.float32) for k, one in enumerate((x, y))
@@ -163,7 +166,7 @@ def aligned(seen: Image, wide: Image) -> Image:
     return drawn
 
 
-def _quartic(x_px: NDArray[Any], y_px: NDArray[Any], w: int, h: int) -> NDArray[np.float64]:
+def _quartic(x_px: NDArray[Any], y_px: NDArray[Any], w: int, h: int) -> Field:
     """The monomials up to the fourth degree, (n, 15)."""
     x, y = 2 * x_px / w - 1, 2 * y_px / h - 1
     return np.stack([x**i * y**j for i in range(5) for j in range(5 - i)], axis=-1)
