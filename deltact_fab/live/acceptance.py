@@ -25,7 +25,7 @@ from ..errors import InputError
 from ..files import disk_errors, write_together
 from ..measure.health import MAX_DEFORMATION_MM
 from ..measure.pipeline.measurement import Rectifier
-from ..measure.sensor_id import CalibrationSource, Head, SensorId, rest_table
+from ..measure.sensor_id import CalibrationSource, Head, SensorId, SensorModel, rest_table
 from ..optics import CameraModel
 from ..optics.flat import FULL_SHARE
 from ..patterns.recipe import PatternRecipe
@@ -34,7 +34,7 @@ from ..record import encode_png
 from ..version import VERSION
 from .face_findings import LEAST_FRAMES, ComparedPrint, FaceFindings, StillImages, one_sided_fall
 from .print_in_view import PrintInView
-from .source import KnownSensor, Source, images
+from .source import Source, images
 
 FRAMES = 100
 BLUR_PATCHES = 0.375  # of a patch: there half of the contrast of neighbours is left (MTF50)
@@ -79,7 +79,6 @@ def accept(
     if recipe.patch_mm is None or recipe.law == "chessboard":
         raise InputError(f"{recipe.law}: no dense pattern: there is nothing to recognise")
     camera = source.known.camera
-    assert camera is not None, "open_source makes sure of it"
     still = StillImages(camera, source.known.flat)
     for frame in islice(images(source, rest_only=True), frames):
         still.add(frame.image)
@@ -98,7 +97,7 @@ def accept(
     return Acceptance(source.name, still.count, rows, found, still.raw)
 
 
-def save(accepted: Acceptance, known: KnownSensor, seed: int, out: Path) -> None:
+def save(accepted: Acceptance, known: SensorModel, seed: int, out: Path) -> None:
     """Keep a sensor that was accepted, and its face at rest beside it.
 
     seed: of a simulated one. Raises InputError for one that was not accepted and for a file that is

@@ -24,7 +24,8 @@ from deltact_fab.imaging import print_colours
 from deltact_fab.live.acceptance import Acceptance, accept
 from deltact_fab.live.known_step import known_steps
 from deltact_fab.live.open import acceptance_file
-from deltact_fab.live.source import KnownSensor, Source
+from deltact_fab.live.source import Source
+from deltact_fab.measure.sensor_id import SensorModel
 from deltact_fab.optics import Fisheye, Pinhole, Rectified, SurfaceLattice
 from deltact_fab.patterns import load_recipe
 from deltact_fab.patterns.raster import albedo
@@ -208,7 +209,7 @@ SPOILED = "film", "bubbles, lint, dust", "light, all LEDs", "light, even"
 def given(images: list[np.ndarray], camera: Pinhole | Rectified) -> Source:
     """Images that are there already, as a source."""
     frames = [CameraFrame(image, k / 10, k) for k, image in enumerate(images)]
-    return Source("given", KnownSensor(camera), lambda _: iter(frames))
+    return Source("given", SensorModel(camera), lambda _: iter(frames))
 
 
 def judged(made: Made, images: int = 2, recipe: str = "") -> Acceptance:
