@@ -115,7 +115,8 @@ def sensor_of(run: Run) -> SensorId:
     """Which sensor a run was recorded on. Raises InputError without a camera."""
     specimen = run.meta["protocol"]["specimen"]
     recipe = None if run.imported else run.pattern["recipe"]
-    return SensorId.of(camera_of(run), recipe, specimen.get("design"), specimen.get("serial"))
+    design, serial = specimen.get("design"), specimen.get("serial")
+    return SensorModel(camera_of(run), recipe=recipe, design=design, serial=serial).id
 
 
 def head_of(runs: Sequence[Run], kind: Kind) -> Head:

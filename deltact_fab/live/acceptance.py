@@ -9,34 +9,35 @@ health that every measurement uses.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from ..aliases import Point
+from ..aliases import Field, Float, Image, Point
 from ..cad.check.arithmetic import EVEN_SHARE, lit
 from ..cad.dimensions import Design
-from ..errors import InputError
+from ..errors import InputError, SensorError
 from ..files import disk_errors, write_together
-from ..measure.health import MAX_DEFORMATION_MM
+from ..measure.face import FaceFlow
+from ..measure.flow import FlowTracker
+from ..measure.health import MAX_DEFORMATION_MM, health
 from ..measure.pipeline.measurement import Rectifier
 from ..measure.sensor_id import CalibrationSource, Head, SensorId, SensorModel, rest_table
-from ..optics import CameraModel
+from ..optics import CameraModel, FlatField
 from ..optics.flat import FULL_SHARE
 from ..patterns.recipe import PatternRecipe
 from ..patterns.verify import JudgedRow
 from ..record import encode_png
 from ..version import VERSION
-from .face_findings import LEAST_FRAMES, ComparedPrint, FaceFindings, StillImages, one_sided_fall
-from .print_in_view import PrintInView
+from .print_in_view import ComparedPrint, FaceFindings, PrintInView, one_sided_fall
 from .source import Source, images
 
 FRAMES = 100
+LEAST_FRAMES = 10  # of which noise can be told
 BLUR_PATCHES = 0.375  # of a patch: there half of the contrast of neighbours is left (MTF50)
 LEAST_BLUR_PX = 1.2  # a Bayer filter and its demosaicing alone take nearly a pixel
 SURE = 0.5  # median correlation of tiles with the recipe; of unlike patterns it is about .3
@@ -52,7 +53,7 @@ class Acceptance:
     images: int
     rows: tuple[JudgedRow, ...]
     found: FaceFindings | None
-    raw: NDArray[np.uint8]
+    raw: Image
     """The first image at rest, as the camera gave it, (h, w, 3) BGR."""
 
     @property
@@ -79,12 +80,12 @@ def accept(
     if recipe.patch_mm is None or recipe.law == "chessboard":
         raise InputError(f"{recipe.law}: no dense pattern: there is nothing to recognise")
     camera = source.known.camera
-    still = StillImages(camera, source.known.flat)
+    still = _Still(camera, source.known.flat)
     for frame in islice(images(source, rest_only=True), frames):
         still.add(frame.image)
     view = still.mean[..., ::-1] / np.float32(255)
     sticker = PrintInView(recipe, camera)
-    placement = sticker.locate(view)
+    placement = sticker.place(view)
     compared = None if placement is None else ComparedPrint(sticker, placement)
     if compared is None or compared.agreement < SURE:
         row = JudgedRow(
@@ -92,7 +93,8 @@ def accept(
             "is it this recipe and sensor, its cover off the face, its light on? Guide E, G",
         )  # fmt: skip
         return Acceptance(source.name, still.count, (row,), None, still.raw)
-    found = compared.findings(design, still)
+    found = replace(compared.findings(design), saturated=still.saturated, noise_mm=still.noise_mm,
+                    rest=still.unrest)  # fmt: skip
     rows = tuple(JudgedRow(*row) for row in _rows(found, sticker, design, still.count))
     return Acceptance(source.name, still.count, rows, found, still.raw)
 
@@ -131,6 +133,69 @@ def picture(accepted: Acceptance, camera: CameraModel) -> bytes:
         cv2.circle(image, at, reach, (255, 255, 255), 5)
         cv2.circle(image, at, reach, (0, 0, 220), 2)
     return encode_png(image)
+
+
+class _Still:
+    """The images at rest: their mean, what is full in them, the motion that the tracker sees."""
+
+    def __init__(self, camera: CameraModel, flat: FlatField | None) -> None:
+        self._camera, self._flat = camera, flat
+        self._rectifier = Rectifier(camera)
+        self._tracker = FlowTracker(full=False)
+        self._sum: Field | None = None
+        self._flows: list[Float] = []
+        self._first: Image | None = None
+        self.untrackable = ""
+        self.count, self.saturated = 0, 0.0
+        self.raw: Image = np.zeros((1, 1, 3), np.uint8)
+
+    def add(self, raw: Image) -> None:
+        """One more image (h, w, 3) BGR as the camera gives it."""
+        seen = np.asarray(self._rectifier.view(raw), np.uint8)
+        full = (raw.max(axis=2) >= 254).astype(np.uint8)
+        maps = self._camera.maps()
+        if maps is not None and seen is not raw:  # a cubic overshoots, and tells full ones wrongly
+            full = cv2.remap(full, *maps, cv2.INTER_NEAREST)
+        self.saturated = max(self.saturated, float(full.mean()))
+        if self._sum is None:
+            self._sum, self.raw = np.zeros(seen.shape), raw
+        self._sum += seen
+        self.count += 1
+        even = seen if self._flat is None else self._flat.apply(seen)
+        if not self.untrackable:
+            try:
+                flow = FaceFlow.of(self._tracker.update(even), self._camera, 8)
+            except SensorError as why:
+                self.untrackable = str(why)
+                return
+            self._flows.append(np.where(flow.known[..., None], flow.shift_mm, np.nan))
+        if self._first is None:
+            self._first = even
+        self._last = even
+
+    @property
+    def mean(self) -> Float:
+        """Of the images, as the camera's light has them (h, w, 3) BGR, 0..255."""
+        assert self._sum is not None, "a source has an image, or it raises"
+        return np.asarray(self._sum / self.count, np.float32)
+
+    @property
+    def noise_mm(self) -> float | None:
+        """Noise of a point, median over the face; None of too few images, or untracked ones."""
+        if self.count < LEAST_FRAMES:
+            return None
+        spread = np.hypot(*np.moveaxis(np.stack(self._flows[1:]).std(axis=0), -1, 0))
+        known = np.isfinite(spread)
+        return float(np.median(spread[known])) if known.any() else None
+
+    @property
+    def unrest(self) -> tuple[str, ...]:
+        """What moved or changed from the first image to the last."""
+        if self.untrackable:
+            return (self.untrackable,)
+        if self._first is None or self.count < 2:
+            return ()
+        return health(self._first, self._last, self._camera).reasons
 
 
 def _one_led_dark(design: Design) -> float:

@@ -72,7 +72,7 @@ class SensorModel:
 
     @property
     def id(self) -> SensorId:
-        return SensorId.of(self.camera, self.recipe, self.design, self.serial)
+        return SensorId(self.design, self.serial, self.recipe, self.camera.as_dict())
 
     def with_gel(self, poisson: float, thickness_mm: float) -> SensorModel:
         """The sensor with another gel behind the same face."""
@@ -93,16 +93,6 @@ class SensorId:
     camera: Description | None = None
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
-
-    @classmethod
-    def of(
-        cls,
-        camera: CameraModel,
-        recipe: Mapping[str, Any] | None = None,
-        design: str | None = None,
-        serial: str | None = None,
-    ) -> SensorId:
-        return cls(design, serial, recipe, camera.as_dict())
 
     def unlike(self, other: SensorId) -> dict[str, tuple[Any, Any]]:
         """What both know and differ in: this one's value and the other's, by key."""

@@ -11,7 +11,7 @@ import pytest
 from deltact_fab.errors import InputError
 from deltact_fab.measure.force import COMPONENTS, ForceModel, features_of, make_features
 from deltact_fab.measure.force.calibration import ForceCalibration, load_force
-from deltact_fab.measure.sensor_id import CalibrationSource, Head, SensorId, SensorModel
+from deltact_fab.measure.sensor_id import CalibrationSource, Head, SensorModel
 from deltact_fab.optics import Pinhole
 from deltact_fab.record import encode_png
 from deltact_fab.shapes import SkinDimensions
@@ -23,7 +23,7 @@ CAMERA = Pinhole(0.0378, 798, 586, 12.85)
 def written(tmp_path: Path) -> tuple[ForceCalibration, Path]:
     rng = np.random.default_rng(0)
     head = Head(
-        "force", SensorId.of(CAMERA, serial="A1"), CalibrationSource(("run",), True, "0.1.0", 3)
+        "force", SensorModel(CAMERA, serial="A1").id, CalibrationSource(("run",), True, "0.1.0", 3)
     )
     blank = ForceCalibration(
         head, ForceModel("sums", (), np.zeros((6, 0)), np.zeros((6, 0, 0))), SkinDimensions(), 0.49
