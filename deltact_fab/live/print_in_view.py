@@ -108,7 +108,7 @@ class PrintInView:
         return best
 
     def _compare(self, seen: Float, tile_px: int, to_px: Field) -> locate.Tiles:
-        """A `Comparison` of a view's luma, tile by tile of the view."""
+        """A round of `locate.refine`, tile by tile of a view's luma."""
         middles, shifts, responses = locate.tile_shifts(seen, luma(self.seen(to_px)), tile_px)
         middles = middles - 0.5
         points_mm = cv2.perspectiveTransform(middles[None], np.linalg.inv(to_px))[0]

@@ -30,10 +30,7 @@ MIDDLE_MM, ASIDE_MM = 9.0, 1.0  # what is compared first, and how far it may lie
 SCAN_TOLERANCE_PX = 2.0
 
 Tiles = tuple[Points, Points, Array]
-"""Points (n, 2), a second (n, 2) that belongs to them, and the response (n,) of each tile."""
-Comparison = Callable[[Field], Tiles]
-"""Image and recipe under a map (3, 3) from the recipe's mm to px: points of the recipe in mm, and
-where they lie in the image in px."""
+"""Of each tile a point (n, 2), a second one or a shift (n, 2), and the response (n,)."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +81,8 @@ class StickerFrame:
         """1 where the pattern alone is, 0 at marker dots, which look the same in every recipe."""
         if self.recipe.dots is None or self.recipe.patch_mm is None:
             return np.ones((self.side_px, self.side_px, 1), np.float32)
-        bare = albedo(
-            self.recipe.model_copy(update={"dots": None}), self.step_mm, self.drawn.shape[:2]
-        )
+        without = self.recipe.model_copy(update={"dots": None})
+        bare = albedo(without, self.step_mm, (self.side_px, self.side_px))
         marked = np.abs(self.drawn - bare).max(axis=2) > 0.05
         wide = cv2.dilate(marked.astype(np.uint8), np.ones((7, 7), np.uint8))
         return (1 - wide[..., None]).astype(np.float32)
@@ -100,9 +96,8 @@ class StickerFrame:
         source = scan
         if pitch > 1.5:
             source = np.asarray(cv2.GaussianBlur(scan, (0, 0), pitch / 2.5), np.float32)
-        size, flags = (self.side_px, self.side_px), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        border = cv2.BORDER_REPLICATE
-        flat = cv2.warpPerspective(source, way, size, flags=flags, borderMode=border)
+        size, way_back = (self.side_px, self.side_px), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        flat = cv2.warpPerspective(source, way, size, None, way_back, cv2.BORDER_REPLICATE)
         return np.asarray(flat, np.float32)
 
     def shifts_mm(self, seen: Array, drawn: Array) -> Tiles:
@@ -112,7 +107,7 @@ class StickerFrame:
         return middles * self.step_mm - self.recipe.printed_mm / 2, shifts * self.step_mm, responses
 
     def compare(self, scan: Float, to_px: Field) -> Tiles:
-        """A `Comparison` of a scan."""
+        """A round of `refine` for a scan."""
         drawn, seen = self.drawn, self.flatten(scan, to_px)
         # One ink: a mean of inks that lie apart is no pattern of any.
         c = int(np.argmax(seen.std(axis=(0, 1)) * (drawn.std(axis=(0, 1)) > 0)))
@@ -216,10 +211,13 @@ def _refined(scan: Float, recipe: PatternRecipe, to_px: Field) -> Iterator[Place
         yield Placement(scan, refined, correlation(seen, fine.drawn, plain, 2, fine.pair_px)[0])
 
 
-def refine(to_px: Field, rounds: Iterable[Comparison], tolerance_px: float) -> Field | None:
+def refine(
+    to_px: Field, rounds: Iterable[Callable[[Field], Tiles]], tolerance_px: float
+) -> Field | None:
     """The map with every tile where it lies; None where too few are like the recipe's.
 
-    tolerance_px: a tile that lies further off the common map is an outlier.
+    rounds: each compares image and recipe under a map, and gives points of the recipe in mm and
+    where they lie in the image, px. tolerance_px: a tile further off the common map is an outlier.
     """
     for compare in rounds:
         points_mm, points_px, responses = compare(to_px)

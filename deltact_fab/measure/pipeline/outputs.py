@@ -101,9 +101,7 @@ class Estimators:
     """
 
     def __init__(
-        self,
-        view: SensorModel | CameraModel,
-        calibrations: Sequence[Calibration],
+        self, view: SensorModel | CameraModel, calibrations: Sequence[Calibration]
     ) -> None:
         self.view = view if isinstance(view, SensorModel) else SensorModel(view)
         self.force: ForceModel | None = None
