@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from .. import record
-from ..aliases import Array
+from ..aliases import Array, Note
 from ..analysis.force import (
     PAPER,
     PAPER_TABLE,
@@ -32,7 +32,7 @@ from ..measure.force import FEATURES, READINGS
 from ..measure.regression import least_squares
 from ..protocols import limits, plan
 from ..protocols.plan import Protocol, expand
-from ..report.result import Headline, LeftOut, ReportTable, StudyResult
+from ..report.result import Headline, ReportTable, StudyResult
 from ..report.run_figures import predicted
 from . import press_jobs
 from .intervals import Interval, headline, rmse
@@ -128,9 +128,9 @@ def _recorded(asked: StudyRequest) -> StudyResult:
     )
 
 
-def _not_taken(result: ForceResult) -> tuple[LeftOut, ...]:
+def _not_taken(result: ForceResult) -> tuple[Note, ...]:
     """Points that were not taken, and models without points enough."""
-    return tuple(LeftOut("points or models", line) for line in result.left_out)
+    return tuple(Note("points or models", line) for line in result.left_out)
 
 
 def scene(asked: StudyRequest) -> PressScene:

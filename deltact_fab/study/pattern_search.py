@@ -11,11 +11,12 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from ..aliases import Note
 from ..catalog import as_toml, validate
 from ..errors import InputError, RunFailed
 from ..patterns.recipe import DEFAULT_SEED, RECOMMENDED, PatternRecipe, load_recipe
 from ..protocols import plan
-from ..report.result import LeftOut, ReportFigure, ReportTable, StudyResult
+from ..report.result import ReportFigure, ReportTable, StudyResult
 from ..rig.config import PrinterConfig, VirtualConfig
 from ..shapes import SensorDimensions
 from ..units import MM_PER_INCH
@@ -52,11 +53,11 @@ MIN_MM_PER_PX, MAX_MM_PER_PX = 0.012, 0.1
 PROBE_S = 3.0
 """A candidate's cost on one core."""
 LEFT_OUT = (
-    LeftOut("grey patterns", "a printer makes them of one ink, which the model of three does not "
+    Note("grey patterns", "a printer makes them of one ink, which the model of three does not "
             "hold; and the tracker's second witness is colour"),
-    LeftOut("marker dots", "they are features themselves and would flatter the error"),
-    LeftOut("the lens", "the view is a pinhole's: the search is for a scale in mm a pixel"),
-    LeftOut("the search's own gel", "its drag is a known motion: nothing is solved for it"),
+    Note("marker dots", "they are features themselves and would flatter the error"),
+    Note("the lens", "the view is a pinhole's: the search is for a scale in mm a pixel"),
+    Note("the search's own gel", "its drag is a known motion: nothing is solved for it"),
 )  # fmt: skip
 
 

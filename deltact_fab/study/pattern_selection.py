@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .. import record
+from ..aliases import Note
 from ..analysis.runs import recorded
 from ..analysis.tracking_error.follow import ONLY_DOTS
 from ..errors import InputError, did_you_mean
@@ -29,7 +30,7 @@ from ..patterns.series import SeriesEntry, recipes
 from ..protocols import plan
 from ..protocols.plan import Protocol, expand
 from ..record import Run
-from ..report.result import LeftOut, StudyResult
+from ..report.result import StudyResult
 from ..shapes.indenter import parse
 from ..units import MM_PER_INCH
 from .grid import Grid, GridJob
@@ -53,10 +54,10 @@ NOTES = (
     "positions (--scale) and prints of a pattern (--seed) would decide others.",
 )
 LEFT_OUT = (
-    LeftOut("images and records", "drawn, tracked and let go: a stream"),
-    LeftOut("forces", "no channel asks for them"),
+    Note("images and records", "drawn, tracked and let go: a stream"),
+    Note("forces", "no channel asks for them"),
 )
-NO_LENS = LeftOut("the lens", "the rig draws through a pinhole")
+NO_LENS = Note("the lens", "the rig draws through a pinhole")
 
 
 def run(asked: StudyRequest) -> StudyResult:

@@ -106,7 +106,7 @@ def _gel_of(bench: VirtualRig) -> dict[str, Any]:
     flags: dict[str, str] = {}
     for press in opened:
         for flag in (flag for knot in press.solver.knots for flag in knot.flags):
-            flags.setdefault(flag.partition(":")[0], flag)
+            flags.setdefault(flag.id, flag.labelled)
     by_name = {path.press: path for path in presses.paths}
     choices = [presses.choice(by_name[press.name]) for press in opened]
     return {

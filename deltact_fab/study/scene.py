@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..aliases import Note
 from ..cad.design import load_design
 from ..errors import DeltactFabError, InputError
 from ..gel.level_selection import SHARE
@@ -18,7 +19,7 @@ from ..measure.sensor_id import CalibrationSource, Head, SensorId, SensorView
 from ..patterns.recipe import load_recipe
 from ..protocols import limits
 from ..protocols.plan import Protocol, expand
-from ..report.result import GEL_FLAGS, LeftOut
+from ..report.result import GEL_FLAGS
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..version import VERSION
@@ -168,7 +169,7 @@ def flagged(gel: Sequence[Mapping[str, Any]], of: str) -> dict[str, str]:
     return {GEL_FLAGS: told} if told else {}
 
 
-def left_out(gel: Sequence[Mapping[str, Any]]) -> tuple[LeftOut, ...]:
-    """What the rig did without in any job, from its lines "what: why"."""
-    lines = [line.partition(": ") for line in sorted({x for one in gel for x in one["left_out"]})]
-    return tuple(LeftOut(what, why) for what, _, why in lines)
+def left_out(gel: Sequence[Mapping[str, Any]]) -> tuple[Note, ...]:
+    """What the rig did without in any job."""
+    notes = {note for one in gel for note in one["left_out"]}
+    return tuple(sorted(notes, key=lambda note: note.labelled))
