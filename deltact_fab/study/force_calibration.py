@@ -34,8 +34,8 @@ from ..protocols import limits, plan
 from ..protocols.plan import Protocol, expand
 from ..report.result import Headline, ReportTable, StudyResult
 from ..report.run_figures import predicted
-from . import press_jobs
 from .intervals import Interval, headline, rmse
+from .press_jobs import ForcePointsJob, force_points_job
 from .registry import StudyRequest, modulus_remark, share_of
 from .scene import PressScene, left_out
 
@@ -75,7 +75,10 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     of.solve_gels(asked)
     ((name, protocol),) = of.protocols.items()
     names = [*FEATURES, *READINGS]
-    jobs = [of.job(p, name, p, press_jobs.points, features=names) for p in of.presses(name)]
+    jobs = [
+        of.job(p, name, p, force_points_job, ForcePointsJob, features=tuple(names))
+        for p in of.presses(name)
+    ]
     done = list(asked.solve(jobs).found.values())
     data = joined([one["points"] for one in done], names, of.view(name), name)
     result = fit_best(

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from ..aliases import Note
 from ..catalog import as_toml, validate
@@ -20,11 +19,10 @@ from ..report.result import ReportFigure, ReportTable, StudyResult
 from ..rig.config import PrinterConfig, VirtualConfig
 from ..shapes import SensorDimensions
 from ..units import MM_PER_INCH
-from . import press_jobs
 from .grid import GridJob, seed_of
-from .pattern_errors import OURS, PatternErrors, cells_of
+from .pattern_errors import OURS, PatternErrors
 from .pattern_selection import frames_an_indenter, part_of
-from .press_jobs import cost_s, follow
+from .press_jobs import TrackingJob, cost_s, follow
 from .registry import StudyRequest, share_of, virtual_rig
 from .scene import RIG, PressScene
 from .search_candidates import (
@@ -34,6 +32,7 @@ from .search_candidates import (
     MIN_DOTS,
     MIN_PX,
     PAPER,
+    ProbeJob,
     candidates,
     confirmed,
     errors_by_size,
@@ -73,9 +72,9 @@ def run(asked: StudyRequest) -> StudyResult:
     protocol = shortened(whole_protocol, scale)
     of = PressScene({PROTOCOL: protocol}, config, rig, source, sensor, asked.seed)
     searches = [seed_of(asked.seed, f"search {k}") for k in range(max(1, round(2 * scale)))]
-    told = partial(press_jobs.given, protocol, sensor, config, source)
     probes = [
-        [GridJob(f"{name}, search {k}", probe, told(recipe=_drawn(recipe, s), seed=s), PROBE_S)
+        [GridJob(f"{name}, search {k}", probe, ProbeJob(config, sensor, _drawn(recipe, s), s),
+                 PROBE_S)
          for k, s in enumerate(searches, start=1)]
         for name, recipe in among.items()
     ]  # fmt: skip
@@ -89,9 +88,9 @@ def run(asked: StudyRequest) -> StudyResult:
     seeds = [seed_of(asked.seed, f"held-out seed {k}") for k in range(max(2, round(5 * scale)))]
     jobs = [
         [
-            of.job(
-                f"{press}, held out {k}", PROTOCOL, press, follow,
-                cost_s(frames_an_indenter(protocol), len(chosen)), seed=seed, methods=[OURS],
+            replace(of, seed=seed).job(
+                f"{press}, held out {k}", PROTOCOL, press, follow, TrackingJob,
+                cost_s(frames_an_indenter(protocol), len(chosen)), methods=(OURS,),
                 patterns={name: _drawn(among[name], seed) for name in chosen},
             )
             for press in of.presses(PROTOCOL)
@@ -100,16 +99,16 @@ def run(asked: StudyRequest) -> StudyResult:
     ]  # fmt: skip
     there = asked.solve([job for own in jobs for job in own]).found
     errors = PatternErrors((), [  # of each seed that was done whole
-        cell
-        for k, own in enumerate(jobs) if all(job.name in there for job in own)
+        replace(cell, indenter=f"held out {k}")
+        for k, own in enumerate(jobs, start=1) if all(job.name in there for job in own)
         for job in own
-        for cell in cells_of(there[job.name], job.given["press"], f"held out {k + 1}")
+        for cell in there[job.name]["cells"]
     ])  # fmt: skip
     gel_table = confirmed(errors, chosen)
     winner = next((name for name in gel_table["pattern"] if name in best), None)
     if winner is None:
         raise RunFailed("pattern-search: no finalist could be tracked on the gel")
-    recipe = _drawn(among[winner], DEFAULT_SEED)
+    recipe = _drawn(among[winner], DEFAULT_SEED).model_dump(mode="json", exclude_none=True)
     heads, bench = headlines(errors, best, winner), words_of(config, sensor)
     px = recipe["patch_mm"] / sensor.optics.mm_per_px
     dots = recipe["patch_mm"] / mm_per_dot
@@ -170,9 +169,9 @@ def run(asked: StudyRequest) -> StudyResult:
     )  # fmt: skip
 
 
-def _drawn(recipe: PatternRecipe, seed: int) -> dict[str, Any]:
-    """A recipe of another seed, as plain data."""
-    return recipe.model_copy(update={"seed": seed}).model_dump(mode="json", exclude_none=True)
+def _drawn(recipe: PatternRecipe, seed: int) -> PatternRecipe:
+    """A recipe of another seed."""
+    return recipe.model_copy(update={"seed": seed})
 
 
 def bench_of(
