@@ -210,7 +210,8 @@ class Run:
     def remarks(self) -> tuple[list[str], list[str]]:
         """Warnings of the summary, without their mark, and its other notes."""
         summary = self.summary()
-        remarks = [Note(**one) for one in summary.get("remarks", ())]
+        kept = summary.get("remarks", ())
+        remarks = [Note(one["id"], one["text"], one.get("warns", False)) for one in kept]
         if "remarks" not in summary:  # of an imported run, or of 0.3.0 and before: lines alone
             lines = summary.get("notes", ())
             remarks = [Note("", s.removeprefix(WARNING), s.startswith(WARNING)) for s in lines]

@@ -207,10 +207,9 @@ def follow(job: TrackingJob) -> dict[str, Any]:
                 rows[name][method].append(figures)
     path = path_mm([look.tip_mm for look in stream.looks[1:]], stream.path.at_mm)
     cells = [
-        PressErrors(
-            name, job.press, stream.path.indenter, without_times(one.tallies),
-            {method: figures_table(part) for method, part in rows[name].items()}, path,
-            one.dots.tally.figures() if one.dots else None, tuple(lost.get(name, one.left_out)),
+        errors_of(
+            job.press, stream.path.indenter, path, name, one.tallies, rows[name],
+            one.dots.tally.figures() if one.dots else None, lost.get(name, one.left_out),
         )
         for name, one in followers.items()
     ]  # fmt: skip
@@ -223,29 +222,27 @@ def path_mm(tips_mm: Sequence[Sequence[float]], at_mm: Sequence[float]) -> Field
     return np.column_stack((np.maximum(-z, 0.0), np.hypot(x - at_mm[0], y - at_mm[1])))
 
 
-def figures_table(rows: Sequence[Mapping[str, Any]]) -> Field:
-    """FIGURES (n, 3) of frames' rows."""
-    cells = [[row.get(key) for key in FIGURES] for row in rows]
-    return np.array(cells, float).reshape(-1, len(FIGURES))
-
-
-def without_times(tallies: Mapping[str, ErrorTally]) -> dict[str, ErrorTally]:
-    """Tallies as a grid keeps them."""
-    return {method: replace(tally, ms=[]) for method, tally in tallies.items()}
+def errors_of(
+    press: str, indenter: str, path: Field, pattern: str, tallies: Mapping[str, ErrorTally],
+    rows: Mapping[str, Sequence[Mapping[str, Any]]], dots: dict[str, Any] | None,
+    left_out: Sequence[str],
+) -> PressErrors:  # fmt: skip
+    """The errors of a press under a pattern as a grid keeps them: FIGURES of frames, no times."""
+    sums = {method: replace(tally, ms=[]) for method, tally in tallies.items()}
+    figures = {m: [[row.get(key) for key in FIGURES] for row in rows[m]] for m in tallies}
+    arrays = {m: np.array(part, float).reshape(-1, len(FIGURES)) for m, part in figures.items()}
+    return PressErrors(pattern, press, indenter, sums, arrays, path, dots, tuple(left_out))
 
 
 def follow_recorded(job: RecordedTrackingJob) -> dict[str, Any]:
     """One press of a run, as `follow` returns one of a simulated gel."""
     run = record.open(job.folder)
     tracked = analyse_press(job.folder, job.press, tracking_plan_of(run, job.methods))
+    rows = {m: [row for row in tracked.rows if row["method"] == m] for m in job.methods}
     tips = run.frames(job.press)[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    rows = {
-        method: figures_table([row for row in tracked.rows if row["method"] == method])
-        for method in job.methods
-    }
-    cell = PressErrors(
-        job.pattern, job.press, job.indenter, without_times(tracked.tallies), rows,
-        path_mm(tips[1:].tolist(), tips[0, :2].tolist()), tracked.dots.figures(),
-        tuple(tracked.left_out),
+    path = path_mm(tips[1:].tolist(), tips[0, :2].tolist())
+    cell = errors_of(
+        job.press, job.indenter, path, job.pattern, tracked.tallies, rows,
+        tracked.dots.figures(), tracked.left_out,
     )  # fmt: skip
     return {"cells": [cell]}
