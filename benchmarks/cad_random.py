@@ -175,11 +175,11 @@ def outcome(index: int) -> dict[str, Any]:
     found: dict[str, Any] = {"index": index, "changes": changes, "outcome": "passed"}
     try:
         rows = check.run(load_design("deltact", changes), cached=True)
-        failed = [row for row in rows if not row.passed and "were not run" not in row.found]
+        failed = [row for row in rows if row.failed]
         if failed:
             found["outcome"] = "rows"
-            found["rows"] = [[r.check, r.part, r.found, r.limit] for r in failed]
-            found["named"] = all(names_a_key(f"{r.found} {r.limit}") for r in failed)
+            found["rows"] = [[r.name, r.subject, r.value, r.limit] for r in failed]
+            found["named"] = all(names_a_key(f"{r.value} {r.limit} {r.remedy}") for r in failed)
     except InputError as why:
         found |= {"outcome": "refused", "line": str(why), "named": names_a_key(str(why))}
     except Exception:

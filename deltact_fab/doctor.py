@@ -34,12 +34,6 @@ class InstalledItem:
     brings: str = ""
     get: str = ""
 
-    def line(self) -> str:
-        """As a person reads it."""
-        tail = f"; for {self.brings}" if self.brings else ""
-        tail += f"; {self.get}" if self.get else ""
-        return f"{self.state:<8}{self.group:<9}{self.name:<32}{self.text}{tail}"
-
 
 def look() -> list[InstalledItem]:
     """Everything, in order. Fast: no large package is imported."""

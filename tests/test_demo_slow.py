@@ -81,7 +81,7 @@ def test_the_demo_ends_with_shape_contact_and_force_beside_the_tracking_error(de
     assert int(off[0]) >= 30
     assert float(off[1]) <= 0.12  # of 6 N
     assert max(float(off[2]), float(off[3])) <= 0.04  # of 1.9 N
-    assert '<div class="verdict good">' in page  # nothing in its own scene deserves a warning
+    assert '<div class="verdict pass">' in page  # nothing in its own scene deserves a warning
     for words in ("Shape and contact at the deepest press", "Shape and contact: Mean error of 20"):
         assert words in page
 

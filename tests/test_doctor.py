@@ -44,8 +44,9 @@ def test_what_is_missing_is_named_with_the_way_to_get_it(monkeypatch: pytest.Mon
     done = CliRunner().invoke(main, ["doctor"])
     assert done.exit_code == 1
     lines = {line.split()[2]: line for line in done.output.splitlines()}
-    assert lines["segno"].startswith("missing core")
+    assert lines["segno"].split()[:2] == ["missing", "core"]
     assert "pip install segno" in lines["segno"]
-    assert "runs as Parquet, MCAP and LeRobot; pip install 'deltact-fab[export]'" in lines["mcap"]
+    for words in ("runs as Parquet, MCAP and LeRobot", "pip install 'deltact-fab[export]'"):
+        assert words in lines["mcap"]
     assert "apt-get install libgl1" in lines["libGL.so.1"]
     assert "the core is broken" in done.output

@@ -200,9 +200,9 @@ def test_a_press_that_no_mesh_serves_is_told_by_the_check_and_before_a_run(
         for r in experiment.RunRequest(str(bad), str(mini[1])).checks()
         if r.name == "simulated gel"
     )
-    assert not row.ok
-    assert "sphere-0p5/p1" in row.where
-    assert "hides between cells" in row.where
+    assert row.failed
+    assert "sphere-0p5/p1" in row.remedy
+    assert "hides between cells" in row.remedy
     with pytest.raises(InputError, match="hides between cells"):
         experiment.run(experiment.RunRequest(str(bad), str(mini[1]), tmp_path / "r"))
     assert not (tmp_path / "r").exists()

@@ -9,6 +9,7 @@ import pytest
 
 from deltact_fab import experiment
 from deltact_fab.cad.design import load_design
+from deltact_fab.checks import Check
 from deltact_fab.elasticity.block import FreeBlock
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
@@ -18,7 +19,7 @@ from deltact_fab.gel.linear.contact import LinearContact
 from deltact_fab.preflight.peaks import Peak, PressCurve, grown_n, predict, press_curve
 from deltact_fab.preflight.rule import ForceLimits, checks, limits_of
 from deltact_fab.protocols import plan
-from deltact_fab.protocols.limits import LimitCheck, require
+from deltact_fab.protocols.limits import reason, require
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig import config
 from deltact_fab.shapes.indenter import parse
@@ -55,8 +56,8 @@ def _peaks(protocol: Protocol) -> list[Peak]:
     return found
 
 
-def _over(protocol: Protocol, limits: ForceLimits) -> list[LimitCheck]:
-    return [row for row in checks(_peaks(protocol), limits) if row.warns or not row.ok]
+def _over(protocol: Protocol, limits: ForceLimits) -> list[Check]:
+    return [row for row in checks(_peaks(protocol), limits) if row.status == "warn" or row.failed]
 
 
 def _with(protocol: Protocol, **changes: object) -> Protocol:
@@ -110,7 +111,7 @@ def test_an_undeclared_limit_is_an_error_on_a_real_rig(
 ) -> None:
     (row,) = _over(smoke, limits)
     wanted = f"my-bench.toml: {key} is not declared, so its force cannot be checked"
-    assert row.reason() == wanted
+    assert reason(row) == wanted
     with pytest.raises(InputError, match="not declared"):
         require([row], limits.source)
 
@@ -227,9 +228,9 @@ def test_where_the_engine_refuses_the_bound_and_its_reason_stand(
     )
     peak = _peaks(blunt)[0]
     assert (peak.level, peak.reason) == ("bound", "press: cannot be solved")
-    rows = [row for row in checks([peak], REAL) if not row.ok]
+    rows = [row for row in checks([peak], REAL) if row.failed]
     assert rows
-    assert all("(bound: press: cannot be solved)" in row.where for row in rows)
+    assert all("(bound: press: cannot be solved)" in "".join(row.basis) for row in rows)
 
 
 def test_a_depth_outside_of_the_gel_is_refused() -> None:

@@ -9,11 +9,12 @@ import pytest
 
 from deltact_fab import catalog, experiment
 from deltact_fab.cad.design import load_design
+from deltact_fab.checks import Check
 from deltact_fab.errors import InputError
 from deltact_fab.preflight.peaks import Peak, predict
 from deltact_fab.preflight.rule import ForceLimits, checks, limits_of
 from deltact_fab.protocols import plan
-from deltact_fab.protocols.limits import LimitCheck, require
+from deltact_fab.protocols.limits import reason, require
 from deltact_fab.rig import config
 from deltact_fab.rig.force.guard import GuardLimits
 
@@ -42,8 +43,8 @@ def limits(guard: GuardLimits, simulated: bool = False) -> ForceLimits:
     )
 
 
-def over(peaks: list[Peak], limits: ForceLimits) -> list[LimitCheck]:
-    return [row for row in checks(peaks, limits) if row.warns or not row.ok]
+def over(peaks: list[Peak], limits: ForceLimits) -> list[Check]:
+    return [row for row in checks(peaks, limits) if row.status == "warn" or row.failed]
 
 
 def test_what_the_guard_would_trip_is_refused_and_what_it_may_is_told(peaks: list[Peak]) -> None:
@@ -52,16 +53,17 @@ def test_what_the_guard_would_trip_is_refused_and_what_it_may_is_told(peaks: lis
 
     near = limits(GuardLimits((20.0, 20.0, 1.5 * normal_n), (200.0,) * 3))
     (row,) = over(peaks, near)
-    assert (row.name, row.ok, row.figure > row.bound) == ("guard", True, True)
-    assert "normal force with twice the modulus, [guard] force_n (N)" in row.reason()
+    assert (row.name, row.failed, row.value > row.limit) == ("guard", False, True)
+    assert "normal force with twice the modulus, [guard] force_n (N)" in reason(row)
 
     tight = limits(GuardLimits((20.0, 20.0, 0.9 * normal_n), (200.0,) * 3))
     (row,) = over(peaks, tight)
-    assert row.line().startswith("FAIL  guard: normal force as expected, [guard] force_n (N)")
+    assert row.failed
+    assert row.subject.startswith("normal force as expected, [guard] force_n (N)")
     with pytest.raises(InputError, match=r"bench.toml: guard: normal force as expected, \[guard\]"):
         require([row], "bench.toml")
     (row,) = over(peaks, replace(tight, simulated=True))
-    assert row.ok
+    assert not row.failed
 
 
 def test_every_limit_of_the_guard_is_compared(peaks: list[Peak]) -> None:
@@ -70,7 +72,7 @@ def test_every_limit_of_the_guard_is_compared(peaks: list[Peak]) -> None:
         (GuardLimits((20.0, 20.0, 28.0), resultant_n=1.0), "[guard] resultant_n"),
         (GuardLimits((20.0, 20.0, 28.0), (1e-3,) * 3), "0.8 of [force] range_nmm"),
     ):
-        lines = [row.reason() for row in over(peaks, limits(guard)) if not row.ok]
+        lines = [reason(row) for row in over(peaks, limits(guard)) if row.failed]
         assert lines
         assert any(words in line for line in lines)
         assert not any("\n" in line for line in lines)
@@ -95,7 +97,7 @@ def test_a_real_rig_has_a_guard_and_a_virtual_one_has_none(tmp_path: Path) -> No
     assert found.guard is not None
     assert found.guard_keys[0] == "[guard] force_n"
     _, rows = experiment.RunRequest("smoke", str(rig)).forces() or ([], [])
-    assert any("[guard] force_n" in row.what for row in rows if not row.ok)
+    assert any("[guard] force_n" in row.subject for row in rows if row.failed)
     rig.write_text(text + "[guard]\nforce_n = 30.0\n")
     with pytest.raises(InputError, match=r"bench.toml: guard: the limit 30 of Fx"):
         experiment.RunRequest("smoke", str(rig)).forces()

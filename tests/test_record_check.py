@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import sqlite3
 from collections.abc import Callable
@@ -138,7 +139,7 @@ def test_what_is_wrong_is_named(copy: Path, how: str) -> None:
     assert done.exit_code == 1, done.output
     first, *lines = done.output.splitlines()
     assert "DAMAGED" in first
-    assert any(f"{kind}  {where}: " in line and words in line for line in lines), done.output
+    assert any(line.split()[:2] == [kind, where] and words in line for line in lines), done.output
 
 
 @pytest.mark.parametrize(
@@ -164,7 +165,7 @@ def test_a_run_of_0_2_is_read_and_checked_and_not_gone_on_with(no_images: Path) 
     found = record.check(OF_0_2)
     assert (found.format, found.whole, list(found.open)) == (5, True, ["sphere-6/p2"])
     assert found.unhashed == ["run.json", "protocol.toml", "pattern.json"]
-    assert "not hashed  run.json, " in "".join(found.lines())
+    assert found.rows()[1][:2] == ("not hashed", "run.json, protocol.toml, pattern.json")
     old, new = (record.open(folder).frames("sphere-6/p1") for folder in (OF_0_2, no_images))
     assert len(old) == 8
     clocks = list(CLOCK_COLUMNS)
@@ -191,7 +192,7 @@ def test_what_an_unfinished_run_lacks_is_no_damage(copy: Path) -> None:
     done = command("check", copy)
     assert done.exit_code == 0, done.output
     assert "whole (unfinished): 1 of 2 presses" in done.output
-    assert "open  4dots/p1: " in done.output
+    assert re.search(r"open +4dots/p1 ", done.output)
     held = claim(copy)
     assert "being written now" in command("check", copy).output
     held.close()

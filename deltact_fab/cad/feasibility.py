@@ -7,25 +7,27 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ..checks import Check
 from ..errors import InputError
 from .dimensions import Design
 from .registry import of_design
-from .rule import Rule, first_of
+from .rule import first_of, statement
 
 # What cannot be made smaller comes first: it is what a reader must hear of.
 FIRST = ("camera", "skin-frame", "acrylic", "screw", "shell")
 
 
-def rules(design: Design) -> list[Rule]:
-    """Every rule of the sensor, the mold and the test bench."""
+def rules(design: Design) -> list[Check]:
+    """Every rule of the sensor, the mold and the test bench; its subject is the part."""
     unverified = set(design.unverified())
     parts = of_design(design)
     parts.sort(key=lambda part: FIRST.index(part.name) if part.name in FIRST else len(FIRST))
     return [
         replace(
             rule,
-            part=rule.part or part.name,
-            rests_on=tuple(key for key in rule.rests_on if key in unverified),
+            id=f"{part.name}.{rule.id}",
+            subject=part.name,
+            basis=tuple(key for key in rule.basis if key in unverified),
         )
         for part in parts
         for rule in part.rules(design)
@@ -34,6 +36,6 @@ def rules(design: Design) -> list[Rule]:
 
 def check(design: Design, source: str = "") -> None:
     """Raise InputError in one line with the first rules that fail, unless all hold."""
-    broken = [f"{rule.part}: {rule.text} fails" for rule in rules(design) if not rule.holds]
+    broken = [f"{r.subject}: {statement(r)} fails" for r in rules(design) if r.failed]
     if broken:
         raise InputError((f"{source}: " if source else "") + first_of(broken, " | "))

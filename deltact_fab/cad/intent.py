@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..checks import Check
 from ..errors import InputError, SolverError
 from ..optics import half_angle_rad, reached_mm
 from ..shapes.bounded import ShapeError
@@ -21,6 +22,7 @@ from .check import arithmetic, visibility
 from .design import load_camera, load_cameras
 from .dimensions import Design
 from .parts.camera import off_axis_mm
+from .rule import statement
 from .standards import CAP_SCREWS, CHEESE_SCREWS, CapThread, CheeseThread
 
 GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)
@@ -38,7 +40,6 @@ SHARE = 0.55
 FACE_MM = 10.0, 200.0
 STEPS = 400
 CHEESE_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # lengths that are sold
-NEAREST = "focus, nearest"
 CORNER_RAD = math.radians(79.0)  # short of where the acrylic reflects a third
 
 
@@ -87,7 +88,11 @@ def wish_of(face: str, share: float = SHARE, camera: str | None = None) -> Wish:
 
 
 class Unsolved(Exception):
-    """No dimension is left that would mend what it says."""
+    """No dimension is left that would mend a check, the first that fails; None of a limit."""
+
+    def __init__(self, why: str, check: Check | None = None) -> None:
+        super().__init__(why)
+        self.check = check
 
 
 def solved(wish: Wish, base: Design) -> Design:
@@ -105,18 +110,18 @@ def solved(wish: Wish, base: Design) -> Design:
             design = _made(wish, choices, base)
         except ShapeError as why:
             raise Unsolved(str(why)) from why
-        first = ""
+        first = None
         # What comes later costs more, and is not asked where something earlier can be mended.
-        for text in failures(design, wish):
-            first = first or text
-            moved = _mended(choices, text, design, wish)
+        for check in failures(design, wish):
+            first = first or check
+            moved = _mended(choices, check.id, design, wish)
             if moved is not None and moved not in seen:
                 choices = moved
                 break
         else:
-            if not first:
+            if first is None:
                 return design
-            raise Unsolved(first)
+            raise Unsolved(failure(first), first)
     raise Unsolved(f"no end after {STEPS} steps")
 
 
@@ -130,7 +135,8 @@ def wished(wish: Wish, base: Design) -> Design:
         return solved(wish, base)
     except Unsolved as why:
         # No face and no share lets a lens focus nearer.
-        changes = [] if NEAREST in str(why) else list(_changes(wish))
+        too_near = why.check is not None and why.check.id == "focus.nearest"
+        changes = [] if too_near else list(_changes(wish))
         changes += [(f"--camera {name}", replace(wish, camera=name)) for name in load_cameras()]
         typed = next((typed for typed, changed in changes if _passes(changed, base)), "")
         told = f"the smallest change that passes: {typed}" if typed else "no camera would do"
@@ -159,27 +165,34 @@ def _passes(wish: Wish, base: Design) -> bool:
     return False
 
 
-def failures(design: Design, wish: Wish) -> Iterator[str]:
-    """What does not hold, by arithmetic: `check or part: words`."""
+def failures(design: Design, wish: Wish) -> Iterator[Check]:
+    """The checks by arithmetic that fail."""
     view_x, view_y = design.optics.view_mm
     seen = view_x * view_y / math.prod(wish.face_mm)
     if seen < wish.share:
-        yield f"view of the face: {100 * seen:.0f} % of it, {100 * wish.share:g} % wanted"
-    for rule in feasibility.rules(design):
-        if not rule.holds:
-            yield f"{rule.part}: {rule.text}"
+        text, limit = f"{100 * seen:.0f} % of it", f"{100 * wish.share:g} % wanted"
+        yield Check("view-share", "view of the face", "", text, limit, "fail")
+    yield from (rule for rule in feasibility.rules(design) if rule.failed)
     path = design.optics.air_gap_mm, design.optics.acrylic_mm, design.skin.thickness_mm
     angle = half_angle_rad(math.hypot(view_x, view_y) / 2, *path)
     cone_mm = _reached_mm(angle, (path[0], path[1], 0.0)) + math.sqrt(2) * off_axis_mm(design)
-    if not cone_mm <= design.light_bore_mm:
-        bore_mm = design.light_bore_mm
-        yield f"light cone: {cone_mm:.1f} mm wide at the plate, {bore_mm:.1f} mm in the ring"
-    for rows in (arithmetic.fits, arithmetic.light, visibility.view, arithmetic.platform):
-        yield from (f"{r.check}: {r.found}; {r.limit}" for r in rows(design) if not r.passed)
+    bore_mm = design.light_bore_mm
+    if not cone_mm <= bore_mm:
+        text, limit = f"{cone_mm:.1f} mm wide at the plate", f"{bore_mm:.1f} mm in the ring"
+        yield Check("light-cone", "light cone", "", text, limit, "fail")
+    for checks in (arithmetic.fits, arithmetic.light, visibility.view, arithmetic.platform):
+        yield from (check for check in checks(design) if check.failed)
     try:
-        yield from (f"{r.check}: {r.found}" for r in arithmetic.bending(design) if not r.passed)
+        yield from (check for check in arithmetic.bending(design) if check.failed)
     except SolverError as why:
-        yield f"plate deflection: {why}"
+        yield Check("plate-deflection", "plate deflection", "acrylic", str(why), "", "fail")
+
+
+def failure(check: Check) -> str:
+    """A failed check in one line."""
+    if check.sign:
+        return f"{check.subject}: {statement(check)}"
+    return f"{check.name}: {check.value}" + (f"; {check.limit}" if check.limit else "")
 
 
 def _made(wish: Wish, choices: Choices, base: Design) -> Design:
@@ -313,14 +326,10 @@ def _reached_mm(angle: float, path: tuple[float, float, float]) -> float:
     return float(reached_mm(min(angle, CORNER_RAD), *path))
 
 
-def _mended(choices: Choices, text: str, design: Design, wish: Wish) -> Choices | None:
-    """The choices with the remedy of a failure; None where there is none, or it is at its end."""
-    for words, remedy in REMEDIES:
-        if words in text:
-            changed = remedy(choices, design, wish)
-            if changed is not None:
-                return changed
-    return None
+def _mended(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | None:
+    """The choices with the remedy of a failed check; None where none is left."""
+    changed = (remedy(choices, design, wish) for remedy in REMEDIES.get(id, ()))
+    return next((choices for choices in changed if choices is not None), None)
 
 
 Remedy = Callable[[Choices, Design, Wish], "Choices | None"]
@@ -371,29 +380,25 @@ def _housing(axis: int) -> Remedy:
     return wider
 
 
-REMEDIES: tuple[tuple[str, Remedy], ...] = (
-    ("view of the face", _next("gap_mm", GAPS_MM)),
-    ("focus", _next("gap_mm", GAPS_MM)),
-    ("light cone", _less_view),
-    ("light cone", _wider_ring),
-    ("plate clear of the light", _next("axial_mm", AXIAL_MM)),
-    ("ring below the acrylic", _next("axial_mm", AXIAL_MM)),
-    ("plate deflection", _next("sheet_mm", SHEETS_MM)),
-    ("plate stress", _next("sheet_mm", SHEETS_MM)),
-    ("even light", _more_leds),
-    ("even light", _less_view),
-    ("even light", _next("gel_mm", GELS_MM)),
-    ("led_count x pitch", _next("leds", FEWER_LEDS)),
-    ("strip_width_mm", _next("strip_mm", STRIPS_MM)),
-    ("strip_width_mm", _next("gap_mm", GAPS_MM)),
-    ("fits the printer", _smaller_mold),
-    ("in the shell, x", _housing(0)),
-    ("in the shell, y", _housing(1)),
-    ("between the bosses, x", _housing(0)),
-    ("between the bosses, y", _housing(1)),
-    ("beside the posts", _housing(0)),
-    ("lens in the bore", _wider_ring),
-    ("LED in its channel", _wider_ring),
-    ("room between the posts", _housing(0)),
-)
-"""What moves where a failure says these words, the first that still can."""
+REMEDIES: dict[str, tuple[Remedy, ...]] = {
+    id: moves
+    for ids, moves in (
+        ("view-share focus.nearest focus.corner focus.pressed", (_next("gap_mm", GAPS_MM),)),
+        ("light-cone", (_less_view, _wider_ring)),
+        ("plate-clear-of-light light-holder.below-acrylic", (_next("axial_mm", AXIAL_MM),)),
+        ("plate-deflection plate-stress", (_next("sheet_mm", SHEETS_MM),)),
+        ("even-light", (_more_leds, _less_view, _next("gel_mm", GELS_MM))),
+        ("light-holder.led-count", (_next("leds", FEWER_LEDS),)),
+        ("light-holder.strip led-strip.led-on-strip",
+         (_next("strip_mm", STRIPS_MM), _next("gap_mm", GAPS_MM))),
+        ("fits-printer.mold", (_smaller_mold,)),
+        ("light-holder.lens-in-bore light-holder.led-in-channel", (_wider_ring,)),
+        ("camera.board-in-shell-x camera-holder.in-shell-x camera-holder.between-bosses-x "
+         "camera.board-beside-posts skin-frame.posts-x skin-frame.posts-y shell.cable-room",
+         (_housing(0),)),
+        ("camera.board-in-shell-y camera-holder.in-shell-y camera-holder.between-bosses-y",
+         (_housing(1),)),
+    )
+    for id in ids.split()
+}  # fmt: skip
+"""What moves where the check of an id fails: the first that still can."""

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
+    from ..checks import Check
     from .design import IndenterDimensions
     from .dimensions import Design
     from .drafting.dimensioning import Callouts
     from .kernel import Box
-    from .rule import PlayFit, Rule
+    from .rule import PlayFit
 
 Group = Literal["sensor", "electronics", "tools", "bench", "indenters"]
 GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indenters")
@@ -143,7 +144,7 @@ class Part:
     places: Callable[[Design], list[Shift]] = in_its_place
     sections: tuple[str, ...] = ()
     derived: tuple[str, ...] = ()
-    rules: Callable[[Design], Iterable[Rule]] = nothing
+    rules: Callable[[Design], Iterable[Check]] = nothing
     fits: Callable[[Design], Iterable[PlayFit]] = nothing
     wall_keys: tuple[str, ...] = ()
     in_view: bool = False

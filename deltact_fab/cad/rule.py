@@ -10,34 +10,34 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ..checks import Check, graded
+
 SLACK = 1e-9  # sums of decimal fractions
 SHOWN = 4  # one line has room for no more
 
 
-@dataclass(frozen=True)
-class Rule:
-    """An inequality in words and in numbers, and whether it holds; NaN does not.
+def below(
+    id: str, name: str, a: float, other: str, b: float, rests_on: tuple[str, ...] = ()
+) -> Check:
+    """The check that a is less than b, each with its name; NaN fails.
 
-    value, limit: its smaller and its larger side. rests_on: keys of unverified values that it uses.
-    part: whose it is; where empty, that part's which states it.
+    id: unique among the rules of its part. rests_on: keys of unverified values that it uses.
     """
-
-    text: str
-    holds: bool
-    value: float
-    limit: float
-    rests_on: tuple[str, ...] = ()
-    part: str = ""
+    status = graded(a < b - SLACK)
+    return Check(id, f"{name} < {other}", "", a, b, status, rests_on, sign="<", margin=b - a)
 
 
-def below(name: str, a: float, other: str, b: float, rests_on: tuple[str, ...] = ()) -> Rule:
-    """The rule that a is less than b, each with its name."""
-    return Rule(f"{name} < {other}: {a:.4g} < {b:.4g}", a < b - SLACK, a, b, rests_on)
+def at_most(
+    id: str, name: str, a: float, other: str, b: float, rests_on: tuple[str, ...] = ()
+) -> Check:
+    """The check that a is no more than b, to rounding; else as `below`."""
+    status = graded(a <= b + SLACK)
+    return Check(id, f"{name} <= {other}", "", a, b, status, rests_on, sign="<=", margin=b - a)
 
 
-def at_most(name: str, a: float, other: str, b: float, rests_on: tuple[str, ...] = ()) -> Rule:
-    """The rule that a is no more than b, to rounding."""
-    return Rule(f"{name} <= {other}: {a:.4g} <= {b:.4g}", a <= b + SLACK, a, b, rests_on)
+def statement(rule: Check) -> str:
+    """An inequality in words and in numbers."""
+    return f"{rule.name}: {rule.value:.4g} {rule.sign} {rule.limit:.4g}"
 
 
 def first_of(texts: Sequence[str], between: str) -> str:
@@ -66,10 +66,11 @@ class Length:
 class PlayFit:
     """Play = what the inner lengths leave of the outer ones = sum(room) - sum(body).
 
-    name: what goes where. parts: whose it is, by commas.
+    id: unique among the fits of its part. name: what goes where. parts: whose it is, by commas.
     least_mm: the play that must be left when all lengths are at their worst.
     """
 
+    id: str
     name: str
     parts: str
     room: tuple[Length, ...]
@@ -91,13 +92,15 @@ class PlayFit:
         """Least and most play."""
         return self.play_mm - self.spread_mm, self.play_mm + self.spread_mm
 
-    @property
-    def holds(self) -> bool:
-        """Whether the least play is enough; NaN is not."""
-        return self.range_mm[0] >= self.least_mm - SLACK
-
-    @property
-    def rests_on(self) -> tuple[str, ...]:
-        """Keys of the figures that it rests on, each once."""
+    def check(self) -> Check:
+        """Least and most play, every length at its worst, against the least; NaN fails."""
+        low, high = self.range_mm
         lengths = (*self.room, *self.body)
-        return tuple(dict.fromkeys(key for length in lengths for key in length.rests_on))
+        return Check(
+            self.id, "fit at its limits", self.parts,
+            f"{self.name}: {round(low, 3) + 0.0:.3f} to {high:.3f} mm",
+            f">= {self.least_mm:g} mm",
+            graded(low >= self.least_mm - SLACK),
+            tuple(dict.fromkeys(key for length in lengths for key in length.rests_on)),
+            margin=low - self.least_mm,
+        )  # fmt: skip

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from .options import JSON, PATH, out_folder, seed
-from .output import Answer, answers, echo_json, listed, progress
+from .output import Answer, answers, compact, echo_json, listed, progress
 
 
 @click.command(epilog="Example: deltact-fab init my-lab")
@@ -58,7 +58,9 @@ def doctor() -> Answer:
     absent = sum(f.state != "ok" for f in findings)
     verdict = f"the core is {'broken' if broken else 'complete'}; {absent} things are not there"
     data = {"ok": not broken, "findings": [asdict(f) for f in findings]}
-    return Answer(data, [*(f.line() for f in findings), verdict], "" if broken else None)
+    lines = [(f.state, f.group, f.name, f.text, f.brings, f.get) for f in findings]
+    shown = compact(("", "part of", "name", "found", "for", "to get it"), lines)
+    return Answer(data, [*shown, verdict], "" if broken else None)
 
 
 @click.command(no_args_is_help=False, epilog="Example: deltact-fab schema protocol")

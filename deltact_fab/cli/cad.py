@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -15,6 +15,7 @@ from ..catalog import designs, find, read
 from ..errors import InputError
 from ..files import write_whole
 from .group import CommandGroup
+from .old_keys import of_part
 from .options import (
     DESIGN,
     NAME_OR_PATH,
@@ -24,7 +25,7 @@ from .options import (
     out_file,
     out_folder,
 )
-from .output import Answer, answers, columns_of, listed, progress, table, written
+from .output import Answer, answers, check_lines, columns_of, listed, progress, table, written
 
 if TYPE_CHECKING:
     from ..cad.dimensions import Design
@@ -174,20 +175,22 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
     Exit code 1 when a check fails.
     """
     from ..cad.check import run
+    from ..cad.check.row import plain
     from ..cad.design import load_design
 
     with progress("cad check") as tell:
         rows = run(load_design(design, changes), tell, cached=True)
-    unverified = sum(bool(r.rests_on) for r in rows if r.passed)
+    passed = [row for row in rows if row.status == "pass"]
+    unverified = sum(bool(row.basis) for row in passed)
     told = (
-        f"{sum(r.passed for r in rows)} of {len(rows)} checks pass, {unverified} of them on "
+        f"{len(passed)} of {len(rows)} checks pass, {unverified} of them on "
         "values that nobody has measured yet"
     )
-    data = [{**asdict(row), "verdict": row.verdict} for row in rows]
-    shown = columns_of(("check", "part", "found", "limit", "verdict"), data)
-    failed = [row for row in rows if row.verdict == "FAIL"]
-    why = f"{design}: {len(failed)} of {len(rows)} checks failed" if failed else None
-    return Answer(data, [*shown, "", told], why)
+    data = [{**row.as_dict(), **of_part(row)} for row in rows]
+    shown = (replace(r, basis=tuple(dict.fromkeys(map(plain, r.basis)))) for r in rows)
+    failed = sum(row.failed for row in rows)
+    why = f"{design}: {failed} of {len(rows)} checks failed" if failed else None
+    return Answer(data, [*check_lines(shown), "", told], why)
 
 
 @cad.command(epilog="Example: deltact-fab cad export sensor sphere:12.5 --out parts")

@@ -20,10 +20,12 @@ import click
 from ..errors import MissingLibrary, RunFailed
 from ..files import write_whole
 from ..units import DIGITS, digits, duration
+from .old_keys import of_image
 from .options import JSON
 
 if TYPE_CHECKING:
     from ..aliases import Progress
+    from ..checks import Check
 
 LINE_EVERY_S = 10.0
 """Where no terminal shows a bar: a line so often, when there is something new to say."""
@@ -100,15 +102,31 @@ def facts(data: Mapping[str, Any], at: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def judged(name: str, done: Any, right: str, *more: str) -> Answer:
-    """A verdict, then its rows (`patterns.verify.JudgedRow`): those of done.rows."""
-    failed = [row.check for row in done.rows if not row.passed]
-    rows = [
-        (r.check, r.found, r.limit, "pass" if r.passed else "FAIL", "" if r.passed else r.advice)
-        for r in done.rows
-    ]
+    """A verdict, then the checks behind it, those of done.rows."""
+    failed = [row.name for row in done.rows if row.failed]
     verdict = f"{name}: {'fails: ' + ', '.join(failed) if failed else right}"
-    lines = [verdict, "", *table(("check", "found", "limit", "", "what to do"), rows), *more]
-    return Answer(done.as_dict(), lines, failed="" if failed else None)
+    data = {**done.as_dict(), "rows": [of_image(row) for row in done.rows]}
+    return Answer(data, [verdict, "", *check_lines(done.rows), *more], "" if failed else None)
+
+
+def check_lines(checks: Iterable[Check]) -> Iterator[str]:
+    """The table of checks, a line each."""
+    words = {"warn": "WARN", "fail": "FAIL"}
+    return compact(
+        ("", "check", "of", "found", "limit", "basis", "what to do"),
+        [
+            (words.get(c.status, c.status), c.name, c.subject, _cell(c.value),
+             f"{c.sign} {_cell(c.limit)}".lstrip(), ", ".join(c.basis),
+             c.remedy if c.status in words else "")
+            for c in checks
+        ],
+    )  # fmt: skip
+
+
+def compact(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """A table of texts without the columns that are empty in every row."""
+    kept = [i for i in range(len(columns)) if any(row[i] for row in rows)]
+    return table([columns[i] for i in kept], [[row[i] for i in kept] for row in rows])
 
 
 def table(columns: Sequence[str], given: Iterable[Sequence[Any]]) -> Iterator[str]:

@@ -12,8 +12,9 @@ import click
 from .. import catalog
 from ..units import duration
 from .group import CommandGroup
+from .old_keys import of_protocol
 from .options import NAME_OR_PATH, NEW_FILE, RIG, out_folder
-from .output import Answer, answers, columns_of, listed, progress, written
+from .output import Answer, answers, check_lines, columns_of, listed, progress, written
 
 if TYPE_CHECKING:
     from ..preflight.peaks import Peak
@@ -68,14 +69,14 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path) -> A
 
     For a real rig, peak forces that are not known yet are solved once, which takes minutes.
     """
+    from ..checks import passes
     from ..experiment import RunRequest
 
     with progress("check") as report:
         asked = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
         rows = asked.checks()
-    good = all(r.ok for r in rows)
-    lines = [r.line() + ("" if r.ok and not r.warns else f"  at {r.where}") for r in rows]
-    return Answer([asdict(r) for r in rows], lines, None if good else "")
+    data = [{**row.as_dict(), **of_protocol(row)} for row in rows]
+    return Answer(data, check_lines(rows), None if passes(rows) else "")
 
 
 @protocol.command()
@@ -90,6 +91,7 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
     """
     from ..experiment import RunRequest
     from ..preflight.peaks import PAPER_REMARK
+    from ..protocols.limits import reason
 
     with progress("peak forces") as report:
         request = RunRequest(name, rig_name, progress=report)
@@ -98,7 +100,7 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
     peaks, findings = None, None
     if predicted is not None:
         peaks = predicted[0]
-        findings = [row.reason() for row in predicted[1] if row.warns or not row.ok]
+        findings = [reason(row) for row in predicted[1] if row.status in ("warn", "fail")]
     data: dict[str, Any] = {
         "specimen": specimen.model_dump(mode="json"),
         "steps": [asdict(s) for s in steps],

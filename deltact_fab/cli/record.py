@@ -10,7 +10,7 @@ import click
 
 from .group import CommandGroup
 from .options import PATH, out_file, out_folder
-from .output import Answer, answers, facts, progress, table
+from .output import Answer, answers, compact, facts, progress, table
 
 RUN = click.argument("run", type=PATH)
 
@@ -34,7 +34,8 @@ def check(run: Path) -> Answer:
 
     with progress("check") as bar:
         verdict = verify(run, bar)
-    return Answer(verdict.as_dict(), verdict.lines(), None if verdict.whole else "")
+    shown = compact(("", "where", "what"), rows) if (rows := verdict.rows()) else ()
+    return Answer(verdict.as_dict(), [verdict.line, *shown], None if verdict.whole else "")
 
 
 @record.command()

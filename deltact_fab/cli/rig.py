@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..files import write_whole
 from . import rig_stage
 from .group import CommandGroup
+from .old_keys import of_device
 from .options import (
     DESIGN,
     JSON,
@@ -28,7 +29,7 @@ from .options import (
     out_folder,
     seed,
 )
-from .output import Answer, answers, echo_json, facts, judged, listed, progress, table
+from .output import Answer, answers, check_lines, echo_json, facts, judged, listed, progress, table
 
 RIG = click.argument("name", metavar="RIG", type=NAME_OR_PATH)
 
@@ -206,10 +207,13 @@ def check(name: str, seconds: float) -> Answer:
         raise InputError(f"{path}: kind: 'virtual' has no device to talk to; expected a 'grbl' rig")
     with progress("rig check"):
         rows = list(look(bench, path.parent, seconds))
-    failed = sum(row.verdict == "FAIL" for row in rows)
+    failed = sum(row.failed for row in rows)
     told = f"{path}: {f'{failed} to put right' if failed else 'ready'}"
-    data = {"rig": str(path), "ok": not failed, "rows": [row._asdict() for row in rows]}
-    return Answer(data, [*(row.line() for row in rows), told], "" if failed else None)
+    data = {
+        "rig": str(path), "ok": not failed, "checks": [row.as_dict() for row in rows],
+        "rows": [of_device(row) for row in rows],
+    }  # fmt: skip
+    return Answer(data, [*check_lines(rows), told], "" if failed else None)
 
 
 @rig.command(epilog="Example: deltact-fab rig accept 0 dense --serial A1")

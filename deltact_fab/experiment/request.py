@@ -11,6 +11,7 @@ from .. import record
 from ..aliases import Note, Progress
 from ..cad.design import load_design
 from ..cad.dimensions import Design
+from ..checks import Check, graded, passes
 from ..errors import InputError, MissingLibrary
 from ..optics import CameraModel
 from ..patterns.recipe import PatternRecipe, load_recipe
@@ -116,13 +117,17 @@ class RunRequest:
         if found is None:
             return []
         limits.require(found[1], str(self.rig_path))
-        lines = [f"{self.protocol.name}: {row.reason()}" for row in found[1] if row.warns]
+        lines = [
+            f"{self.protocol.name}: {limits.reason(row)}"
+            for row in found[1]
+            if row.status == "warn"
+        ]
         for line in lines:
             _LOG.warning("warning: %s", line)
         return [Note("forces", line, warns=True) for line in lines]
 
-    def checks(self) -> list[limits.LimitCheck]:
-        """Every check: a run begins where all are ok.
+    def checks(self) -> list[Check]:
+        """Every check: a run begins where none fails.
 
         Only a real rig can refuse for its forces, so they are solved for that (minutes, once); for
         a simulated one those that are known already are taken.
@@ -130,17 +135,16 @@ class RunRequest:
         rows = self._rows()
         if self.rig.kind == "grbl" and self._touches:
             unknown = undeclared_lengths(self.rig, self.protocol)
-            what, where = "unknown", "; ".join(unknown)
-            rows.append(
-                limits.LimitCheck("tool lengths", True, what, len(unknown), 0, where, bool(unknown))
-            )
+            status = graded(True, warns=bool(unknown))
+            rows.append(Check("tool-lengths", "tool lengths", "unknown", len(unknown), 0, status,
+                              tuple(unknown), sign="<="))  # fmt: skip
         # What leaves the gel or the stage is said already, and has no force.
-        if all(row.ok for row in rows) and not self.air:
+        if passes(rows) and not self.air:
             found = self.forces(solve=not self.rig.simulated)
             rows += [] if found is None else found[1]
         return rows
 
-    def forces(self, solve: bool = True) -> tuple[list[peaks.Peak], list[limits.LimitCheck]] | None:
+    def forces(self, solve: bool = True) -> tuple[list[peaks.Peak], list[Check]] | None:
         """Predicted peaks, and a row for each limit of the rig and of the plate behind the gel.
 
         None where that would take more than seconds and solve is False. Raises InputError.
@@ -154,19 +158,20 @@ class RunRequest:
         plate = rule.plate_checks(found, self.design, declared.simulated)
         return found, rule.checks(found, declared) + plate
 
-    def _rows(self) -> list[limits.LimitCheck]:
+    def _rows(self) -> list[Check]:
         """Every check but that of the forces; check and run ask it alone."""
         protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
         by_stage = protocol.weights is None
         rows = limits.check(protocol, design, rig.stage, self.steps) if by_stage else []
         rows += rule.needs(protocol, self.steps, rig, self.view, self.out)
         refused = kind.refusals(protocol, design, str(self.source))
-        rows.append(limits.refusals(kind.part, refused))
-        rows.append(limits.refusals("pattern", self._pattern()))
-        rows.append(limits.refusals("image format", self._format()))
+        rows.append(limits.refusals("rig", kind.part, refused))
+        rows.append(limits.refusals("pattern", "pattern", self._pattern()))
+        rows.append(limits.refusals("image-format", "image format", self._format()))
         if rig.kind == "grbl" and self._touches:
             lines = unmet(rig, protocol, design, self.unattended)
-            rows.append(limits.refusals("contact", [f"{self.rig_path}: {line}" for line in lines]))
+            lines = [f"{self.rig_path}: {line}" for line in lines]
+            rows.append(limits.refusals("contact", "contact", lines))
         return rows
 
     def _pattern(self) -> list[str]:

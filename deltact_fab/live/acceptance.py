@@ -20,6 +20,7 @@ import numpy as np
 from ..aliases import Field, Float, Image, Point
 from ..cad.check.arithmetic import EVEN_SHARE, lit
 from ..cad.dimensions import Design
+from ..checks import Check, graded, passes
 from ..errors import InputError, SensorError
 from ..files import disk_errors, write_together
 from ..measure.face import FaceFlow
@@ -30,7 +31,6 @@ from ..measure.sensor_id import CalibrationSource, Head, SensorId, SensorModel, 
 from ..optics import CameraModel, FlatField
 from ..optics.flat import FULL_SHARE
 from ..patterns.recipe import PatternRecipe
-from ..patterns.verify import JudgedRow
 from ..record import encode_png
 from ..version import VERSION
 from .print_in_view import ComparedPrint, FaceFindings, PrintInView, one_sided_fall
@@ -51,20 +51,20 @@ class Acceptance:
 
     source: str
     images: int
-    rows: tuple[JudgedRow, ...]
+    rows: tuple[Check, ...]
     found: FaceFindings | None
     raw: Image
     """The first image at rest, as the camera gave it, (h, w, 3) BGR."""
 
     @property
     def passed(self) -> bool:
-        return all(row.passed for row in self.rows)
+        return passes(self.rows)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, as `rig accept --json` prints it."""
         return {
             "passed": self.passed, "source": self.source, "images": self.images,
-            "rows": [asdict(row) for row in self.rows],
+            "checks": [row.as_dict() for row in self.rows],
             "found": None if self.found is None else asdict(self.found),
         }  # fmt: skip
 
@@ -88,14 +88,14 @@ def accept(
     placement = sticker.place(view)
     compared = None if placement is None else ComparedPrint(sticker, placement)
     if compared is None or compared.agreement < SURE:
-        row = JudgedRow(
-            "recipe", "not this recipe's pattern", "the recipe's pattern", False,
-            "is it this recipe and sensor, its cover off the face, its light on? Guide E, G",
+        row = Check(
+            "recipe", "recipe", "", "not this recipe's pattern", "the recipe's pattern", "fail",
+            remedy="is it this recipe and sensor, its cover off the face, its light on? Guide E, G",
         )  # fmt: skip
         return Acceptance(source.name, still.count, (row,), None, still.raw)
     found = replace(compared.findings(design), saturated=still.saturated, noise_mm=still.noise_mm,
                     rest=still.unrest)  # fmt: skip
-    rows = tuple(JudgedRow(*row) for row in _rows(found, sticker, design, still.count))
+    rows = _rows(found, sticker, design, still.count)
     return Acceptance(source.name, still.count, rows, found, still.raw)
 
 
@@ -116,7 +116,7 @@ def save(accepted: Acceptance, known: SensorModel, seed: int, out: Path) -> None
     for file in (out, image):
         if file.exists():
             raise InputError(f"{file}: already there; name another file with -o, or remove it")
-    rows = [[row.check, row.found, row.limit] for row in accepted.rows]
+    rows = [[row.name, row.value, row.limit] for row in accepted.rows]
     tables = {"rest": rest_table(image.name, rest), "accepted": {"rows": rows}}
     with disk_errors(out):
         out.parent.mkdir(exist_ok=True)
@@ -210,7 +210,7 @@ def _one_led_dark(design: Design) -> float:
 
 def _rows(
     found: FaceFindings, sticker: PrintInView, design: Design, count: int
-) -> list[tuple[str, str, str, bool, str]]:
+) -> tuple[Check, ...]:
     recipe, camera = sticker.recipe, sticker.camera
     x, y = found.place_mm
     view_mm = np.array(design.optics.view_mm)
@@ -226,51 +226,64 @@ def _rows(
     told = f"{count} images: give {LEAST_FRAMES} or more" if few else "not tracked"
     if noise is not None:
         told = f"{1000 * noise:.1f} um over {count} images"
-    return [
-        ("recipe", f"found, agreement {found.agreement:.2f}", f">= {SURE:g}", True, ""),
-        ("mirror", "mirrored" if found.mirrored else "as it should be", "as the design has it",
-         not found.mirrored, "the print was made for the other side of the film: guide E.1"),
-        ("turn", f"{round(found.turned_deg, 1) + 0.0:g} degrees",
+    rows = (
+        ("recipe", "recipe", f"found, agreement {found.agreement:.2f}", f">= {SURE:g}", True,
+         ""),
+        ("mirror", "mirror", "mirrored" if found.mirrored else "as it should be",
+         "as the design has it", not found.mirrored,
+         "the print was made for the other side of the film: guide E.1"),
+        ("turn", "turn", f"{round(found.turned_deg, 1) + 0.0:g} degrees",
          f"within {TURN_DEG:g} of upright", abs(found.turned_deg) <= TURN_DEG,
          "lay the next sticker square to the frame, or turn the skin base: guide E.5, H.5"),
-        ("place", f"its middle at ({x:.2f}, {y:.2f}) mm", f"within ({room[0]:.2f}, {room[1]:.2f})",
-         abs(x) <= room[0] and abs(y) <= room[1],
+        ("place", "place", f"its middle at ({x:.2f}, {y:.2f}) mm",
+         f"within ({room[0]:.2f}, {room[1]:.2f})", abs(x) <= room[0] and abs(y) <= room[1],
          "the view leaves the sticker or its dots: lay the next one in the middle, guide E.5"),
-        ("scale", f"{found.scale:.3f} of the camera's", f"1 +- {SCALE_OFF:g}",
+        ("scale", "scale", f"{found.scale:.3f} of the camera's", f"1 +- {SCALE_OFF:g}",
          abs(found.scale - 1) <= SCALE_OFF,
          "film stretched (E.5), skin of another thickness (D.7), or the lens off its height (H.1)"),
-        ("lens square to the face", f"{100 * found.keystone:.1f} % larger on one side",
+        ("tilt", "lens square to the face", f"{100 * found.keystone:.1f} % larger on one side",
          f"<= {100 * KEYSTONE:g} %", found.keystone <= KEYSTONE,
          "board or plate sits askew: guide H.1, H.3, H.5"),
-        ("focus", f"blur {float(np.median(known)):.1f} px, worst of the face {worst_px:.1f}",
+        ("focus", "focus",
+         f"blur {float(np.median(known)):.1f} px, worst of the face {worst_px:.1f}",
          f"<= {most_px:.1f} px, half of a patch's contrast", worst_px <= most_px,
          "turn the lens: guide H.5; worse on one side: the lens is tilted, H.1"),
-        ("light, level", f"white at {100 * found.level:.0f} % of full",
+        ("light.level", "light, level", f"white at {100 * found.level:.0f} % of full",
          f"{100 * DARKEST:g} to {100 * BRIGHTEST:g} %", DARKEST <= found.level <= BRIGHTEST,
          "exposure and gain of the camera; current of the light: guide G"),
-        ("light, even", f"least {found.evenness:.2f} of the mean", f">= {EVEN_SHARE:g}",
-         found.evenness >= EVEN_SHARE, "look at the LEDs and the diffuser: guide G, H.3"),
-        ("light, all LEDs", f"falls by {100 * found.one_sided:.0f} % from side to side",
+        ("light.even", "light, even", f"least {found.evenness:.2f} of the mean",
+         f">= {EVEN_SHARE:g}", found.evenness >= EVEN_SHARE,
+         "look at the LEDs and the diffuser: guide G, H.3"),
+        ("light.leds", "light, all LEDs",
+         f"falls by {100 * found.one_sided:.0f} % from side to side",
          f"<= {50 * dark:.0f} %, half of what one dark LED does", found.one_sided <= dark / 2,
          "an LED is dark or hidden: guide G, H.3"),
-        ("saturation", f"{100 * found.saturated:.2f} % of pixels full",
+        ("saturation", "saturation", f"{100 * found.saturated:.2f} % of pixels full",
          f"<= {100 * FULL_SHARE:g} %", found.saturated <= FULL_SHARE,
          "less exposure; lamp off, notch closed: guide H.7, H.8"),
-        ("edges of the view",
+        ("edges", "edges of the view",
          f"{lost or 'pattern on all four'}; {100 * found.face_share:.0f} % of the face seen",
          "no frame, no end of the print", not found.edges,
          "the frame or the film's end is in view: lens off the middle (H.1), sticker off it (E.5)"),
-        ("film", _named(found.torn, "whole"), "whole", not found.torn,
+        ("film", "film", _named(found.torn, "whole"), "whole", not found.torn,
          "torn, loose or folded: guide E.6, E.7"),
-        ("bubbles, lint, dust", _named(found.places, "none"), "none", not found.places,
+        ("bubbles", "bubbles, lint, dust", _named(found.places, "none"), "none",
+         not found.places,
          "in the gel: cast again (D.5, D.8); on lens or plate: open and clean (H.3, H.5)"),
-        ("noise at rest", told, "not judged" if few else f"<= {1000 * MAX_DEFORMATION_MM:g} um",
-         few or (noise is not None and noise <= MAX_DEFORMATION_MM),
+        ("noise", "noise at rest", told,
+         "not judged" if few else f"<= {1000 * MAX_DEFORMATION_MM:g} um",
+         noise is not None and noise <= MAX_DEFORMATION_MM,
          "fix exposure and gain, more light; nothing may shake or flicker"),
-        ("at rest", "; ".join(found.rest) or "nothing moved", "as `health` has it",
+        ("rest", "at rest", "; ".join(found.rest) or "nothing moved", "as `health` has it",
          not found.rest,
          "let nothing touch the face, and lock exposure, gain and white balance"),
-    ]  # fmt: skip
+    )  # fmt: skip
+    checks = (
+        Check(id, name, "", value, limit, graded(passed), remedy=remedy)
+        for id, name, value, limit, passed, remedy in rows
+    )
+    unjudged = {"noise"} if few else ()
+    return tuple(replace(c, status="not run") if c.id in unjudged else c for c in checks)
 
 
 def _named(places: Sequence[Point], none: str) -> str:

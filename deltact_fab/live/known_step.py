@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from .. import record
+from ..checks import Check, graded
 from ..errors import InputError
 from ..measure.face import FaceFlow
 from ..measure.flow import FlowTracker
-from ..patterns.verify import JudgedRow
 
 STUCK_MM = 0.5  # about the contact's middle: what slips last
 OFF_MM = 0.01
 
 
-def known_steps(folder: Path) -> list[JudgedRow]:
+def known_steps(folder: Path) -> list[Check]:
     """A row for x and y: from one end of the first press's shear to the other.
 
     The picture of a step is larger than the step where the face is pressed in; the camera and the
@@ -50,10 +50,10 @@ def known_steps(folder: Path) -> list[JudgedRow]:
         larger = (pictured[0] - pictured[1])[k] * camera.mm_per_px
         made_mm = float((at_mm[there] - at_mm[back])[k])
         seen_mm = made_mm * float(moved.mean()) / larger if len(moved) else math.nan
-        passed = abs(seen_mm - made_mm) <= OFF_MM
-        rows.append(JudgedRow(
-            f"known step, {axis}", f"{seen_mm:.3f} mm of {made_mm:.3f}{origin}",
-            f"within {OFF_MM:g} mm", passed,
-            "calibrate the camera on this skin: `calibrate lens`; or the tip slips",
+        rows.append(Check(
+            f"known-step.{axis}", f"known step, {axis}", "",
+            f"{seen_mm:.3f} mm of {made_mm:.3f}{origin}", f"within {OFF_MM:g} mm",
+            graded(abs(seen_mm - made_mm) <= OFF_MM),
+            remedy="calibrate the camera on this skin: `calibrate lens`; or the tip slips",
         ))  # fmt: skip
     return rows

@@ -68,7 +68,7 @@ def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
     request.protocol = protocol = protocol.model_copy(update={"channels": wanted})
     sensor, kind = request.design, request.kind
     rows = limits.check(protocol, sensor, request.rig.stage, request.steps)
-    rows.append(limits.refusals(kind.part, kind.refusals(protocol, sensor, source)))
+    rows.append(limits.refusals("rig", kind.part, kind.refusals(protocol, sensor, source)))
     limits.require(rows, source)
     view, flat = request.view, kind.flat(protocol)
     known = SensorModel(

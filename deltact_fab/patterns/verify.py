@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from .. import catalog
 from ..aliases import Float
+from ..checks import Check, graded, passes
 from ..errors import InputError
 from ..shapes.bounded import Bounded, number
 from ..shapes.imaging import Printer
@@ -41,17 +42,6 @@ GAP_SHARE = 0.5  # of the median tile's contrast
 DOT_SHARE = 0.5  # of a dot's contrast with what is around it
 DPI_RANGE = (50.0, 9600.0)
 HALVED = "this JPEG keeps half of the colours' resolution: scan it as PNG or TIFF"
-
-
-@dataclass(frozen=True)
-class JudgedRow:
-    """One requirement on a print or a sensor: what was found, its limit, and how to correct it."""
-
-    check: str
-    found: str
-    limit: str
-    passed: bool
-    advice: str = ""
 
 
 @dataclass(frozen=True)
@@ -105,18 +95,22 @@ class PrintCheck:
     """
 
     scan: str
-    rows: tuple[JudgedRow, ...]
+    rows: tuple[Check, ...]
     found: PrintFound | None
     scaled: tuple[float, float] = (1.0, 1.0)
 
     @property
     def passed(self) -> bool:
-        """Whether every row passes."""
-        return all(row.passed for row in self.rows)
+        """Whether no row fails."""
+        return passes(self.rows)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, as `pattern verify --json` prints it."""
-        return {"passed": self.passed, **asdict(self)}
+        return {
+            "passed": self.passed, "scan": self.scan, "scaled": self.scaled,
+            "found": None if self.found is None else asdict(self.found),
+            "checks": [row.as_dict() for row in self.rows],
+        }  # fmt: skip
 
     def printer(self) -> KnownPrinter:
         """What the print shows about its printer.
@@ -170,8 +164,9 @@ def verify(
     scan, dpi, halved = load_scan(path, dpi)
     best = locate_in_scan(scan, recipe, dpi)
     if best is None:
-        row = JudgedRow(
-            "recipe", _read(scan), "this recipe's pattern, whole, with blank film around it", False,
+        row = _row(
+            "recipe", "recipe", _read(scan),
+            "this recipe's pattern, whole, with blank film around it", False,
             "scan the whole sticker at 600 dpi or more; is it this recipe?",
         )  # fmt: skip
         return PrintCheck(str(path), (row,), None)
@@ -307,65 +302,72 @@ def _spread_um(recipe: PatternRecipe, share: float) -> float:
     return float(1000 * np.interp(-share, -np.array(shares), spreads))
 
 
+def _row(id: str, name: str, found: str, limit: str, passed: bool, remedy: str = "") -> Check:
+    return Check(id, name, "", found, limit, graded(passed), remedy=remedy)
+
+
 def _rows(
     found: PrintFound, recipe: PatternRecipe, placed: Placement, mirrored: bool,
     scaled: tuple[float, float],
-) -> Iterator[JudgedRow]:  # fmt: skip
-    yield JudgedRow(
-        "recipe", f"found, agreement {placed.agreement:.2f}", f">= {LEAST_AGREEMENT:g}", True
-    )
+) -> Iterator[Check]:  # fmt: skip
+    agrees = f"found, agreement {placed.agreement:.2f}"
+    yield _row("recipe", "recipe", agrees, f">= {LEAST_AGREEMENT:g}", True)
     way = {False: "not mirrored", True: "mirrored"}
-    yield JudgedRow(
-        "mirror", way[found.mirrored], way[mirrored], found.mirrored == mirrored,
+    yield _row(
+        "mirror", "mirror", way[found.mirrored], way[mirrored], found.mirrored == mirrored,
         "print with the other --transfer, or name the one that was used",
     )  # fmt: skip
     if found.scale is None:
         what = "unknown from a photograph; scan it on a flatbed"
-        yield JudgedRow("scale and shear", what, "not judged", True)
+        yield Check("scale", "scale and shear", "", what, "not judged", "not run")
     else:
         for axis, scale, was in zip("xy", found.scale, scaled, strict=True):
-            yield JudgedRow(
-                f"scale, {axis}", f"{scale:.4f}", f"1 +- {SCALE_OFF:g}",
+            yield _row(
+                f"scale.{axis}", f"scale, {axis}", f"{scale:.4f}", f"1 +- {SCALE_OFF:g}",
                 abs(scale - 1) <= SCALE_OFF,
                 f"print again with --scale-{axis} {was / scale:.4f}, and no scaling in the viewer",
             )  # fmt: skip
-        yield JudgedRow(
-            "shear", f"{found.shear:.4f}", f"<= {SHEAR_OFF:g}", found.shear <= SHEAR_OFF,
+        yield _row(
+            "shear", "shear", f"{found.shear:.4f}", f"<= {SHEAR_OFF:g}", found.shear <= SHEAR_OFF,
             "the paper was fed at an angle, or the film was not flat on the scanner",
         )  # fmt: skip
     if found.in_order is not None:
-        yield JudgedRow(
-            "patches resolved", f"{100 * found.in_order:.1f} % of neighbours in order",
+        yield _row(
+            "resolution", "patches resolved",
+            f"{100 * found.in_order:.1f} % of neighbours in order",
             f">= {100 * IN_ORDER:g} %", found.in_order >= IN_ORDER,
             "use a larger patch or a printer with a higher resolution",
         )  # fmt: skip
     if found.halved:
-        yield JudgedRow("contrast and inks", HALVED, "not judged", True)
+        yield Check("contrast", "contrast and inks", "", HALVED, "not judged", "not run")
     else:
-        yield JudgedRow(
-            "contrast kept", f"{found.kept:.2f}", f">= {PRINTED_SHARE:g} of the recipe's",
+        yield _row(
+            "contrast", "contrast kept", f"{found.kept:.2f}",
+            f">= {PRINTED_SHARE:g} of the recipe's",
             found.kept >= PRINTED_SHARE, "use the finest setting, matt film, or a larger patch",
         )  # fmt: skip
         weakest = min(found.contrast) / max(max(found.contrast), 1e-9)
         shown = ", ".join(f"{c:.2f}" for c in found.contrast)
-        yield JudgedRow(
-            "inks", f"contrast of R, G, B {shown}", f"the weakest >= {INK_SHARE:g} of the best",
+        yield _row(
+            "inks", "inks", f"contrast of R, G, B {shown}",
+            f"the weakest >= {INK_SHARE:g} of the best",
             weakest >= INK_SHARE, "an ink is missing or nearly empty: clean the head, change it",
         )  # fmt: skip
     most_um = 500 * (recipe.patch_mm or 0.15)
     worst_um = max(math.hypot(u, v) for u, v in found.ink_um)
-    yield JudgedRow(
-        "misregistration of inks", f"{worst_um:.0f} um", f"<= {most_um:.0f} um, half a patch",
+    yield _row(
+        "misregistration", "misregistration of inks", f"{worst_um:.0f} um",
+        f"<= {most_um:.0f} um, half a patch",
         worst_um <= most_um, "align the print heads",
     )  # fmt: skip
     where = "; ".join(f"({x:g}, {y:g})" for x, y in found.gaps_mm[:4])
-    yield JudgedRow(
-        "gaps", f"{len(found.gaps_mm)} tiles: {where} mm" if where else "none", "none",
+    yield _row(
+        "gaps", "gaps", f"{len(found.gaps_mm)} tiles: {where} mm" if where else "none", "none",
         not found.gaps_mm, "a clogged nozzle or a scratch: clean the head, print again",
     )  # fmt: skip
     if found.dots is not None:
         there, whole = found.dots
-        yield JudgedRow(
-            "marker dots", f"{there} of {whole}", "all", there == whole,
+        yield _row(
+            "dots", "marker dots", f"{there} of {whole}", "all", there == whole,
             "a white dot is bare film: look for ink or dirt there",
         )  # fmt: skip

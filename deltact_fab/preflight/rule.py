@@ -18,9 +18,10 @@ from ..aliases import Vector
 from ..cad.dimensions import Design
 from ..cad.parts.light_holder import below_plate
 from ..cad.stiffness import press
+from ..checks import Check, graded
 from ..errors import InputError
 from ..protocols import limits
-from ..protocols.limits import LimitCheck, RunEstimate, refusals
+from ..protocols.limits import RunEstimate, at_most, refusals
 from ..protocols.plan import Protocol, Step
 from ..rig.camera.model import raw_size_px
 from ..rig.config import RigConfig
@@ -99,7 +100,7 @@ def _guard_keys(rig: RigConfig) -> tuple[str, str]:
     return force, "[guard] torque_nmm" if "torque_nmm" in given else torque
 
 
-def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[LimitCheck]:
+def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
     """A row for each limit with its worst press, and one for the limits that are not declared.
 
     What can break counts with the gel's modulus twice as high. The guard loses a run and no gel: it
@@ -112,10 +113,10 @@ def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[LimitCheck]:
             f"{limits.source}: {key} is not declared, so its force cannot be checked"
             for key in missing
         ]
-        row = refusals("force limits", lines)
-        rows.append(replace(row, ok=limits.simulated, warns=limits.simulated))
+        row = refusals("force-limits", "force limits", lines)
+        rows.append(replace(row, status=graded(limits.simulated, warns=True)))
     for name, breaks in (("peak force", _declared), ("guard", _guarded)):
-        for what, limit, key, loads in breaks(limits, peaks):
+        for id, what, limit, key, loads in breaks(limits, peaks):
             load, where = worst(loads, peaks)
             high = MODULUS_FACTOR * load
             fails = (high if name == "peak force" else load) > limit
@@ -123,24 +124,23 @@ def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[LimitCheck]:
                 load, text = high, f"{what} {HIGH}, {key}"
             else:
                 text = f"{what} as expected, {key}"
-            ok = limits.simulated or not fails
-            warns = ok and load > limit
-            rows.append(LimitCheck(name, ok, text, round(load, 1), limit, where, warns))
+            status = graded(limits.simulated or not fails, warns=load > limit)
+            rows.append(at_most(id, name, text, round(load, 1), limit, where, status))
     return rows
 
 
-Loads = tuple[str, float, str, list[float]]
-"""What, its limit, the limit's key with the unit, and the load of each peak."""
+Loads = tuple[str, str, float, str, list[float]]
+"""Id and words of a limit, the limit, its key with the unit, and the load of each peak."""
 
 
 def _declared(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[Loads]:
     """Against what stage and sensor bear."""
     if limits.stage_n is not None:
-        yield from _forces(peaks, limits.stage_n, "[stage] max_force_n (N)")
+        yield from _forces("stage", peaks, limits.stage_n, "[stage] max_force_n (N)")
     if limits.sensor_n is not None:
-        yield from _forces(peaks, limits.sensor_n, "[force] range_n (N)")
+        yield from _forces("sensor", peaks, limits.sensor_n, "[force] range_n (N)")
     if limits.sensor_nmm is not None:
-        yield from _moments(peaks, limits.sensor_nmm, "[force] range_nmm (N mm)")
+        yield from _moments("sensor", peaks, limits.sensor_nmm, "[force] range_nmm (N mm)")
 
 
 def _guarded(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[Loads]:
@@ -149,27 +149,29 @@ def _guarded(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[Loads]:
     if guard is None:
         return
     force, torque = limits.guard_keys
-    yield from _forces(peaks, guard.force_n, f"{force} (N)")
+    yield from _forces("guard", peaks, guard.force_n, f"{force} (N)")
     if math.isfinite(guard.resultant_n):
         loads = [math.hypot(p.normal_n, p.tangential_n) for p in peaks]
-        yield "whole force", guard.resultant_n, "[guard] resultant_n (N)", loads
-    yield from _moments(peaks, guard.torque_nmm, f"{torque} (N mm)")
+        yield "guard.whole", "whole force", guard.resultant_n, "[guard] resultant_n (N)", loads
+    yield from _moments("guard", peaks, guard.torque_nmm, f"{torque} (N mm)")
 
 
-def _forces(peaks: Sequence[Peak], limit_n: Vector, key: str) -> Iterator[Loads]:
-    yield "normal force", limit_n[2], key, [p.normal_n for p in peaks]
+def _forces(of: str, peaks: Sequence[Peak], limit_n: Vector, key: str) -> Iterator[Loads]:
+    yield f"{of}.normal", "normal force", limit_n[2], key, [p.normal_n for p in peaks]
     # A drag along any axis of the protocol may meet either axis of a turned stage.
-    yield "tangential force", min(limit_n[:2]), key, [p.tangential_n for p in peaks]
+    loads = [p.tangential_n for p in peaks]
+    yield f"{of}.tangential", "tangential force", min(limit_n[:2]), key, loads
 
 
-def _moments(peaks: Sequence[Peak], limit_nmm: Vector, key: str) -> Iterator[Loads]:
+def _moments(of: str, peaks: Sequence[Peak], limit_nmm: Vector, key: str) -> Iterator[Loads]:
     moments = [p.moment_nmm for p in peaks if p.moment_nmm is not None]
     if len(moments) == len(peaks):
         for axis, letter in enumerate("xyz"):
-            yield f"moment about {letter}", limit_nmm[axis], key, [m[axis] for m in moments]
+            id, loads = f"{of}.moment-{letter}", [m[axis] for m in moments]
+            yield id, f"moment about {letter}", limit_nmm[axis], key, loads
 
 
-def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list[LimitCheck]:
+def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list[Check]:
     """Stress, room behind the plate and share of the depth, each with its worst press.
 
     Stress counts with the gel's modulus twice as high, as all that can break does; see
@@ -183,17 +185,18 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
     over = stress_mpa > limit_mpa
     deflects_mm = max(f.deflection_mm for f in found)
     return [
-        LimitCheck(
-            "plate stress", simulated or not over, f"{HIGH}, plate.stress_limit_mpa (MPa)",
-            round(stress_mpa, 2), limit_mpa, where, over and simulated,
+        at_most(
+            "plate-stress", "plate stress", f"{HIGH}, plate.stress_limit_mpa (MPa)",
+            round(stress_mpa, 2), limit_mpa, where, graded(simulated or not over, warns=over),
         ),
         _warning(
-            "plate clear of the light holder", f"{HIGH}, least play of light.axial_fit_mm (mm)",
+            "plate-clear-of-light", "plate clear of the light holder",
+            f"{HIGH}, least play of light.axial_fit_mm (mm)",
             [MODULUS_FACTOR * f.over_ring_mm for f in found],
             below_plate(design).range_mm[0], peaks,
         ),
         _warning(
-            "plate deflection",
+            "plate-deflection", "plate deflection",
             f"up to {deflects_mm:.3f} mm as expected, which a simulated press leaves out; "
             "share of the depth, plate.deflection_share",
             [f.deflection_mm / p.depth_mm for f, p in zip(found, peaks, strict=True)],
@@ -203,10 +206,11 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
 
 
 def _warning(
-    name: str, what: str, figures: Sequence[float], bound: float, peaks: Sequence[Peak]
-) -> LimitCheck:
+    id: str, name: str, what: str, figures: Sequence[float], bound: float, peaks: Sequence[Peak]
+) -> Check:
     figure, where = worst(figures, peaks)
-    return LimitCheck(name, True, what, float(f"{figure:.3g}"), bound, where, figure > bound)
+    status = graded(True, warns=figure > bound)
+    return at_most(id, name, what, float(f"{figure:.3g}"), bound, where, status)
 
 
 USUAL_PX = (1280, 720)  # of a camera that does not say how large its images are
@@ -218,7 +222,7 @@ LONG_H, LONGEST_H = 24.0, 30 * 24.0
 
 def needs(
     protocol: Protocol, steps: list[Step], rig: RigConfig, view: CameraModel | None, out: Path
-) -> list[LimitCheck]:
+) -> list[Check]:
     """Rows of the least feed, the time, the disk and the camera's rate, see `budget`.
 
     view: of the images that are tracked. out: of the run, or any folder on its disk; what a run
@@ -251,7 +255,7 @@ def budget(
     held_hz: float | None,
     wall_clock: bool = True,
     kept_mb: float = 0.0,
-) -> list[LimitCheck]:
+) -> list[Check]:
     """Rows of the least feed, the time, the disk and the camera's rate.
 
     out: of the run, or any folder on its disk. held_hz: frames a second that camera, format and
@@ -261,26 +265,26 @@ def budget(
     """
     slowest = min(steps, key=lambda step: step.feed_mm_min)
     feed = slowest.feed_mm_min
-    hours, at = estimate.seconds / 3600, "the whole run"
+    hours = estimate.seconds / 3600
     where = next(p for p in (out.absolute(), *out.absolute().parents) if p.exists())
     free_mb, mb = shutil.disk_usage(where).free / 1e6, max(0.0, estimate.disk_mb - kept_mb)
     rows = [
-        LimitCheck("least feed", feed >= MIN_FEED_MM_MIN, "feed (mm/min)", feed, MIN_FEED_MM_MIN,
-                   slowest.id, least=True),
-        LimitCheck("time", hours <= LONGEST_H, "of the whole run (h)", hours, LONGEST_H, at,
-                   LONG_H < hours <= LONGEST_H),
-        LimitCheck("disk", mb <= free_mb, "needed of what is free (MB)", mb, free_mb,
-                   f"the disk of {where}"),
+        Check("least-feed", "least feed", "feed (mm/min)", feed, MIN_FEED_MM_MIN,
+              graded(feed >= MIN_FEED_MM_MIN), (slowest.id,), sign=">="),
+        at_most("time", "time", "of the whole run (h)", hours, LONGEST_H, "the whole run",
+                graded(hours <= LONGEST_H, warns=hours > LONG_H)),
+        at_most("disk", "disk", "needed of what is free (MB)", mb, free_mb,
+                f"the disk of {where}", graded(mb <= free_mb)),
     ]  # fmt: skip
     rates_hz = protocol.capture.rates_hz()
     if held_hz is not None and rates_hz and "image" in protocol.channels:
         kind = max(rates_hz, key=rates_hz.__getitem__)
         table = f"{kind}." if kind in ("hold", "retract") else ""
         over, what = rates_hz[kind] > held_hz, "frames a second that can be kept"
+        status, key = graded(not (over and wall_clock), warns=over), f"capture.{table}rate_hz"
         rows.append(
-            LimitCheck("camera rate", not (over and wall_clock), what, rates_hz[kind], held_hz,
-                       f"capture.{table}rate_hz", over and not wall_clock)
-        )  # fmt: skip
+            at_most("camera-rate", "camera rate", what, rates_hz[kind], held_hz, key, status)
+        )
     return rows
 
 

@@ -12,17 +12,16 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from ..checks import Check, Status, graded
 from ..errors import InputError
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
-from ..units import digits
 from .motion import LOCKSTEP, RigPace, StageConfig, homing_s, move_duration_s
 from .plan import Protocol, Step, expand
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
 FORCE_BYTES_PER_S = 14_000  # measured on the simulated sensor at 1 kHz, noise 0.01 N
 EPS_MM = 1e-9
-REFUSALS = "refusals"
 MAX_BETWEEN_FRAMES_MM = 0.25  # up to 7 pixels: as in `deep-drag`, which is followed throughout
 
 
@@ -31,35 +30,13 @@ def ends_mm(travel_mm: float, at_top: bool, pull_off_mm: float) -> tuple[float, 
     return (-travel_mm, -pull_off_mm) if at_top else (pull_off_mm - travel_mm, 0.0)
 
 
-@dataclass(frozen=True)
-class LimitCheck:
-    """One row: `figure` must not exceed `bound` (both in the unit named by `what`).
-
-    warns: it does, or comes near, where nothing can break. least: it must not fall below.
-    """
-
-    name: str
-    ok: bool
-    what: str
-    figure: float
-    bound: float
-    where: str
-    warns: bool = False
-    least: bool = False
-
-    def line(self) -> str:
-        """One line for a person."""
-        verdict = "WARN" if self.warns else "pass" if self.ok else "FAIL"
-        limit = "at least" if self.least else "limit"
-        margin = f"{digits(self.figure)} ({limit} {digits(self.bound)})"
-        return f"{verdict}  {self.name}: {self.what} {margin}"
-
-    def reason(self) -> str:
-        """Why it fails or warns; what is told in words names its file itself."""
-        if self.what == REFUSALS:
-            return self.where
-        sign = "<" if self.least else ">"
-        return f"{self.name}: {self.what} {self.figure:g} {sign} {self.bound:g} at {self.where}"
+def reason(check: Check) -> str:
+    """A failed check, or one that warns, in one line; a refusal names its file itself."""
+    if check.remedy:
+        return check.remedy
+    sign = "<" if check.sign == ">=" else ">"
+    where = "; ".join(check.basis)
+    return f"{check.name}: {check.subject} {check.value:g} {sign} {check.limit:g} at {where}"
 
 
 @dataclass(frozen=True)
@@ -84,7 +61,7 @@ def check(
     sensor: SensorDimensions,
     stage: StageConfig,
     steps: list[Step] | None = None,
-) -> list[LimitCheck]:
+) -> list[Check]:
     """All static checks of a protocol on a sensor and a stage, passed ones included."""
     steps = expand(protocol) if steps is None else steps
     rows = [*_travel(steps, stage), *_feeds(steps, stage), _depth(steps, protocol, sensor)]
@@ -94,18 +71,25 @@ def check(
     return [*rows, _names(steps)]
 
 
-def require(rows: Iterable[LimitCheck], source: str) -> None:
+def require(rows: Iterable[Check], source: str) -> None:
     """Raise InputError with every failed row."""
-    failed = [r for r in rows if not r.ok]
+    failed = [row for row in rows if row.failed]
     if failed:
-        told = [r.reason() for r in failed if r.what == REFUSALS]
-        told += [f"{source}: {r.reason()}" for r in failed if r.what != REFUSALS]
-        raise InputError(*told)
+        told = [reason(r) for r in failed if r.remedy]
+        raise InputError(*told, *(f"{source}: {reason(r)}" for r in failed if not r.remedy))
 
 
-def refusals(name: str, reasons: Sequence[str]) -> LimitCheck:
+def at_most(
+    id: str, name: str, subject: str, value: float, limit: float, where: str, status: Status
+) -> Check:
+    """The row of a figure that must not exceed its limit, both in the unit that subject names."""
+    return Check(id, name, subject, value, limit, status, (where,), sign="<=")
+
+
+def refusals(id: str, name: str, reasons: Sequence[str]) -> Check:
     """A row of what is refused in words."""
-    return LimitCheck(name, not reasons, REFUSALS, len(reasons), 0, "; ".join(reasons))
+    status, text = graded(not reasons), "; ".join(reasons)
+    return Check(id, name, "refusals", len(reasons), 0, status, remedy=text, sign="<=")
 
 
 def estimate(
@@ -143,7 +127,7 @@ def estimate(
         presses=len({s.press for s in steps if s.kind == "press"}),
         frames=frames,
         settled=sum(s.settled for s in steps),
-        between_frames_mm=_unseen(steps).figure if "image" in protocol.channels else 0.0,
+        between_frames_mm=float(_unseen(steps).value) if "image" in protocol.channels else 0.0,
         seconds=seconds,
         disk_mb=(frames * (px * PNG_BYTES_PER_PX + 2000) + stream_bytes) / 1e6,
     )
@@ -153,7 +137,7 @@ def _worst(pairs: Iterable[tuple[float, str]]) -> tuple[float, str]:
     return max(pairs, default=(0.0, "-"))
 
 
-def _travel(steps: list[Step], stage: StageConfig) -> Iterable[LimitCheck]:
+def _travel(steps: list[Step], stage: StageConfig) -> Iterable[Check]:
     frame = stage.frame
     for axis, letter in enumerate("xyz"):
         at_top = stage.homed_mm[axis] == 0
@@ -161,41 +145,42 @@ def _travel(steps: list[Step], stage: StageConfig) -> Iterable[LimitCheck]:
         high, at_high = _worst((frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
         low, at_low = _worst((-frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
         for way, far, most_mm, at in (("", high, top_mm, at_high), ("-", low, -bottom_mm, at_low)):
-            what = f"machine {way}{letter} (mm)"
-            yield LimitCheck("travel", far <= most_mm + EPS_MM, what, far, most_mm, at)
+            id, what = f"travel.{'low' if way else 'high'}-{letter}", f"machine {way}{letter} (mm)"
+            status = graded(far <= most_mm + EPS_MM)
+            yield at_most(id, "travel", what, far, most_mm, at, status)
 
 
-def _names(steps: list[Step]) -> LimitCheck:
+def _names(steps: list[Step]) -> Check:
     """A record keeps each step under its own name, which has depths and ways to 0.01 mm."""
     twice = [name for name, times in Counter(s.id for s in steps).items() if times > 1]
     where = twice[0] if twice else "-"
-    return LimitCheck(
-        "step names", not twice, "stops less than 0.01 mm apart", len(twice), 0, where
-    )
+    what, status = "stops less than 0.01 mm apart", graded(not twice)
+    return at_most("step-names", "step names", what, len(twice), 0, where, status)
 
 
-def _feeds(steps: list[Step], stage: StageConfig) -> Iterable[LimitCheck]:
+def _feeds(steps: list[Step], stage: StageConfig) -> Iterable[Check]:
     slowest = min(stage.max_feed_mm_min)
     feed, at = _worst((s.feed_mm_min, s.id) for s in steps)
-    yield LimitCheck("feed", feed <= slowest, "feed (mm/min)", feed, slowest, at)
+    status = graded(feed <= slowest)
+    yield at_most("feed", "feed", "feed (mm/min)", feed, slowest, at, status)
 
 
-def _depth(steps: list[Step], protocol: Protocol, sensor: SensorDimensions) -> LimitCheck:
+def _depth(steps: list[Step], protocol: Protocol, sensor: SensorDimensions) -> Check:
     bound = sensor.skin.thickness_mm - protocol.specimen.depth_margin_mm
     depth, at = _worst((-s.target_mm[2], s.id) for s in steps)
-    return LimitCheck("depth against the gel", depth <= bound, "depth (mm)", depth, bound, at)
+    name, status = "depth against the gel", graded(depth <= bound)
+    return at_most("depth.gel", name, "depth (mm)", depth, bound, at, status)
 
 
-def _tip_reach(steps: list[Step]) -> LimitCheck:
+def _tip_reach(steps: list[Step]) -> Check:
     """Tips and shanks must be as long as they are pressed, or the back plate would touch."""
     over = [(-s.target_mm[2] / parse_indenter(s.indenter).reach_mm, s.id) for s in steps]
     share, at = _worst(over)
-    return LimitCheck(
-        "depth against the tip", share <= 1.0, "depth / free length of the tip", share, 1.0, at
-    )
+    name, what = "depth against the tip", "depth / free length of the tip"
+    return at_most("depth.tip", name, what, share, 1.0, at, graded(share <= 1.0))
 
 
-def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[LimitCheck]:
+def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
     for axis, letter in enumerate("xy"):
         bound = sensor.skin.opening_half_mm[axis]
         reach, at = _worst(
@@ -203,17 +188,12 @@ def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[LimitCheck
             for s in steps
             if s.kind in ("press", "shear")
         )
-        yield LimitCheck(
-            "footprint + shear inside the skin",
-            reach <= bound + EPS_MM,
-            f"reach in {letter} (mm)",
-            reach,
-            bound,
-            at,
-        )
+        name, what = "footprint + shear inside the skin", f"reach in {letter} (mm)"
+        status = graded(reach <= bound + EPS_MM)
+        yield at_most(f"footprint.{letter}", name, what, reach, bound, at, status)
 
 
-def _sideways(steps: list[Step], protocol: Protocol) -> LimitCheck:
+def _sideways(steps: list[Step], protocol: Protocol) -> Check:
     """Sideways travel only at or above the clearance plane, unless it is declared shear."""
     clearance_mm = protocol.motion.clearance_mm
     worst, at = 0.0, "-"
@@ -222,20 +202,19 @@ def _sideways(steps: list[Step], protocol: Protocol) -> LimitCheck:
         low_mm = min(before.target_mm[2], step.target_mm[2])
         if sideways and step.kind != "shear" and clearance_mm - low_mm > worst:
             worst, at = clearance_mm - low_mm, step.id
-    return LimitCheck(
-        "clearance plane", worst <= EPS_MM, "sideways below clearance by (mm)", worst, 0.0, at
-    )
+    what, status = "sideways below clearance by (mm)", graded(worst <= EPS_MM)
+    return at_most("clearance-plane", "clearance plane", what, worst, 0.0, at, status)
 
 
-def _unseen(steps: list[Step]) -> LimitCheck:
+def _unseen(steps: list[Step]) -> Check:
     """How far the tip goes between two frames: a tracker takes long steps for new faces."""
     way_mm, at = _worst(
         (math.dist(before.target_mm, step.target_mm) / max(step.frames, 1), step.id)
         for before, step in itertools.pairwise(steps)
         if step.kind in ("press", "shear") or (step.kind == "retract" and step.frames)
     )
-    bound = MAX_BETWEEN_FRAMES_MM
-    what = "travel of the tip (mm)"
-    return LimitCheck(
-        "motion between frames", True, what, way_mm, bound, at, way_mm > bound + EPS_MM
+    bound, what = MAX_BETWEEN_FRAMES_MM, "travel of the tip (mm)"
+    status = graded(True, warns=way_mm > bound + EPS_MM)
+    return at_most(
+        "motion-between-frames", "motion between frames", what, way_mm, bound, at, status
     )

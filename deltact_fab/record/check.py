@@ -64,27 +64,31 @@ class RunVerdict:
         """Nothing is damaged, and a finished run has all of its plan."""
         return not self.problems
 
-    def lines(self) -> Iterator[str]:
-        """The verdict, then a line for each press that is not complete and each problem."""
+    @property
+    def line(self) -> str:
+        """The verdict in one line."""
         said = "whole" if self.whole else f"DAMAGED: {len(self.problems)} problems"
         end = "finished" if self.finished else "unfinished"
         if self.being_written:
             end = "being written now"
         lost = f" ({self.lost_frames} lost while it ran)" if self.lost_frames else ""
-        yield (
+        return (
             f"{self.folder}: {said} ({end}): {self.whole_presses} of {self.presses} presses whole, "
             f"{self.found_frames} of {self.frames} frames{lost}, {self.images} images, "
             f"format {self.format}"
         )
-        for press, why in self.open.items():
-            yield f"open  {press}: {why}; `run --resume` repeats it"
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Kind, place and text of each press that is not complete and of each problem."""
+        rows = [("open", press, f"{why}; `run --resume` repeats it")
+                for press, why in self.open.items()]  # fmt: skip
         if self.unhashed:
-            yield (
-                f"not hashed  {', '.join(self.unhashed)}: written by an older version; what was "
-                "changed in them since is seen only where it does not fit the rest"
+            text = (
+                "written by an older version; what was changed in them since is seen only where it "
+                "does not fit the rest"
             )
-        for problem in self.problems:
-            yield f"{problem.kind}  {problem.where}: {problem.text}"
+            rows.append(("not hashed", ", ".join(self.unhashed), text))
+        return rows + [(one.kind, one.where, one.text) for one in self.problems]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""

@@ -26,10 +26,11 @@ from ..cad.parts.coupons import well_volume_mm3
 from ..cad.parts.mold import RELEASE_AGENT
 from ..cad.parts.screw import stock_note
 from ..cad.registry import listed, of_group
+from ..checks import Check
 from ..errors import MissingLibrary
 from ..patterns.quality.measure import measure
 from ..patterns.recipe import RECOMMENDED, PatternRecipe, draw_patches, load_recipe
-from .templating import Finding, fixed, render, require_pages, save, table, verdict, warnings
+from .templating import finding, fixed, render, require_pages, save, table, verdict, warnings
 
 VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
 VIEW_DOWN_DEG, VIEW_ROUND_DEG, VIEW_AWAY = -20.0, 35.0, 1.25  # the last in diagonals of the model
@@ -157,17 +158,18 @@ def write(
     return save(page, out)
 
 
-def _judged(design: Design, pictures: Pictures, pattern: PatternToPrint) -> Iterator[Finding]:
+def _judged(design: Design, pictures: Pictures, pattern: PatternToPrint) -> Iterator[Check]:
     """What speaks for the design, and what is to be seen to before it is printed."""
-    yield Finding("The dimensions of this design go together by all their rules.")
+    yield finding("rules", "The dimensions of this design go together by all their rules.")
     if n := len(design.unverified()):
-        yield Finding(
+        text = (
             f"{n} dimensions were assumed and never measured: measure yours before you print "
-            "(the last section names them).", "warning",
-        )  # fmt: skip
+            "(the last section names them)."
+        )
+        yield finding("unverified", text, "warn")
     else:
-        yield Finding("All dimensions are marked as measured.")
-    yield from warnings(line for line in (pictures.note, pattern.unseen) if line)
+        yield finding("unverified", "All dimensions are marked as measured.")
+    yield from warnings("pages", (line for line in (pictures.note, pattern.unseen) if line))
 
 
 def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:

@@ -11,9 +11,10 @@ from pathlib import Path
 from urllib.parse import quote
 
 from .. import reading, record
+from ..checks import graded
 from ..errors import DeltactFabError, InputError
 from .study_page import PAGE, RESULT, read_result
-from .templating import Finding, render, save, table, verdict
+from .templating import finding, render, save, table, verdict
 
 RUN = "run.json"
 # Where neither runs nor studies lie, but thousands of files may.
@@ -61,7 +62,7 @@ def write(folder: Path, out: Path) -> Path:
         text = f"{worse} of {n} {are} unfinished, old, damaged or made with warnings, and marked."
     else:
         text = f"{'It is' if n == 1 else f'All {n} are'} finished and can be read."
-    found = Finding(text, "good" if rows and not worse else "warning")
+    found = finding("runs", text, graded(True, warns=not rows or worse > 0))
     page = render(
         "index.html", folder=folder.resolve().name, entries=made, verdict=verdict([found])
     )

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from ..checks import Check, graded
 from ..files import write_whole
 from . import figures
-from .templating import Finding, render, save, table, verdict
+from .templating import finding, render, save, table, verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,17 +56,18 @@ def write(data: dict[str, Any], out: Path) -> Path:
     return save(page, out)
 
 
-def _stable(rows: Sequence[dict[str, Any]]) -> Finding:
+def _stable(rows: Sequence[dict[str, Any]]) -> Check:
     """What came of the stiff and extreme cases."""
     wrong, n = [r["case"] for r in rows if r["outcome"] == "wrong"], len(rows)
     if wrong:
         are = "is" if len(wrong) == 1 else "are"
         text = f"{len(wrong)} of {n} stiff and extreme cases {are} wrong: {'; '.join(wrong)}."
-        return Finding(f"{text} Do not trust what rests on them.", "bad")
-    return Finding(
+        return finding("cases", f"{text} Do not trust what rests on them.", "fail")
+    return finding(
+        "cases",
         f"All {n} stiff and extreme cases came out as they must: right within their bounds, or "
         "refused. The engines can be trusted within the errors below that are against an "
-        "independent reference; a self-test shows no accuracy."
+        "independent reference; a self-test shows no accuracy.",
     )
 
 
@@ -118,7 +120,7 @@ def write_rehearsal(found: dict[str, Any], protocol: str, rig: str, out: Path) -
     marks = ["" if c["passed"] else "bad" for c in rows]
     cells = table(pd.DataFrame(rows, columns=list(CELLS)).round(2), CELLS, marks)
     text = f"{found['verdict'][:1].upper()}{found['verdict'][1:]}."
-    judged = verdict([Finding(text, "good" if found["passed"] else "bad")])
+    judged = verdict([finding("faults", text, graded(found["passed"]))])
     page = render(
         "rehearsal.html", found=found, protocol=protocol, rig=rig, cells=cells, verdict=judged
     )

@@ -15,9 +15,10 @@ from .. import reading, record
 from ..analysis.measured import DeepestPress, MeasuredRun
 from ..analysis.shape import ShapeResult
 from ..analysis.tracking_error import PAPER_BEST_MM, RULE, WRONG_MM, TrackingResult, percent
+from ..checks import Check, graded
 from ..errors import InputError
 from . import figures, run_figures
-from .templating import Finding, render, save, table, verdict, warnings
+from .templating import finding, render, save, table, verdict, warnings
 
 SMALLER = 0.6  # pictures of presses stand side by side
 
@@ -109,10 +110,10 @@ def write_imported(run: record.Run, out: Path) -> Path:
     force = run.folder / "analysis" / "force.json"
     told = reading.json_object(force) if force.is_file() else {}
     if "verdict" in told:
-        found = [Finding(f"Force from the flow: {told['verdict']}.")]
+        found = [finding("force", f"Force from the flow: {told['verdict']}.")]
     else:
         text = "Force from the flow was not calibrated: `calibrate force` does it."
-        found = [Finding(text, "warning")]
+        found = [finding("force", text, "warn")]
     warned, remarks = run.remarks()
     counts = {
         "images": f"{len(frames)} of {' x '.join(map(str, run.meta['imported']['image_px']))} px",
@@ -125,7 +126,9 @@ def write_imported(run: record.Run, out: Path) -> Path:
         name=run.meta["name"],
         about=run.meta["protocol"]["description"],
         notes=[*remarks, *run.notes()["text"]],
-        verdict=verdict([*warnings(warned), *found, *warnings(told.get("left_out", []))]),
+        verdict=verdict(
+            [*warnings("run", warned), *found, *warnings("left-out", told.get("left_out", []))]
+        ),
         figure=figures.to_svg(figure, "force on the sensor and motion of the picture over time"),
         pictures=[
             _thumbnail(run, frames.iloc[0], "the first image: motion counts from it"),
@@ -141,14 +144,15 @@ def _found(
     tracking: TrackingResult,
     measured: MeasuredRun | None,
     shape: ShapeResult | None,
-) -> Iterator[Finding]:
+) -> Iterator[Check]:
     """What speaks for and against a run: warnings of how it was made first."""
-    yield from warnings(f"{line[:1].upper()}{line[1:]}." for line in warned)
-    yield Finding(tracking.verdict.line, "good" if tracking.verdict.trusted else "bad")
+    yield from warnings("run", (f"{line[:1].upper()}{line[1:]}." for line in warned))
+    yield finding("tracking", tracking.verdict.line, graded(tracking.verdict.trusted))
     if shape is not None:
-        yield Finding(f"Shape and contact: {shape.line}", "warning" if shape.missed else "good")
+        status = graded(True, warns=bool(shape.missed))
+        yield finding("shape", f"Shape and contact: {shape.line}", status)
     if measured is not None and (force := measured.force) is not None:
-        yield Finding(f"{force.line}.", "warning" if force.doubtful else "good")
+        yield finding("force", f"{force.line}.", graded(True, warns=bool(force.doubtful)))
 
 
 # What a figure shows, where its axes do not say it all.

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from .. import reading
+from ..checks import Check, graded
 from ..errors import InputError
 from ..patterns import series
 from . import figures
-from .templating import Finding, named, render, save, table, verdict
+from .templating import finding, named, render, save, table, verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,7 +50,7 @@ def write(folder: Path) -> Path:
         factors=sorted({row["r"] for row in rows}),
         views={(row["d_mm"], row["r"]): _view(folder, row["name"]) for row in rows},
         rounds=series.GRIDS,
-        verdict=verdict([_best(rows, seen), Finding(ASSUMED)]),
+        verdict=verdict([_best(rows, seen), finding("assumed", ASSUMED)]),
         chosen=min(
             (row for row in rows if row["paper_error_mm"] is not None),
             key=lambda row: row["paper_error_mm"],
@@ -61,18 +62,19 @@ def write(folder: Path) -> Path:
     return save(page, folder / series.PAGE)
 
 
-def _best(rows: list[dict[str, Any]], seen: list[dict[str, Any]]) -> Finding:
+def _best(rows: list[dict[str, Any]], seen: list[dict[str, Any]]) -> Check:
     """What can be tracked best; the unseen have the gradient of halftone and noise, not theirs."""
     if not seen:
         text = f"The camera sees none of the {len(rows)} patterns: nothing here can be tracked."
-        return Finding(text, "bad")
+        return finding("patterns", text, "fail")
     small = max(seen, key=lambda row: _seen(row)["mean_gradient"])
     large = max(seen, key=lambda row: sum(_seen(row)["contrast"][3:5]))
-    return Finding(
+    return finding(
+        "patterns",
         f"The camera still sees {len(seen)} of {len(rows)} patterns: of these "
         f"d {small['d_mm']}, r {small['r']} has the most to track in small motion and "
         f"d {large['d_mm']}, r {large['r']} in large motion.",
-        "good" if len(seen) == len(rows) else "warning",
+        graded(True, warns=len(seen) < len(rows)),
     )
 
 

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from .templating import Finding, Level
+from ..checks import Check, Status, graded
+from .templating import finding
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -174,31 +175,37 @@ class StudyResult:
     module: str = ""
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[Check, ...]:
         """Claims, the answer, the figures that are told, what is missing, what the gel flagged."""
         whole = not self.missing
         found = [
-            Finding(one.sentence(whole), "warning" if one.state(whole) == "undecided" else "good")
-            for one in self.claims
+            finding(
+                f"claim.{k}", one.sentence(whole), graded(True, one.state(whole) == "undecided")
+            )
+            for k, one in enumerate(self.claims)
         ]
-        found += [Finding(line) for line in self.answer]
-        found += [Finding(one.sentence, GOAL[one.state]) for one in self.headlines if one.told]
+        found += [finding(f"answer.{k}", line) for k, line in enumerate(self.answer)]
+        found += [
+            finding(f"figure.{k}", one.sentence, GOAL[one.state])
+            for k, one in enumerate(self.headlines)
+            if one.told
+        ]
         goals = Counter(one.state for one in self.headlines if one.state is not None)
         if goals:
             states = [name for name in STATES if goals[name]]
             counted = ", ".join(f"{goals[name]} {name}" for name in states)
-            found.append(Finding(f"Goals: {counted}.", GOAL[states[-1]]))
+            found.append(finding("goals", f"Goals: {counted}.", GOAL[states[-1]]))
         if n := len(self.missing):
             are = "job is" if n == 1 else "jobs are"
-            found.append(Finding(f"{n} {are} missing, so nothing is decided.", "warning"))
+            found.append(finding("missing", f"{n} {are} missing, so nothing is decided.", "warn"))
         if flags := self.settings.get(GEL_FLAGS):
-            found.append(Finding(f"The simulated gel is flagged: {flags}.", "warning"))
+            found.append(finding("gel-flags", f"The simulated gel is flagged: {flags}.", "warn"))
         return tuple(found)
 
     @property
     def verdict(self) -> tuple[str, ...]:
         """The findings' sentences."""
-        return tuple(one.text for one in self.findings)
+        return tuple(str(one.value) for one in self.findings)
 
     @property
     def data(self) -> dict[str, Any]:
@@ -219,8 +226,8 @@ class StudyResult:
 
 
 STATES: tuple[State, ...] = ("met", "undecided", "missed")
-GOAL: dict[State | None, Level] = {
-    None: "good", "met": "good", "undecided": "warning", "missed": "bad",
+GOAL: dict[State | None, Status] = {
+    None: "pass", "met": "pass", "undecided": "warn", "missed": "fail",
 }  # fmt: skip
 GEL_FLAGS = "gel's flags"
 """The setting of a study that says where its simulated gel was beyond what it is made for."""

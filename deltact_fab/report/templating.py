@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..checks import Check, Status, worst
 from ..extras import require
 from ..files import make_folder, write_whole
 from ..paths import asset
@@ -43,33 +44,27 @@ def render(template: str, **values: Any) -> str:
     return made.get_template(template).render(**values)
 
 
-Level = Literal["good", "warning", "bad"]
-LEVELS: tuple[Level, ...] = ("good", "warning", "bad")
-
-
-class Finding(NamedTuple):
-    """A sentence and how bad it is."""
-
-    text: str
-    level: Level = "good"
-
-
 class Verdict(NamedTuple):
-    """What a page says first: its findings, each once; the worst of them is its colour, level."""
+    """What a page says first: its findings, each once, and the worst status of them."""
 
-    findings: tuple[Finding, ...]
-    level: Level
+    checks: tuple[Check, ...]
+    status: Status
 
 
-def verdict(findings: Iterable[Finding]) -> Verdict:
+def finding(id: str, text: str, status: Status = "pass") -> Check:
+    """A sentence of a page's verdict."""
+    return Check(id, value=text, status=status)
+
+
+def verdict(checks: Iterable[Check]) -> Verdict:
     """Of all that a page has to say for and against what it shows."""
-    once = tuple(dict.fromkeys(findings))
-    return Verdict(once, max((one.level for one in once), key=LEVELS.index, default="good"))
+    once = tuple({(check.value, check.status): check for check in checks}.values())
+    return Verdict(once, worst(once))
 
 
-def warnings(lines: Iterable[str]) -> list[Finding]:
+def warnings(id: str, lines: Iterable[str]) -> list[Check]:
     """A finding for each line that is a warning."""
-    return [Finding(line, "warning") for line in lines]
+    return [finding(f"{id}.{k}", line, "warn") for k, line in enumerate(lines)]
 
 
 # Of a key or a column: what its last part says of the unit.

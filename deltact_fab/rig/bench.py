@@ -137,7 +137,7 @@ def unmet(
     Forces that are predicted against what the stage and the sensor bear are `preflight`'s affair.
     """
     force, touch = config.force, config.touch
-    lines = lacking(config)
+    lines = list(lacking(config).values())
     if force is not None and force.reachable and "force" not in protocol.channels:
         lines.append(
             f"channels of {protocol.name!r}: a press on a real rig records the force that its "
@@ -155,17 +155,17 @@ def unmet(
     return lines
 
 
-def lacking(config: GrblConfig) -> list[str]:
-    """The tables that every press needs and the rig file has not, a line each."""
-    lines = []
+def lacking(config: GrblConfig) -> dict[str, str]:
+    """The tables that every press needs and the rig file has not, with a line each."""
+    lines = {}
     if config.force is None or not config.force.reachable:
-        lines.append(
+        lines["force"] = (
             "force: a press on a real rig needs a force sensor, for the guard and to find the "
             "face: add [force.netft] or [force.serial], or give --air, and nothing goes below the "
             "clearance plane"
         )
     if config.touch is None:
-        lines.append(
+        lines["touch"] = (
             "touch: missing table; a press on a real rig needs to know where the face is: add "
             "[touch], or give --air"
         )

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -249,18 +249,6 @@ def rise(stage: Stage, height_mm: float, feed_mm_min: float) -> None:
     """Straight up to that height, or stay where the tip is higher. Raises as `go`."""
     x, y, z = stage.position_mm()
     go(stage, (x, y, max(z, height_mm)), feed_mm_min)
-
-
-class DeviceRow(NamedTuple):
-    """One thing that was looked at. verdict: pass, WARN or FAIL; text: what is so, what to do."""
-
-    device: str
-    verdict: str
-    text: str
-
-    def line(self) -> str:
-        """One line for a person."""
-        return f"{self.verdict}  {self.device}: {self.text}"
 
 
 class WallClock:

@@ -58,7 +58,7 @@ def test_the_stem_enters_the_holder_with_its_flat_at_plus_x_only() -> None:
 def test_a_tight_bore_and_a_loose_one_fail_their_rows() -> None:
     for value, name in (("0.05", "stem in the bore"), ("0.5", "turned stem stays out")):
         rows = arithmetic.fits(load_design(changes=[f"tool.fit_mm={value}"]))
-        assert [row for row in rows if name in row.found and not row.passed]
+        assert [row for row in rows if name in row.value and row.failed]
 
 
 def test_worst_currents_by_hand() -> None:
@@ -70,9 +70,9 @@ def test_worst_currents_by_hand() -> None:
     assert light.resistor_most_w == pytest.approx(2.5**2 / 750)
     # 300 mA through 2.5 V take 8.33 ohm.
     assert light.least_resistor_ohm == 9.1
-    rows = {row.check: row for row in arithmetic.light(D)}
-    assert all(row.passed for row in rows.values())
-    assert "light.led_limit_ma" in rows["LED current"].rests_on
+    rows = {row.name: row for row in arithmetic.light(D)}
+    assert all(not row.failed for row in rows.values())
+    assert "light.led_limit_ma" in rows["LED current"].basis
 
 
 def test_the_strip_s_own_resistors_are_in_parallel() -> None:
@@ -95,11 +95,11 @@ def test_the_strip_s_own_resistors_are_in_parallel() -> None:
 )
 def test_too_bright_too_hot_too_much_and_dark(changes: tuple[str, ...], fails: set[str]) -> None:
     rows = arithmetic.light(load_design(changes=[f"light.{change}" for change in changes]))
-    assert {row.check for row in rows if not row.passed} == fails
+    assert {row.name for row in rows if row.failed} == fails
 
 
 def test_a_led_wider_than_its_piece_of_strip_is_refused() -> None:
     rules = light_holder.strip_rules(load_design(changes=["light.led_width_mm=7.9"]))
-    assert [rule.holds for rule in rules] == [True, True]
+    assert [rule.failed for rule in rules] == [False, False]
     wide = replace(D, light=LightDimensions(leds_per_m=240))
-    assert [rule.holds for rule in light_holder.strip_rules(wide)] == [False, True]
+    assert [rule.failed for rule in light_holder.strip_rules(wide)] == [True, False]

@@ -13,13 +13,15 @@ from solids import box, made, mutated
 from deltact_fab.cad import check, rays
 from deltact_fab.cad.check import CHECKS, arithmetic, each_part, visibility
 from deltact_fab.cad.check.built import MESH_MM, BuiltDesign
-from deltact_fab.cad.check.row import Row, at, verified
+from deltact_fab.cad.check.row import at, plain, verified
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.features import features_of, near
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.parts import cover, skin_frame
 from deltact_fab.cad.registry import find
+from deltact_fab.checks import Check
+from deltact_fab.cli.old_keys import of_part
 
 D = load_design()
 
@@ -136,13 +138,13 @@ def test_a_hole_that_leans_shows_at_its_ends_and_one_across_is_none():
 
 def test_a_verdict_names_what_nobody_measured():
     keys = ("camera.focal_length_mm", "camera.lens_height_mm")
-    row = Row("view cone", "camera", "58 deg", "<= 90 deg", True, keys)
-    assert row.verdict == "pass (unverified: focal length, lens height)"
-    assert replace(row, passed=False).verdict == "FAIL"
-    assert replace(row, rests_on=()).verdict == "pass"
+    row = Check("view-cone", "view cone", "camera", "58 deg", "<= 90 deg", "pass", keys)
+    assert of_part(row)["verdict"] == "pass (unverified: focal length, lens height)"
+    assert of_part(replace(row, status="fail"))["verdict"] == "FAIL"
+    assert of_part(replace(row, basis=()))["verdict"] == "pass"
     design = SimpleNamespace(unverified=lambda: ["a.b_mm", "mount.c_mm"])
-    (row,) = verified([replace(row, rests_on=("mount.", "x.y", "a.b_mm"))], design)
-    assert row.rests_on == ("mount.c_mm", "a.b_mm")
+    (row,) = verified([replace(row, basis=("mount.", "x.y", "a.b_mm"))], design)
+    assert row.basis == ("mount.c_mm", "a.b_mm")
     assert at((-0.001, 2.0, -3.456)) == "(0.00, 2.00, -3.46)"
 
 
@@ -151,31 +153,31 @@ def test_measured_keys_are_no_longer_named():
     keys = {section: [key for of, key in every if of == section] for section, _ in every}
     assert {"focal_length_mm", "board_width_mm", "connector_width_mm"} <= set(keys["camera"])
     design = load_design("deltact", [f"{section}.measured={own}" for section, own in keys.items()])
-    assert all(row.verdict == "pass" for row in arithmetic.inequalities(design))
-    rows = {row.part: row for row in arithmetic.inequalities(D)}
-    assert rows["camera-holder"].verdict == "pass (unverified: camera board)"
-    assert rows["mold"].verdict == "pass"
-    assert rows["mold"].found.endswith("closest: fit_mm + pry_mm < web_mm / 2: 2.6 < 4")
+    assert all(row.basis == () for row in arithmetic.inequalities(design))
+    rows = {row.subject: row for row in arithmetic.inequalities(D)}
+    assert {plain(key) for key in rows["camera-holder"].basis} == {"camera board"}
+    assert rows["mold"].basis == ()
+    assert rows["mold"].value.endswith("closest: fit_mm + pry_mm < web_mm / 2: 2.6 < 4")
 
 
 def test_what_a_broken_inequality_leaves_undone_is_counted_in_one_line_without_the_kernel():
     rows = check.run(load_design("deltact", ["adapter.thickness_mm=4", "table.tab_mm=5"]))
-    failed = [row for row in rows if row.verdict == "FAIL"]
-    assert [row.part for row in failed] == ["nano17-adapter", "testing-shell"]
-    assert failed[0].limit == "all hold: adapter.thickness_mm: 5 or more"
-    (undone,) = (row for row in rows if row.verdict == "not run")
-    assert undone.found == f"{len(CHECKS)} were not run: inequalities fail, see above"
+    failed = [row for row in rows if row.failed]
+    assert [row.subject for row in failed] == ["nano17-adapter", "testing-shell"]
+    assert failed[0].remedy == "adapter.thickness_mm: 5 or more"
+    (undone,) = (row for row in rows if row.status == "not run")
+    assert undone.value == f"{len(CHECKS)} were not run: inequalities fail, see above"
 
 
 def test_what_is_no_solid_or_refused_by_the_gate_becomes_a_row(monkeypatch):
     cq = require()
     both = cq.Compound.makeCompound([_box((9, 9, 9)), _box((5, 5, 5), (20, 0, 0))])
     for shape, count in ((both, 2), (_box((9, 9, 9)).Faces()[0], 0)):
-        row = next(row for row in each_part.soundness(_of("coupon-mold", shape)) if not row.passed)
-        assert row.found == f"1 of 1 not: coupon-mold: {count} solids, expected one"
+        row = next(row for row in each_part.soundness(_of("coupon-mold", shape)) if row.failed)
+        assert row.value == f"1 of 1 not: coupon-mold: {count} solids, expected one"
     # A builder that returns something else than its closed form.
     wrong = replace(cover.PARTS[0], build=skin_frame.build)
-    found = {row.part: row.found for row in each_part.soundness(BuiltDesign(D, (wrong,)))}
+    found = {row.subject: row.value for row in each_part.soundness(BuiltDesign(D, (wrong,)))}
     assert found["sensor"].startswith("1 of 1 not: cover: bounding box ")
 
 
@@ -191,16 +193,16 @@ def inner():
 
 
 def test_the_view_by_snell_and_by_hand():
-    rows = {row.check: row for row in visibility.view(D)}
+    rows = {row.name: row for row in visibility.view(D)}
     cone = [rows[f"view cone, {name}"] for name in ("x", "y", "corner")]
     # The facts give 58, 45 and 67 degrees for a gap of 3 and the paper's 675 mm2.
-    assert [row.found.split()[2] for row in cone] == ["57.6", "45.1", "66.4"]
+    assert [row.value.split()[2] for row in cone] == ["57.6", "45.1", "66.4"]
     assert cone[0].limit.startswith("<= 94.4 deg at the 1280 x 720 crop")
-    assert rows["view of the face"].found.endswith("54.6 % of the face")
+    assert rows["view of the face"].value.endswith("54.6 % of the face")
     # 3 / 1.41 mm nearer than 3 + 2 / 1.49 + 12 / 1.41, an aperture of .87 / 2.8, pixels of 2.24 um.
     far, near_mm, f = 12.853, 10.725, 0.87
     blur_px = f**2 / 2.8 * (far - near_mm) / near_mm / (far - f) / 2.24e-3
-    assert f"{blur_px:.2f} px at 10.7 mm" in rows["focus, middle, 3 mm deep"].found
+    assert f"{blur_px:.2f} px at 10.7 mm" in rows["focus, middle, 3 mm deep"].value
 
 
 def test_one_led_behind_the_middle_lights_by_the_fourth_power():
@@ -215,14 +217,14 @@ def test_one_led_behind_the_middle_lights_by_the_fourth_power():
 
 def test_the_light_cone_goes_through_the_holder_s_bore_or_is_bent_away(inner):
     (row,) = visibility.light_cone(inner)
-    assert row.passed
-    assert row.found.startswith("96 of 96 reach it, 0.45 mm off in x and y; radius 6.88 mm at the")
+    assert not row.failed
+    assert row.value.startswith("96 of 96 reach it, 0.45 mm off in x and y; radius 6.88 mm at the")
     # Without air the silicone alone bends rays to 12.1 mm at most (facts, optics).
     low, joint = inner.box("camera")[0][2], inner.box("acrylic")[0][2]
     close = mutated(inner, {"camera": _rod(2.0, joint - low - 1e-9, (0, 0, low))})
     (row,) = visibility.light_cone(close)
-    assert "bent away" in row.found
-    assert not row.passed
+    assert "bent away" in row.value
+    assert row.failed
 
 
 def test_a_web_of_0_3_mm_and_holes_that_meet_fail():
@@ -230,18 +232,18 @@ def test_a_web_of_0_3_mm_and_holes_that_meet_fail():
     for x, web in ((18.2, "0.3"), (9.0, "-1.0")):
         holes = plate.cut(_rod(1.5, 8, (x, 7, -1))).cut(_rod(1.5, 8, (7, 7, -1)))
         (row,) = each_part.walls(_of("stage-plate", holes))
-        assert row.found.startswith(web)
-        assert not row.passed
+        assert row.value.startswith(web)
+        assert row.failed
 
 
 @pytest.mark.parametrize(("side", "passes"), [(40, False), (20, True)])
 def test_a_wide_ceiling_without_supports_fails(side, passes):
     room = _box((side, side, 15), (-side / 2, -side / 2, 0))
     table = _box((80, 80, 20), (-40, -40, 0)).cut(room)
-    row = next(r for r in each_part.printed(_of("cover", table)) if r.check == "ceilings")
-    assert row.passed is passes
-    assert f"{side**2:.1f} mm2" in row.found
-    assert abs(float(row.found.split(", ")[1].split()[0]) - side) < 2
+    row = next(r for r in each_part.printed(_of("cover", table)) if r.name == "ceilings")
+    assert row.failed is not passes
+    assert f"{side**2:.1f} mm2" in row.value
+    assert abs(float(row.value.split(", ")[1].split()[0]) - side) < 2
 
 
 @pytest.mark.slow
@@ -249,4 +251,4 @@ def test_the_foot_of_a_peg_s_leg_is_no_wall_of_the_cover():
     """The mesh of this cover has a point of a leg .8 um above the floor."""
     changes = ["skin.width_mm=53.7", "skin.length_mm=41.5", "screw.length_mm=16"]
     built = BuiltDesign(load_design(changes=changes), (find("cover"),), {})
-    assert [row.found[:8] for row in each_part.walls(built)] == ["1.500 mm", "0.600 mm"]
+    assert [row.value[:8] for row in each_part.walls(built)] == ["1.500 mm", "0.600 mm"]

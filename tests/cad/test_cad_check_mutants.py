@@ -63,7 +63,7 @@ class Sound:
                 rows += self.rows[check]
             else:
                 rows += of_built(built, checks=[check])
-        return {(row.check, row.part): row.found for row in rows if not row.passed}
+        return {(row.name, row.subject): row.value for row in rows if row.failed}
 
 
 @pytest.fixture(scope="module")
@@ -78,8 +78,8 @@ def _fused(solid, more):
 
 def test_without_a_fault_nothing_fails(sound):
     rows = [row for check in CHECKS for row in sound.rows[check]]
-    found = {(row.check, row.part): row.found for row in rows}
-    assert [row for row in rows if not row.passed] == []
+    found = {(row.name, row.subject): row.value for row in rows}
+    assert [row for row in rows if row.failed] == []
     assert found["envelope", "assembly"] == "39 x 60 x 30 mm"
     assert found["engagement", "screw, skin-frame"] == "4.60 mm (2.9 d)"
     assert found["wall thickness", "shell"].startswith("1.500 mm")
@@ -192,17 +192,17 @@ def test_a_part_that_cannot_be_built_fails_its_rows_and_stops_nothing(sound):
     solids = {name: solid for name, solid in sound.built.solids.items() if name != "cover"}
     told = {"cover": "cover: the CAD kernel failed"}
     rows = of_built(BuiltDesign(D, sound.built.parts, solids, failed=told))
-    found = {row.part: row.found for row in rows if row.verdict == "FAIL"}
+    found = {row.subject: row.value for row in rows if row.failed}
     assert found == {"sensor": "1 of 10 not: cover: the CAD kernel failed"}
-    (undone,) = (row.found for row in rows if row.verdict == "not run")
+    (undone,) = (row.value for row in rows if row.status == "not run")
     assert undone.endswith(" were not run: cover could not be built")
-    assert "mold volume closure" in {row.check for row in rows if row.passed}
+    assert "mold volume closure" in {row.name for row in rows if not row.failed}
 
 
 def test_a_press_as_deep_as_the_tips_are_long_is_refused(sound):
     deep = Design(plate=type(D.plate)(depth_mm=11.5))
     built = BuiltDesign(deep, sound.built.parts, sound.built.solids)
-    stack = [check for check in CHECKS if check == "bench clear"]
-    reach = next(row for row in of_built(built, checks=stack) if row.check == "bench reach")
-    assert not reach.passed
+    stack = [check for check in CHECKS if check == "bench-clear"]
+    reach = next(row for row in of_built(built, checks=stack) if row.name == "bench reach")
+    assert reach.failed
     assert "plate.depth_mm" in reach.limit

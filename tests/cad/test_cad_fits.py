@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from deltact_fab.cad import feasibility
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.check import arithmetic
-from deltact_fab.cad.check.row import verified
+from deltact_fab.cad.check.row import plain, verified
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.parts.light_holder import led_room_mm
@@ -34,13 +34,13 @@ def every(design: Design) -> dict[str, PlayFit]:
 
 def test_play_is_the_sum_of_what_is_left_and_of_what_each_may_be_off():
     hole, shank = Length(2.0, 0.1, ("a",)), Length(1.6, 0.02, ("b",))
-    fit = PlayFit("", "", (hole, Length(0.5)), (shank, Length(0, 0.3, ("a",))))
+    fit = PlayFit("", "", "", (hole, Length(0.5)), (shank, Length(0, 0.3, ("a",))))
     assert fit.range_mm == pytest.approx((0.9 - 0.42, 0.9 + 0.42))
-    assert fit.rests_on == ("a", "b")
-    assert fit.holds
-    assert dataclasses.replace(fit, least_mm=0.48).holds
-    assert not dataclasses.replace(fit, least_mm=0.481).holds
-    assert not dataclasses.replace(fit, body=(Length(math.nan),)).holds
+    assert fit.check().basis == ("a", "b")
+    assert not fit.check().failed
+    assert not dataclasses.replace(fit, least_mm=0.48).check().failed
+    assert dataclasses.replace(fit, least_mm=0.481).check().failed
+    assert dataclasses.replace(fit, body=(Length(math.nan),)).check().failed
     assert hole.half() == Length(1.0, 0.05, ("a",))
 
 
@@ -72,10 +72,10 @@ def test_every_rule_and_every_pair_of_what_is_shipped_holds(name):
     design = load_design(name)
     feasibility.check(design)
     rows = list(verified([*arithmetic.fits(design), *arithmetic.platform(design)], design))
-    assert [row.found for row in rows if not row.passed] == []
+    assert [row.value for row in rows if row.failed] == []
     # Nobody has measured these machines, and each row that counts on them says so.
-    pocket = next(row for row in rows if row.found.startswith("plate in its pocket"))
-    assert pocket.verdict == "pass (unverified: resin printer, laser)"
+    pocket = next(row for row in rows if row.value.startswith("plate in its pocket"))
+    assert {plain(key) for key in pocket.basis} == {"resin printer", "laser"}
 
 
 def test_a_failing_pair_fails_the_command():

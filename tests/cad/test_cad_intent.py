@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from deltact_fab.cad import check
-from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
+from deltact_fab.cad import check, feasibility, intent
+from deltact_fab.cad.check import arithmetic, visibility
+from deltact_fab.cad.design import IndenterList, ListedIndenter, load_camera, load_design
 from deltact_fab.cad.intent import failures, solved, wish_of, wished
 from deltact_fab.cad.parts.camera import off_axis
 from deltact_fab.cad.registry import of_design
@@ -83,7 +84,7 @@ def test_a_solved_design_passes_every_check_on_its_solids():
     one = IndenterList(indenter=(ListedIndenter("sphere:10"),))
     wish = wish_of("24x24", camera="innomaker-u20cam")
     rows = check.run(solved(wish, BASE), indenters=one)
-    assert [row for row in rows if not row.passed] == []
+    assert [row for row in rows if row.failed] == []
 
 
 def test_a_board_without_holes_is_bonded_and_takes_no_screws():
@@ -93,3 +94,36 @@ def test_a_board_without_holes_is_bonded_and_takes_no_screws():
     assert "camera-screw" not in [part.name for part in of_design(design)]
     # It lies further off the middle than screws would have it.
     assert off_axis(design)[0].mean_mm > off_axis(BASE)[0].mean_mm
+
+
+def test_words_of_a_check_are_no_key(monkeypatch):
+    """With every check renamed the same dimensions move; with its id changed nothing does."""
+    wish, told = wish_of("60x50"), intent.failures
+    design = solved(wish, BASE)
+
+    def renamed(design, wish):
+        return (replace(check, name="?", value="?", sign="") for check in told(design, wish))
+
+    monkeypatch.setattr(intent, "failures", renamed)
+    assert solved(wish, BASE) == design
+    monkeypatch.setattr(
+        intent,
+        "failures",
+        lambda design, wish: (
+            replace(c, id="bends") if c.id == "plate-deflection" else c for c in told(design, wish)
+        ),
+    )
+    with pytest.raises(intent.Unsolved, match="plate deflection: "):
+        solved(wish, BASE)
+
+
+def test_every_remedy_is_of_a_check_that_there_is():
+    """An id that nobody gives would leave its check without a remedy."""
+    ids = {rule.id for rule in feasibility.rules(BASE)}
+    for checks in (arithmetic.fits, arithmetic.light, visibility.view, arithmetic.bending):
+        ids |= {check.id for check in checks(BASE)}
+    small = replace(BASE.resin_printer, bed_x_mm=20.0, bed_y_mm=20.0)
+    ids |= {check.id for check in arithmetic.platform(replace(BASE, resin_printer=small))}
+    camera = load_camera("rpi-camera-3")
+    ids |= {check.id for check in visibility.view(replace(BASE, camera=camera))}
+    assert set(intent.REMEDIES) - ids == {"light-cone"}  # `failures` gives that one itself

@@ -52,12 +52,12 @@ def test_it_is_in_the_list_shown_bought_drawn_guided_and_exported(shim, tmp_path
 @pytest.mark.slow
 def test_it_is_checked_by_its_own_limits(shim):
     rows = run(load_design(), indenters=IndenterList())
-    own = {row.check: row for row in rows if row.part == "shim"}
-    assert own["wall thickness"].found.startswith("1.500 mm")
-    assert own["wall thickness"].passed
-    assert "1 of 1 hold" in own["inequalities"].found
+    own = {row.name: row for row in rows if row.subject == "shim"}
+    assert own["wall thickness"].value.startswith("1.500 mm")
+    assert not own["wall thickness"].failed
+    assert "1 of 1 hold" in own["inequalities"].value
     thin = run(load_design(changes=["shell.wall_mm=0.8"]), indenters=IndenterList())
-    assert "1 <= 0.8" in {r.part: r.found for r in thin if r.check == "inequalities"}["shim"]
+    assert "1 <= 0.8" in {r.subject: r.value for r in thin if r.name == "inequalities"}["shim"]
 
 
 def test_two_files_cannot_claim_one_name(shim, tmp_path):

@@ -69,15 +69,15 @@ def test_a_sphere_on_its_tip_touches_nothing_and_fails():
     part = registry.find("sphere:10")
     built = BuiltDesign(DESIGN, (part,), {part.name: build_part(part, DESIGN)[0]})
     contact, ceilings = printed(built)
-    assert contact.passed
+    assert not contact.failed
     # The stem's end with its flat, and the plate's ring around the stem.
     stem_mm2, plate_mm2 = 9 * np.pi - segment_mm2(2.2, 3.0), 25 * np.pi
-    assert float(contact.found.split()[0]) == pytest.approx(stem_mm2, abs=0.2)
-    assert float(ceilings.found.split()[0]) == pytest.approx(plate_mm2 - stem_mm2, abs=0.3)
-    assert "from 20.0 mm up, 2.0 mm across at most, on supports" in ceilings.found
+    assert float(contact.value.split()[0]) == pytest.approx(stem_mm2, abs=0.2)
+    assert float(ceilings.value.split()[0]) == pytest.approx(plate_mm2 - stem_mm2, abs=0.3)
+    assert "from 20.0 mm up, 2.0 mm across at most, on supports" in ceilings.value
     tip_down = replace(part, lies=PrintPose())
     built = BuiltDesign(DESIGN, (tip_down,), {part.name: build_part(part, DESIGN)[0]})
-    assert not next(iter(printed(built))).passed
+    assert next(iter(printed(built))).failed
 
 
 def test_a_shell_on_its_back_has_ceilings_and_none_as_it_is_tilted():

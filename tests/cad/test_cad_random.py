@@ -21,7 +21,7 @@ def outcome(change: list[str], parts: list) -> str:
         feasibility.check(design)
     except InputError as why:
         return "refused" if "\n" not in str(why) else f"more than one line: {why}"
-    if not all(fit.holds for part in PARTS for fit in part.fits(design)):
+    if any(fit.check().failed for part in PARTS for fit in part.fits(design)):
         return "refused"  # by a row that names its key
     for part in parts:
         held(part, design)

@@ -88,8 +88,8 @@ def test_what_was_read_is_a_design_that_check_and_export_use(tmp_path):
     assert "resin_printer.plane_mm" not in open_keys
     assert "resin_printer.bed_x_mm" in open_keys
     rows = verified(arithmetic.fits(design), design)
-    (pocket,) = [r for r in rows if r.found.startswith("plate in its pocket, x")]
-    assert pocket.verdict == "pass"
+    (pocket,) = [r for r in rows if r.value.startswith("plate in its pocket, x")]
+    assert (pocket.status, pocket.basis) == ("pass", ())
     again = CliRunner().invoke(main, ["cad", "fit", str(table), "--design", str(mine), "--json"])
     rows = {row["key"]: row for row in json.loads(again.output)}
     assert rows["laser.kerf_mm"]["before"] == rows["laser.kerf_mm"]["value"]

@@ -11,7 +11,7 @@ from deltact_fab.cad import feasibility
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.parts.camera import BOARD_KEYS
-from deltact_fab.cad.rule import at_most, below
+from deltact_fab.cad.rule import at_most, below, statement
 from deltact_fab.cad.sensor_sections import CameraDimensions, ScrewDimensions
 from deltact_fab.errors import InputError
 from deltact_fab.shapes.bounded import ShapeError
@@ -20,7 +20,7 @@ from deltact_fab.shapes.bounded import ShapeError
 def broken(*changes: str) -> list[str]:
     """Rules that fail for the default design with changes."""
     design = load_design("deltact", changes)
-    return [f"{r.part}: {r.text}" for r in feasibility.rules(design) if not r.holds]
+    return [f"{r.subject}: {statement(r)}" for r in feasibility.rules(design) if r.failed]
 
 
 def test_the_shipped_design_closes_as_the_paper_s():
@@ -149,7 +149,7 @@ def test_each_inequality_can_fail_and_states_its_numbers(changes, says):
 
 def test_a_rule_that_rests_on_an_unverified_value_says_so_until_it_is_measured():
     def rests_on(design):
-        return {key for rule in feasibility.rules(design) for key in rule.rests_on}
+        return {key for rule in feasibility.rules(design) for key in rule.basis}
 
     def of_camera(keys):
         return {key for key in keys if key.startswith("camera.")}
@@ -174,8 +174,8 @@ def test_nan_is_no_dimension_and_no_rule_holds_for_it():
     with pytest.raises(ShapeError, match="length_mm"):
         ScrewDimensions(length_mm=math.nan)
     for rule in (below, at_most):
-        assert not rule("a", math.nan, "b", 1.0).holds
-        assert not rule("a", 0.0, "b", math.nan).holds
+        assert rule("id", "a", math.nan, "b", 1.0).failed
+        assert rule("id", "a", 0.0, "b", math.nan).failed
 
 
 def test_every_dimension_has_a_meaning_and_a_default_within_its_limits():

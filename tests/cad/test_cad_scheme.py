@@ -126,6 +126,6 @@ def test_a_row_names_the_part_and_what_its_drawing_lacks():
     plate = registry.find("acrylic")
     wrong = replace(plate, callouts=lambda _: Callouts((x_of(0.0, 1.0),)))
     (row,) = drawings(BuiltDesign(load_design(), (wrong,)))
-    assert not row.passed
-    assert row.part == "acrylic"
-    assert "1 along x ends at 1, where the part has nothing" in row.found
+    assert row.failed
+    assert row.subject == "acrylic"
+    assert "1 along x ends at 1, where the part has nothing" in row.value

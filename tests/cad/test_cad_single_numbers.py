@@ -9,9 +9,10 @@ from __future__ import annotations
 import pytest
 
 from deltact_fab import cache
-from deltact_fab.cad.check import ARITHMETIC, Row, arithmetic, run
+from deltact_fab.cad.check import ARITHMETIC, arithmetic, run
 from deltact_fab.cad.check.row import advice, advised
 from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
+from deltact_fab.checks import Check, passes
 from deltact_fab.errors import InputError
 
 LONG = pytest.mark.evidence
@@ -74,15 +75,15 @@ def test_a_wrong_number_is_refused_or_fails_and_its_row_says_what_to_change(chan
     try:
         design = load_design("deltact", [change])
     except InputError as why:
-        rows = [Row("refused", "", "", str(why), False)]  # with the limits of its record
+        rows = [Check("refused", limit=str(why), status="fail")]  # with the limits of its record
     else:
         rows = [row for told in ARITHMETIC for row in advised(told, design)]
-        if all(row.passed for row in rows):
+        if passes(rows):
             rows += arithmetic.platform(design)
-    failed = [row for row in rows if row.verdict == "FAIL"]
-    assert any(key in row.limit for row in failed), failed
-    told = [r.limit for r in failed if r.check != "refused" and f"{key}: " in r.limit]
-    assert all(" or more" in limit or " or less" in limit for limit in told)
+    failed = [row for row in rows if row.failed]
+    assert any(key in f"{row.limit} {row.remedy}" for row in failed), failed
+    told = [row.remedy for row in failed if f"{key}: " in row.remedy]
+    assert all(" or more" in remedy or " or less" in remedy for remedy in told)
 
 
 def test_where_every_number_has_its_default_all_are_moved():
@@ -107,20 +108,20 @@ def checked(tmp_path_factory):
 @pytest.mark.parametrize("name", SHIPPED)
 def test_the_shipped_designs_pass(checked, name):
     rows = checked(name)
-    assert [row for row in rows if not row.passed] == []
-    assert any(row.verdict.startswith("pass (unverified: ") for row in rows)
+    assert [row for row in rows if row.failed] == []
+    assert any(row.basis for row in rows)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("change", "check", "part"), WRONG_ON_SOLIDS)
 def test_a_wrong_number_fails_on_the_solids(checked, change, check, part):
-    rows = [row for row in checked("deltact", change) if row.verdict == "FAIL"]
-    assert any(row.check == check and row.part.startswith(part) for row in rows), rows
+    rows = [row for row in checked("deltact", change) if row.failed]
+    assert any(row.name == check and row.subject.startswith(part) for row in rows), rows
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("change", RIGHT)
 def test_an_unusual_number_that_is_right_passes(checked, change):
     rows = checked("deltact", change)
-    assert [row for row in rows if not row.passed] == []
+    assert [row for row in rows if row.failed] == []
     assert len(rows) > 100

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from deltact_fab.cad.check.arithmetic import bending
-from deltact_fab.cad.check.row import verified
+from deltact_fab.cad.check.row import plain, verified
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.stiffness import PlateShape, bend, plate_of, press
 from deltact_fab.errors import InputError
@@ -91,16 +91,16 @@ def test_a_press_goes_with_force_place_and_modulus():
 )  # fmt: skip
 def test_rows_hold_the_plate_against_its_limits(name, changes, fails):
     rows = bending(load_design(name, changes))
-    assert fails == tuple(row.check.split()[1] for row in rows if not row.passed)
+    assert fails == tuple(row.name.split()[1] for row in rows if row.failed)
 
 
 def test_a_row_says_what_the_bead_yields_and_what_nobody_measured():
     row, *_ = verified(bending(DEFAULT), DEFAULT)
-    assert row.verdict == "pass (unverified: spread, youngs modulus, bead modulus)"
-    assert row.found.startswith("0.220 mm under 49 N, 0.051 of it the bead: 4.4 %")
+    assert list(map(plain, row.basis)) == ["spread", "youngs modulus", "bead modulus"]
+    assert row.value.startswith("0.220 mm under 49 N, 0.051 of it the bead: 4.4 %")
     keys = '["spread_mm", "youngs_modulus_mpa", "stress_limit_mpa", "bead_modulus_mpa"]'
     known = load_design(changes=[f"plate.measured={keys}"])
-    assert [*verified(bending(known), known)][-1].verdict == "pass"
+    assert [*verified(bending(known), known)][-1].basis == ()
 
 
 def test_a_plate_on_no_ledge_is_one_line():

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from wrong_input import VIRTUAL, stop_at_first_motion, toml
 
-from deltact_fab import experiment
+from deltact_fab import checks, experiment
 from deltact_fab.errors import DeltactFabError, Stopped
 
 INDENTERS = ("sphere:10", "sphere:2", "4dots", "star:12")
@@ -52,7 +52,7 @@ def drawn(number: int) -> dict[str, Any]:
 
 def passes(request: Callable[[], experiment.RunRequest]) -> bool:
     try:
-        return all(row.ok for row in request().checks())
+        return checks.passes(request().checks())
     except DeltactFabError:
         return False
 
@@ -100,5 +100,5 @@ def test_what_run_refuses_is_a_row(
     (tmp_path / "p.toml").write_bytes(toml({**base, **change}))
     (tmp_path / "rig.toml").write_bytes(toml(VIRTUAL))
     monkeypatch.chdir(tmp_path)
-    failed = [r.name for r in experiment.RunRequest("p.toml", "rig.toml").checks() if not r.ok]
+    failed = [r.name for r in experiment.RunRequest("p.toml", "rig.toml").checks() if r.failed]
     assert failed == [row]

@@ -220,7 +220,7 @@ def judged(made: Made, images: int = 2, recipe: str = "") -> Acceptance:
 
 
 def failed(done: Acceptance) -> set[str]:
-    return {row.check for row in done.rows if not row.passed}
+    return {row.name for row in done.rows if row.failed}
 
 
 def test_a_bubble_is_found_where_it_is_and_nothing_else_is_wrong():
@@ -323,13 +323,13 @@ def test_a_known_step_is_recovered_and_a_wrong_scale_is_not(tmp_path):
     done = called("run", "known-step", "--rig", "virtual", "--out", "step", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = known_steps(tmp_path / "step")
-    assert [row.check for row in rows] == ["known step, x", "known step, y"]
+    assert [row.name for row in rows] == ["known step, x", "known step, y"]
     for row in rows:
         seen, made = (
-            float(word) for word in row.found.removesuffix(", simulated").split(" mm of ")
+            float(word) for word in row.value.removesuffix(", simulated").split(" mm of ")
         )
-        assert row.passed
-        assert row.found.endswith(", simulated")
+        assert not row.failed
+        assert row.value.endswith(", simulated")
         assert made == pytest.approx(0.6, abs=1e-3)
         assert seen == pytest.approx(made, abs=0.004)
     wrong = tmp_path / "wrong"
@@ -337,7 +337,7 @@ def test_a_known_step_is_recovered_and_a_wrong_scale_is_not(tmp_path):
     told = json.loads((wrong / "run.json").read_text())
     told["camera"]["mm_per_px"] *= 1.03
     (wrong / "run.json").write_text(json.dumps(told))
-    assert not any(row.passed for row in known_steps(wrong))
+    assert all(row.failed for row in known_steps(wrong))
     shutil.rmtree(wrong)
     with pytest.raises(InputError, match="no such folder"):
         known_steps(Path(wrong))

@@ -58,7 +58,7 @@ def test_a_fault_fails_its_own_row_and_no_other(tmp_path, fault):
     how, fails = FAULTS[fault]
     scan = spoiled.save(spoiled.print_of(SHEET, **how), tmp_path / "scan.png", DPI)
     done = verify(scan, RECIPE)
-    assert {row.check for row in done.rows if not row.passed} == fails
+    assert {row.name for row in done.rows if row.failed} == fails
     x, y = how.get("scale", (1.0, 1.0))
     assert done.found.scale == pytest.approx((x, y), abs=1e-3)
     assert done.found.shear == pytest.approx(how.get("shear", 0.0), abs=1e-3)
@@ -92,7 +92,7 @@ def test_a_hand_held_photograph_is_judged_but_for_its_scale(tmp_path):
 def test_a_jpeg_of_halved_colours_says_what_it_cannot_tell(sound):
     done = verify(sound[1], RECIPE)
     assert done.passed
-    assert "contrast and inks" in [row.check for row in done.rows]
+    assert "contrast and inks" in [row.name for row in done.rows]
     with pytest.raises(InputError, match="scan it as PNG or TIFF"):
         done.printer()
 
@@ -104,8 +104,8 @@ def test_a_sheet_that_was_stretched_already_keeps_its_stretch(sound):
 
 def test_another_recipe_is_told(sound):
     (row,) = verify(sound[1], RECIPE.model_copy(update={"seed": 4})).rows
-    assert not row.passed
-    assert row.found == "not this recipe's pattern"
+    assert row.failed
+    assert row.value == "not this recipe's pattern"
 
 
 def test_what_is_no_scan_is_one_line(tmp_path):
@@ -173,8 +173,8 @@ def test_a_whole_sheet_as_another_program_draws_it(tmp_path, name):
     scan = spoiled.print_of(image, scale=(1.004, 0.997), turn_deg=0.7)
     path = spoiled.save(scan, tmp_path / "scan.png", 1200)
     done = verify(path, load_recipe(name))
-    assert {row.check for row in done.rows if not row.passed} == {"scale, x", "scale, y"}
+    assert {row.name for row in done.rows if row.failed} == {"scale, x", "scale, y"}
     assert done.found.scale == pytest.approx((1.004, 0.997), abs=1e-3)
     other = load_recipe(name).model_copy(update={"seed": 99})
     (row,) = verify(path, other).rows
-    assert not row.passed
+    assert row.failed

@@ -10,11 +10,11 @@ import pytest
 from click.testing import CliRunner
 
 from deltact_fab import experiment
+from deltact_fab.checks import Check
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
 from deltact_fab.preflight.rule import budget
 from deltact_fab.protocols import limits, plan
-from deltact_fab.protocols.limits import LimitCheck
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig import config
 
@@ -29,7 +29,7 @@ def declare(**changes: object) -> Protocol:
     return Protocol.model_validate(data)
 
 
-def rows(protocol: Protocol, out: Path, **more: object) -> dict[str, LimitCheck]:
+def rows(protocol: Protocol, out: Path, **more: object) -> dict[str, Check]:
     box = config.load("virtual")[0].stage
     estimate = limits.estimate(protocol, 1280 * 720, box)
     arguments: dict[str, object] = {"held_hz": 50.0, **more}
@@ -38,10 +38,10 @@ def rows(protocol: Protocol, out: Path, **more: object) -> dict[str, LimitCheck]
 
 
 def test_feeds_that_the_firmware_would_not_hold(tmp_path: Path) -> None:
-    assert rows(declare(motion={"press_feed_mm_min": 1.0}), tmp_path)["least feed"].ok
+    assert not rows(declare(motion={"press_feed_mm_min": 1.0}), tmp_path)["least feed"].failed
     found = rows(declare(motion={"press_feed_mm_min": 0.99}), tmp_path)["least feed"]
-    assert not found.ok
-    assert "at least 1" in found.line()
+    assert found.failed
+    assert (found.sign, found.limit) == (">=", 1.0)
     with pytest.raises(InputError, match=r"p\.toml: least feed: feed \(mm/min\) 0\.99 < 1 at"):
         limits.require([found], "p.toml")
 
@@ -55,28 +55,27 @@ def test_days_are_warned_of_and_months_refused(tmp_path: Path) -> None:
     for days, ok, warns in ((0.9, True, False), (2, True, True), (31, False, False)):
         taken = replace(estimate, seconds=days * 86400)
         found = budget(hour, steps, taken, tmp_path, None)[1]
-        assert (found.ok, found.warns) == (ok, warns), days
-        assert found.figure == pytest.approx(24 * days)
+        assert (not found.failed, found.status == "warn") == (ok, warns), days
+        assert found.value == pytest.approx(24 * days)
 
 
 def test_the_disk_that_is_judged_is_that_of_the_run(tmp_path: Path) -> None:
     found = rows(SMOKE, tmp_path / "run")["disk"]
-    assert str(tmp_path) in found.where
+    assert str(tmp_path) in found.basis[0]
     box = config.load("virtual")[0].stage
     huge = replace(limits.estimate(SMOKE, 1, box), disk_mb=3.5e9)
     found = budget(SMOKE, plan.expand(SMOKE), huge, tmp_path, None)[2]
-    assert not found.ok
-    assert found.figure > found.bound
+    assert found.failed
+    assert found.value > found.limit
     there = budget(SMOKE, plan.expand(SMOKE), huge, tmp_path, None, kept_mb=3.5e9)[2]
-    assert there.figure == 0.0  # what a run that goes on has already is not needed again
+    assert there.value == 0.0  # what a run that goes on has already is not needed again
 
 
 def test_a_rate_that_cannot_be_kept(tmp_path: Path) -> None:
     fast = declare(capture={"rate_hz": 51.0})
-    assert not rows(fast, tmp_path)["camera rate"].ok
+    assert rows(fast, tmp_path)["camera rate"].failed
     waits = rows(fast, tmp_path, wall_clock=False)["camera rate"]
-    assert waits.ok
-    assert waits.warns
+    assert waits.status == "warn"
     assert "camera rate" not in rows(fast, tmp_path, held_hz=None)
 
 

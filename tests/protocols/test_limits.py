@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from deltact_fab.checks import Check
 from deltact_fab.errors import InputError
 from deltact_fab.protocols import limits, plan
-from deltact_fab.protocols.limits import LimitCheck
 from deltact_fab.protocols.motion import StageConfig
 from deltact_fab.protocols.plan import Protocol, Step
 from deltact_fab.shapes import SensorDimensions, SkinDimensions
@@ -23,16 +23,16 @@ def protocol(**changes: object) -> Protocol:
     return Protocol.model_validate(smoke.model_dump() | changes)
 
 
-def row(rows: list[LimitCheck], what: str) -> LimitCheck:
-    return next(r for r in rows if what in r.what)
+def row(rows: list[Check], what: str) -> Check:
+    return next(r for r in rows if what in r.subject)
 
 
 @pytest.mark.parametrize(("depth", "ok"), [(11.0, True), (11.001, False)])
 def test_depth_against_the_gel(depth: float, ok: bool) -> None:
     rows = limits.check(protocol(depths_mm=[depth], indenters=["sphere:22"]), SENSOR, BOX)
     found = row(rows, "depth (mm)")
-    assert found.ok is ok
-    assert found.bound == 11.0
+    assert found.failed is not ok
+    assert found.limit == 11.0
 
 
 @pytest.mark.parametrize(("depth", "ok"), [(12.0, True), (12.001, False)])
@@ -40,30 +40,30 @@ def test_depth_against_the_tip(depth: float, ok: bool) -> None:
     """Tips and shanks are 12 mm long; a thicker gel would let them be pressed further."""
     thick = SensorDimensions(SkinDimensions(thickness_mm=20.0))
     rows = limits.check(protocol(depths_mm=[depth]), thick, BOX)
-    assert row(rows, "depth (mm)").ok
+    assert not row(rows, "depth (mm)").failed
     found = row(rows, "free length")
-    assert found.ok is ok
-    assert found.where.startswith("sphere-10/")  # all are equally long: the first
+    assert found.failed is not ok
+    assert found.basis[0].startswith("sphere-10/")  # all are equally long: the first
 
 
 @pytest.mark.parametrize(("x", "ok"), [(10.0, True), (10.001, False)])
 def test_footprint_and_shear_stay_on_the_skin(x: float, ok: bool) -> None:
     moved = protocol(positions_mm=[[x, 0.0]], indenters=["sphere:10"])
-    assert row(limits.check(moved, SENSOR, BOX), "reach in x").ok is ok  # 10 + 3 + 5 = 18
+    assert row(limits.check(moved, SENSOR, BOX), "reach in x").failed is not ok  # 10 + 3 + 5 = 18
 
 
 def test_travel_in_the_machine_frame() -> None:
     high = BOX.model_copy(update={"origin_machine_mm": (-60.0, -60.0, -19.0)})
     found = row(limits.check(protocol(), SENSOR, high), "machine z")
-    assert not found.ok  # parked 20 mm above a face that is 19 mm below the top
+    assert found.failed  # parked 20 mm above a face that is 19 mm below the top
     low = BOX.model_copy(update={"origin_machine_mm": (-60.0, -60.0, -59.1)})
-    assert not row(limits.check(protocol(), SENSOR, low), "machine -z").ok
+    assert row(limits.check(protocol(), SENSOR, low), "machine -z").failed
 
 
 def test_travel_sees_the_rotation_of_the_stage() -> None:
     turned = BOX.model_copy(update={"origin_machine_mm": (-2.0, -60.0, -40.0), "angle_deg": 90.0})
     rows = limits.check(protocol(), SENSOR, turned)
-    assert not row(rows, "machine x").ok  # shear in -y becomes +x there: 3 > 2
+    assert row(rows, "machine x").failed  # shear in -y becomes +x there: 3 > 2
 
 
 def test_sideways_below_the_clearance_plane_is_refused() -> None:
@@ -71,9 +71,9 @@ def test_sideways_below_the_clearance_plane_is_refused() -> None:
     steps = plan.expand(smoke)
     bad = Step("x/low", "x", "sphere:10", "travel", (5.0, 0.0, 1.0), 600.0)
     found = row(limits.check(smoke, SENSOR, BOX, [steps[0], bad]), "sideways")
-    assert not found.ok
-    assert found.where == "x/low"
-    assert found.figure == pytest.approx(4.0)
+    assert found.failed
+    assert found.basis[0] == "x/low"
+    assert found.value == pytest.approx(4.0)
 
 
 def test_require_names_file_figure_bound_and_step() -> None:

@@ -46,8 +46,8 @@ def test_each_indenter_gets_3600_frames(declared: Protocol, steps: list[Step]) -
 
 def test_every_check_passes_on_the_virtual_rig() -> None:
     rows = experiment.RunRequest(NAME, "virtual").checks()
-    assert [r.line() for r in rows if not r.ok] == []
-    reach = {r.what: r.figure for r in rows if r.name.startswith("footprint")}
+    assert [r for r in rows if r.failed] == []
+    reach = {r.subject: r.value for r in rows if r.name.startswith("footprint")}
     assert reach == pytest.approx({"reach in x (mm)": 17.5, "reach in y (mm)": 16.5})
 
 

@@ -46,7 +46,7 @@ def test_it_shows_shape_contacts_and_force_and_how_far_to_believe_them(
     assert rows.count("4dots") >= 1
     assert "force sensor" in after.partition("</section>")[0]
     verdict = page.partition('<div class="verdict')[2].partition("</div>")[0]
-    assert "this is no test of it" in verdict.partition('<p class="warning">')[2]
+    assert "this is no test of it" in verdict.partition('<p class="warn">')[2]
 
 
 def test_it_fetches_nothing_and_says_what_it_is(page: str, result: TrackingResult) -> None:
@@ -66,7 +66,7 @@ def test_its_first_line_says_which_method_to_take(page: str, result: TrackingRes
     verdict = re.search(r'</h1>\s*<div class="verdict (\w+)">(.*?)</div>', page, re.DOTALL)
     assert verdict is not None
     assert result.verdict.line in html.unescape(verdict.group(2))
-    assert (verdict.group(1) == "good") <= result.verdict.trusted
+    assert (verdict.group(1) == "pass") <= result.verdict.trusted
     for name, why in result.verdict.doubts.items():
         assert (f"<b>{name}</b> is not reliable here" in page) == bool(why)
 

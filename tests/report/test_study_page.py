@@ -82,10 +82,10 @@ def test_headlines_tell_value_interval_paper_and_goal(page: str) -> None:
 def test_goals_and_missing_jobs_put_the_verdict_in_doubt_and_nothing_else(tmp_path: Path) -> None:
     good = replace(plain(), headlines=plain().headlines[:1])
     page = study_page.write(good, tmp_path / "good").read_text()
-    assert 'class="verdict good"' in page
+    assert 'class="verdict pass"' in page
     assert "missing</h2>" not in page
     bad = study_page.write(replace(good, missing=("one",)), tmp_path / "bad").read_text()
-    assert 'class="verdict warning"' in bad
+    assert 'class="verdict warn"' in bad
     assert "1 job is missing" in bad
 
 

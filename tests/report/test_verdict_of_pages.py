@@ -26,7 +26,7 @@ from deltact_fab.report import (
 )
 from deltact_fab.report.first_light import pairs
 from deltact_fab.report.result import GEL_FLAGS
-from deltact_fab.report.templating import Finding, verdict
+from deltact_fab.report.templating import finding, verdict
 
 TOLD = "a made-up warning of <the test>"
 WARNED = {"id": "made up", "text": TOLD, "warns": True}
@@ -149,12 +149,16 @@ def test_a_warning_reaches_the_verdict_once(
 ) -> None:
     good, _ = level(make(False, tmp_path / "good", warned_run))
     bad, words = level(make(True, tmp_path / "bad", warned_run))
-    assert good == "good"
-    assert bad in ("warning", "bad")
+    assert good == "pass"
+    assert bad in ("warn", "fail")
     assert words.lower().count(says.lower()) == 1
 
 
 def test_the_worst_is_the_verdict_and_what_is_said_twice_stands_once() -> None:
-    found = [Finding("a"), Finding("c", "bad"), Finding("b", "warning"), Finding("a")]
-    assert verdict(found) == ((("a", "good"), ("c", "bad"), ("b", "warning")), "bad")
-    assert verdict([]).level == "good"
+    found = [finding("1", "a"), finding("2", "c", "fail"), finding("3", "b", "warn")]
+    shown = verdict([*found, finding("4", "a")])
+    assert [(check.value, check.status) for check in shown.checks] == [
+        ("a", "pass"), ("c", "fail"), ("b", "warn"),
+    ]  # fmt: skip
+    assert shown.status == "fail"
+    assert verdict([]).status == "pass"

@@ -120,7 +120,7 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(tmp_path: P
         config = CameraConfig(command=command, width_px=W, height_px=H, **options)
         found = list(camera_rows(config, tmp_path, seconds=0.5))
         return {
-            ok: " | ".join(f.text for f in found if (f.verdict == "pass") is ok)
+            ok: " | ".join(f"{f.value}; {f.remedy}" for f in found if (f.status == "pass") is ok)
             for ok in (True, False)
         }
 
@@ -134,7 +134,7 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(tmp_path: P
     assert "the image is dark" in lines("k[:99] + bytes(len(k) - 99)")[False]
     assert "the same image over and over" in lines("bytes(len(k))")[False]
     absent = list(camera_rows(CameraConfig(source=63, model="none.toml"), tmp_path, 0.5))
-    assert [f.verdict for f in absent] == ["FAIL", "FAIL"]
+    assert [f.status for f in absent] == ["fail", "fail"]
 
 
 def test_photographs_are_exposed_when_they_are_asked_for(tmp_path: Path) -> None:

@@ -229,7 +229,7 @@ def test_other_units_of_the_box_come_out_as_newtons(
 
 def found(box: NetFTServer, guard: GuardConfig | None = None, **own: object) -> dict[str, bool]:
     config = ForceConfig(netft=way(box, silent_s=2), **own)  # type: ignore[arg-type]
-    return {row.text: row.verdict == "pass" for row in force_rows(config, guard, 0.3)}
+    return {row.value: row.status == "pass" for row in force_rows(config, guard, 0.3)}
 
 
 @pytest.mark.slow

@@ -80,6 +80,9 @@ def test_a_whole_bench(tmp_path: Path) -> None:
     for part in ("settings were read", "transducer FT00001", "the guard stops the stage at 15",
                  "camera.model: not calibrated", "all that a press needs"):  # fmt: skip
         assert part in texts
+    ids = [check["id"] for check in found["checks"]]
+    assert {"stage.answer", "camera.rate", "force.rate", "presses.rig-file"} <= set(ids)
+    assert len(set(ids)) == len(ids) == len(found["rows"])
     assert found["ok"]  # a run would only warn that the camera is not calibrated
     assert {v for (device, _), v in rows.items() if device == "camera"} >= {"WARN"}
 
@@ -89,7 +92,7 @@ def test_what_is_wrong_says_what_to_do(tmp_path: Path) -> None:
         done = check(tmp_path)
     assert done.exit_code == 1
     failed = [line for line in done.output.splitlines() if line.startswith("FAIL")]
-    assert [line.split(":")[0] for line in failed] == ["FAIL  stage"] + ["FAIL  presses"] * 3
+    assert [line.split()[1] for line in failed] == ["stage"] + ["presses"] * 3
     assert "set $21=1 and connect again" in failed[0]
     assert done.output.splitlines()[-1].endswith("4 to put right")
 

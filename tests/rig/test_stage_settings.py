@@ -95,8 +95,9 @@ def test_a_board_that_would_move_unhomed() -> None:
         connected(options="L")
     said = ["[OPT:V,15,128]", "[FIRMWARE:grblHAL]"]
     (row,) = judge({**SETTINGS, 1: 255, 22: 1}, said, None)
-    assert row.line().startswith("FAIL  stage: $22=1 (not locked at its start")
-    assert "set $22=5" in row.text
+    assert (row.id, row.status) == ("stage.lock", "fail")
+    assert str(row.value).startswith("$22=1 (not locked at its start")
+    assert "set $22=5" in row.value
     assert not judge({**SETTINGS, 1: 255, 22: 5}, said, None)
 
 
@@ -122,15 +123,15 @@ def test_a_controller_that_can_do_more_is_accepted_and_the_file_s_travel_holds()
 
 def test_motors_that_are_off_at_rest_are_a_warning() -> None:
     (row,) = connected({1: 25}).judged
-    assert row.verdict == "WARN"
-    assert row.text.endswith("set $1=255 unless the screws hold by themselves")
+    assert row.status == "warn"
+    assert row.value.endswith("set $1=255 unless the screws hold by themselves")
 
 
 @pytest.mark.parametrize("name", catalog.names("protocols/rigs"))
 def test_what_ships_passes(name: str) -> None:
     stage = config.load(name)[0].stage
     own = settings_for(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2)
-    assert {row.verdict for row in judge(own, [], stage)} == {"WARN"}  # of motors that rest
+    assert {row.status for row in judge(own, [], stage)} == {"warn"}  # of motors that rest
 
 
 # A position's time: when the controller read it, not when the host came to hear of it.

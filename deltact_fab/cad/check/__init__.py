@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from ...aliases import Progress
+from ...checks import Check
 from ...errors import RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
@@ -15,23 +16,23 @@ from ..kernel import guarded
 from ..registry import listed
 from . import arithmetic, each_part, together, visibility
 from .built import BuiltDesign, Facts, PartMissing
-from .row import NOT_RUN, Row, advised, verified
+from .row import advised, verified
 
-CHECKS: dict[str, Callable[[BuiltDesign], Iterable[Row]]] = {
-    "drawings": each_part.drawings,
-    "one valid closed solid": each_part.soundness,
-    "envelope": together.envelope,
-    "interference": together.interference,
-    "engagement": together.engagement,
-    "wall thickness": each_part.walls,
-    "bed contact": each_part.printed,
-    "plate deflection": lambda built: arithmetic.bending(built.design),
-    "light cone": visibility.light_cone,
-    "mold volume closure": together.closure,
-    "bench clear": together.bench,
-    "indenter height field": each_part.height_fields,
+CHECKS: dict[str, tuple[str, Callable[[BuiltDesign], Iterable[Check]]]] = {
+    "drawings": ("drawings", each_part.drawings),
+    "soundness": ("one valid closed solid", each_part.soundness),
+    "envelope": ("envelope", together.envelope),
+    "interference": ("interference", together.interference),
+    "engagement": ("engagement", together.engagement),
+    "wall-thickness": ("wall thickness", each_part.walls),
+    "bed-contact": ("bed contact", each_part.printed),
+    "plate-deflection": ("plate deflection", lambda built: arithmetic.bending(built.design)),
+    "light-cone": ("light cone", visibility.light_cone),
+    "mold-closure": ("mold volume closure", together.closure),
+    "bench-clear": ("bench clear", together.bench),
+    "height-fields": ("indenter height field", each_part.height_fields),
 }
-"""Each kind of check on solids by the name that its row has when it cannot be made."""
+"""Each kind of check on solids: id and name of its row when it cannot be made."""
 ARITHMETIC = (arithmetic.inequalities, arithmetic.fits, arithmetic.light, visibility.view)
 
 
@@ -40,7 +41,7 @@ def run(
     progress: Progress | None = None,
     indenters: IndenterList | None = None,
     cached: bool = False,
-) -> list[Row]:
+) -> list[Check]:
     """Check a design: inequalities first, then every part and the whole as built.
 
     progress: called with (done, total, what) before each part that is built and each check.
@@ -52,7 +53,7 @@ def run(
     InputError when the list of indenters is unusable.
     """
     rows = [r for told in ARITHMETIC for r in verified(advised(told, design), design)]
-    if not all(row.passed for row in rows if row.check == "inequalities"):
+    if any(row.failed for row in rows if row.name == "inequalities"):
         return [*rows, not_run(len(CHECKS), "inequalities fail, see above")]
     rows += verified(arithmetic.platform(design), design)
     done = 0
@@ -78,28 +79,30 @@ def of_built(
     built: BuiltDesign,
     tell: Callable[[str], None] | None = None,
     checks: Iterable[str] = CHECKS,
-) -> list[Row]:
+) -> list[Check]:
     """The checks on what is built; one row counts those that lack a part which cannot be built.
 
     Any other check that cannot be made is a failing row.
     """
-    rows: list[Row] = []
+    rows: list[Check] = []
     undone = []
-    for check in checks:
+    for id in checks:
+        name, made = CHECKS[id]
         if tell is not None:
-            tell(check)
+            tell(name)
         try:
-            with guarded(check):
-                rows += verified(CHECKS[check](built), built.design)
+            with guarded(name):
+                rows += verified(made(built), built.design)
         except PartMissing as why:
             undone.append(str(why))
         except RunFailed as why:
-            rows.append(Row(check, "", f"not run: {why}", "can be made", False))
+            rows.append(Check(id, name, "", f"not run: {why}", "can be made", "fail"))
     if undone:
         rows.append(not_run(len(undone), "; ".join(dict.fromkeys(undone))))
     return rows
 
 
-def not_run(count: int, why: str) -> Row:
-    """What a failure that has its own row left undone."""
-    return Row(NOT_RUN, "assembly", f"{count} were not run: {why}", "all of them", False)
+def not_run(count: int, why: str) -> Check:
+    """The row of what a failure, which has its own row, left undone."""
+    found = f"{count} were not run: {why}"
+    return Check("solids", "checks on solids", "assembly", found, "all of them", "not run")

@@ -12,14 +12,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...checks import Check, graded, worst
 from ..dimensions import Design
 from ..feasibility import rules as all_rules
 from ..part import PRINT
 from ..parts.light_holder import below_plate, led_turns
 from ..registry import of_design
-from ..rule import Rule, first_of
+from ..rule import first_of, statement
 from ..stiffness import bend, plate_of, press
-from .row import Row, at_least
+from .row import at_least
 
 LEAST_MA = 1.0  # a camera makes up for half of the paper's circuit, 2.1 mA at its least: one stop
 HEAT_SHARE = 0.5  # half of its rating keeps a resistor cool enough to touch
@@ -29,38 +30,36 @@ GEL = "plate.spread_mm"
 SOFT = (GEL, "plate.youngs_modulus_mpa", "plate.bead_modulus_mpa")
 
 
-def inequalities(design: Design) -> Iterator[Row]:
+def inequalities(design: Design) -> Iterator[Check]:
     """A part's rules: how many hold, and the tightest one; or those that fail."""
-    groups: dict[str, list[Rule]] = {}
+    groups: dict[str, list[Check]] = {}
     for rule in all_rules(design):
-        groups.setdefault(rule.part, []).append(rule)
+        groups.setdefault(rule.subject, []).append(rule)
     for part, rules in groups.items():
-        broken = [rule.text for rule in rules if not rule.holds]
-        found = f"{len(rules)} of {len(rules)} hold, closest: {min(rules, key=_margin).text}"
+        broken = [statement(rule) for rule in rules if rule.failed]
+        found = f"{len(rules)} of {len(rules)} hold, closest: {statement(min(rules, key=_share))}"
         if broken:
             found = f"{len(broken)} of {len(rules)} fail: {first_of(broken, '; ')}"
-        rests_on = tuple(dict.fromkeys(key for rule in rules for key in rule.rests_on))
-        left = min(r.limit - r.value - (0.0 if r.holds else 1e-6) for r in rules)
-        yield Row("inequalities", part, found, "all hold", not broken, rests_on, left)
+        keys = tuple(dict.fromkeys(key for rule in rules for key in rule.basis))
+        left = min((r.margin or 0.0) - (1e-6 if r.failed else 0.0) for r in rules)
+        yield Check(f"inequalities.{part}", "inequalities", part, found, "all hold",
+                    worst(rules), keys, margin=left)  # fmt: skip
 
 
-def _margin(rule: Rule) -> float:
+def _share(rule: Check) -> float:
     """What is left between both sides, as a share of the larger one."""
-    return (rule.limit - rule.value) / max(abs(rule.value), abs(rule.limit), 1e-9)
+    value, limit = float(rule.value), float(rule.limit)
+    return (limit - value) / max(abs(value), abs(limit), 1e-9)
 
 
-def fits(design: Design) -> Iterator[Row]:
+def fits(design: Design) -> Iterator[Check]:
     """Each mating pair: least and most play, every length at its worst."""
     for part in of_design(design):
         for fit in part.fits(design):
-            low, high = fit.range_mm
-            limit = f">= {fit.least_mm:g} mm"
-            found = f"{fit.name}: {round(low, 3) + 0.0:.3f} to {high:.3f} mm"
-            left = low - fit.least_mm
-            yield Row("fit at its limits", fit.parts, found, limit, fit.holds, fit.rests_on, left)
+            yield replace(fit.check(), id=f"{part.name}.{fit.id}")
 
 
-def platform(design: Design) -> Iterator[Row]:
+def platform(design: Design) -> Iterator[Check]:
     """The printed part that leaves least room, as it lies or turned by a right angle in plan."""
     printer = design.resin_printer
     room = [*sorted((printer.bed_x_mm, printer.bed_y_mm), reverse=True), printer.bed_z_mm]
@@ -77,43 +76,40 @@ def platform(design: Design) -> Iterator[Row]:
     limit = f"<= {_by(room)} mm (resin_printer.bed_x_mm, bed_y_mm, bed_z_mm)"
     tight = [name for name in left if left[name] < 0] or [min(left, key=lambda name: left[name])]
     for name in tight:
-        yield Row("fits the printer", name, f"{_by(sides[name])} mm", limit, left[name] >= 0, keys)
+        status, id = graded(left[name] >= 0), f"fits-printer.{name}"
+        yield Check(id, "fits the printer", name, f"{_by(sides[name])} mm", limit, status, keys)
 
 
 def _by(sides_mm: list[float]) -> str:
     return " x ".join(f"{side:.4g}" for side in sides_mm)
 
 
-def light(design: Design) -> Iterator[Row]:
+def light(design: Design) -> Iterator[Check]:
     """Most and least of what the supply gives, and the evenness.
 
     LEDs in parallel are taken to share evenly; one LED's share may differ.
     """
     light = design.light
     at = f"{light.resistor_ohm:g} ohm, {light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"
-    for name, found, limit, margin, rating in (
-        ("LED current", f"{light.chip_most_ma:.2f} mA a chip",
+    for id, name, found, limit, margin, rating in (
+        ("led-current", "LED current", f"{light.chip_most_ma:.2f} mA a chip",
          f"<= {light.led_limit_ma:g} mA a chip",
          light.led_limit_ma - light.chip_most_ma, "led_limit_ma"),
-        ("LED current, least", f"{light.least_ma:.2f} mA for all LEDs", f">= {LEAST_MA:g} mA",
-         light.least_ma - LEAST_MA, "led_v"),
-        ("LED resistor", f"{1000 * light.resistor_most_w:.1f} mW",
+        ("led-current-least", "LED current, least", f"{light.least_ma:.2f} mA for all LEDs",
+         f">= {LEAST_MA:g} mA", light.least_ma - LEAST_MA, "led_v"),
+        ("led-resistor", "LED resistor", f"{1000 * light.resistor_most_w:.1f} mW",
          f"<= {1000 * HEAT_SHARE * light.resistor_rating_w:g} mW, half of light.resistor_rating_w",
          HEAT_SHARE * light.resistor_rating_w - light.resistor_most_w, "resistor_rating_w"),
-        ("LED supply", f"{light.most_ma:.2f} mA", f"<= {light.supply_rating_ma:g} mA",
+        ("led-supply", "LED supply", f"{light.most_ma:.2f} mA", f"<= {light.supply_rating_ma:g} mA",
          light.supply_rating_ma - light.most_ma, "supply_rating_ma"),
     ):  # fmt: skip
         keys = tuple(f"light.{key}" for key in (*RESTS_ON, rating))
-        yield at_least(name, "light-holder", f"{found}, {at}", limit, margin, keys)
+        yield at_least(id, name, "light-holder", f"{found}, {at}", limit, margin, keys)
     share = evenness(design)
-    yield at_least(
-        "even light",
-        "light-holder, skin",
-        f"least {share:.2f} of the mean over the view, {light.led_count} LEDs {light.pitch_mm:.1f} "
-        "mm apart",
-        f">= {EVEN_SHARE:g}",
-        share - EVEN_SHARE,
-    )
+    found = f"least {share:.2f} of the mean over the view, {light.led_count} LEDs "
+    found += f"{light.pitch_mm:.1f} mm apart"
+    limit, parts, margin = f">= {EVEN_SHARE:g}", "light-holder, skin", share - EVEN_SHARE
+    yield at_least("even-light", "even light", parts, found, limit, margin)
 
 
 def evenness(design: Design) -> float:
@@ -141,7 +137,7 @@ def lit(
     return light
 
 
-def bending(design: Design) -> Iterator[Row]:
+def bending(design: Design) -> Iterator[Check]:
     """The plate: its deflection, whether it rests on the light holder, the stress in it, the load.
 
     The depth that a stage counts includes the plate's deflection; a light holder that bears a press
@@ -159,38 +155,29 @@ def bending(design: Design) -> Iterator[Row]:
     over_mm = found.over_ring_mm
     rests_n = force_n * max(room_mm, 0.0) / over_mm if over_mm > 0 else math.inf
 
-    def row(name: str, found: str, passed: bool, limit: str, *keys: str) -> Row:
-        return Row(name, "acrylic", found, limit, passed, keys)
+    def row(id: str, name: str, passed: bool, found: str, limit: str, *keys: str) -> Check:
+        return Check(id, name, "acrylic", found, limit, graded(passed), keys)
 
-    yield row(
-        "plate deflection",
+    text = (
         f"{found.deflection_mm:.3f} mm under {force_n:g} N, {bead_mm:.3f} of it the bead: "
-        f"{100 * found.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth",
-        found.deflection_mm <= limit_mm,
-        f"<= {limit_mm:.3g} mm (plate.deflection_share of plate.depth_mm)",
-        *SOFT,
+        f"{100 * found.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth"
     )
-    yield row(
-        "plate clear of the light",
+    limit = f"<= {limit_mm:.3g} mm (plate.deflection_share of plate.depth_mm)"
+    passed = found.deflection_mm <= limit_mm
+    yield row("plate-deflection", "plate deflection", passed, text, limit, *SOFT)
+    text = (
         f"bends {found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
-        f"{rests_n:.0f} N",
-        found.over_ring_mm <= room_mm,
-        f"<= {room_mm:.3g} mm, the least play (light.axial_fit_mm)",
-        *SOFT,
+        f"{rests_n:.0f} N"
     )
-    yield row(
-        "plate stress",
+    limit, passed = f"<= {room_mm:.3g} mm, the least play (light.axial_fit_mm)", over_mm <= room_mm
+    yield row("plate-clear-of-light", "plate clear of the light", passed, text, limit, *SOFT)
+    most_mpa = plate.stress_limit_mpa
+    text = (
         f"{found.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
-        f"{force_n * plate.stress_limit_mpa / found.stress_mpa:.0f} N",
-        found.stress_mpa <= plate.stress_limit_mpa,
-        f"<= {plate.stress_limit_mpa:g} MPa (plate.stress_limit_mpa)",
-        GEL,
-        "plate.stress_limit_mpa",
+        f"{force_n * most_mpa / found.stress_mpa:.0f} N"
     )
-    yield row(
-        "plate load",
-        f"{force_n:g} N spread on a disc of {plate.spread_mm:g} mm",
-        plate.spread_mm <= face_mm,
-        f"<= {face_mm:g} mm, the face's shorter side (plate.spread_mm)",
-        GEL,
-    )
+    limit, passed = f"<= {most_mpa:g} MPa (plate.stress_limit_mpa)", found.stress_mpa <= most_mpa
+    yield row("plate-stress", "plate stress", passed, text, limit, GEL, "plate.stress_limit_mpa")
+    text = f"{force_n:g} N spread on a disc of {plate.spread_mm:g} mm"
+    limit = f"<= {face_mm:g} mm, the face's shorter side (plate.spread_mm)"
+    yield row("plate-load", "plate load", plate.spread_mm <= face_mm, text, limit, GEL)

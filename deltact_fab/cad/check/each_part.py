@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...checks import Check, graded
 from ...errors import RunFailed
 from ..dimensions import Design
 from ..drafting.scheme import scheme
@@ -23,7 +24,7 @@ from ..overhangs import MIN_CONTACT_MM2, Stand, laid, stand
 from ..part import GROUPS, LASER_CUT, MACHINED, PRINT, Part
 from ..rays import ExactRays, Wall, Walls
 from .built import MESH_MM, BuiltDesign
-from .row import Row, at
+from .row import at
 
 FIELD_MM = 1e-5
 POINTS = 40
@@ -36,7 +37,7 @@ LEAST = {
 """Where a process says what it can make; what is bought or cast has no such wall."""
 
 
-def soundness(built: BuiltDesign) -> Iterator[Row]:
+def soundness(built: BuiltDesign) -> Iterator[Check]:
     """A row for each group of parts, naming what is wrong with which."""
     for group in GROUPS:
         names = [part.name for part in built.parts if part.group == group]
@@ -49,9 +50,10 @@ def soundness(built: BuiltDesign) -> Iterator[Row]:
         found = f"{len(names)} of {len(names)}, {triangles} triangles at {MESH_MM:g} mm"
         if wrong:
             found = f"{len(wrong)} of {len(names)} not: " + "; ".join(wrong)
-        yield Row(
-            "one valid closed solid", group, found, "every part, and its mesh closed", not wrong
-        )
+        yield Check(
+            f"soundness.{group}", "one valid closed solid", group, found,
+            "every part, and its mesh closed", graded(not wrong),
+        )  # fmt: skip
 
 
 def _triangles(built: BuiltDesign, name: str) -> int:
@@ -61,7 +63,7 @@ def _triangles(built: BuiltDesign, name: str) -> int:
     return len(built.mesh(name).triangles)
 
 
-def drawings(built: BuiltDesign) -> Iterator[Row]:
+def drawings(built: BuiltDesign) -> Iterator[Check]:
     """A row for each drawing with a fault, or one for all of them."""
     drawn = [part for part in built.parts if part.callouts is not None]
     told, complete, limit = 0, True, "each feature placed and sized once"
@@ -70,9 +72,11 @@ def drawings(built: BuiltDesign) -> Iterator[Row]:
         told += count
         if faults:
             complete = False
-            yield Row("drawings", part.name, "; ".join(faults), limit, False)
+            id, text = f"drawings.{part.name}", "; ".join(faults)
+            yield Check(id, "drawings", part.name, text, limit, "fail")
     if complete:
-        yield Row("drawings", f"{len(drawn)} parts", f"{told} lengths and labels", limit, True)
+        text = f"{told} lengths and labels"
+        yield Check("drawings", "drawings", f"{len(drawn)} parts", text, limit)
 
 
 def _planned(built: BuiltDesign, part: Part) -> tuple[list[str], int]:
@@ -82,16 +86,18 @@ def _planned(built: BuiltDesign, part: Part) -> tuple[list[str], int]:
     return list(plan.faults), len(plan.lengths) + len(plan.rounds)
 
 
-def walls(built: BuiltDesign) -> Iterator[Row]:
+def walls(built: BuiltDesign) -> Iterator[Check]:
     """The thinnest wall or web of each part; of the cover two rows, for its pegs must bend."""
     for part in built.parts:
         if part.process not in LEAST:
             continue
         wall, legs = built.fact("walls", (part.name,), partial(_walls, built, part.name))
-        yield _row(built.design, part, part.name, [wall, *_webs(built, part.name)], part.wall_keys)
+        webs, name = [wall, *_webs(built, part.name)], part.name
+        yield _row(built.design, part, name, name, webs, part.wall_keys)
         if part.name == "cover":
             # No wall of theirs is as thick as the housing's.
-            yield _row(built.design, part, "cover, legs of the pegs", [legs], ("cover.leg_mm",))
+            name, keys = "cover, legs of the pegs", ("cover.leg_mm",)
+            yield _row(built.design, part, "cover.legs", name, [legs], keys)
 
 
 def _walls(built: BuiltDesign, name: str) -> list[Wall | None]:
@@ -104,8 +110,8 @@ def _walls(built: BuiltDesign, name: str) -> list[Wall | None]:
 
 
 def _row(
-    design: Design, part: Part, name: str, walls: list[Wall | None], meant: tuple[str, ...]
-) -> Row:
+    design: Design, part: Part, id: str, name: str, walls: list[Wall | None], meant: tuple[str, ...]
+) -> Check:
     """Against the larger of what is meant, the least of its keys, and what the process makes."""
 
     def value(key: str) -> float:
@@ -115,10 +121,11 @@ def _row(
     least_mm = value(keys[0])
     limit = f">= {least_mm:.3g} mm ({', '.join(keys)})"
     found = min(filter(None, walls), key=itemgetter(0), default=None)
+    id = f"wall-thickness.{id}"
     if found is None:
-        return Row("wall thickness", name, "no wall found", limit, False)
-    passed = found[0] >= least_mm - SLACK_MM
-    return Row("wall thickness", name, f"{found[0]:.3f} mm at {at(found[1])}", limit, passed)
+        return Check(id, "wall thickness", name, "no wall found", limit, "fail")
+    text, status = f"{found[0]:.3f} mm at {at(found[1])}", graded(found[0] >= least_mm - SLACK_MM)
+    return Check(id, "wall thickness", name, text, limit, status)
 
 
 def _webs(built: BuiltDesign, name: str) -> Iterator[Wall]:
@@ -144,7 +151,7 @@ def _of_legs(design: Design, points_mm: NDArray[np.float64]) -> NDArray[np.bool_
     return (np.min(away, axis=0) < reach) & (points_mm[:, 2] > design.z_floor_mm + 1e-6)
 
 
-def printed(built: BuiltDesign) -> Iterator[Row]:
+def printed(built: BuiltDesign) -> Iterator[Check]:
     """What each part that stands straight has on the platform, and the ceilings of every part.
 
     One that nothing supports may span what the printer bridges.
@@ -157,20 +164,21 @@ def printed(built: BuiltDesign) -> Iterator[Row]:
         on = Stand(**kept)
         if not lies.tilt_deg:
             limit = f">= {MIN_CONTACT_MM2:g} mm2"
-            passed = on.contact_mm2 >= MIN_CONTACT_MM2
-            yield Row("bed contact", name, f"{on.contact_mm2:.1f} mm2", limit, passed)
+            found, status = f"{on.contact_mm2:.1f} mm2", graded(on.contact_mm2 >= MIN_CONTACT_MM2)
+            yield Check(f"bed-contact.{name}", "bed contact", name, found, limit, status)
         if on.ceilings_mm2:
             span_mm = built.design.resin_printer.ceiling_span_mm
             limit = f"<= {span_mm:g} mm across (resin_printer.ceiling_span_mm), or on supports"
-            passed = bool(lies.supports) or on.span_mm <= span_mm
-            yield Row("ceilings", name, on.words(lies.supports), limit, passed)
+            status = graded(bool(lies.supports) or on.span_mm <= span_mm)
+            found = on.words(lies.supports)
+            yield Check(f"ceilings.{name}", "ceilings", name, found, limit, status)
 
 
 def _standing(built: BuiltDesign, part: Part) -> dict[str, Any]:
     return asdict(stand(laid(built.mesh(part.name), part.lies)))
 
 
-def height_fields(built: BuiltDesign) -> Iterator[Row]:
+def height_fields(built: BuiltDesign) -> Iterator[Check]:
     """One row for all of them, with the worst."""
     parts = [part for part in built.parts if part.indenter is not None]
     misses = {
@@ -181,13 +189,9 @@ def height_fields(built: BuiltDesign) -> Iterator[Row]:
     miss = misses[worst]
     found = f"{miss:.1e} mm at most, {len(parts)} x {POINTS} points"
     passed = miss <= FIELD_MM
-    yield Row(
-        "indenter height field",
-        "indenters",
-        found if passed else f"{miss:.3g} mm off: {worst}",
-        f"<= {FIELD_MM:g} mm",
-        passed,
-    )
+    text, limit = found if passed else f"{miss:.3g} mm off: {worst}", f"<= {FIELD_MM:g} mm"
+    name = "indenter height field"
+    yield Check("height-fields", name, "indenters", text, limit, graded(passed))
 
 
 def _miss_mm(built: BuiltDesign, part: Part) -> float:

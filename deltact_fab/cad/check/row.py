@@ -1,4 +1,4 @@
-"""One line of the table; and what mends a failed one of arithmetic on the design.
+"""What a check of a design rests on; and what mends a failed one of arithmetic on the design.
 
 Which number to change, and which way, is found by trying each alone. No words of a check say it:
 whatever gives a margin for a design (at least 0 where it passes) can ask. First come numbers that
@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
+from ...checks import Check, graded
 from ...shapes.bounded import ShapeError, is_unverified
 from ..dimensions import Design
 from ..parts.camera import BOARD_KEYS
@@ -23,37 +24,6 @@ NAMED = 3  # a line has room for no more
 STEP = 0.01
 # What a machine can do, and the room there is, are not changed to please a check.
 GIVEN = ("resin_printer", "laser", "envelope", "drawing")
-NOT_RUN = "checks on solids"
-"""The one row that counts what a failure left undone: it has not passed and is no failure."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """What was checked, of which part, what was found, what would be right.
-
-    rests_on: keys (`camera.focal_length_mm`) that the finding rests on, the measured ones too until
-    `verified`. margin: what is left to the limit, of a row that is arithmetic on the design alone.
-    """
-
-    check: str
-    part: str
-    found: str
-    limit: str
-    passed: bool
-    rests_on: tuple[str, ...] = ()
-    margin: float | None = None
-
-    @property
-    def verdict(self) -> str:
-        """`pass`, `FAIL`, `not run`, or `pass (unverified: focal length, lens height)`."""
-        if self.check == NOT_RUN:
-            return "not run"
-        if not self.passed:
-            return "FAIL"
-        if not self.rests_on:
-            return "pass"
-        named = dict.fromkeys(plain(key) for key in self.rests_on)
-        return f"pass (unverified: {', '.join(named)})"
 
 
 def plain(key: str) -> str:
@@ -69,48 +39,52 @@ def plain(key: str) -> str:
     return name.removesuffix("_mm").removesuffix("_mpa").replace("_", " ")
 
 
-def verified(rows: Iterable[Row], design: Design) -> Iterator[Row]:
-    """The rows, each resting on those of its keys alone that nobody has measured.
+def verified(rows: Iterable[Check], design: Design) -> Iterator[Check]:
+    """The rows, each with those keys alone as its basis that nobody has measured.
 
     A key that ends in `.` stands for its section.
     """
     for row in rows:
-        if row.rests_on:
+        if row.basis:
             known = design.unverified()
-            held = (
+            keys = (
                 k
-                for key in row.rests_on
+                for key in row.basis
                 for k in known
                 if k == key or (key.endswith(".") and k.startswith(key))
             )
-            row = replace(row, rests_on=tuple(dict.fromkeys(held)))
+            row = replace(row, basis=tuple(dict.fromkeys(keys)))
         yield row
 
 
-def advised(rows: Callable[[Design], Iterable[Row]], design: Design) -> Iterator[Row]:
+def advised(rows: Callable[[Design], Iterable[Check]], design: Design) -> Iterator[Check]:
     """The rows of arithmetic on a design; one that fails says which key to change, and which way.
 
-    A changed design that has another number of rows tells nothing.
+    A changed design that lacks the row tells nothing.
     """
-    found = list(rows(design))
-    for index, row in enumerate(found):
-        if not row.passed:
+    for row in rows(design):
+        if row.failed:
 
-            def margin(changed: Design, index: int = index) -> float:
-                others = list(rows(changed))
-                left = others[index].margin if len(others) == len(found) else None
+            def margin(changed: Design, id: str = row.id) -> float:
+                left = next((other.margin for other in rows(changed) if other.id == id), None)
                 return math.nan if left is None else left
 
-            mend = advice(design, margin)
-            row = replace(row, limit=f"{row.limit}: {mend}") if mend else row
+            row = replace(row, remedy=advice(design, margin))
         yield row
 
 
 def at_least(
-    check: str, part: str, found: str, limit: str, margin: float, rests_on: tuple[str, ...] = ()
-) -> Row:
-    """The row of a margin, which is arithmetic on a design; NaN fails."""
-    return Row(check, part, found, limit, margin >= -SLACK, rests_on, margin)
+    id: str,
+    name: str,
+    part: str,
+    found: str,
+    limit: str,
+    margin: float,
+    rests_on: tuple[str, ...] = (),
+) -> Check:
+    """The check of a margin, which is arithmetic on a design; NaN fails."""
+    status = graded(margin >= -SLACK)
+    return Check(id, name, part, found, limit, status, rests_on, margin=margin)
 
 
 def at(point_mm: Iterable[float]) -> str:

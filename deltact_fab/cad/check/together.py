@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...checks import Check, graded
 from ...errors import RunFailed
 from ..assembly import PlacedPart, common_mm3, meet, on_bench, places
 from ..features import Round, near
@@ -20,7 +21,6 @@ from ..parts.indenter import plate_half_mm
 from ..parts.mold import centres_mm
 from ..parts.on_stage import SIZE
 from .built import BuiltDesign
-from .row import Row
 
 SLACK_MM = 1e-5  # of the kernel's boxes
 # Common volume that the kernel leaves between faces that only touch.
@@ -33,20 +33,16 @@ CAMERA_D = 1.0
 GAP_MM = 1.0  # least, from what hangs from the stage to what stands on the table
 
 
-def envelope(built: BuiltDesign) -> Iterator[Row]:
+def envelope(built: BuiltDesign) -> Iterator[Check]:
     """The box around all parts against design.envelope."""
     design = built.design
     boxes = np.array([box_of(built, piece) for piece in _sensor(built)])
     size = boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)
     limit = (design.envelope.width_mm, design.envelope.length_mm, design.envelope.height_mm)
-    yield Row(
-        "envelope",
-        "assembly",
-        f"{_by(*size)} mm",
-        f"<= {_by(*limit)} mm",
-        bool(np.all(size <= np.add(limit, SLACK_MM))),
-        ("camera.lens_height_mm", "mount.flange_width_mm", "mount.flange_height_mm"),
-    )
+    status = graded(bool(np.all(size <= np.add(limit, SLACK_MM))))
+    keys = ("camera.lens_height_mm", "mount.flange_width_mm", "mount.flange_height_mm")
+    text, most = f"{_by(*size)} mm", f"<= {_by(*limit)} mm"
+    yield Check("envelope", "envelope", "assembly", text, most, status, keys)
 
 
 def _sensor(built: BuiltDesign) -> list[PlacedPart]:
@@ -57,7 +53,7 @@ def _by(*lengths_mm: float) -> str:
     return " x ".join(f"{v:.2f}".rstrip("0").rstrip(".") for v in lengths_mm)
 
 
-def interference(built: BuiltDesign) -> Iterator[Row]:
+def interference(built: BuiltDesign) -> Iterator[Check]:
     """Common volume of each pair of parts: none, and of a screw in its pilot the thread alone."""
     sensor = _sensor(built)
     pairs = len(sensor) * (len(sensor) - 1) // 2
@@ -69,10 +65,11 @@ def interference(built: BuiltDesign) -> Iterator[Row]:
             clashes.append((mm3, f"{first}, {second}", text))
     limit = f"<= {TOUCH_MM3:g} mm3 a pair"
     keys = ("camera.lens_diameter_mm", "camera.lens_height_mm", "mount.")
-    for _, pair, text in sorted(clashes, reverse=True)[:4]:
-        yield Row("interference", pair, text, limit, False, keys)
+    for k, (_, pair, text) in enumerate(sorted(clashes, reverse=True)[:4]):
+        yield Check(f"interference.{k}", "interference", pair, text, limit, "fail", keys)
     if not clashes:
-        yield Row("interference", "assembly", f"none in {pairs} pairs", limit, True, keys)
+        found = f"none in {pairs} pairs"
+        yield Check("interference", "interference", "assembly", found, limit, "pass", keys)
 
 
 def box_of(built: BuiltDesign, place: PlacedPart) -> Box:
@@ -103,7 +100,7 @@ def _common_mm3(built: BuiltDesign, *pair: PlacedPart) -> float:
     return common_mm3(one, other)
 
 
-def engagement(built: BuiltDesign) -> Iterator[Row]:
+def engagement(built: BuiltDesign) -> Iterator[Check]:
     """The length by which each kind of screw grips its holder, in diameters."""
     for screw, holder, times, key, rests_on in (
         ("screw", "skin-frame", ENGAGEMENT_D, "screw.engagement_mm", ()),
@@ -117,14 +114,10 @@ def engagement(built: BuiltDesign) -> Iterator[Row]:
         shank = min(outer, key=lambda c: c.radius_mm)
         least_mm = min(_grip_mm(built, shank, place, holder) for place in screws)
         thread_mm = 2 * shank.radius_mm
-        yield Row(
-            "engagement",
-            f"{screw}, {holder}",
-            f"{least_mm:.2f} mm ({least_mm / thread_mm:.1f} d)",
-            f">= {times:g} d = {times * thread_mm:.2f} mm ({key}: more)",
-            least_mm >= times * thread_mm - 1e-6,
-            rests_on,
-        )
+        found = f"{least_mm:.2f} mm ({least_mm / thread_mm:.1f} d)"
+        limit = f">= {times:g} d = {times * thread_mm:.2f} mm ({key}: more)"
+        id, status = f"engagement.{screw}", graded(least_mm >= times * thread_mm - 1e-6)
+        yield Check(id, "engagement", f"{screw}, {holder}", found, limit, status, rests_on)
 
 
 def _grip_mm(built: BuiltDesign, shank: Round, place: PlacedPart, holder: str) -> float:
@@ -139,7 +132,7 @@ def _grip_mm(built: BuiltDesign, shank: Round, place: PlacedPart, holder: str) -
     return max(min(shank.high_mm[2] + z, pilot.high_mm[2]) - low, 0.0)
 
 
-def closure(built: BuiltDesign) -> Iterator[Row]:
+def closure(built: BuiltDesign) -> Iterator[Check]:
     """V(cavity) + V(the frame's window in front of the ledge) = V(skin), by filling the mold."""
 
     def filled() -> tuple[float, list[float]]:
@@ -148,13 +141,10 @@ def closure(built: BuiltDesign) -> Iterator[Row]:
 
     skin_mm3, held = built.fact("held", ("mold", "skin-frame", "skin"), filled)
     worst = max(held, key=lambda v: abs(v - skin_mm3))
-    yield Row(
-        "mold volume closure",
-        "mold, skin-frame, skin",
-        f"{worst:.3f} mm3, the skin {skin_mm3:.3f} ({len(held)} cavities)",
-        f"within {VOLUME_TOLERANCE:g} of the skin",
-        abs(worst - skin_mm3) <= VOLUME_TOLERANCE * skin_mm3,
-    )
+    found = f"{worst:.3f} mm3, the skin {skin_mm3:.3f} ({len(held)} cavities)"
+    limit, parts = f"within {VOLUME_TOLERANCE:g} of the skin", "mold, skin-frame, skin"
+    status = graded(abs(worst - skin_mm3) <= VOLUME_TOLERANCE * skin_mm3)
+    yield Check("mold-closure", "mold volume closure", parts, found, limit, status)
 
 
 def _seated(built: BuiltDesign) -> list[tuple[Any, tuple[float, float]]]:
@@ -185,7 +175,7 @@ def _held_mm3(built: BuiltDesign, frame: Any, at_mm: tuple[float, float]) -> flo
     return float(sum(s.Volume() for s in free if bounding_box(s)[0][2] < front - 1e-3))
 
 
-def bench(built: BuiltDesign) -> Iterator[Row]:
+def bench(built: BuiltDesign) -> Iterator[Check]:
     """Stage plate and sensor, indenter, tool holder, adapter, force sensor, pressed together.
 
     The tip is as deep as the press that the design is made for (`plate.depth_mm`), where it shares
@@ -195,7 +185,8 @@ def bench(built: BuiltDesign) -> Iterator[Row]:
     depth_mm = built.design.plate.depth_mm
     tips = [part for part in built.parts if part.indenter is not None]
     if not tips:
-        yield Row("bench clear", "bench", "no indenter is listed", "one indenter at least", False)
+        found, limit = "no indenter is listed", "one indenter at least"
+        yield Check("bench-clear", "bench clear", "bench", found, limit, "fail")
         return
     # All stems are alike: the widest back plate has the least room.
     widest = max(tips, key=lambda part: max(plate_half_mm(part.source(built.design))))
@@ -214,22 +205,16 @@ def bench(built: BuiltDesign) -> Iterator[Row]:
     top = max(box_of(built, piece)[1][2] for piece in standing)
     high = max(box_of(built, piece)[1][2] for piece in hanging)
     found = f"none of {len(standing)} pieces on the table and {len(hanging)} on the stage"
-    yield Row(
-        "bench clear",
-        f"bench, {widest.name}",
-        "; ".join(text for _, text in clashes[:4]) or found,
-        f"<= {TOUCH_MM3:g} mm3 a pair, {depth_mm:g} mm deep (plate.depth_mm)",
-        not clashes,
-        SIZE,
-    )
+    found = "; ".join(text for _, text in clashes[:4]) or found
+    limit = f"<= {TOUCH_MM3:g} mm3 a pair, {depth_mm:g} mm deep (plate.depth_mm)"
+    stack, status = f"bench, {widest.name}", graded(not clashes)
+    yield Check("bench-clear", "bench clear", stack, found, limit, status, SIZE)
     free = {part.name: part.source(built.design).indenter.reach_mm for part in tips}
     gap, short = min((mm - depth_mm - top, name) for name, mm in free.items())
-    yield Row(
-        "bench reach",
-        f"bench, {len(tips)} indenters",
+    found = (
         f"back plates {gap:.1f} mm or more above the face ({short}) at {depth_mm:g} mm; "
-        f"{high - low:.1f} mm from the table to the force sensor's back",
-        f">= {GAP_MM:g} mm anywhere on the face (plate.depth_mm)",
-        gap >= GAP_MM,
-        SIZE,
+        f"{high - low:.1f} mm from the table to the force sensor's back"
     )
+    limit = f">= {GAP_MM:g} mm anywhere on the face (plate.depth_mm)"
+    stack, status = f"bench, {len(tips)} indenters", graded(gap >= GAP_MM)
+    yield Check("bench-reach", "bench reach", stack, found, limit, status, SIZE)

@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from ...checks import Check, graded
 from ...optics import half_angle_rad, reached_mm
 from ...shapes.sensor import N_ACRYLIC, N_SILICONE
 from ..dimensions import Design
@@ -16,7 +17,7 @@ from ..features import near
 from ..parts.camera import off_axis_mm
 from ..rays import first_hit
 from .built import BuiltDesign
-from .row import Row, at_least
+from .row import at_least
 
 BORDER_RAYS = 96
 # There the first face of the acrylic alone reflects 39 % (Fresnel).
@@ -27,7 +28,7 @@ BLUR_PX = 2.0  # the picture is sampled no finer
 CORNER_PX = 5.0  # a third of the 16 px of a dot of 0.6 mm: its middle is still found
 
 
-def view(design: Design) -> Iterator[Row]:
+def view(design: Design) -> Iterator[Check]:
     """Angles that the crop sees and that enter the acrylic, the share of the face, the focus."""
     optics, camera, skin = design.optics, design.camera, design.skin
     path = optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm
@@ -36,54 +37,46 @@ def view(design: Design) -> Iterator[Row]:
     crop_x, crop_y = camera.crop_half_mm
     focal_mm = camera.focal_length_mm
     crop = f"at the {camera.crop_width_px} x {camera.crop_height_px} crop"
+    grazing = "where a third is reflected"
     # The picture of a corner lies on the diagonal: the side that it leaves first counts.
     corner_mm = diagonal * min(crop_x / view_x, crop_y / view_y)
-    for name, radius_mm, have, why in (
-        ("view cone, x", view_x / 2, camera.angle_rad(crop_x), crop),
-        ("view cone, y", view_y / 2, camera.angle_rad(crop_y), crop),
-        ("view cone, corner", diagonal / 2, camera.angle_rad(corner_mm), crop),
-        ("view enters the acrylic", diagonal / 2, GRAZING_RAD, "where a third is reflected"),
+    for id, name, radius_mm, have, why in (
+        ("view-cone.x", "view cone, x", view_x / 2, camera.angle_rad(crop_x), crop),
+        ("view-cone.y", "view cone, y", view_y / 2, camera.angle_rad(crop_y), crop),
+        ("view-cone.corner", "view cone, corner", diagonal / 2, camera.angle_rad(corner_mm), crop),
+        ("view-enters-acrylic", "view enters the acrylic", diagonal / 2, GRAZING_RAD, grazing),
     ):
         need = half_angle_rad(radius_mm, *path)
         found = f"{radius_mm:.2f} mm off the axis cannot be seen at any angle"
         if math.isfinite(need):
             found = f"half angle {math.degrees(need):.1f} deg for {radius_mm:.2f} mm on the face"
         limit = f"<= {math.degrees(have):.1f} deg {why}"
-        yield at_least(name, "camera", found, limit, have - need, LENS)
+        yield at_least(id, name, "camera", found, limit, have - need, LENS)
     share = view_x * view_y / (skin.width_mm * skin.length_mm)
-    yield at_least(
-        "view of the face",
-        "camera, skin",
-        f"{view_x:.1f} x {view_y:.1f} mm, {100 * share:.1f} % of the face",
-        f">= {100 * optics.least_view_share:g} % (optics.least_view_share)",
-        share - optics.least_view_share,
-    )
+    found = f"{view_x:.1f} x {view_y:.1f} mm, {100 * share:.1f} % of the face"
+    least = optics.least_view_share
+    limit = f">= {100 * least:g} % (optics.least_view_share)"
+    yield at_least("view-share", "view of the face", "camera, skin", found, limit, share - least)
     focus_mm = _seen_mm(design, 0.0, 0.0)
     if camera.nearest_mm:
-        yield at_least(
-            "focus, nearest",
-            "camera",
-            f"the middle of the face is at {focus_mm:.1f} mm",
-            f">= {camera.nearest_mm:g} mm (camera.nearest_mm)",
-            focus_mm - camera.nearest_mm,
-        )
+        found = f"the middle of the face is at {focus_mm:.1f} mm"
+        limit = f">= {camera.nearest_mm:g} mm (camera.nearest_mm)"
+        margin = focus_mm - camera.nearest_mm
+        yield at_least("focus.nearest", "focus, nearest", "camera", found, limit, margin)
     scale = focal_mm**2 / camera.f_number * focus_mm / (focus_mm - focal_mm)
     scale *= 1000 / (camera.pixel_um * camera.binning)
-    for place, radius_mm, depth_mm, most_px in (
-        ("corner of the view", diagonal / 2, 0.0, CORNER_PX),
-        (f"middle, {PRESS_MM:g} mm deep", 0.0, PRESS_MM, BLUR_PX),
+    for id, place, radius_mm, depth_mm, most_px in (
+        ("focus.corner", "corner of the view", diagonal / 2, 0.0, CORNER_PX),
+        ("focus.pressed", f"middle, {PRESS_MM:g} mm deep", 0.0, PRESS_MM, BLUR_PX),
     ):
         seen_mm = _seen_mm(design, radius_mm, depth_mm)
         blur_px = scale * abs(1 / seen_mm - 1 / focus_mm)
-        yield at_least(
-            f"focus, {place}",
-            "camera",
+        found = (
             f"circle of confusion {blur_px:.2f} px at {seen_mm:.1f} mm, focused on the middle of "
-            f"the face at {focus_mm:.1f} mm, f/{camera.f_number:g}",
-            f"<= {most_px:g} px",
-            most_px - blur_px,
-            ("camera.f_number", *LENS),
+            f"the face at {focus_mm:.1f} mm, f/{camera.f_number:g}"
         )
+        limit, keys = f"<= {most_px:g} px", ("camera.f_number", *LENS)
+        yield at_least(id, f"focus, {place}", "camera", found, limit, most_px - blur_px, keys)
 
 
 def _seen_mm(design: Design, radius_mm: float, depth_mm: float) -> float:
@@ -103,7 +96,7 @@ def _seen_mm(design: Design, radius_mm: float, depth_mm: float) -> float:
     return far_mm * math.sqrt(1 - sine**2) if flat else far_mm
 
 
-def light_cone(built: BuiltDesign) -> Iterator[Row]:
+def light_cone(built: BuiltDesign) -> Iterator[Check]:
     """Rays from the lens to the border of the view, as far off the middle as it may stand."""
     design = built.design
     # Air, acrylic and gel along the axis, from the solids.
@@ -119,7 +112,7 @@ def light_cone(built: BuiltDesign) -> Iterator[Row]:
     if not np.isfinite(angle).all():
         lost = int((~np.isfinite(angle)).sum())
         found = f"{lost} of {BORDER_RAYS} are bent away before the face"
-        yield Row("light cone", "light-holder", found, limit, False, keys)
+        yield Check("light-cone", "light cone", "light-holder", found, limit, "fail", keys)
         return
     way = border / radius[:, None]
     heights = np.cumsum([lens, *path])
@@ -148,7 +141,7 @@ def light_cone(built: BuiltDesign) -> Iterator[Row]:
         f"{at_radius[1].max():.2f} mm at the acrylic, bore {bore:.2f} mm"
     )
     passed = reached == BORDER_RAYS and at_radius[1].max() + off * math.sqrt(2) <= bore
-    yield Row("light cone", "light-holder", found, limit, bool(passed), keys)
+    yield Check("light-cone", "light cone", "light-holder", found, limit, graded(passed), keys)
 
 
 def _border_mm(view_x: float, view_y: float) -> NDArray[np.float64]:

@@ -35,12 +35,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import fields
 
+from ...checks import Check
 from ..bench_sections import PLANE
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..kernel import Box, Shape, cuboid, cylinders, prism
 from ..part import BLACK, BOUGHT, GREEN, PRINT, RESIN, Part, PrintPose
-from ..rule import Length, PlayFit, Rule, at_most, below
+from ..rule import Length, PlayFit, at_most, below
 from ..sensor_sections import CameraDimensions
 from ..standards import screw_tolerance_mm
 
@@ -83,22 +84,26 @@ def build(design: Design) -> Shape:
     return body.union(lens).union(cuboid(((-wide, edge, low), (wide, end, back)))).val()
 
 
-def rules(d: Design) -> Iterator[Rule]:
+def rules(d: Design) -> Iterator[Check]:
     """The board's own holes and lens, which nothing else looks at."""
     cam, radius = d.camera, d.camera.hole_mm / 2
     if not radius:
-        yield at_most("head of holder.screw", d.holder.row.head_mm, "none without holes", 0)
+        yield at_most(
+            "no-holes", "head of holder.screw", d.holder.row.head_mm, "none without holes", 0
+        )
         return
     upper, lower = cam.hole_rows_mm
     corner = math.hypot(cam.hole_pitch_x_mm / 2, min(abs(upper), abs(lower)))
-    across = cam.hole_pitch_x_mm / 2 + radius
-    for name, least, what, room in (
-        ("half hole_mm", radius, "hole_edge_mm", cam.hole_edge_mm),
-        ("half hole_pitch_x_mm + radius", across, "half the board", cam.board_width_mm / 2),
-        ("the board's -y edge + hole radius", cam.board_bottom_mm + radius, "lower holes", lower),
-        ("lens radius + hole radius", cam.lens_diameter_mm / 2 + radius, "nearest hole", corner),
-    ):
-        yield below(name, least, what, room, ("camera.lens_diameter_mm", *BOARD_KEYS))
+    across, half_mm = cam.hole_pitch_x_mm / 2 + radius, cam.board_width_mm / 2
+    for id, name, least, what, room in (
+        ("hole-in-board", "half hole_mm", radius, "hole_edge_mm", cam.hole_edge_mm),
+        ("holes", "half hole_pitch_x_mm + radius", across, "half the board", half_mm),
+        ("lower-holes", "the board's -y edge + hole radius", cam.board_bottom_mm + radius,
+         "lower holes", lower),
+        ("lens", "lens radius + hole radius", cam.lens_diameter_mm / 2 + radius,
+         "nearest hole", corner),
+    ):  # fmt: skip
+        yield below(id, name, least, what, room, ("camera.lens_diameter_mm", *BOARD_KEYS))
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -107,18 +112,19 @@ def fits(d: Design) -> Iterator[PlayFit]:
     off, parts = cam.tolerance_mm, "camera, shell"
     sides = cam.board_width_mm, 2 * max(cam.board_top_mm, -cam.board_bottom_mm)
     posts = max(range(2), key=lambda i: 2 * d.post_edge_mm[i] - sides[i])
-    for name, room, side in (
-        *((f"in the shell, {'xy'[i]}", d.cavity_half_mm[i], sides[i]) for i in range(2)),
-        ("beside the posts", d.post_edge_mm[posts], sides[posts]),
+    for id, name, room, side in (
+        ("in-shell-x", "in the shell, x", d.cavity_half_mm[0], sides[0]),
+        ("in-shell-y", "in the shell, y", d.cavity_half_mm[1], sides[1]),
+        ("beside-posts", "beside the posts", d.post_edge_mm[posts], sides[posts]),
     ):
         board = Length(side, 2 * off, BOARD_KEYS)
-        yield PlayFit(f"board {name}", parts, (printer.inner(2 * room),), (board,))
+        yield PlayFit(f"board-{id}", f"board {name}", parts, (printer.inner(2 * room),), (board,))
     face = d.skin.opening_half_mm
     for i, axis in enumerate("xy"):
         flat = Length(face[i] - d.skin.edge_fillet_mm)
         seen = Length(d.optics.view_mm[i] / 2)
-        name = f"view within the face's fillet, {axis}"
-        yield PlayFit(name, "camera, camera-holder, shell, skin", (flat,), (seen, *off_axis(d)))
+        name, stack = f"view within the face's fillet, {axis}", "camera, camera-holder, shell, skin"
+        yield PlayFit(f"view-{axis}", name, stack, (flat,), (seen, *off_axis(d)))
 
 
 def off_axis(d: Design) -> tuple[Length, Length]:
@@ -160,13 +166,13 @@ def holder_build(design: Design) -> Shape:
     return body.val()
 
 
-def holder_rules(d: Design) -> Iterator[Rule]:
+def holder_rules(d: Design) -> Iterator[Check]:
     """The board rests on either side of the window, which the arms close."""
     half = d.holder_window_half_mm + d.holder.window_rest_mm
     board = "half the board", d.camera.board_width_mm / 2
-    yield at_most("half the window + window_rest_mm", half, *board, BOARD_KEYS)
+    yield at_most("board-on-window", "half the window + window_rest_mm", half, *board, BOARD_KEYS)
     arms = "the arms' edge", d.holder_arm_mm
-    yield below("the window's upper edge", d.holder_window_top_mm, *arms, BOARD_KEYS)
+    yield below("window", "the window's upper edge", d.holder_window_top_mm, *arms, BOARD_KEYS)
 
 
 def holder_fits(d: Design) -> Iterator[PlayFit]:
@@ -174,32 +180,34 @@ def holder_fits(d: Design) -> Iterator[PlayFit]:
     part, printer, cam, screw = "camera-holder", d.resin_printer, d.camera, d.holder.row
     (cavity_x, cavity_y), (tongue, top) = d.cavity_half_mm, d.holder_tongue_mm
     inner, outer, off = printer.inner, printer.outer, cam.tolerance_mm
-    for name, other, room, body in (
-        ("in the shell, x", "shell", 2 * cavity_x, 2 * d.holder_half_x_mm),
-        ("in the shell, y", "shell", cavity_y, max(top, d.holder_arm_mm)),
-        ("between the bosses, x", "cover", 2 * d.post_edge_mm[0], 2 * tongue),
-        ("between the bosses, y", "cover", 2 * d.post_edge_mm[1], 2 * d.holder_arm_mm),
-    ):
+    for id, name, other, room, body in (
+        ("in-shell-x", "in the shell, x", "shell", 2 * cavity_x, 2 * d.holder_half_x_mm),
+        ("in-shell-y", "in the shell, y", "shell", cavity_y, max(top, d.holder_arm_mm)),
+        ("between-bosses-x", "between the bosses, x", "cover", 2 * d.post_edge_mm[0], 2 * tongue),
+        ("between-bosses-y", "between the bosses, y", "cover", 2 * d.post_edge_mm[1],
+         2 * d.holder_arm_mm),
+    ):  # fmt: skip
         parts = f"{part}, {other}"
-        yield PlayFit(f"camera holder {name}", parts, (inner(room),), (outer(body),))
+        yield PlayFit(id, f"camera holder {name}", parts, (inner(room),), (outer(body),))
     connector = Length(cam.connector_width_mm, off, ("camera.connector_width_mm",))
     window = inner(2 * d.holder_window_half_mm)
-    yield PlayFit("connector in the window", f"{part}, camera", (window,), (connector,))
+    yield PlayFit("plug", "connector in the window", f"{part}, camera", (window,), (connector,))
     deep = printer.tall(d.holder.clearance_mm)
     high = Length(cam.connector_height_mm, off, ("camera.connector_height_mm",))
     stack = "camera, camera-holder, cover"
-    yield PlayFit("connector above the cover, z", stack, (deep,), (high,))
+    yield PlayFit("plug-above-cover", "connector above the cover, z", stack, (deep,), (high,))
     if not d.camera_screw_centres_mm:
         return
     hole = Length(cam.hole_mm, off, ("camera.hole_mm",))
     # Two screws in a row along x: only that pitch can disagree, and either end takes half of it.
     pitch = Length(0.0, printer.plane_mm + off, ("resin_printer.plane_mm",))
     screws, shank = f"camera, camera-screw, {part}", Length(screw.thread_mm)
-    yield PlayFit(f"{d.holder.screw} through the board", screws, (hole,), (shank, pitch))
+    yield PlayFit("screws", f"{d.holder.screw} through the board", screws, (hole,), (shank, pitch))
     length_mm = d.holder.screw_length_mm
     tip = Length(length_mm, screw_tolerance_mm(length_mm))
     board = Length(cam.board_mm, off, ("camera.board_mm",))
-    yield PlayFit("camera's screws above the cover, z", f"{screws}, cover", (board, deep), (tip,))
+    screws, name = f"{screws}, cover", "camera's screws above the cover, z"
+    yield PlayFit("screw-tips", name, screws, (board, deep), (tip,))
 
 
 def holder_callouts(d: Design) -> Callouts:

@@ -40,11 +40,12 @@ import math
 from collections.abc import Iterator
 
 from ...aliases import Point2
+from ...checks import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, x_of
 from ..kernel import Box, Shape, around, cuboid, cylinders
 from ..part import AMBER, CLEAR, LASER_CUT, PRINT, RESIN, Part
-from ..rule import Rule, at_most, below
+from ..rule import at_most, below
 
 PIECES = 10  # of the kerf coupon
 
@@ -107,10 +108,10 @@ def fit_build(design: Design) -> Shape:
     return body.union(block).union(peg).val()
 
 
-def fit_rules(d: Design) -> Iterator[Rule]:
+def fit_rules(d: Design) -> Iterator[Check]:
     """A peg that is on its block."""
     coupon = d.fit_coupon
-    yield at_most("peg_mm + 2", coupon.peg_mm + 2.0, "block_mm", coupon.block_mm)
+    yield at_most("peg-on-block", "peg_mm + 2", coupon.peg_mm + 2.0, "block_mm", coupon.block_mm)
 
 
 def fit_callouts(d: Design) -> Callouts:
@@ -136,10 +137,10 @@ def kerf_build(design: Design) -> Shape:
     return cuboid(kerf_box(design)).val()
 
 
-def kerf_rules(d: Design) -> Iterator[Rule]:
+def kerf_rules(d: Design) -> Iterator[Check]:
     """A strip that can be told from its side."""
     coupon = d.kerf_coupon
-    yield below("width_mm", coupon.width_mm, "length_mm", coupon.length_mm)
+    yield below("strip-sides", "width_mm", coupon.width_mm, "length_mm", coupon.length_mm)
 
 
 def kerf_callouts(d: Design) -> Callouts:

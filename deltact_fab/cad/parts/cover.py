@@ -20,11 +20,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from ...checks import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, shown, x_of, y_of, z_of
 from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
 from ..part import BLACK, PRINT, RESIN, Part, PrintPose
-from ..rule import Length, PlayFit, Rule, at_most, below
+from ..rule import Length, PlayFit, at_most, below
 
 
 def box(design: Design) -> Box:
@@ -75,15 +76,17 @@ def _leg(cq: Any, design: Design) -> Any:
     return parts[0].fuse(*parts[1:]).clean().Solids()[0]
 
 
-def rules(d: Design) -> Iterator[Rule]:
+def rules(d: Design) -> Iterator[Check]:
     """Legs within the peg, a slot that stays open, lips no higher than the light holder's floor."""
     cover = d.cover
     outside = cover.slot_mm / 2 + cover.leg_mm
-    yield below("slot_mm / 2 + leg_mm", outside, "peg_mm / 2", cover.peg_mm / 2)
+    yield below("legs-in-peg", "slot_mm / 2 + leg_mm", outside, "peg_mm / 2", cover.peg_mm / 2)
     gap_mm = d.resin_printer.least_gap_mm
-    yield at_most("resin_printer.least_gap_mm", gap_mm, "cover.slot_mm", cover.slot_mm)
+    yield at_most("slot-open", "resin_printer.least_gap_mm", gap_mm, "cover.slot_mm", cover.slot_mm)
     lip = "peg_play_mm + lip_height_mm", cover.peg_play_mm + cover.lip_height_mm
-    yield at_most(*lip, "camera.board_mm + light.floor_mm", d.camera.board_mm + d.light.floor_mm)
+    yield at_most(
+        "lip", *lip, "camera.board_mm + light.floor_mm", d.camera.board_mm + d.light.floor_mm
+    )
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -91,21 +94,23 @@ def fits(d: Design) -> Iterator[PlayFit]:
     printer, cover, row = d.resin_printer, d.cover, d.screw.row
     parts, pitch = "cover, camera-holder", printer.pitch()
     hole = printer.inner(cover.hole_mm)
-    yield PlayFit("peg in its hole", parts, (hole,), (printer.outer(cover.peg_mm), pitch))
+    yield PlayFit("peg", "peg in its hole", parts, (hole,), (printer.outer(cover.peg_mm), pitch))
     # Over both lips of a peg that stands in the middle of its hole.
     lips = printer.outer(cover.hole_mm + 2 * cover.lip_mm)
-    over = PlayFit("lips over their hole", parts, (lips,), (hole,))
+    over = PlayFit("lips-over-hole", "lips over their hole", parts, (lips,), (hole,))
     yield over
     most = Length(over.range_mm[1] / 2, 0.0, lips.rests_on)
     bends = Length(cover.strain_limit * d.peg_leg_mm**2 / (3 * cover.fibre_mm))
-    yield PlayFit("largest lip within the strain", parts, (bends,), (most,))
+    yield PlayFit("lip-strain", "largest lip within the strain", parts, (bends,), (most,))
     legs = printer.tall(d.peg_leg_mm)
     holder = printer.tall(d.holder.clearance_mm)
-    yield PlayFit("legs through the holder, z", parts, (legs,), (holder,))
+    yield PlayFit("legs-through-holder", "legs through the holder, z", parts, (legs,), (holder,))
     slot = printer.inner(cover.slot_mm)
-    yield PlayFit("slot when both legs bend", "cover", (slot,), (most, most))
+    yield PlayFit("legs-bent", "slot when both legs bend", "cover", (slot,), (most, most))
     head, bore = Length(row.head_mm), printer.inner(row.bore_mm)
-    yield PlayFit("screw head in its bore", "cover, screw, skin-frame", (bore,), (head, pitch))
+    yield PlayFit(
+        "head", "screw head in its bore", "cover, screw, skin-frame", (bore,), (head, pitch)
+    )
 
 
 def callouts(d: Design) -> Callouts:

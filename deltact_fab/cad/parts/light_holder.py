@@ -27,11 +27,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from ...checks import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, z_of
 from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
 from ..part import AMBER, BOUGHT, PRINT, WHITE, Part, PrintPose
-from ..rule import Length, PlayFit, Rule, at_most, below
+from ..rule import Length, PlayFit, at_most, below
 from .camera import UPPER_HOLES
 
 WIRE = "0.08 mm²"
@@ -71,16 +72,18 @@ def build(design: Design) -> Shape:
     return body.val()
 
 
-def rules(d: Design) -> Iterator[Rule]:
+def rules(d: Design) -> Iterator[Check]:
     """Light holder: the strip in its channel, the heads of the camera's screws in the floor."""
     light = d.light
     round_mm = 2 * math.pi * max(d.strip_radius_mm, 0.0)
-    yield at_most("led_count x pitch", light.strip_mm, "2 pi strip radius", round_mm)
+    yield at_most("led-count", "led_count x pitch", light.strip_mm, "2 pi strip radius", round_mm)
     depth = "depth of the channel", d.z_light_mm - d.z_board_front_mm - light.floor_mm
-    yield at_most("strip_width_mm", light.strip_width_mm, *depth, ("camera.lens_height_mm",))
-    yield below("0", 0.0, "bore radius", d.light_bore_mm)
+    yield at_most(
+        "strip", "strip_width_mm", light.strip_width_mm, *depth, ("camera.lens_height_mm",)
+    )
+    yield below("bore", "0", 0.0, "bore radius", d.light_bore_mm)
     head = d.holder.row.head_height_mm + light.head_room_mm
-    yield at_most(f"{d.holder.screw} head + head_room_mm", head, "floor_mm", light.floor_mm)
+    yield at_most("head", f"{d.holder.screw} head + head_room_mm", head, "floor_mm", light.floor_mm)
 
 
 def led_room_mm(d: Design) -> float:
@@ -101,20 +104,22 @@ def fits(d: Design) -> Iterator[PlayFit]:
     ring = printer.outer(2 * d.light_radius_mm)
     # Between the ledges, and between the posts' corners.
     opening = printer.inner(2 * min(*d.ledge_half_mm, math.hypot(*d.post_edge_mm)))
-    yield PlayFit("ring in the shell", f"{part}, shell", (opening,), (ring,))
+    yield PlayFit("ring-in-shell", "ring in the shell", f"{part}, shell", (opening,), (ring,))
     relief = printer.inner(2 * d.peg_relief_mm)
     lips = printer.outer(d.cover.hole_mm + 2 * d.cover.lip_mm)
     reliefs = "lips in the ring's reliefs"
-    yield PlayFit(reliefs, f"{part}, cover", (relief,), (lips, printer.pitch()))
+    yield PlayFit("lips-in-reliefs", reliefs, f"{part}, cover", (relief,), (lips, printer.pitch()))
     led = Length(led_room_mm(d), light.led_tolerance_mm)
     channel = printer.inner(light.channel_mm)
-    yield PlayFit("LED in its channel", f"{part}, LED strip", (channel,), (led,))
+    yield PlayFit("led-in-channel", "LED in its channel", f"{part}, LED strip", (channel,), (led,))
     slot = printer.inner(light.slot_mm)
-    yield PlayFit("two wires in the slot", f"{part}, wires", (slot,), (WIRE_OUTER, WIRE_OUTER))
+    yield PlayFit(
+        "wires", "two wires in the slot", f"{part}, wires", (slot,), (WIRE_OUTER, WIRE_OUTER)
+    )
     lens = Length(cam.lens_diameter_mm, cam.tolerance_mm, ("camera.lens_diameter_mm",))
     bore = printer.inner(2 * d.light_bore_mm)
     least_mm = 2 * light.lens_clearance_mm
-    yield PlayFit("lens in the bore", f"{part}, camera", (bore,), (lens,), least_mm)
+    yield PlayFit("lens-in-bore", "lens in the bore", f"{part}, camera", (bore,), (lens,), least_mm)
     yield below_plate(d)
 
 
@@ -129,7 +134,9 @@ def below_plate(d: Design) -> PlayFit:
         d.laser.sheet(d.optics.acrylic_mm),
     )
     room = printer.tall(d.shell_depth_mm), printer.tall(d.optics.acrylic_mm)
-    return PlayFit("ring below the acrylic, z", "light-holder, acrylic", room, stack)
+    return PlayFit(
+        "below-acrylic", "ring below the acrylic, z", "light-holder, acrylic", room, stack
+    )
 
 
 def callouts(d: Design) -> Callouts:
@@ -175,12 +182,12 @@ def strip_build(design: Design) -> Shape:
     return body.union(leds.extrude(light.strip_thickness_mm + light.led_height_mm)).val()
 
 
-def strip_rules(d: Design) -> Iterator[Rule]:
+def strip_rules(d: Design) -> Iterator[Check]:
     """LEDs beside one another, on their strip."""
     light = d.light
     width = "led_width_mm", light.led_width_mm
-    yield below(*width, "pitch = 1000 / leds_per_m", light.pitch_mm)
-    yield at_most(*width, "strip_width_mm", light.strip_width_mm)
+    yield below("led-pitch", *width, "pitch = 1000 / leds_per_m", light.pitch_mm)
+    yield at_most("led-on-strip", *width, "strip_width_mm", light.strip_width_mm)
 
 
 def led_turns(d: Design) -> list[float]:

@@ -23,11 +23,12 @@ from collections.abc import Iterator
 from typing import Any
 
 from ...aliases import Point2
+from ...checks import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Leader, shown, x_of, y_of, z_of
 from ..kernel import Box, Shape, around, cuboid, require
 from ..part import AMBER, PRINT, RESIN, Part
-from ..rule import PlayFit, Rule, below
+from ..rule import PlayFit, below
 
 # The mold's drawing and the guide say the same.
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
@@ -75,11 +76,11 @@ def _cutter(design: Design) -> Any:
     return cavity.union(cuboid(around(x, y, floor, top))).union(notches).val()
 
 
-def rules(d: Design) -> Iterator[Rule]:
+def rules(d: Design) -> Iterator[Check]:
     """A seat that leaves something of the frame to lift; notches that do not meet."""
     mold = d.mold
-    yield below("seat_mm", mold.seat_mm, "frame height", d.frame_height_mm)
-    yield below("fit_mm + pry_mm", mold.fit_mm + mold.pry_mm, "web_mm / 2", mold.web_mm / 2)
+    yield below("seat", "seat_mm", mold.seat_mm, "frame height", d.frame_height_mm)
+    yield below("pry", "fit_mm + pry_mm", mold.fit_mm + mold.pry_mm, "web_mm / 2", mold.web_mm / 2)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -87,7 +88,9 @@ def fits(d: Design) -> Iterator[PlayFit]:
     for i, axis in enumerate("xy"):
         seat = d.resin_printer.inner(seat_mm(d)[i])
         frame = d.resin_printer.outer(d.frame_outer_mm[i])
-        yield PlayFit(f"frame in its seat, {axis}", "mold, skin-frame", (seat,), (frame,))
+        yield PlayFit(
+            f"seat-{axis}", f"frame in its seat, {axis}", "mold, skin-frame", (seat,), (frame,)
+        )
 
 
 def callouts(d: Design) -> Callouts:

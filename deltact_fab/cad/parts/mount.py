@@ -24,10 +24,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ...aliases import Point
+from ...checks import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import Told, y_of, z_of
 from ..kernel import Box, Workplane, cuboid, require
-from ..rule import Length, PlayFit, Rule, at_most
+from ..rule import Length, PlayFit, at_most
 
 FLANGE = tuple(f"mount.flange_{key}_mm" for key in ("pitch", "height", "width", "hole"))
 
@@ -101,55 +102,60 @@ def boss_room(design: Design) -> Workplane:
     return plan.rect(square, square).extrude(design.z_boss_mm - low)
 
 
-def rules(d: Design) -> Iterator[Rule]:
+def rules(d: Design) -> Iterator[Check]:
     """The mount on the shell, its holes, and the room of heads and washers."""
     mount = d.mount
-    yield at_most("mount.height_mm", mount.height_mm, "depth of the shell", d.shell_depth_mm)
-    yield at_most("mount.width_mm", mount.width_mm, "outer x", d.frame_outer_mm[0])
+    yield at_most(
+        "height", "mount.height_mm", mount.height_mm, "depth of the shell", d.shell_depth_mm
+    )
+    yield at_most("mount-width", "mount.width_mm", mount.width_mm, "outer x", d.frame_outer_mm[0])
     if mount.kind == "block":
         # A head or a washer beside the shell, two of them side by side, and on the bar.
         washer = f"mount: washer {mount.screw}", mount.thread.washer_mm
         two, two_mm = f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + washer[1]
-        yield at_most(two, two_mm, "mount.length_mm", mount.length_mm)
-        yield at_most(*washer, "mount.hole_pitch_mm", mount.hole_pitch_mm)
-        yield at_most(*washer, "mount.width_mm", mount.width_mm)
+        yield at_most("mount-washers", two, two_mm, "mount.length_mm", mount.length_mm)
+        yield at_most("mount-washer-pitch", *washer, "mount.hole_pitch_mm", mount.hole_pitch_mm)
+        yield at_most("mount-washer-width", *washer, "mount.width_mm", mount.width_mm)
     if mount.kind == "franka":
         yield from _flange_rules(d)
 
 
-def _flange_rules(d: Design) -> Iterator[Rule]:
+def _flange_rules(d: Design) -> Iterator[Check]:
     """Counterbores on the flange, the arm between them, and screws that go in head last."""
     mount = d.mount
     under_mm = mount.flange_mm - mount.counterbore_depth_mm
     # A cantilever from the flange, pressed in the middle of the face: 6 F l / (w h^2).
     lever_mm = d.frame_outer_mm[1] / 2 + mount.length_mm - mount.flange_mm
     stress_mpa = 6 * d.plate.force_n * lever_mm / (mount.width_mm * mount.arm_mm**2)
-    for name, value, what, room in (
-        ("flange_pitch_mm + counterbore_mm + 3", mount.flange_pitch_mm + mount.counterbore_mm + 3,
+    for id, name, value, what, room in (
+        ("pitch", "flange_pitch_mm + counterbore_mm + 3",
+         mount.flange_pitch_mm + mount.counterbore_mm + 3,
          "flange_height_mm", mount.flange_height_mm),
-        ("counterbore_mm + 3", mount.counterbore_mm + 3,
+        ("width", "counterbore_mm + 3", mount.counterbore_mm + 3,
          "flange_width_mm", mount.flange_width_mm),
-        ("flange_mm + 2", mount.flange_mm + 2, "length_mm", mount.length_mm),
-        ("flange_height_mm", mount.flange_height_mm, "height of the sensor", -d.z_back_mm),
-        ("flange_width_mm", mount.flange_width_mm, "outer x", d.frame_outer_mm[0]),
+        ("length", "flange_mm + 2", mount.flange_mm + 2, "length_mm", mount.length_mm),
+        ("height", "flange_height_mm", mount.flange_height_mm, "height of the sensor",
+         -d.z_back_mm),
+        ("outer", "flange_width_mm", mount.flange_width_mm, "outer x", d.frame_outer_mm[0]),
         # The heads have their place above and below the arm, and 2 mm of flange under them.
-        ("arm_mm + counterbore_mm + 0.4", mount.arm_mm + mount.counterbore_mm + 0.4,
+        ("arm", "arm_mm + counterbore_mm + 0.4", mount.arm_mm + mount.counterbore_mm + 0.4,
          "flange_pitch_mm", mount.flange_pitch_mm),
-        (f"head {mount.screw} + 0.5", mount.head_mm + 0.5,
+        ("head-in-counterbore", f"head {mount.screw} + 0.5", mount.head_mm + 0.5,
          "counterbore_mm", mount.counterbore_mm),
-        ("flange_hole_mm + 0.5", mount.flange_hole_mm + 0.5,
+        ("hole-under-head", "flange_hole_mm + 0.5", mount.flange_hole_mm + 0.5,
          f"head {mount.screw}", mount.head_mm),
-        ("counterbore_depth_mm + 2", mount.counterbore_depth_mm + 2.0,
+        ("under-head", "counterbore_depth_mm + 2", mount.counterbore_depth_mm + 2.0,
          "flange_mm", mount.flange_mm),
-        ("stress in arm_mm under plate.force_n, MPa", stress_mpa,
+        ("arm-stress", "stress in arm_mm under plate.force_n, MPa", stress_mpa,
          "stress_limit_mpa", mount.stress_limit_mpa),
         # A screw that grips by 1.5 d goes in head last: the gap takes all of it.
-        (f"flange under the head + 2.5 x {mount.screw}", under_mm + 2.5 * mount.thread.thread_mm,
+        ("screw", f"flange under the head + 2.5 x {mount.screw}",
+         under_mm + 2.5 * mount.thread.thread_mm,
          "gap between shell and flange", mount.length_mm - mount.flange_mm),
-        ("front of the arm", d.flange_arm_z_mm[1], "joint", d.z_joint_mm),
+        ("arm-front", "front of the arm", d.flange_arm_z_mm[1], "joint", d.z_joint_mm),
     ):  # fmt: skip
         rests_on = (*FLANGE, "mount.stress_limit_mpa")
-        yield at_most(f"mount: {name}", value, what, room, rests_on)
+        yield at_most(f"flange-{id}", f"mount: {name}", value, what, room, rests_on)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -161,7 +167,7 @@ def fits(d: Design) -> Iterator[PlayFit]:
     screw = Length(mount.thread.thread_mm)
     hole = printer.tall(mount.hole_mm)
     name = f"{mount.screw} through the flange"
-    yield PlayFit(name, "shell, finger", (hole,), (screw, pitch))
+    yield PlayFit("screw-through-flange", name, "shell, finger", (hole,), (screw, pitch))
 
 
 def lengths(d: Design) -> list[Told]:

@@ -29,13 +29,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from ...checks import Check
 from ...shapes import Indenter
 from ..bench_sections import BOLT, SCREW
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, shown
 from ..kernel import Box, Shape, around, cylinders, require
 from ..part import BLACK, BOUGHT, PRINT, RESIN, STEEL, Part, PrintPose, Shift
-from ..rule import Length, PlayFit, Rule, at_most, below
+from ..rule import Length, PlayFit, at_most, below
 
 
 def holder_box(design: Design) -> Box:
@@ -65,19 +66,21 @@ def holder_build(design: Design) -> Shape:
     return body.cut(clamp.extrude(-tool.body_mm)).val()
 
 
-def holder_rules(d: Design) -> Iterator[Rule]:
+def holder_rules(d: Design) -> Iterator[Check]:
     """Stem, screws and their heads have room."""
     tool = d.tool
-    yield below("indenter's stem", Indenter.stem_length_mm, "tool.depth_mm", tool.depth_mm)
+    yield below("stem", "indenter's stem", Indenter.stem_length_mm, "tool.depth_mm", tool.depth_mm)
     body, circle = tool.body_mm, tool.bolt_circle_mm
     heads, holes = body + SCREW.head_mm, circle + tool.screw_hole_mm + 3.0
-    yield at_most("tool.body_mm + head M3", heads, "tool.bolt_circle_mm", circle)
+    yield at_most("heads", "tool.body_mm + head M3", heads, "tool.bolt_circle_mm", circle)
     flange = "tool.flange_diameter_mm", tool.flange_diameter_mm
-    yield at_most("tool.bolt_circle_mm + hole + 3", holes, *flange)
+    yield at_most("holes-in-flange", "tool.bolt_circle_mm + hole + 3", holes, *flange)
     bore = "bore + 2 x 3 for the set screw's thread", 2 * tool.bore_mm + 6.0
-    yield at_most(*bore, "tool.body_mm", body)
+    yield at_most("set-screw", *bore, "tool.body_mm", body)
     above, under = tool.clamp_z_mm + tool.clamp_mm / 2 + 1.5, tool.height_mm - tool.flange_mm
-    yield at_most("tool.clamp_z_mm + hole / 2 + 1.5", above, "underside of the flange", under)
+    yield at_most(
+        "clamp", "tool.clamp_z_mm + hole / 2 + 1.5", above, "underside of the flange", under
+    )
 
 
 def holder_fits(d: Design) -> Iterator[PlayFit]:
@@ -85,17 +88,17 @@ def holder_fits(d: Design) -> Iterator[PlayFit]:
     tool, printer = d.tool, d.resin_printer
     parts, stem = "tool-holder, indenters", Indenter.stem_diameter_mm
     bore = printer.inner(2 * tool.bore_mm)
-    yield PlayFit("stem in the bore", parts, (bore,), (printer.outer(stem),))
+    yield PlayFit("stem-in-bore", "stem in the bore", parts, (bore,), (printer.outer(stem),))
     flat = printer.inner(tool.bore_mm + tool.flat_mm)
     across = printer.outer(stem / 2 + Indenter.stem_flat_at_mm)
-    yield PlayFit("stem's flat in the bore", parts, (flat,), (across,))
-    yield PlayFit("turned stem stays out", parts, (printer.outer(stem),), (flat,))
+    yield PlayFit("flat-in-bore", "stem's flat in the bore", parts, (flat,), (across,))
+    yield PlayFit("turned-stem", "turned stem stays out", parts, (printer.outer(stem),), (flat,))
     clamp, screw = printer.inner(tool.clamp_mm), Length(SCREW.thread_mm)
-    yield PlayFit("set screw M3 bites", "tool-holder", (screw,), (clamp,))
+    yield PlayFit("set-screw-bites", "set screw M3 bites", "tool-holder", (screw,), (clamp,))
     screws, hole = "tool-holder, nano17-adapter", printer.inner(tool.screw_hole_mm)
-    yield PlayFit("M3 through the flange", screws, (hole,), (screw, printer.pitch()))
+    yield PlayFit("screws", "M3 through the flange", screws, (hole,), (screw, printer.pitch()))
     hole, pin = printer.inner(tool.pin_mm + tool.pin_fit_mm), Length(tool.pin_mm)
-    yield PlayFit("pin in the flange", screws, (hole,), (pin, printer.pitch()))
+    yield PlayFit("pin-in-flange", "pin in the flange", screws, (hole,), (pin, printer.pitch()))
 
 
 def holder_callouts(d: Design) -> Callouts:
@@ -140,13 +143,13 @@ def adapter_build(design: Design) -> Shape:
     return body.val()
 
 
-def adapter_rules(d: Design) -> Iterator[Rule]:
+def adapter_rules(d: Design) -> Iterator[Check]:
     """Room for the heads, on the sensor."""
     plate = d.adapter
     deep, thick = plate.bolt_bore_depth_mm + 2.0, plate.thickness_mm
-    yield at_most("bolt_bore_depth_mm + 2", deep, "adapter.thickness_mm", thick)
+    yield at_most("bolt-bore-depth", "bolt_bore_depth_mm + 2", deep, "adapter.thickness_mm", thick)
     holes = "adapter.bolt_circle_mm + hole", plate.bolt_circle_mm + plate.bolt_hole_mm
-    yield at_most(*holes, "adapter.sensor_mm", plate.sensor_mm, KEYS)
+    yield at_most("bolts-on-sensor", *holes, "adapter.sensor_mm", plate.sensor_mm, KEYS)
 
 
 def adapter_fits(d: Design) -> Iterator[PlayFit]:
@@ -154,9 +157,9 @@ def adapter_fits(d: Design) -> Iterator[PlayFit]:
     plate, printer = d.adapter, d.resin_printer
     hole, pilot = printer.inner(plate.bolt_hole_mm), printer.inner(plate.pilot_mm)
     body = (Length(BOLT.thread_mm, 0.0, KEYS), printer.pitch(0.0))
-    yield PlayFit("M2 into the force sensor", "nano17-adapter", (hole,), body)
+    yield PlayFit("bolts-into-sensor", "M2 into the force sensor", "nano17-adapter", (hole,), body)
     bites = "M3 bites in its pilot"
-    yield PlayFit(bites, "nano17-adapter", (Length(SCREW.thread_mm),), (pilot,))
+    yield PlayFit("screw-bites", bites, "nano17-adapter", (Length(SCREW.thread_mm),), (pilot,))
 
 
 def adapter_callouts(d: Design) -> Callouts:

@@ -29,11 +29,12 @@ import math
 from collections.abc import Iterator
 
 from ...aliases import Point2
+from ...checks import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, shown, x_of
 from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
 from ..part import BLACK, MACHINED, PRINT, RESIN, STEEL, Part, PrintPose
-from ..rule import Length, PlayFit, Rule, at_most
+from ..rule import Length, PlayFit, at_most
 from ..standards import THREADS
 from . import shell
 from .mount import boss_room
@@ -67,16 +68,18 @@ def _tab(design: Design, side: int) -> Workplane:
     return tab.cut(cylinders(at, table.hole_mm, back - 1, table.height_mm + 2))
 
 
-def testing_rules(d: Design) -> Iterator[Rule]:
+def testing_rules(d: Design) -> Iterator[Check]:
     """Tabs around their holes, and higher than the cover."""
     table = d.table
     around = table.hole_mm + 2 * table.edge_mm
-    yield at_most("table: hole + 2 edge_mm", around, "tab_mm", table.tab_mm)
+    yield at_most("hole-in-tab", "table: hole + 2 edge_mm", around, "tab_mm", table.tab_mm)
     along = table.hole_pitch_mm + around
-    yield at_most("table: pitch + hole + 2 edge_mm", along, "width_mm", table.width_mm)
-    yield at_most("table: width_mm", table.width_mm, "outer y", d.frame_outer_mm[1])
-    yield at_most("cover + 2", d.cover.floor_mm + 2.0, "table.height_mm", table.height_mm)
-    yield at_most("table.height_mm", table.height_mm, "cover and shell", d.z_joint_mm - d.z_back_mm)
+    yield at_most("pitch", "table: pitch + hole + 2 edge_mm", along, "width_mm", table.width_mm)
+    yield at_most("tab-width", "table: width_mm", table.width_mm, "outer y", d.frame_outer_mm[1])
+    yield at_most("cover", "cover + 2", d.cover.floor_mm + 2.0, "table.height_mm", table.height_mm)
+    yield at_most(
+        "height", "table.height_mm", table.height_mm, "cover and shell", d.z_joint_mm - d.z_back_mm
+    )
 
 
 def testing_fits(d: Design) -> Iterator[PlayFit]:
@@ -84,7 +87,7 @@ def testing_fits(d: Design) -> Iterator[PlayFit]:
     between = d.resin_printer.inner(d.frame_outer_mm[0] + 2 * d.cover.fit_mm)
     cover = d.resin_printer.outer(d.frame_outer_mm[0])
     parts = "testing-shell, cover"
-    yield PlayFit("cover between the tabs", parts, (between,), (cover,))
+    yield PlayFit("cover-between-tabs", "cover between the tabs", parts, (between,), (cover,))
 
 
 def testing_callouts(d: Design) -> Callouts:
@@ -156,11 +159,11 @@ DRILL_MM = 0.1
 """What a drilled or milled hole comes out over its nominal, at most (assumed)."""
 
 
-def plate_rules(d: Design) -> Iterator[Rule]:
+def plate_rules(d: Design) -> Iterator[Check]:
     """Thread enough for the tabs' screws: one diameter of it in aluminium."""
     screw_mm = THREADS[d.table.screw].thread_mm
     thick = d.stage_plate.thickness_mm
-    yield at_most(f"thread {d.table.screw}", screw_mm, "stage_plate.thickness_mm", thick)
+    yield at_most("thread", f"thread {d.table.screw}", screw_mm, "stage_plate.thickness_mm", thick)
 
 
 def plate_fits(d: Design) -> Iterator[PlayFit]:
@@ -169,11 +172,13 @@ def plate_fits(d: Design) -> Iterator[PlayFit]:
     off = DRILL_MM / 2
     slot = Length(plate.slot_mm + off, off, KEYS)
     core = Length(plate.thread_hole_mm + off, off)
-    yield PlayFit("M6 through its slot", part, (slot,), (Length(6.0),))
+    yield PlayFit("screw-in-slot", "M6 through its slot", part, (slot,), (Length(6.0),))
     # ISO 724: the thread is 0.61 of its pitch deep; a tap for 60 to 85 % of that is stocked.
     major, depth = THREADS[screw].thread_mm, 1.0825 * THREADS[screw].pitch_mm
-    yield PlayFit(f"{screw} holds in its thread", part, (Length(major - 0.5 * depth),), (core,))
-    yield PlayFit(f"{screw} can be tapped", part, (core,), (Length(major - depth),))
+    yield PlayFit(
+        "holds", f"{screw} holds in its thread", part, (Length(major - 0.5 * depth),), (core,)
+    )
+    yield PlayFit("tapped", f"{screw} can be tapped", part, (core,), (Length(major - depth),))
 
 
 def plate_callouts(d: Design) -> Callouts:

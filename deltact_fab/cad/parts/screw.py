@@ -16,10 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ...checks import Check
 from ..dimensions import Design
 from ..kernel import Box, Shape, around, cuboid, cylinders, require
 from ..part import BOUGHT, STEEL, Part, Shift
-from ..rule import Rule, at_most
+from ..rule import at_most
 
 
 def box(design: Design) -> Box:
@@ -65,10 +66,10 @@ def camera_places(d: Design) -> list[Shift]:
     return [(x, y, 0.0) for x, y in d.camera_screw_centres_mm]
 
 
-def rules(d: Design) -> Iterator[Rule]:
+def rules(d: Design) -> Iterator[Check]:
     """The heads behind nothing."""
     heads, z_mm = "back of the screw heads (screw.length_mm)", box(d)[0][2]
-    yield at_most("back of the sensor", d.z_back_mm, heads, z_mm)
+    yield at_most("heads-inside", "back of the sensor", d.z_back_mm, heads, z_mm)
 
 
 def stock_note(d: Design) -> str:

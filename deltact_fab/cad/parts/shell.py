@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ...checks import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import (
     SQUARE_EDGES,
@@ -45,7 +46,7 @@ from ..kernel import (
     without_corners,
 )
 from ..part import BLACK, PRINT, RESIN, Part, PrintPose
-from ..rule import Length, PlayFit, Rule, at_most, below
+from ..rule import Length, PlayFit, at_most, below
 from . import mount
 from .light_holder import WIRE_OUTER
 from .mount import boss_room
@@ -86,25 +87,27 @@ def body(design: Design) -> Workplane:
     return body.cut(holes).cut(cuboid(((-half, -outer_y / 2 - 1, floor - 1), end)))
 
 
-def rules(d: Design) -> Iterator[Rule]:
+def rules(d: Design) -> Iterator[Check]:
     """Posts, cable notch and ledge, and the mount's own."""
     shell, posts = d.shell, d.z_joint_mm - d.z_boss_mm
     # The board stands between the cable's notch and the room of the light holder.
     room = "holder.clearance_mm", d.holder.clearance_mm
-    yield at_most("cable_height_mm", shell.cable_height_mm, *room)
-    yield below("ledge_drop_mm", shell.ledge_drop_mm, "ledge_height_mm", shell.ledge_height_mm)
+    yield at_most("notch-height", "cable_height_mm", shell.cable_height_mm, *room)
+    yield below(
+        "drop", "ledge_drop_mm", shell.ledge_drop_mm, "ledge_height_mm", shell.ledge_height_mm
+    )
     wide = shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm)
     words = "cable_width_mm + 2 (cover.fit_mm + wall_mm)"
-    yield at_most(words, wide, "room between the posts", 2 * d.post_edge_mm[0])
+    yield at_most("cable-room", words, wide, "room between the posts", 2 * d.post_edge_mm[0])
     high = shell.cable_height_mm + shell.ledge_height_mm + shell.wall_mm
     words = "cable_height_mm + ledge_height_mm + wall_mm"
-    yield at_most(words, high, "depth of the shell", d.shell_depth_mm)
+    yield at_most("notch-below-ledge", words, high, "depth of the shell", d.shell_depth_mm)
     # The ledge ends on the posts, in both directions.
-    yield at_most("ledge_height_mm", shell.ledge_height_mm, "height of the posts", posts)
+    yield at_most("ledge", "ledge_height_mm", shell.ledge_height_mm, "height of the posts", posts)
     words, beyond = "ledge_mm and what the wall leaves before it", d.post_mm - shell.wall_mm
-    yield at_most(words, max(d.ledge_reach_mm), "posts beyond the wall", beyond)
-    yield below("floor", d.z_floor_mm, "back of the posts", d.z_boss_mm)
-    yield below("2", 2.0, "height of the posts", posts)
+    yield at_most("ledge-on-posts", words, max(d.ledge_reach_mm), "posts beyond the wall", beyond)
+    yield below("posts-above-floor", "floor", d.z_floor_mm, "back of the posts", d.z_boss_mm)
+    yield below("post-height", "2", 2.0, "height of the posts", posts)
     yield from mount.rules(d)
 
 
@@ -112,22 +115,24 @@ def fits(d: Design) -> Iterator[PlayFit]:
     """The cover's bosses, screws on their way into the frame, and what the notch lets through."""
     printer, shell, row, cam = d.resin_printer, d.shell, d.screw.row, d.camera
     corner, boss = printer.inner(d.boss_room_mm), printer.outer(d.post_mm)
-    yield PlayFit("boss in its corner", "shell, cover", (corner,), (boss,))
+    yield PlayFit("boss-in-corner", "boss in its corner", "shell, cover", (corner,), (boss,))
     shank, hole = (Length(row.thread_mm), printer.pitch()), (printer.inner(row.clearance_mm),)
     for name in ("shell", "cover"):
         parts = f"{name}, screw, skin-frame"
-        yield PlayFit(f"{d.screw.thread} through the {name}", parts, hole, shank)
+        yield PlayFit(f"screw-{name}", f"{d.screw.thread} through the {name}", parts, hole, shank)
     wide, high = printer.inner(shell.cable_width_mm), printer.tall(shell.cable_height_mm)
     flat, thick = cam.cable_width_mm, cam.cable_height_mm
     keys = ("camera.cable_width_mm", "camera.cable_height_mm")
     cable = Length(flat, 0.1, keys[:1])
-    yield PlayFit("camera's cable in its notch, x", "shell, cable", (wide,), (cable,))
+    yield PlayFit("cable", "camera's cable in its notch, x", "shell, cable", (wide,), (cable,))
     # The light holder's wires leave there too, over the cable.
     through = (Length(thick, 0.05, keys[1:]), WIRE_OUTER)
-    yield PlayFit("cable and wires in the notch, z", "shell, cable, wires", (high,), through)
+    yield PlayFit(
+        "wires", "cable and wires in the notch, z", "shell, cable, wires", (high,), through
+    )
     # Foam keeps light out; a plug shorter than twice the notch's height comes out with the cable.
     foam, plug = Length(shell.cable_foam_mm), Length(2 * shell.cable_height_mm)
-    yield PlayFit("shell.cable_foam_mm, twice the notch", "shell, cable", (foam,), (plug,))
+    yield PlayFit("foam", "shell.cable_foam_mm, twice the notch", "shell, cable", (foam,), (plug,))
     yield from mount.fits(d)
 
 

@@ -34,11 +34,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from ...checks import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
 from ..part import BLACK, CLEAR, PRINT, RESIN, Part, PrintPose, nothing
-from ..rule import Length, PlayFit, Rule, at_most, below
+from ..rule import Length, PlayFit, at_most, below
 from ..standards import screw_tolerance_mm
 
 
@@ -65,18 +66,20 @@ def build(design: Design) -> Shape:
     return body.cut(cylinders(design.screw_centres_mm, *pilot)).val()
 
 
-def rules(d: Design) -> Iterator[Rule]:
+def rules(d: Design) -> Iterator[Check]:
     """The frame around the skin, and its pilots."""
     edge, seat = d.post_edge_mm, d.seat_half_mm
     for i, axis in enumerate("xy"):
-        yield below("0", 0.0, f"room between the posts in {axis}", 2 * edge[i])
+        yield below(f"posts-{axis}", "0", 0.0, f"room between the posts in {axis}", 2 * edge[i])
         frame = f"half the frame in {axis}", d.frame_outer_mm[i] / 2
-        yield below(f"half the acrylic's pocket in {axis}", seat[i], *frame)
+        yield below(f"pocket-{axis}", f"half the acrylic's pocket in {axis}", seat[i], *frame)
     hole, pilot = "resin_printer.least_hole_mm", f"pilot of screw.thread {d.screw.thread}"
-    yield at_most(hole, d.resin_printer.least_hole_mm, pilot, d.screw.row.pilot_mm)
+    yield at_most("least-hole", hole, d.resin_printer.least_hole_mm, pilot, d.screw.row.pilot_mm)
     # Above a pilot is the face that seals in the mold: no skin is cast on one that is too thin.
     depth = "screw.engagement_mm + screw.tip_clearance_mm", d.screw.pilot_depth_mm
-    yield at_most(*depth, "frame height - shell.wall_mm", d.frame_height_mm - d.shell.wall_mm)
+    yield at_most(
+        "pilot", *depth, "frame height - shell.wall_mm", d.frame_height_mm - d.shell.wall_mm
+    )
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -84,14 +87,16 @@ def fits(d: Design) -> Iterator[PlayFit]:
     printer, screw, row = d.resin_printer, d.screw, d.screw.row
     pilot, major = printer.inner(row.pilot_mm), Length(row.thread_mm)
     parts = "skin-frame, screw"
-    yield PlayFit(f"{screw.thread} bites in its pilot", parts, (major,), (pilot,))
+    yield PlayFit("screw-bites", f"{screw.thread} bites in its pilot", parts, (major,), (pilot,))
     room = (
         printer.tall(d.z_boss_mm - d.z_head_mm),
         printer.tall(d.z_joint_mm - d.z_boss_mm),
         printer.tall(screw.pilot_depth_mm),
     )
     length = Length(screw.length_mm, screw_tolerance_mm(screw.length_mm))
-    yield PlayFit("screw ends before the pilot, z", f"{parts}, shell, cover", room, (length,))
+    yield PlayFit(
+        "screw-ends", "screw ends before the pilot, z", f"{parts}, shell, cover", room, (length,)
+    )
 
 
 def callouts(d: Design) -> Callouts:
@@ -174,13 +179,15 @@ def skin_build(design: Design) -> Shape:
     return block.cut(notches.rect(x + 1, y + 1).extrude(below_mm + 1)).val()
 
 
-def skin_rules(d: Design) -> Iterator[Rule]:
+def skin_rules(d: Design) -> Iterator[Check]:
     """The camera's picture ends within the face: there is nothing to see beside it."""
     for view_mm, px, side in zip(
         d.optics.view_mm, ("width", "height"), ("width", "length"), strict=True
     ):
         view = f"view (optics.image_{px}_px x mm_per_px)"
-        yield at_most(view, view_mm, f"skin.{side}_mm", getattr(d.skin, f"{side}_mm"))
+        yield at_most(
+            f"view-{side}", view, view_mm, f"skin.{side}_mm", getattr(d.skin, f"{side}_mm")
+        )
 
 
 def skin_note(d: Design) -> str:

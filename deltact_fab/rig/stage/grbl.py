@@ -25,10 +25,11 @@ from collections.abc import Callable
 from typing import Any
 
 from ...aliases import Vector
+from ...checks import Check
 from ...optics import StageFrame
 from ...protocols.motion import StageConfig
 from ...units import to_ns
-from ..interface import Clock, DeviceRow, StageState
+from ..interface import Clock, StageState
 from . import jogs
 from .controller import JOG_CANCEL, Controller
 from .exchange import BANNER, RESET, SETTING, TalkFault, state_in_words
@@ -67,7 +68,7 @@ class GrblStage:
         self._within_s = 0.0  # a position's time was off by at most so much
         self.whole_moves = False
         """The controller is told all of a move at once: where no host can die or be late."""
-        self.judged: list[DeviceRow] = []
+        self.judged: list[Check] = []
         """What `connect` found wrong with the controller's settings."""
 
     @classmethod

@@ -10,9 +10,9 @@ import math
 from collections.abc import Iterator, Mapping
 
 from ...aliases import Vector
+from ...checks import Check
 from ...protocols.limits import ends_mm
 from ...protocols.motion import StageConfig
-from ..interface import DeviceRow
 from .exchange import OPTIONS
 
 AXES = "XYZ"
@@ -33,9 +33,11 @@ HOMING_MARGIN_S = 10.0
 ROUNDING_MM = 0.002  # of a step and of three decimals
 
 
-def judge(
-    settings: Mapping[int, float], info: list[str], stage: StageConfig | None
-) -> list[DeviceRow]:
+Wrong = tuple[str, str]
+"""Id of a rule that does not hold, and what is wrong."""
+
+
+def judge(settings: Mapping[int, float], info: list[str], stage: StageConfig | None) -> list[Check]:
     """What is wrong, FAIL or WARN. settings: `$` numbers to values. info: the answer to `$I`.
 
     stage: as the rig file has it; None: nothing is known of it.
@@ -43,83 +45,93 @@ def judge(
     wanted = (*WHOLE, *(first + axis for first in BY_AXIS for axis in range(3)))
     missing = [f"${n}" for n in wanted if n not in settings]
     if missing:
-        return [DeviceRow("stage", "FAIL", f"the answer to $$ lacks {', '.join(missing)}")]
+        return [_failed("settings", f"the answer to $$ lacks {', '.join(missing)}")]
     options = next((found[1] for line in info if (found := OPTIONS.match(line))), "")
     hal = any("grblHAL" in line for line in info)
     wrong = (
         *_switches(settings, stage), *_homing(settings, options, hal),
         *_pull_off(settings, stage), *_numbers(settings, stage),
     )  # fmt: skip
-    return [DeviceRow("stage", "FAIL", text) for text in wrong] + _held(settings)
+    return [_failed(id, text) for id, text in wrong] + _held(settings)
 
 
-def refusal(rows: list[DeviceRow]) -> str:
+def refusal(rows: list[Check]) -> str:
     """The first rule that fails, and how many others do; "" if none does."""
-    failed = [row.text for row in rows if row.verdict == "FAIL"]
+    failed = [str(row.value) for row in rows if row.failed]
     more = f" (and {len(failed) - 1} more: see `rig check`)" if len(failed) > 1 else ""
     return failed[0] + more if failed else ""
 
 
-def _switches(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[str]:
+def _failed(id: str, text: str) -> Check:
+    return Check(f"stage.{id}", "stage", value=text, status="fail")
+
+
+def _switches(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[Wrong]:
     for n, bit, wrong, remedy in SWITCHES:
         if int(s[n]) & 1 != bit:
-            yield f"${n}={s[n]:g} ({wrong}); set {remedy} {AGAIN}"
+            yield f"setting-{n}", f"${n}={s[n]:g} ({wrong}); set {remedy} {AGAIN}"
     for n, what, key in (
         (3, "axes turned round", "direction_mask"),
         (23, "axes that home at their negative end", "homing_direction_mask"),
     ):
         found, mask = int(s[n]), getattr(stage, key, 0)
         if found & 7 != mask:
-            yield (
+            text = (
                 f"${n}={found} ({what}: {_axes(found)}), and the rig file says {mask} "
                 f"({_axes(mask)}): motion would be elsewhere; set ${n}={mask} {AGAIN}, or "
                 f"[stage] {key} = {found & 7} if the stage is built so"
             )
+            yield f"setting-{n}", text
     if s[32] != 0:
-        yield f"$32={s[32]:g} (laser or lathe mode); set $32=0 {AGAIN}"
+        yield "setting-32", f"$32={s[32]:g} (laser or lathe mode); set $32=0 {AGAIN}"
 
 
-def _homing(s: Mapping[int, float], options: str, hal: bool) -> Iterator[str]:
+def _homing(s: Mapping[int, float], options: str, hal: bool) -> Iterator[Wrong]:
     """Homing must leave the switches at 0, not the place where the carriage then stands.
 
     And a board must be locked until it was homed: Idle says then that its count is one.
     """
     homing = int(s[22])
     if "Z" in options:
-        yield (
+        text = (
             f"[OPT:{options}...] (built with HOMING_FORCE_SET_ORIGIN: homing sets 0 where it ends, "
             "which shifts the travel); flash a firmware without that option"
         )
+        yield "origin", text
     elif homing & SET_ORIGIN:
-        yield (
+        text = (
             f"$22={homing} (homing sets 0 where it ends, which shifts the travel); set "
             f"$22={homing & ~SET_ORIGIN} {AGAIN}"
         )
+        yield "origin", text
     if hal and not homing & LOCK_AT_START:
-        yield (
+        text = (
             f"$22={homing} (not locked at its start: it would move on a count that nobody homed); "
             f"set $22={homing | LOCK_AT_START} {AGAIN}"
         )
+        yield "lock", text
     elif not hal and "L" in options:
-        yield (
+        text = (
             f"[OPT:{options}...] (built without HOMING_INIT_LOCK: it would move on a count that "
             "nobody homed); flash a firmware with it"
         )
+        yield "lock", text
 
 
-def _pull_off(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[str]:
+def _pull_off(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[Wrong]:
     """A switch trips at the end of the travel: homing must leave the carriage off it."""
     found, told = s[27], None if stage is None else stage.pull_off_mm
     if not found > 0:
-        yield f"$27={found:g} mm; not > 0: homing ends on its switch"
+        yield "setting-27", f"$27={found:g} mm; not > 0: homing ends on its switch"
     elif told is not None and found > told + HALF_DIGIT:
-        yield (
+        text = (
             f"$27={found:g} mm, and [stage] pull_off_mm is {told:g}: homing ends outside of the "
             f"travel; set $27={told:g}, or pull_off_mm = {found:g}"
         )
+        yield "setting-27", text
 
 
-def _numbers(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[str]:
+def _numbers(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[Wrong]:
     needed = {110: "max_feed_mm_min", 120: "acceleration_mm_s2", 130: "travel_mm"}
     for first, unit in BY_AXIS.items():
         key = needed.get(first, "")
@@ -128,15 +140,16 @@ def _numbers(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[str]
             n, found = first + axis, s[first + axis]
             least = need[axis]
             if not found > 0:
-                yield f"${n}={found:g} {unit}; not > 0"
+                yield f"setting-{n}", f"${n}={found:g} {unit}; not > 0"
             elif found < least - HALF_DIGIT:
-                yield (
+                text = (
                     f"{letter} has {found:g} {unit} (${n}); {least:g} needed: set ${n}={least:g} "
                     f"if the stage can do it, or less in [stage] {key}"
                 )
+                yield f"setting-{n}", text
 
 
-def _held(s: Mapping[int, float]) -> list[DeviceRow]:
+def _held(s: Mapping[int, float]) -> list[Check]:
     """With the motors off at rest a gel that is pressed pushes the axes back."""
     delay = s.get(1, ALWAYS_ON)
     if delay == ALWAYS_ON:
@@ -145,7 +158,7 @@ def _held(s: Mapping[int, float]) -> list[DeviceRow]:
         f"$1={delay:g} (motors are off {delay:g} ms after each move: a gel under load may push "
         "the axes back); set $1=255 unless the screws hold by themselves"
     )
-    return [DeviceRow("stage", "WARN", text)]
+    return [Check("stage.setting-1", "stage", value=text, status="warn")]
 
 
 def _axes(mask: int) -> str:

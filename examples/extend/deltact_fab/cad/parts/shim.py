@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ...checks import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts
 from ..kernel import Box, Shape, require
 from ..part import PRINT, RESIN, Part
-from ..rule import Rule, at_most
+from ..rule import at_most
 
 
 def size(d: Design) -> tuple[float, float, float]:
@@ -26,9 +27,9 @@ def build(d: Design) -> Shape:
     return require().Solid.makeBox(*size(d))
 
 
-def rules(d: Design) -> Iterable[Rule]:
+def rules(d: Design) -> Iterable[Check]:
     """Thick enough to print."""
-    yield at_most("1", 1.0, "shell.wall_mm", d.shell.wall_mm)
+    yield at_most("thick", "1", 1.0, "shell.wall_mm", d.shell.wall_mm)
 
 
 def callouts(d: Design) -> Callouts:

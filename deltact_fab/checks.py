@@ -1,0 +1,62 @@
+"""A check: one figure held against a limit, and the one way to sum many of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+Status = Literal["pass", "not run", "warn", "fail"]
+STATUSES: tuple[Status, ...] = ("pass", "not run", "warn", "fail")
+"""From the best to the worst."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One figure held against its limit.
+
+    id: unique in a list of checks and independent of all words. name, subject: what is checked, of
+    which part, axis or device. value, limit: numbers, or texts with their units. basis: what the
+    value rests on: keys of a design that nobody has measured, steps of a protocol. remedy: what
+    to do where it fails. sign: how a value must stand to its limit, where both are numbers.
+    margin: distance to the limit, at least 0 where it passes; None where it is no one number.
+    """
+
+    id: str
+    name: str = ""
+    subject: str = ""
+    value: float | str = ""
+    limit: float | str = ""
+    status: Status = "pass"
+    basis: tuple[str, ...] = ()
+    remedy: str = ""
+    sign: Literal["<", "<=", ">=", ""] = ""
+    margin: float | None = None
+
+    @property
+    def failed(self) -> bool:
+        """Whether it fails; what warns or was not run does not."""
+        return self.status == "fail"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data; a number that is not finite is None."""
+        return {
+            key: None if isinstance(v, float) and not math.isfinite(v) else v
+            for key, v in asdict(self).items()
+        }
+
+
+def graded(passed: bool, warns: bool = False) -> Status:
+    """The status of a check that passes or not, and may pass with a warning."""
+    return "fail" if not passed else "warn" if warns else "pass"
+
+
+def worst(checks: Iterable[Check]) -> Status:
+    """The verdict on all of them together."""
+    return max((check.status for check in checks), key=STATUSES.index, default="pass")
+
+
+def passes(checks: Iterable[Check]) -> bool:
+    """Whether none fails."""
+    return worst(checks) != "fail"
