@@ -93,3 +93,17 @@ def test_a_board_without_holes_is_bonded_and_takes_no_screws():
     assert "camera-screw" not in [part.name for part in of_design(design)]
     # It lies further off the middle than screws would have it.
     assert off_axis(design)[0].mean_mm > off_axis(BASE)[0].mean_mm
+
+
+@pytest.mark.parametrize(
+    ("changes", "room_mm"),
+    [
+        ({"connector_height_mm": 4.0}, 4.4),
+        ({"cable_height_mm": 3.0}, 4.7),
+        ({"board_mm": 2.1}, 3.4),  # its screws are 5 mm long
+    ],
+)
+def test_behind_the_board_is_room_for_the_highest(changes, room_mm):
+    flat = replace(BASE.camera, connector_height_mm=1.0, cable_height_mm=0.5)
+    design = solved(wish_of("36x34"), replace(BASE, camera=replace(flat, **changes)))
+    assert design.holder.clearance_mm == pytest.approx(room_mm)
