@@ -45,6 +45,18 @@ shear_increment_mm = 0.5
 """
 
 
+def first_press(run: Path, out: Path) -> Path:
+    """A copy of a run with the images of its first press alone, before it is sheared."""
+    shutil.copytree(run, out)
+    with sqlite3.connect(out / "journal.sqlite") as db:
+        db.execute(
+            "DELETE FROM frames WHERE kind = 'shear' OR step_id LIKE '%/after' "
+            "OR press <> (SELECT press FROM frames ORDER BY seq LIMIT 1)"
+        )
+    db.close()
+    return out
+
+
 class ShortRun:
     """protocol, rig: paths of the files. presses: names, in order."""
 

@@ -157,6 +157,15 @@ def test_workers_share_the_processors_unless_a_number_is_set(
         assert asked or (of_cv2, inside) == (3, 3)
 
 
+def test_a_worker_keeps_threads_that_the_user_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["OMP_NUM_THREADS", "MKL_NUM_THREADS"]
+    monkeypatch.setenv(names[0], "5")
+    monkeypatch.delenv(names[1], raising=False)
+    monkeypatch.setattr(jobs.local, "processors", lambda: 3)
+    with jobs.executor(workers=1) as workers:
+        assert jobs.each(os.getenv, names, names, workers) == ["5", "3"]
+
+
 @pytest.mark.parametrize(
     ("on", "workers", "says"),
     [

@@ -110,6 +110,23 @@ def test_a_frame_has_force_and_pose_of_its_own_time_and_the_skew(tmp_path: Path)
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("t_press_s", "force_skew_s", "pose_skew_s"),
+    [(0.8, 0.1, 0.2), (1.01, 0.006, 0.01), (1.09, 0.01, 0.09), (2.2, 0.5, 0.2)],
+)
+def test_skew_counts_to_the_nearer_sample_either_side(
+    tmp_path: Path, t_press_s: float, force_skew_s: float, pose_skew_s: float
+) -> None:
+    run = writer(tmp_path / "r")
+    run.frame(STEP, 1, None, t_press_s + 0.5, 0.0, t_press_s)
+    samples = force(np.array([0.9, 1.004, 1.1, 1.7]))
+    run.step(STEP, 2.0, 1.0, 3.0, [samples, pose([1.0, 1.5, 2.0], [-1.0, -1.2, -1.6])])
+    run.abandon()
+    (row,) = record.open(tmp_path / "r").frames().to_dict("records")
+    assert row["force_skew_s"] == pytest.approx(force_skew_s)
+    assert row["pose_skew_s"] == pytest.approx(pose_skew_s)
+
+
 def test_a_damaged_chunk_is_told_by_its_step(tmp_path: Path) -> None:
     run = writer(tmp_path / "r")
     run.step(STEP, 2.0, 1.0, 3.0, [force(np.arange(100) / 1000)])

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
+import sqlite3
 from contextlib import closing
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from called import called
+from short_run import first_press
 
+from deltact_fab import record
+from deltact_fab.analysis.flows import flows_of
 from deltact_fab.analysis.shape import GOALS
+from deltact_fab.analysis.shape.ball import MIN_COVER, calibrate_depth
+from deltact_fab.errors import InputError
+from deltact_fab.measure.face import EVERY_PX
 from deltact_fab.measure.shape import DepthModel
+from deltact_fab.record import encode_png
 
 
 def refused(*words: str | Path) -> str:
@@ -24,8 +35,6 @@ def refused(*words: str | Path) -> str:
 
 def without_balls(run: Path, to: Path) -> Path:
     """A copy whose frames are all of the other indenter."""
-    import sqlite3
-
     shutil.copytree(run, to)
     with closing(sqlite3.connect(to / "journal.sqlite")) as db, db:
         db.execute("DELETE FROM frames WHERE indenter LIKE 'sphere:%'")
@@ -109,3 +118,30 @@ def test_a_bench_without_truth_has_its_gallery_and_pressures_and_no_errors(
     assert not {name for one in frames for name in one if "true" in name}
     for name in ("shape", "force-distribution"):
         assert (tmp_path / f"{name}.svg").stat().st_size > 10_000
+
+
+def spoil(image: np.ndarray, way: str) -> np.ndarray:
+    """Grey: the luma is followed and no colour bears it out. Hidden: nearly half is not seen."""
+    if way == "grey":
+        return np.repeat(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)[..., None], 3, axis=2)
+    image = image.copy()
+    image[:, : image.shape[1] * 45 // 100] = 90
+    return image
+
+
+@pytest.mark.parametrize(("way", "trusted"), [("grey", False), ("hidden", True)])
+def test_depth_is_calibrated_on_trusted_and_covered_flow(
+    mini_run: Path, tmp_path: Path, way: str, trusted: bool
+) -> None:
+    run = record.open(first_press(mini_run, tmp_path / "run"))
+    last = run.frames().iloc[-1]
+    png = encode_png(spoil(run.image(last["file"]), way))
+    (run.folder / last["file"]).write_bytes(png)
+    with sqlite3.connect(run.folder / "journal.sqlite") as db:
+        digest = hashlib.sha256(png).hexdigest()
+        db.execute("UPDATE frames SET sha256 = ? WHERE file = ?", (digest, last["file"]))
+    db.close()
+    (flow,) = flows_of(record.open(run.folder), last["press"], EVERY_PX)
+    assert (flow.trusted, flow.cover >= MIN_COVER) == (trusted, not trusted)
+    with pytest.raises(InputError, match="and the flow is trusted"):
+        calibrate_depth(run.folder)

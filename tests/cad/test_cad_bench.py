@@ -8,12 +8,13 @@ from dataclasses import replace
 import pytest
 from solids import common_mm3, made
 
-from deltact_fab.cad.check import arithmetic
-from deltact_fab.cad.design import load_design
+from deltact_fab.cad.check import arithmetic, together
+from deltact_fab.cad.check.built import BuiltDesign
+from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
 from deltact_fab.cad.fabrication import quantities
 from deltact_fab.cad.features import features_of
 from deltact_fab.cad.parts import light_holder
-from deltact_fab.cad.registry import find
+from deltact_fab.cad.registry import find, listed
 from deltact_fab.cad.sensor_sections import LightDimensions
 
 D = load_design()
@@ -103,3 +104,24 @@ def test_a_led_wider_than_its_piece_of_strip_is_refused() -> None:
     assert [rule.failed for rule in rules] == [False, False]
     wide = replace(D, light=LightDimensions(leds_per_m=240))
     assert [rule.failed for rule in light_holder.strip_rules(wide)] == [True, False]
+
+
+class Boxed(BuiltDesign):
+    """Boxes by their closed forms, and nothing shares room: no solid is built."""
+
+    def fact(self, what, names, compute, given=None):
+        part = self.part(names[0])
+        return part.box(part.source(self.design)) if what == "box" else 0.0
+
+
+@pytest.mark.parametrize(("depth_mm", "holds"), [(5.0, True), (7.5, False)])
+def test_the_bench_reaches_with_its_shortest_indenter(tmp_path, monkeypatch, depth_mm, holds):
+    short = '[shape.short]\ntips = [{kind = "ball", radius_mm = 2.0}]\nreach_mm = 8.0\n'
+    (tmp_path / "indenters.toml").write_text(short)
+    monkeypatch.chdir(tmp_path)
+    indenters = IndenterList(indenter=(ListedIndenter("sphere:10"), ListedIndenter("short")))
+    design = load_design(changes=[f"plate.depth_mm={depth_mm}"])
+    rows = together.bench(Boxed(design, tuple(listed(indenters, design))))
+    (reach,) = (row for row in rows if row.id == "bench-reach")
+    assert f"{8.0 - depth_mm:.1f} mm or more above the face (indenter-short)" in str(reach.value)
+    assert reach.failed != holds

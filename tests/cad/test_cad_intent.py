@@ -127,3 +127,17 @@ def test_every_remedy_is_of_a_check_that_there_is():
     camera = load_camera("rpi-camera-3")
     ids |= {check.id for check in visibility.view(replace(BASE, camera=camera))}
     assert set(intent.REMEDIES) - ids == {"light-cone"}  # `failures` gives that one itself
+
+
+@pytest.mark.parametrize(
+    ("changes", "room_mm"),
+    [
+        ({"connector_height_mm": 4.0}, 4.4),
+        ({"cable_height_mm": 3.0}, 4.7),
+        ({"board_mm": 2.1}, 3.4),  # its screws are 5 mm long
+    ],
+)
+def test_behind_the_board_is_room_for_the_highest(changes, room_mm):
+    flat = replace(BASE.camera, connector_height_mm=1.0, cable_height_mm=0.5)
+    design = solved(wish_of("36x34"), replace(BASE, camera=replace(flat, **changes)))
+    assert design.holder.clearance_mm == pytest.approx(room_mm)

@@ -11,7 +11,7 @@ import pytest
 from deltact_fab.aliases import Field
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
-from deltact_fab.gel.level import GelContact, Level, Reach, State, follow
+from deltact_fab.gel.level import GelContact, IncrementDiagnostics, Level, Reach, State, follow
 from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.linear.contact import ContactState
 from deltact_fab.gel.linear.gel import LinearGel
@@ -200,6 +200,15 @@ def test_a_long_increment_with_friction_is_parted_and_tells_the_work_of_all_part
     press = contact.press  # type: ignore[attr-defined]
     bare = press.solve(press.rest(), tip).force_n[2] * press.mesh.copies
     assert bare != pytest.approx(fine.force_n[2], rel=0.1)
+
+
+def test_parts_as_one_keep_every_count() -> None:
+    counts = ("iterations", "factorisations", "damped", "lagged", "cuts")
+    first, last = (
+        IncrementDiagnostics(**dict.fromkeys(counts, n), residual=0.1 / n, flags=(f"n: {n}",))
+        for n in (2, 5)
+    )
+    assert IncrementDiagnostics.over([first, last]) == replace(last, **dict.fromkeys(counts, 7))
 
 
 def test_an_increment_on_which_pressure_and_friction_do_not_agree_is_halved(

@@ -30,10 +30,16 @@ TOLERANCE, RADIUS_MM, DEPTH_MM = 0.03, 4.0, 3.0
 
 
 class Gel:
-    """A contact whose force is off by given functions of cell and step; nothing is solved."""
+    """A contact whose force is off by given functions of cell and step; nothing is solved.
 
-    def __init__(self, choice: Choice, force: Any, dofs: int) -> None:
+    field_mm: the face's displacement, by the cells. lacking_rel: see `GelContact.lacking_rel`.
+    """
+
+    def __init__(
+        self, choice: Choice, force: Any, dofs: int, field_mm: Any, lacking_rel: float
+    ) -> None:
         self.choice, self.dofs, self._force = choice, dofs, force
+        self._field_mm, self._lacking_rel = field_mm(choice.spacing_mm), lacking_rel
         self.x_mm = self.y_mm = np.arange(3.0)
 
     def rest(self, tip_mm: Any) -> Any:
@@ -43,7 +49,7 @@ class Gel:
         return None
 
     def lacking_rel(self, state: Any) -> float:
-        return 0.0
+        return self._lacking_rel
 
     def solve(self, previous: Any, tip_mm: Any, seconds: float, guide: Any) -> Any:
         return self._state(tip_mm, self._force(self.choice.spacing_mm, self.choice.step_mm))
@@ -54,7 +60,7 @@ class Gel:
             force_n=(0.0, 0.0, -size_n),
             torque_nmm=(0.0, 0.0, 0.0),
             zones=(Zones(1.0), np.zeros((3, 3), np.uint8)),
-            displacement_mm=np.zeros((3, 3, 3)),
+            displacement_mm=np.full((3, 3, 3), self._field_mm),
             diagnostics=IncrementDiagnostics(),
         )
 
@@ -67,13 +73,14 @@ def chosen(friction: float, spacing_mm: float = 1.6) -> Choice:
 
 
 def ladder(
-    force: Any, dofs: int = 1000, edge_mm: float = 5.0, unknowns: Any = lambda choice: 1000
-) -> MeshConvergence:
+    force: Any, dofs: int = 1000, edge_mm: float = 5.0, unknowns: Any = lambda choice: 1000,
+    field_mm: Any = lambda spacing_mm: 0.0, lacking_rel: float = 0.0,
+) -> MeshConvergence:  # fmt: skip
     """Of a gel that is solved by formula, at the level of finite strain."""
     down = KnotPose((0.0, 0.0, -DEPTH_MM), 0.0, 1.0)
 
     def opener(choice: Choice, like: PathSolver | None) -> PathSolver:
-        gel: Any = Gel(choice, force, dofs)
+        gel: Any = Gel(choice, force, dofs, field_mm, lacking_rel)
         return PathSolver(lambda: gel, [down], observed=OBSERVED, like=like, keeps_states=True)
 
     return MeshConvergence(opener, unknowns, RADIUS_MM, edge_mm, TOLERANCE)
@@ -104,6 +111,21 @@ def test_an_error_of_second_order_is_what_is_told() -> None:
     assert finer.estimate["force_rel"] <= TOLERANCE
     assert f"taken {finer.run.choice.spacing_mm:.3g} mm" in finer.run.choice.why
     assert finer.estimate["force_rel"] > TOLERANCE / 2  # no finer than needed
+
+
+@pytest.mark.parametrize(("lacking_rel", "adds"), [(-0.04, 0.04), (0.0, 0.0)])
+def test_a_light_press_adds_its_ramp_to_error(lacking_rel: float, adds: float) -> None:
+    press = ladder(lambda h, step: 10.0, lacking_rel=lacking_rel).refine(chosen(0.0), free=False)
+    edge = EDGE * (1.6 / RADIUS_MM) ** 2
+    assert press.estimate["force_rel"] == pytest.approx(edge + adds)
+
+
+def test_a_mesh_keeps_to_force_and_in_plane() -> None:
+    meshes = ladder(lambda h, step: 10.0, field_mm=lambda h: 0.02 * h**2)
+    by_both = meshes.refine(chosen(0.0), free=True)
+    by_force = ladder(lambda h, step: 10.0).refine(chosen(0.0), free=True)
+    assert by_both.run.choice.spacing_mm < 0.9 * by_force.run.choice.spacing_mm
+    assert 0 < by_both.estimate["displacement_mm"] <= meshes.in_plane_mm
 
 
 def test_steps_that_cost_too_much_are_made_smaller_on_the_coarsest_mesh() -> None:

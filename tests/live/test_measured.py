@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from short_run import first_press
 
 from deltact_fab import record
+from deltact_fab.analysis.force import write_calibration
 from deltact_fab.analysis.measured import FORCE, calibrations_of, measured
 from deltact_fab.errors import InputError
 from deltact_fab.live.open import measurement_of, open_source
 from deltact_fab.live.outputs import HealthOutput, JsonLines, StatusLine
 from deltact_fab.live.picture import LOST, data
 from deltact_fab.live.session import MeasuredImage, Session
+from deltact_fab.measure.force.calibration import load_force
 
 PRESSED = 2
 """The image at the end of the first press: a ball of 10 mm, 1 mm deep, at (.5, -.5)."""
@@ -110,6 +114,29 @@ def test_what_the_page_draws_is_what_was_measured(
     assert len(arrows) == len(told["flow"]["x_mm"]) * len(told["flow"]["y_mm"])
     assert np.nanmax(np.hypot(*arrows.T)) <= told["motion"] + 0.02
     assert len(told["contacts"][0]["seen_mm"]) == len(told["contacts"][0]["outline_mm"])
+
+
+@pytest.mark.parametrize(
+    ("source", "own"), [("{name}", True), ("{folder}", True), ("another", False)]
+)
+def test_a_calibration_of_this_run_is_no_test(
+    mini_run: Path, calibrations: list[Path], tmp_path: Path, source: str, own: bool
+) -> None:
+    run = record.open(first_press(mini_run, tmp_path / "renamed"))
+    names = {"name": run.meta["name"], "folder": "renamed"}
+    assert len({*names.values()}) == 2
+    calibration, file = load_force(calibrations[0]), tmp_path / "force.toml"
+    head = calibration.head
+    head = replace(head, made=replace(head.made, runs=("first", source.format(**names))))
+    write_calibration(replace(calibration, head=head), file)
+    force = measured(run, [file]).force
+    assert force is not None
+    assert force.rms_n is not None
+    assert force.own == own
+    assert ("this is no test of it" in force.line) == own
+    for beyond in (False, True):
+        table = force.frames.assign(extrapolated=beyond)
+        assert replace(force, frames=table).doubtful == (own or beyond)
 
 
 def _bytes(text: str) -> bytes:

@@ -100,6 +100,18 @@ def test_states_tell_matched_from_predicted_from_lost(make_scene):
     assert (last.state[200:240, 220:300] == FlowState.LOST).all()
 
 
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_lost_face_returns_at_rest_or_displaced(make_scene, make_bump, share):
+    scene = make_scene(320, 256, margin=130)
+    bump = make_bump((160, 128), 60, shift_px=(90, 0))
+    images = [scene.picture(bump.scaled(k / 9), k) for k in range(10)]
+    dark, end = np.zeros_like(images[0]), bump.scaled(share)
+    frames = follow([*images, dark, scene.picture(end, 20)])[-3:]
+    assert [frame.diagnostics.trusted for frame in frames] == [True, False, True]
+    error_px = off_px(frames[-1].flow_px, end.flow_px(256, 320))[frames[-1].confident]
+    assert error_px.mean() < 0.1
+
+
 def test_a_fill_continues_what_its_neighbours_do(monkeypatch):
     y, x = np.mgrid[:120, :160].astype(np.float32)
     truth = np.stack((3 + 0.2 * x - 0.1 * y, -4 + 0.05 * x + 0.15 * y), -1)

@@ -5,19 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltact_fab.measure.face import FaceFlow, rigid
+from deltact_fab.measure.face import FaceFlow, rigid, whole
 from deltact_fab.measure.flow import FlowDiagnostics, FlowObservation, FlowState
 from deltact_fab.optics import Pinhole
 
 CAMERA = Pinhole(0.04, 102, 78, 14.0)
 
 
-def _seen(flow: np.ndarray, state: np.ndarray | None = None) -> FlowObservation:
+def _seen(
+    flow: np.ndarray, state: np.ndarray | None = None, visible: np.ndarray | None = None
+) -> FlowObservation:
     shape = flow.shape[:2]
     state = np.full(shape, FlowState.MATCHED, np.uint8) if state is None else state
     said = FlowDiagnostics(1, 0, 1.0, True, 1.0, 0.0)
     yes = np.ones(shape, bool)
-    return FlowObservation(flow.astype(np.float32), yes, yes, state, said)
+    visible = yes if visible is None else visible
+    return FlowObservation(flow.astype(np.float32), visible, yes, state, said)
 
 
 def _linear(every: int) -> np.ndarray:
@@ -57,6 +60,29 @@ def test_what_is_lost_enters_no_mean_and_a_cell_of_lost_pixels_is_not_known():
     assert not face.known[0, :2].any()
     assert face.known.sum() == face.known.size - 2
     assert np.abs(face.shift_mm[face.known]).max() == 0
+
+
+def test_a_matched_point_out_of_view_is_unknown():
+    flow, visible = np.zeros((78, 102, 2)), np.ones((78, 102), bool)
+    flow[:4, :8], visible[:4, :8] = 50.0, False
+    face = FaceFlow.of(_seen(flow, visible=visible), CAMERA, 4)
+    assert not face.known[0, :2].any()
+    assert face.known.sum() == face.known.size - 2
+    assert np.abs(face.shift_mm[face.known]).max() == 0
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("far_mm", [9.0, -9.0, np.inf, np.nan])
+def test_motion_wider_than_the_view_is_filled(far_mm, axis):
+    """The view is 7 x 3 mm."""
+    shift = np.full((7, 15, 2), 0.1, np.float32)
+    shift[3, 4, axis] = far_mm
+    flow = FaceFlow(shift, np.ones((7, 15), bool), np.arange(15) * 0.5, np.arange(7) * 0.5)
+    result = whole(flow)
+    assert np.argwhere(~result.known).tolist() == [[3, 4]]
+    assert result.shift_mm[3, 4] == pytest.approx([0.1, 0.1], abs=0.01)
+    shift[3, 4, axis] = 6.0
+    assert whole(flow) is flow
 
 
 def test_the_best_rigid_motion_has_its_shift_and_the_turn_s_sign():

@@ -11,6 +11,7 @@ import pytest
 
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.measure.face import EVERY_PX
+from deltact_fab.measure.flow import FlowState
 from deltact_fab.measure.force import ForceModel, make_features
 from deltact_fab.measure.pipeline import Measurement, Pipeline, outputs
 from deltact_fab.measure.sensor_id import SensorModel
@@ -186,3 +187,16 @@ def test_an_image_on_which_nothing_is_found_is_flagged_and_never_nan(
         assert np.isfinite(result.flow.shift_mm).all()
         assert np.isfinite(result.force.force_n).all()
     assert measurement.update(images[2]).trusted
+
+
+def test_cover_counts_points_visible_and_known(make_scene: Any, make_bump: Any):
+    scene = make_scene(W, H)
+    image = scene.picture(make_bump((100, 80), 45, shift_px=(5, 0), press_px=6), 1)
+    image[40:150, 20:120] = 90  # hides the pattern
+    measurement = Measurement(CAMERA, ["observation"])
+    measurement.update(scene.picture())
+    result: Any = measurement.update(image)
+    visible, known = result.observation.visible, result.observation.state > FlowState.LOST
+    assert (known & ~visible).any()
+    assert (visible & ~known).any()
+    assert result.cover == np.mean(visible & known)

@@ -150,6 +150,41 @@ def test_a_lift_is_let_go_on_unless_the_force_still_grows(bench: Bench) -> None:
         assert bench.stage.position_mm()[2] < 13.0
 
 
+@pytest.mark.parametrize(
+    ("values", "goes_on"),
+    [
+        ({"fz": -9.0 * 1.2}, True),  # over the limit and over what tripped it
+        ({"fz": -9.0 * 1.3}, False),
+        ({"fx": 3.9, "fz": -9.0}, True),
+        ({"fx": 4.1}, False),
+        ({"tx": 51.0}, False),
+    ],
+)
+def test_a_lift_has_margin_only_where_it_tripped(
+    bench: Bench, values: dict[str, float], goes_on: bool
+) -> None:
+    bench.guard.watch(bench.samples(fz=-9.0))
+    with bench.guard.easing():
+        bench.stage.start_move((0.0, 0.0, 10.0), 600)
+        bench.watched(0.1, **values)
+        bench.clock.sleep_s(1.0)
+    assert (bench.controller.position_mm()[2] + 20.0 > 9.9) == goes_on
+
+
+def test_a_lift_leaves_no_limit_wider(bench: Bench) -> None:
+    bench.guard.watch(bench.samples(fz=-20.0))
+    with bench.guard.easing():
+        bench.watched(0.01, fz=-20.0)
+    bench.guard.rearm()
+    bench.guard.watch(bench.samples(fz=-8.3))
+    assert bench.guard.tripped == "Fz = -8.30 N, over the guard's 8 N"
+    with bench.guard.easing():
+        bench.stage.start_move((0.0, 0.0, 10.0), 600)
+        bench.watched(0.1, fz=-12.0)
+        bench.clock.sleep_s(1.0)
+    assert bench.controller.position_mm()[2] + 20.0 < 9.0
+
+
 def test_a_lost_sensor_and_homing_are_stopped_as_well(bench: Bench) -> None:
     bench.stage.start_move((0.0, 0.0, -10.0), 600)
     bench.clock.sleep_s(0.3)

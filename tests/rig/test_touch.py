@@ -47,6 +47,14 @@ def test_the_height_is_right_within_a_fiftieth(name: str, noise_n: float, longer
     assert it.stage.position_mm()[2] == pytest.approx(10.0, abs=0.002)
 
 
+@pytest.mark.parametrize(("x_mm", "y_mm"), [(3.0, -2.0), (-4.0, 5.0)])
+def test_torque_is_the_arm_times_the_force(x_mm: float, y_mm: float) -> None:
+    face = bench("sphere:10", homed=False).face
+    wrench = face.wrench((-60.0 + x_mm, -60.0 + y_mm, -41.0))
+    assert wrench[2] < -1.0
+    assert wrench[3:] == pytest.approx(np.cross((x_mm, y_mm, 0.0), wrench[:3]))
+
+
 @pytest.mark.slow
 def test_repeats_are_compared_and_the_guard_looks_on() -> None:
     it = bench("sphere:10")

@@ -12,7 +12,15 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.cad.registry import find
 from deltact_fab.errors import InputError
 from deltact_fab.gel.level import is_mirrored
-from deltact_fab.shapes import EllipsoidTip, PosedTip, RidgeTip, SphereTip, indenter
+from deltact_fab.shapes import (
+    EllipsoidTip,
+    PosedTip,
+    PrismTip,
+    RidgeTip,
+    SphereTip,
+    TurnedTip,
+    indenter,
+)
 from deltact_fab.shapes.own import OwnShape, OwnTip
 
 OWN = ("cross", "tilted-edge", "two-axis")
@@ -55,6 +63,20 @@ def test_a_tilted_spheroid_is_its_quadric():
     c = q[0, 0] * dx**2 + 2 * q[0, 1] * dx * dy + q[1, 1] * dy**2 - 1
     exact = middle[2] + (-b - np.sqrt(b**2 - q[2, 2] * c)) / q[2, 2]
     assert tip.height_mm(x, y) == pytest.approx(exact, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "upright",
+    [TurnedTip.cylinder(4.5, 0.3), PrismTip.polygon(6, 4.5), EllipsoidTip(0.0, 0.0, 4.5, 3.0)],
+    ids=lambda tip: type(tip).__name__,
+)
+def test_a_tilted_tip_holds_its_ball_of_radius(upright):
+    tip = PosedTip(upright, 0.4, -0.2, tilt_x_deg=20.0, tilt_y_deg=10.0)
+    x, y = tip.lowest_mm
+    d = tip.radius_mm * np.linspace(0, 1 - 1e-9, 40)[:, None]
+    angle = np.linspace(0, 2 * np.pi, 49)[None]
+    height = tip.height_mm(x + d * np.cos(angle), y + d * np.sin(angle))
+    assert np.all(height <= tip.radius_mm - np.sqrt(tip.radius_mm**2 - d**2) + 1e-6)
 
 
 @pytest.mark.parametrize("name", OWN)

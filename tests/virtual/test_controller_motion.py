@@ -133,3 +133,22 @@ def test_the_carriage_never_jumps(script: list[tuple[bytes, int, bytes, float]])
         assert all(s.speed_mm_s(t) <= top * (1 + 1e-9) for t in between)
         assert math.dist(s.position_mm(s.end_ns - 1), s.end_mm) <= top * 2e-9 + 1e-9
     assert not path or path[-1].end_mm == grbl.position_mm()
+
+
+def test_a_switch_trips_towards_it_and_not_leaving() -> None:
+    """The axis has coasted over its switch, on which it still stands after the next move."""
+    clock, grbl = ready(_20=0, _21=1)
+
+    def reply(line: bytes, wait_s: float = 1.0) -> bytes:
+        grbl.write(line)
+        clock.sleep_s(wait_s)
+        return grbl.read_available()
+
+    assert b"ALARM:1" in reply(b"$J=X2F900\n", 2)
+    over_mm = grbl.position_mm()[0]
+    assert over_mm > 0.1
+    reply(b"\x18", 3)
+    reply(b"$X\n")
+    assert reply(b"$J=G91X-0.05F60\n") == b"ok\r\n"
+    assert grbl.position_mm()[0] == pytest.approx(over_mm - 0.05, abs=2e-3)
+    assert b"ALARM:1" in reply(b"$J=G91X0.05F60\n")

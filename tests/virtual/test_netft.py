@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from deltact_fab.errors import SensorError, SolverError
 from deltact_fab.rig.config import ForceConfig
-from deltact_fab.rig.force.netft import NetFTSensor
+from deltact_fab.rig.force.netft import NetFTSensor, NetFTSettings
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.netft import COMMAND, HEADER, RECORD, STREAM, LockstepLink, NetFTBox
 
@@ -155,3 +157,39 @@ def test_the_largest_sensor_and_the_most_noise_fit_into_a_record() -> None:
     assert samples.saturated[-1]
     assert samples.force_n[-1, 2] == pytest.approx(-9e4, abs=1e3)
     assert samples.torque_nmm[-1, 2] == pytest.approx(-8e6, abs=1e4)
+
+
+class OffQuartz(LockstepLink):
+    """A box that states the nominal rate and streams at its quartz's own."""
+
+    def settings(self) -> NetFTSettings:
+        return replace(super().settings(), rate_hz=1000.0)
+
+
+@pytest.mark.parametrize("ppm", [-100, 100])
+def test_sample_times_follow_the_drift_of_either_clock(ppm: int) -> None:
+    clock = VirtualClock()
+    box = NetFTBox(ForceConfig(rate_hz=1000.0 * (1 + ppm / 1e6)), clock, 1, Hand(), 0.0)
+    sensor = NetFTSensor(OffQuartz(box), clock)
+    sensor.start()
+    for _ in range(30):
+        clock.sleep_s(1.0)
+        samples = sensor.read()
+    # By the number in the stream alone it would be 3 ms off by now.
+    assert samples.t_ns[-1] == pytest.approx(clock.now_ns(), abs=0.3e6)
+    assert samples.late == 0
+
+
+def test_an_earlier_tie_turns_no_time_back() -> None:
+    """All that came so far came late."""
+    sensor, box, _, clock = bench()
+    box.faults.late_s = 0.03
+    sensor.start()
+    parts = []
+    for wait_s in (0.1, 0.05, 0.05):
+        clock.sleep_s(wait_s)
+        parts.append(sensor.read())
+        box.faults.late_s = 0.0
+    t_ns = np.concatenate([part.t_ns for part in parts])
+    assert (np.diff(t_ns) > 0).all()
+    assert t_ns[-1] == clock.now_ns()
