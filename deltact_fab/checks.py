@@ -36,7 +36,7 @@ class Check:
 
     @property
     def failed(self) -> bool:
-        """Whether it fails; what warns or was not run does not."""
+        """True where it fails; what warns or was not run does not."""
         return self.status == "fail"
 
     def as_dict(self) -> dict[str, Any]:
@@ -58,5 +58,5 @@ def worst(checks: Iterable[Check]) -> Status:
 
 
 def passes(checks: Iterable[Check]) -> bool:
-    """Whether none fails."""
+    """True where none fails."""
     return worst(checks) != "fail"

@@ -101,7 +101,7 @@ class PrintCheck:
 
     @property
     def passed(self) -> bool:
-        """Whether no row fails."""
+        """True where no row fails."""
         return passes(self.rows)
 
     def as_dict(self) -> dict[str, Any]:

@@ -57,7 +57,7 @@ def finding(id: str, text: str, status: Status = "pass") -> Check:
 
 
 def verdict(checks: Iterable[Check]) -> Verdict:
-    """Of all that a page has to say for and against what it shows."""
+    """Sum of all that a page has to say for and against what it shows."""
     once = tuple({(check.value, check.status): check for check in checks}.values())
     return Verdict(once, worst(once))
 

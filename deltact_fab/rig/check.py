@@ -71,11 +71,8 @@ def _stage(config: GrblConfig) -> Iterator[Check]:
         yield _row("stage", "answer", "pass", text)
     yield from stage.judged
     if refused and passes(stage.judged):
-        remedy = (
-            "check its power and cable, [stage] port and baud, and that no other program has the "
-            "port"
-        )
-        yield _row("stage", "connection", "fail", refused, remedy)
+        remedy = "check its power and cable, [stage] port and baud, and that no other program has"
+        yield _row("stage", "connection", "fail", refused, f"{remedy} the port")
 
 
 def _presses(config: GrblConfig) -> Iterator[Check]:

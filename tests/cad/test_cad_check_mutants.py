@@ -80,6 +80,7 @@ def test_without_a_fault_nothing_fails(sound):
     rows = [row for check in CHECKS for row in sound.rows[check]]
     found = {(row.name, row.subject): row.value for row in rows}
     assert [row for row in rows if row.failed] == []
+    assert len({row.id for row in rows}) == len(rows) > 30
     assert found["envelope", "assembly"] == "39 x 60 x 30 mm"
     assert found["engagement", "screw, skin-frame"] == "4.60 mm (2.9 d)"
     assert found["wall thickness", "shell"].startswith("1.500 mm")

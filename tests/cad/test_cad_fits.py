@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from deltact_fab.cad import feasibility
 from deltact_fab.cad.build import build_part
-from deltact_fab.cad.check import arithmetic
+from deltact_fab.cad.check import ARITHMETIC, arithmetic
 from deltact_fab.cad.check.row import plain, verified
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
@@ -73,6 +73,9 @@ def test_every_rule_and_every_pair_of_what_is_shipped_holds(name):
     feasibility.check(design)
     rows = list(verified([*arithmetic.fits(design), *arithmetic.platform(design)], design))
     assert [row.value for row in rows if row.failed] == []
+    every = [row for checks in (*ARITHMETIC, arithmetic.platform) for row in checks(design)]
+    for ids in ([row.id for row in every], [rule.id for rule in feasibility.rules(design)]):
+        assert len(set(ids)) == len(ids)
     # Nobody has measured these machines, and each row that counts on them says so.
     pocket = next(row for row in rows if row.value.startswith("plate in its pocket"))
     assert {plain(key) for key in pocket.basis} == {"resin printer", "laser"}

@@ -74,14 +74,9 @@ def advised(rows: Callable[[Design], Iterable[Check]], design: Design) -> Iterat
 
 
 def at_least(
-    id: str,
-    name: str,
-    part: str,
-    found: str,
-    limit: str,
-    margin: float,
+    id: str, name: str, part: str, found: str, limit: str, margin: float,
     rests_on: tuple[str, ...] = (),
-) -> Check:
+) -> Check:  # fmt: skip
     """The check of a margin, which is arithmetic on a design; NaN fails."""
     status = graded(margin >= -SLACK)
     return Check(id, name, part, found, limit, status, rests_on, margin=margin)

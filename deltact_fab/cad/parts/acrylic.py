@@ -44,9 +44,8 @@ def fits(d: Design) -> Iterator[PlayFit]:
         if d.acrylic_notch_mm[i] > 0:
             posts = printer.inner(2 * d.post_edge_mm[i])
             neck = laser.cut(2 * (d.acrylic_half_mm[i] - d.acrylic_notch_mm[i]))
-            yield PlayFit(
-                f"neck-{axis}", f"plate between the posts, {axis}", parts, (posts,), (neck,)
-            )
+            name = f"plate between the posts, {axis}"
+            yield PlayFit(f"neck-{axis}", name, parts, (posts,), (neck,))
     # A plate that is too thick would hold the joint open; a bead of adhesive fills what is left.
     high = printer.tall(d.optics.acrylic_mm), printer.tall(d.shell.ledge_drop_mm)
     thick, name = laser.sheet(d.optics.acrylic_mm), "plate between the ledges, z"
@@ -54,9 +53,8 @@ def fits(d: Design) -> Iterator[PlayFit]:
     # A plate that lies at one end of its pocket bears least at the other.
     opening, pocket = printer.inner(d.skin.length_mm), printer.inner(2 * d.seat_half_mm[1])
     plate, name = laser.cut(2 * d.acrylic_half_mm[1]), "plate on the frame's ledge, y"
-    yield PlayFit(
-        "frame-ledge", name, parts, (plate,), (opening.half(), pocket.half()), d.plate.ledge_mm
-    )
+    halves = opening.half(), pocket.half()
+    yield PlayFit("frame-ledge", name, parts, (plate,), halves, d.plate.ledge_mm)
     # The shell stands off the frame by what its screws leave it.
     hole = printer.inner(d.screw.row.clearance_mm)
     shank = Length(-d.screw.row.thread_mm)
@@ -66,9 +64,8 @@ def fits(d: Design) -> Iterator[PlayFit]:
         behind, pocket = (printer.inner(2 * at[i]) for at in (d.ledge_half_mm, d.seat_half_mm))
         plate, name = laser.cut(2 * d.acrylic_half_mm[i]), f"plate on the shell's ledge, {'xy'[i]}"
         off = behind.half(), pocket.half(), hole.half(), shank.half()
-        yield PlayFit(
-            f"shell-ledge-{'xy'[i]}", name, "acrylic, shell", (plate,), off, d.plate.ledge_mm
-        )
+        id = f"shell-ledge-{'xy'[i]}"
+        yield PlayFit(id, name, "acrylic, shell", (plate,), off, d.plate.ledge_mm)
 
 
 def callouts(d: Design) -> Callouts:

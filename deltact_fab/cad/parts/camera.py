@@ -88,9 +88,8 @@ def rules(d: Design) -> Iterator[Check]:
     """The board's own holes and lens, which nothing else looks at."""
     cam, radius = d.camera, d.camera.hole_mm / 2
     if not radius:
-        yield at_most(
-            "no-holes", "head of holder.screw", d.holder.row.head_mm, "none without holes", 0
-        )
+        head = "head of holder.screw", d.holder.row.head_mm
+        yield at_most("no-holes", *head, "none without holes", 0)
         return
     upper, lower = cam.hole_rows_mm
     corner = math.hypot(cam.hole_pitch_x_mm / 2, min(abs(upper), abs(lower)))

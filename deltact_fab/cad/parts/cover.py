@@ -84,9 +84,8 @@ def rules(d: Design) -> Iterator[Check]:
     gap_mm = d.resin_printer.least_gap_mm
     yield at_most("slot-open", "resin_printer.least_gap_mm", gap_mm, "cover.slot_mm", cover.slot_mm)
     lip = "peg_play_mm + lip_height_mm", cover.peg_play_mm + cover.lip_height_mm
-    yield at_most(
-        "lip", *lip, "camera.board_mm + light.floor_mm", d.camera.board_mm + d.light.floor_mm
-    )
+    floor_mm = d.camera.board_mm + d.light.floor_mm
+    yield at_most("lip", *lip, "camera.board_mm + light.floor_mm", floor_mm)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -108,9 +107,8 @@ def fits(d: Design) -> Iterator[PlayFit]:
     slot = printer.inner(cover.slot_mm)
     yield PlayFit("legs-bent", "slot when both legs bend", "cover", (slot,), (most, most))
     head, bore = Length(row.head_mm), printer.inner(row.bore_mm)
-    yield PlayFit(
-        "head", "screw head in its bore", "cover, screw, skin-frame", (bore,), (head, pitch)
-    )
+    parts, name = "cover, screw, skin-frame", "screw head in its bore"
+    yield PlayFit("head", name, parts, (bore,), (head, pitch))
 
 
 def callouts(d: Design) -> Callouts:

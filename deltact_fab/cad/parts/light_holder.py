@@ -77,10 +77,9 @@ def rules(d: Design) -> Iterator[Check]:
     light = d.light
     round_mm = 2 * math.pi * max(d.strip_radius_mm, 0.0)
     yield at_most("led-count", "led_count x pitch", light.strip_mm, "2 pi strip radius", round_mm)
-    depth = "depth of the channel", d.z_light_mm - d.z_board_front_mm - light.floor_mm
-    yield at_most(
-        "strip", "strip_width_mm", light.strip_width_mm, *depth, ("camera.lens_height_mm",)
-    )
+    depth, keys = d.z_light_mm - d.z_board_front_mm - light.floor_mm, ("camera.lens_height_mm",)
+    strip = "strip_width_mm", light.strip_width_mm
+    yield at_most("strip", *strip, "depth of the channel", depth, keys)
     yield below("bore", "0", 0.0, "bore radius", d.light_bore_mm)
     head = d.holder.row.head_height_mm + light.head_room_mm
     yield at_most("head", f"{d.holder.screw} head + head_room_mm", head, "floor_mm", light.floor_mm)
@@ -113,9 +112,8 @@ def fits(d: Design) -> Iterator[PlayFit]:
     channel = printer.inner(light.channel_mm)
     yield PlayFit("led-in-channel", "LED in its channel", f"{part}, LED strip", (channel,), (led,))
     slot = printer.inner(light.slot_mm)
-    yield PlayFit(
-        "wires", "two wires in the slot", f"{part}, wires", (slot,), (WIRE_OUTER, WIRE_OUTER)
-    )
+    wires = WIRE_OUTER, WIRE_OUTER
+    yield PlayFit("wires", "two wires in the slot", f"{part}, wires", (slot,), wires)
     lens = Length(cam.lens_diameter_mm, cam.tolerance_mm, ("camera.lens_diameter_mm",))
     bore = printer.inner(2 * d.light_bore_mm)
     least_mm = 2 * light.lens_clearance_mm
@@ -134,9 +132,8 @@ def below_plate(d: Design) -> PlayFit:
         d.laser.sheet(d.optics.acrylic_mm),
     )
     room = printer.tall(d.shell_depth_mm), printer.tall(d.optics.acrylic_mm)
-    return PlayFit(
-        "below-acrylic", "ring below the acrylic, z", "light-holder, acrylic", room, stack
-    )
+    name, parts = "ring below the acrylic, z", "light-holder, acrylic"
+    return PlayFit("below-acrylic", name, parts, room, stack)
 
 
 def callouts(d: Design) -> Callouts:

@@ -88,9 +88,8 @@ def fits(d: Design) -> Iterator[PlayFit]:
     for i, axis in enumerate("xy"):
         seat = d.resin_printer.inner(seat_mm(d)[i])
         frame = d.resin_printer.outer(d.frame_outer_mm[i])
-        yield PlayFit(
-            f"seat-{axis}", f"frame in its seat, {axis}", "mold, skin-frame", (seat,), (frame,)
-        )
+        name = f"frame in its seat, {axis}"
+        yield PlayFit(f"seat-{axis}", name, "mold, skin-frame", (seat,), (frame,))
 
 
 def callouts(d: Design) -> Callouts:

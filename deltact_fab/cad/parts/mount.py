@@ -105,9 +105,8 @@ def boss_room(design: Design) -> Workplane:
 def rules(d: Design) -> Iterator[Check]:
     """The mount on the shell, its holes, and the room of heads and washers."""
     mount = d.mount
-    yield at_most(
-        "height", "mount.height_mm", mount.height_mm, "depth of the shell", d.shell_depth_mm
-    )
+    depth = "depth of the shell", d.shell_depth_mm
+    yield at_most("height", "mount.height_mm", mount.height_mm, *depth)
     yield at_most("mount-width", "mount.width_mm", mount.width_mm, "outer x", d.frame_outer_mm[0])
     if mount.kind == "block":
         # A head or a washer beside the shell, two of them side by side, and on the bar.

@@ -78,9 +78,8 @@ def holder_rules(d: Design) -> Iterator[Check]:
     bore = "bore + 2 x 3 for the set screw's thread", 2 * tool.bore_mm + 6.0
     yield at_most("set-screw", *bore, "tool.body_mm", body)
     above, under = tool.clamp_z_mm + tool.clamp_mm / 2 + 1.5, tool.height_mm - tool.flange_mm
-    yield at_most(
-        "clamp", "tool.clamp_z_mm + hole / 2 + 1.5", above, "underside of the flange", under
-    )
+    hole = "tool.clamp_z_mm + hole / 2 + 1.5", above
+    yield at_most("clamp", *hole, "underside of the flange", under)
 
 
 def holder_fits(d: Design) -> Iterator[PlayFit]:

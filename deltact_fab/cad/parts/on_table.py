@@ -77,9 +77,8 @@ def testing_rules(d: Design) -> Iterator[Check]:
     yield at_most("pitch", "table: pitch + hole + 2 edge_mm", along, "width_mm", table.width_mm)
     yield at_most("tab-width", "table: width_mm", table.width_mm, "outer y", d.frame_outer_mm[1])
     yield at_most("cover", "cover + 2", d.cover.floor_mm + 2.0, "table.height_mm", table.height_mm)
-    yield at_most(
-        "height", "table.height_mm", table.height_mm, "cover and shell", d.z_joint_mm - d.z_back_mm
-    )
+    both = "cover and shell", d.z_joint_mm - d.z_back_mm
+    yield at_most("height", "table.height_mm", table.height_mm, *both)
 
 
 def testing_fits(d: Design) -> Iterator[PlayFit]:
@@ -175,9 +174,8 @@ def plate_fits(d: Design) -> Iterator[PlayFit]:
     yield PlayFit("screw-in-slot", "M6 through its slot", part, (slot,), (Length(6.0),))
     # ISO 724: the thread is 0.61 of its pitch deep; a tap for 60 to 85 % of that is stocked.
     major, depth = THREADS[screw].thread_mm, 1.0825 * THREADS[screw].pitch_mm
-    yield PlayFit(
-        "holds", f"{screw} holds in its thread", part, (Length(major - 0.5 * depth),), (core,)
-    )
+    half = (Length(major - 0.5 * depth),)
+    yield PlayFit("holds", f"{screw} holds in its thread", part, half, (core,))
     yield PlayFit("tapped", f"{screw} can be tapped", part, (core,), (Length(major - depth),))
 
 

@@ -93,9 +93,8 @@ def rules(d: Design) -> Iterator[Check]:
     # The board stands between the cable's notch and the room of the light holder.
     room = "holder.clearance_mm", d.holder.clearance_mm
     yield at_most("notch-height", "cable_height_mm", shell.cable_height_mm, *room)
-    yield below(
-        "drop", "ledge_drop_mm", shell.ledge_drop_mm, "ledge_height_mm", shell.ledge_height_mm
-    )
+    ledge = "ledge_height_mm", shell.ledge_height_mm
+    yield below("drop", "ledge_drop_mm", shell.ledge_drop_mm, *ledge)
     wide = shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm)
     words = "cable_width_mm + 2 (cover.fit_mm + wall_mm)"
     yield at_most("cable-room", words, wide, "room between the posts", 2 * d.post_edge_mm[0])
@@ -103,7 +102,7 @@ def rules(d: Design) -> Iterator[Check]:
     words = "cable_height_mm + ledge_height_mm + wall_mm"
     yield at_most("notch-below-ledge", words, high, "depth of the shell", d.shell_depth_mm)
     # The ledge ends on the posts, in both directions.
-    yield at_most("ledge", "ledge_height_mm", shell.ledge_height_mm, "height of the posts", posts)
+    yield at_most("ledge", *ledge, "height of the posts", posts)
     words, beyond = "ledge_mm and what the wall leaves before it", d.post_mm - shell.wall_mm
     yield at_most("ledge-on-posts", words, max(d.ledge_reach_mm), "posts beyond the wall", beyond)
     yield below("posts-above-floor", "floor", d.z_floor_mm, "back of the posts", d.z_boss_mm)
@@ -127,9 +126,8 @@ def fits(d: Design) -> Iterator[PlayFit]:
     yield PlayFit("cable", "camera's cable in its notch, x", "shell, cable", (wide,), (cable,))
     # The light holder's wires leave there too, over the cable.
     through = (Length(thick, 0.05, keys[1:]), WIRE_OUTER)
-    yield PlayFit(
-        "wires", "cable and wires in the notch, z", "shell, cable, wires", (high,), through
-    )
+    name = "cable and wires in the notch, z"
+    yield PlayFit("wires", name, "shell, cable, wires", (high,), through)
     # Foam keeps light out; a plug shorter than twice the notch's height comes out with the cable.
     foam, plug = Length(shell.cable_foam_mm), Length(2 * shell.cable_height_mm)
     yield PlayFit("foam", "shell.cable_foam_mm, twice the notch", "shell, cable", (foam,), (plug,))

@@ -77,9 +77,8 @@ def rules(d: Design) -> Iterator[Check]:
     yield at_most("least-hole", hole, d.resin_printer.least_hole_mm, pilot, d.screw.row.pilot_mm)
     # Above a pilot is the face that seals in the mold: no skin is cast on one that is too thin.
     depth = "screw.engagement_mm + screw.tip_clearance_mm", d.screw.pilot_depth_mm
-    yield at_most(
-        "pilot", *depth, "frame height - shell.wall_mm", d.frame_height_mm - d.shell.wall_mm
-    )
+    room_mm = d.frame_height_mm - d.shell.wall_mm
+    yield at_most("pilot", *depth, "frame height - shell.wall_mm", room_mm)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -94,9 +93,8 @@ def fits(d: Design) -> Iterator[PlayFit]:
         printer.tall(screw.pilot_depth_mm),
     )
     length = Length(screw.length_mm, screw_tolerance_mm(screw.length_mm))
-    yield PlayFit(
-        "screw-ends", "screw ends before the pilot, z", f"{parts}, shell, cover", room, (length,)
-    )
+    parts, name = f"{parts}, shell, cover", "screw ends before the pilot, z"
+    yield PlayFit("screw-ends", name, parts, room, (length,))
 
 
 def callouts(d: Design) -> Callouts:
@@ -185,9 +183,8 @@ def skin_rules(d: Design) -> Iterator[Check]:
         d.optics.view_mm, ("width", "height"), ("width", "length"), strict=True
     ):
         view = f"view (optics.image_{px}_px x mm_per_px)"
-        yield at_most(
-            f"view-{side}", view, view_mm, f"skin.{side}_mm", getattr(d.skin, f"{side}_mm")
-        )
+        face = f"skin.{side}_mm", getattr(d.skin, f"{side}_mm")
+        yield at_most(f"view-{side}", view, view_mm, *face)
 
 
 def skin_note(d: Design) -> str:
