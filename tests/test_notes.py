@@ -71,7 +71,7 @@ def test_a_gel_is_reported_by_ids(change: Change) -> None:
         presses = Presses(protocol, skin, GelConfig(spacing_mm=2.0, press_increment_mm=0.5))
         presses.of(presses.paths[0]).solver.solve_all()
         choices = [presses.choice(path) for path in presses.paths]
-        notes.append(gel_notes(presses, choices, skin))
+        notes.append([*gel_notes(presses, choices, skin)])
         bench: Any = SimpleNamespace(
             presses=presses,
             left_out=lambda: gel_left_out(presses, choices),  # noqa: B023

@@ -270,11 +270,10 @@ def _require_new(out: Path, protocol: bytes) -> None:
     raise InputError(f"{out}: already there; {hint}")
 
 
-def _resumed(sessions: int, kept_frames: int) -> list[Note]:
-    if sessions == 1:
-        return []
-    text = (
-        f"resumed: session {sessions} kept {kept_frames} frames of those before it; seconds and "
-        "solved problems count this session only"
-    )
-    return [Note("resumed", text)]
+def _resumed(sessions: int, kept_frames: int) -> Iterator[Note]:
+    if sessions > 1:
+        text = (
+            f"resumed: session {sessions} kept {kept_frames} frames of those before it; seconds "
+            "and solved problems count this session only"
+        )
+        yield Note("resumed", text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -121,7 +122,7 @@ def press(
     u = last.displacement_mm
     assert u is not None, "the last field is observed"
     tips = [(x, y, 0.0), *((px, py, -pz) for px, py, pz in (p.tip_mm for p in fine.poses))]
-    flags = _flags(found, ladder, depth_mm, limit_s)
+    flags = [*_flags(found, ladder, depth_mm, limit_s)]
     if odd := unusual(material.modulus_mpa):
         flags.append(Note("modulus", odd))
     forces = material.modulus_mpa * np.array([(0.0, 0.0, 0.0), *(k.force_n for k in fine.knots)])
@@ -166,30 +167,29 @@ def _require(
 
 def _flags(
     found: RefinedPress, ladder: MeshConvergence, depth_mm: float, limit_s: float
-) -> list[Note]:
+) -> Iterator[Note]:
     """What a reader of the result must know: the solver's own flags at the corners, and more."""
     estimate, solver = found.estimate, found.run
     named: dict[str, Note] = {}
     for pose, knot in zip(solver.poses, solver.knots, strict=True):
         if pose.part == 1.0:  # on the way in, the first increments are coarse by intention
             named.update({flag.id: flag for flag in knot.flags})
-    flags = list(named.values())
+    yield from named.values()
     if depth_mm > 0 and found.zones.contact_area_mm2 == 0:
-        flags.append(Note("contact lost", f"at depth {depth_mm:g} mm nothing is touched"))
+        yield Note("contact lost", f"at depth {depth_mm:g} mm nothing is touched")
     if found.limited:
         text = (
             f"{limit_s:g} CPU seconds do not reach to the tolerance; cells of "
             f"{found.run.choice.spacing_mm:.3g} mm are the finest that were solved"
         )
-        flags.append(Note("limit", text))
+        yield Note("limit", text)
     if not ladder.holds(estimate):
         text = (
             f"estimated error {estimate['force_rel']:.2g} of force, "
             f"{estimate['displacement_mm']:.2g} mm in plane; {ladder.tolerance:g} and "
             f"{ladder.in_plane_mm:.2g} mm were asked"
         )
-        flags.append(Note("tolerance", text))
-    return flags
+        yield Note("tolerance", text)
 
 
 def refused(depth_mm: float, level: Level, reason: str, seconds: float = 0.0) -> Pressed:

@@ -7,6 +7,7 @@ what a rig must have before it presses, and before it is left alone.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -108,22 +109,17 @@ class GrblRig(Rig):
             )
             self.opened = opened.pop_all()
 
-    def left_out(self) -> list[Note]:
-        notes = []
-        if self.camera is None:
-            notes.append(Note("camera", "no channel asks for images"))
+    def left_out(self) -> Iterator[Note]:
+        yield from super().left_out()
         if self.force is None:
             text = "the rig file has no way to one; nothing is touched"
-            notes.append(Note("force sensor and guard", text))
-        return notes
+            yield Note("force sensor and guard", text)
 
-    def notes(self) -> list[Note]:
-        notes = []
+    def notes(self) -> Iterator[Note]:
         if self.camera is not None:
-            notes += view_notes(self._job.view, self._job.recipe.patch_mm)
+            yield from view_notes(self._job.view, self._job.recipe.patch_mm)
         if self._job.air and len(self._job.protocol.indenters) > 1:
-            notes.append(Note("indenters", "no indenter was changed: nothing was touched"))
-        return notes
+            yield Note("indenters", "no indenter was changed: nothing was touched")
 
     def identity(self) -> dict[str, Any]:
         return {**super().identity(), "tool": self._tooling.identity()}

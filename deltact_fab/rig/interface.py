@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -322,12 +322,13 @@ class OpenBench(ABC):
         """What the summary keeps of each device; None for one that is not there."""
 
     @abstractmethod
-    def notes(self) -> list[Note]:
+    def notes(self) -> Iterable[Note]:
         """What a reader of the results must know, once the run is over."""
 
-    @abstractmethod
-    def left_out(self) -> list[Note]:
+    def left_out(self) -> Iterator[Note]:
         """What was not built, driven or solved, and why."""
+        if self.camera is None:
+            yield Note("camera", "no channel asks for images")
 
     @abstractmethod
     def close(self) -> None:

@@ -5,7 +5,7 @@ For a bench without a stage and a force sensor.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -123,15 +123,15 @@ class WeightsBench(OpenBench):
                 return frame, frame.t_s
         return None, self.clock.now_s()
 
-    def left_out(self) -> list[Note]:
-        notes = [Note("stage, force sensor and guard", "a hand lays the weights on")]
-        return notes if self.camera else [*notes, Note("camera", "no channel asks for images")]
+    def left_out(self) -> Iterator[Note]:
+        yield Note("stage, force sensor and guard", "a hand lays the weights on")
+        yield from super().left_out()
 
-    def notes(self) -> list[Note]:
+    def notes(self) -> Iterator[Note]:
         """How well the weights are known."""
         normal_n, shear_n = self._weights.error_n()
         text = f"weights: the normal force is known to {normal_n:.3f} N, shear to {shear_n:.3f}"
-        return [Note("weights", text)]
+        yield Note("weights", text)
 
     def identity(self) -> dict[str, Any]:
         return {

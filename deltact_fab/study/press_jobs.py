@@ -123,7 +123,7 @@ def gel_report(bench: VirtualRig) -> dict[str, Any]:
     ids. left_out: by the rig.
     """
     presses = bench.presses
-    opened = [press for press in presses.opened if press.name]
+    opened = presses.opened
     flags = [flag.id for press in opened for knot in press.solver.knots for flag in knot.flags]
     by_name = {path.press: path for path in presses.paths}
     choices = [presses.choice(by_name[press.name]) for press in opened]
@@ -131,7 +131,7 @@ def gel_report(bench: VirtualRig) -> dict[str, Any]:
         "cells_mm": sorted({choice.spacing_mm for choice in choices}),
         "coarse": max((c.spacing_mm / c.asked_mm for c in choices if c.asked_mm), default=1.0),
         "flags": list(dict.fromkeys(flags)),
-        "left_out": bench.left_out(),
+        "left_out": list(bench.left_out()),
     }
 
 
@@ -205,29 +205,29 @@ def follow(job: TrackingJob) -> dict[str, Any]:
                 continue
             for method, figures in said.items():
                 rows[name][method].append(figures)
-    path = path_mm([look.tip_mm for look in stream.looks[1:]], stream.path.at_mm)
+    tips_mm = np.array([look.tip_mm for look in stream.looks])
     cells = [
         errors_of(
-            job.press, stream.path.indenter, path, name, one.tallies, rows[name],
-            one.dots.tally.figures() if one.dots else None, lost.get(name, one.left_out),
+            job.press, stream.path.indenter, tips_mm, stream.path.at_mm, name, one.tallies,
+            rows[name], one.dots.tally.figures() if one.dots else None,
+            lost.get(name, one.left_out),
         )
         for name, one in followers.items()
     ]  # fmt: skip
     return {"cells": cells, "frames": len(stream.looks), "gel": {"flags": stream.solver.flags}}
 
 
-def path_mm(tips_mm: Sequence[Sequence[float]], at_mm: Sequence[float]) -> Field:
-    """Depth and length of drag (n, 2) of tips (n, 3) of a press at a place."""
-    x, y, z = np.array(tips_mm, float).reshape(-1, 3).T
-    return np.column_stack((np.maximum(-z, 0.0), np.hypot(x - at_mm[0], y - at_mm[1])))
-
-
 def errors_of(
-    press: str, indenter: str, path: Field, pattern: str, tallies: Mapping[str, ErrorTally],
-    rows: Mapping[str, Sequence[Mapping[str, Any]]], dots: dict[str, Any] | None,
-    left_out: Sequence[str],
+    press: str, indenter: str, tips_mm: Field, at_mm: Sequence[float], pattern: str,
+    tallies: Mapping[str, ErrorTally], rows: Mapping[str, Sequence[Mapping[str, Any]]],
+    dots: dict[str, Any] | None, left_out: Sequence[str],
 ) -> PressErrors:  # fmt: skip
-    """The errors of a press under a pattern as a grid keeps them: FIGURES of frames, no times."""
+    """The errors of a press under a pattern as a grid keeps them: FIGURES of frames, no times.
+
+    tips_mm (n + 1, 3): at all frames, of which the first is the reference; at_mm: of the press.
+    """
+    x, y, z = tips_mm[1:].T
+    path = np.column_stack((np.maximum(-z, 0.0), np.hypot(x - at_mm[0], y - at_mm[1])))
     sums = {method: replace(tally, ms=[]) for method, tally in tallies.items()}
     figures = {m: [[row.get(key) for key in FIGURES] for row in rows[m]] for m in tallies}
     arrays = {m: np.array(part, float).reshape(-1, len(FIGURES)) for m, part in figures.items()}
@@ -239,10 +239,9 @@ def follow_recorded(job: RecordedTrackingJob) -> dict[str, Any]:
     run = record.open(job.folder)
     tracked = analyse_press(job.folder, job.press, tracking_plan_of(run, job.methods))
     rows = {m: [row for row in tracked.rows if row["method"] == m] for m in job.methods}
-    tips = run.frames(job.press)[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    path = path_mm(tips[1:].tolist(), tips[0, :2].tolist())
+    tips_mm = run.frames(job.press)[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
     cell = errors_of(
-        job.press, job.indenter, path, job.pattern, tracked.tallies, rows,
-        tracked.dots.figures(), tracked.left_out,
+        job.press, job.indenter, tips_mm, tips_mm[0, :2].tolist(), job.pattern, tracked.tallies,
+        rows, tracked.dots.figures(), tracked.left_out,
     )  # fmt: skip
     return {"cells": [cell]}

@@ -76,20 +76,15 @@ def run(asked: StudyRequest) -> StudyResult:
     errors = errors_kept(figures(judge(data, FORCE_MODEL, of.seed), data))
     force = of.calibration(FORCE, fit(data, FORCE_MODEL), errors)
     texts = {"depth": depth["toml"], "force": force.toml("")}
-    object_jobs, twist_jobs = (
-        [
-            of.job(f"{name} {press}", name, press, jobs.shape_job, jobs.ShapeJob, **texts)
-            for name in names
-            for press in of.presses(name)
-        ]
-        for names in (OBJECTS, [TWIST])
-    )
-    found = asked.solve([*object_jobs, *twist_jobs]).found
-    objects, twists = (
-        {job.name: found[job.name]["shape"] for job in part if job.name in found}
-        for part in (object_jobs, twist_jobs)
-    )
-    twist = next(iter(twists.values()), None)
+    shape_jobs = [
+        (name, of.job(f"{name} {press}", name, press, jobs.shape_job, jobs.ShapeJob, **texts))
+        for name in (*OBJECTS, TWIST)
+        for press in of.presses(name)
+    ]
+    found = asked.solve([job for _, job in shape_jobs]).found
+    done = [(name, job.name) for name, job in shape_jobs if job.name in found]
+    objects = {job: found[job]["shape"] for name, job in done if name != TWIST}
+    twist = next((found[job]["shape"] for name, job in done if name == TWIST), None)
     pictures = deepest(one.deepest for one in objects.values())
     gel = [depth, *points, *found.values()]
     modulus_mpa = of.protocols[BALL].specimen.modulus_mpa

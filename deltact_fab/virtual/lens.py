@@ -6,6 +6,7 @@ one is in the rig file's `[virtual.lens]` and goes to the run's `truth/`, nowher
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -97,14 +98,13 @@ def _require_drawn(true: Fisheye, view: Rectified, source: str) -> None:
         )
 
 
-def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -> list[Note]:
+def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -> Iterator[Note]:
     """What a reader of a run through the lens must know."""
-    notes = view_notes(view, patch_mm)
     if config.camera is None:
         text = (
             "the lens is not calibrated, the design's stands for it: photograph the chessboard "
             "skin on this rig; `deltact-fab calibrate lens` makes the file to name as [camera] "
             "model"
         )
-        notes.insert(0, Note("lens", text, warns=True))
-    return notes
+        yield Note("lens", text, warns=True)
+    yield from view_notes(view, patch_mm)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -285,25 +285,24 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
             )
 
 
-def gel_left_out(presses: Presses, choices: Sequence[Choice]) -> list[Note]:
+def gel_left_out(presses: Presses, choices: Sequence[Choice]) -> Iterator[Note]:
     """What this scene's gel did not solve or keep, and why."""
     if not presses.observed:
-        return [Note("gel", "no channel asks for what it does")]
-    notes = []
+        yield Note("gel", "no channel asks for what it does")
+        return
     if not presses.shears and not any(c.friction for c in choices):
-        notes.append(Note("friction", "the channel 'shear' is not asked for"))
+        yield Note("friction", "the channel 'shear' is not asked for")
     if presses.level != "hyperelastic":
-        notes.append(Note("finite-strain gel", f"the level {presses.level!r} is asked for"))
+        yield Note("finite-strain gel", f"the level {presses.level!r} is asked for")
     elif not presses.fields:
-        notes.append(Note("the gel's surface field", "no channel asks for images"))
+        yield Note("the gel's surface field", "no channel asks for images")
     if not presses.tractions:
-        notes.append(Note("the face's tractions", "the channel 'traction' is not asked for"))
+        yield Note("the face's tractions", "the channel 'traction' is not asked for")
     if not presses.relaxing_s:
-        notes.append(Note("viscosity", "the specimen has no Prony series"))
-    return notes
+        yield Note("viscosity", "the specimen has no Prony series")
 
 
-def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions) -> list[Note]:
+def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions) -> Iterator[Note]:
     """What a reader of a run on the simulated gel must know."""
     opened = presses.opened
     solved = sum(p.solver.solves for p in opened)
@@ -312,29 +311,28 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
         f"{solved} contact problems solved, {found} found in the store (no pattern, camera or "
         "modulus matters to them); between them displacements and forces are interpolated linearly"
     )
-    notes = [Note("solved", text)]
+    yield Note("solved", text)
     if presses.level == LINEAR:
         text = "the linear gel ignores large strain: tenths of a mm in plane from 2 mm deep"
-        notes.append(Note("linear gel", text))
-    notes += dict.fromkeys(Note("level", f"gel: {choice.why}") for choice in choices)
+        yield Note("linear gel", text)
+    yield from dict.fromkeys(Note("level", f"gel: {choice.why}") for choice in choices)
     if not presses.shears and any(c.friction for c in choices):
-        text = "friction is solved, for it changes the force of these presses"
-        notes.append(Note("friction", text))
+        yield Note("friction", "friction is solved, for it changes the force of these presses")
     # From the plan, for the presses that a resumed run kept are not solved again.
     limit_mm = SMALL_STRAIN * skin.thickness_mm * (1 + 1e-9)
     if presses.level == LINEAR and max(p.deepest_mm for p in presses.paths) > limit_mm:
         text = "pressed beyond 10 % of the thickness, past small strain"
-        notes.append(Note("small strain", text, warns=True))
+        yield Note("small strain", text, warns=True)
     if presses.relaxing_s:
         text = (
             "the gel's time is the plan's: lines at their feed, rests as long as they settle; "
             "ramps of the stage and the host's delays, some hundredths of a second, are not in"
         )
-        notes.append(Note("time", text))
-    return notes + _flag_notes(presses)
+        yield Note("time", text)
+    yield from _flag_notes(presses)
 
 
-def _flag_notes(presses: Presses) -> list[Note]:
+def _flag_notes(presses: Presses) -> Iterator[Note]:
     """A note for each kind of flag: where, in how many states, and the last of them in full."""
     where: dict[str, list[str]] = {}
     example: dict[str, Note] = {}
@@ -342,7 +340,6 @@ def _flag_notes(presses: Presses) -> list[Note]:
         for name, count in press.solver.flags.items():
             where.setdefault(name, []).append(f"{count} of {press.name}")
         example |= {flag.id: flag for knot in press.solver.knots for flag in knot.flags}
-    return [
-        Note(name, f"{example[name].labelled}; states concerned: {', '.join(found)}", warns=True)
-        for name, found in sorted(where.items())
-    ]
+    for id, found in sorted(where.items()):
+        text = f"{example[id].labelled}; states concerned: {', '.join(found)}"
+        yield Note(id, text, warns=True)

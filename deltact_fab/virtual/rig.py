@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import ExitStack
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -110,30 +111,29 @@ class VirtualRig(Rig):
             super().__init__(clock, host, camera, force, self.scene.mount)
             self.opened = opened.pop_all()
 
-    def left_out(self) -> list[Note]:
+    def left_out(self) -> Iterator[Note]:
         """What this scene did not build or solve, and why."""
-        notes, lens = [], "lens, its maps and rectification"
+        lens = "lens, its maps and rectification"
         if self.camera is None:
-            notes.append(Note("camera, picture and printer model", "no channel asks for images"))
+            yield Note("camera, picture and printer model", "no channel asks for images")
         if self._config.virtual.lens is None:
-            notes.append(Note(lens, "the rig draws through a pinhole"))
+            yield Note(lens, "the rig draws through a pinhole")
         elif self.camera is None:
-            notes.append(Note(lens, "no channel asks for images"))
+            yield Note(lens, "no channel asks for images")
         if self.force is None:
-            notes.append(Note("force sensor", "the channel 'force' is not asked for"))
-        notes += gel_left_out(self.presses, self._choices)
-        return [*notes, Note("solid models", "a run needs the numbers of the shapes only")]
+            yield Note("force sensor", "the channel 'force' is not asked for")
+        yield from gel_left_out(self.presses, self._choices)
+        yield Note("solid models", "a run needs the numbers of the shapes only")
 
-    def notes(self) -> list[Note]:
+    def notes(self) -> Iterator[Note]:
         """What a reader of the results must know of lens and gel."""
-        job, notes = self._job, list[Note]()
+        job = self._job
         if self._crop is not None and isinstance(job.view, Rectified):
             from .lens import lens_notes
 
-            notes += lens_notes(self._config, job.view, job.recipe.patch_mm)
+            yield from lens_notes(self._config, job.view, job.recipe.patch_mm)
         if not job.air and self.presses.observed:
-            notes += gel_notes(self.presses, self._choices, job.sensor.skin)
-        return notes
+            yield from gel_notes(self.presses, self._choices, job.sensor.skin)
 
     def _picture(self, crop: LatticeCrop) -> tuple[FrameRenderer, Fisheye | None]:
         """What draws the printed gel, and the true lens it is drawn through; None: a pinhole."""

@@ -241,8 +241,6 @@ class NoteCounts:
 
     def tell(self, now_ns: int) -> tuple[Note, ...]:
         """A note for each name that was not told within the last second."""
-        if not self._untold:
-            return ()
         notes = []
         for name in [*self._untold]:
             if now_ns - self._told_ns.get(name, now_ns - TELL_NS) >= TELL_NS:

@@ -77,8 +77,10 @@ class ForceStream:
             if self.guard is not None:
                 self.guard.lost(str(why))
             raise
+        notes = samples.notes
         if self.guard is not None:
             self.guard.watch(samples)
+            notes += self.guard.tell()
         if self.keeping:
             self._kept.append(samples)
         force_n = samples.force_n
@@ -86,9 +88,6 @@ class ForceStream:
             self.last_ns = int(samples.t_ns[-1])
             x, y, z = force_n[-1].tolist()
             self.force_n = (x, y, z)
-        notes = samples.notes
-        if self.guard is not None:
-            notes += self.guard.tell()
         for note in notes:
             self.note(note.id, note.text)
         if self.lifting:
