@@ -1,0 +1,50 @@
+"""Module paths that the documents of 0.3 taught: they lead on, with a warning, until 0.5."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from functools import partial
+from importlib import import_module
+from importlib.abc import Loader
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+# By the package that they move into. Read for a path only where no file has it any more.
+TAUGHT = {
+    "common": ("aliases", "errors"),
+    "sensor": ("elasticity", "optics", "shapes", "shapes.indenter"),
+    "physics": ("gel.press",),
+    "fabricate": ("cad.assembly", "cad.build", "cad.design", "cad.export", "cad.feasibility",
+                  "cad.registry", "patterns", "patterns.quality.measure"),
+    "bench": ("protocols.plan", "record", "rig.config", "rig.interface", "rig.tables",
+              "rig.tool.feeler", "rig.tool.session", "rig.tool.tooling", "rig.tool.touch"),
+    "estimate": ("analysis.force", "analysis.shape", "analysis.tracking_error"),
+    "simulate": ("experiment",),
+}  # fmt: skip
+
+
+class MovedModule(Loader):
+    """Loads a taught module, or a package above one. homes: module of each name of the top."""
+
+    def __init__(self, homes: Mapping[str, str]) -> None:
+        self.homes = homes
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Hand on the names of the moved module, after one warning."""
+        top, _, old = module.__name__.partition(".")
+        for package in (package for package, taught in TAUGHT.items() if old in taught):
+            place = f"{package}.{old}"
+            names = [f"dt.{name}" for name, home in self.homes.items()
+                     if home == package or f"{home}.".startswith(f"{place}.")]  # fmt: skip
+            instead = f"`import {top} as dt` has {', '.join(names) or 'nothing in its place'}"
+            warnings.warn(f"{module.__name__} goes in 0.5: {instead}", FutureWarning, stacklevel=2)
+            vars(module)["__getattr__"] = partial(getattr, import_module(f"{top}.{place}"))
+
+
+def spec_of(name: str, homes: Mapping[str, str]) -> ModuleSpec | None:
+    """Spec of a module at its old path; None for any other."""
+    old = f"{name.partition('.')[2]}."
+    if any(f"{path}.".startswith(old) for taught in TAUGHT.values() for path in taught):
+        return ModuleSpec(name, MovedModule(homes), is_package=True)
+    return None
