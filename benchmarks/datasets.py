@@ -23,9 +23,10 @@ import numpy as np
 from deltact_fab import record
 from deltact_fab.analysis.flows import follower
 from deltact_fab.protocols.plan import Step
-from deltact_fab.record import Chunk, RunWriter
+from deltact_fab.record import Chunk
 from deltact_fab.record.export import export
 from deltact_fab.record.export.lerobot import FIELDS, MOTION, RAW, episodes, levels, values_of
+from deltact_fab.record.writer import RunWriter
 
 PRESSES, FRAMES = 20, 50
 SIZE_PX = (320, 240)

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.protocols.plan import Step
-from deltact_fab.record import RunWriter
+from deltact_fab.record.writer import RunWriter
 
 PERIOD_S = 0.005
 RATES_HZ = (30.0, 60.0)

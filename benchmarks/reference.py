@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import click
+import pydantic
 
 import deltact_fab
 from deltact_fab import catalog
@@ -139,34 +140,43 @@ def _commands() -> str:
 def _python() -> str:
     """Directives alone: sphinx takes the text from the docstrings."""
     named = {name: getattr(deltact_fab, name) for name in deltact_fab.__all__ if name[0] != "_"}
-    results: dict[str, None] = {}
+    results: dict[str, typing.Any] = {}
     lines = ["# Python", MADE, "", *_from_docstrings("module", "deltact_fab")]
     for name, one in named.items():
         lines += [f"## dt.{name}", ""]
         if inspect.isclass(one):  # by its own name: sphinx says of another one only that it is one
-            lines += _from_docstrings("class", f"{one.__module__}.{one.__qualname__}")
+            lines += _from_docstrings("class", f"{one.__module__}.{one.__qualname__}", one)
         else:
             lines += _from_docstrings("function", f"deltact_fab.{name}")
-        _add_results(typing.get_type_hints(getattr(one, "result", one))["return"], results)
+        _add_results(_returned(getattr(one, "result", one)), results)
     lines += ["## What they return", ""]
-    for name in results:
-        lines += _from_docstrings("class", name)
+    for name, result in results.items():
+        lines += _from_docstrings("class", name, result)
     return "\n".join(lines)
 
 
-def _from_docstrings(kind: str, name: str) -> list[str]:
-    members = ["   :members:", "   :inherited-members:"] if kind == "class" else []
+def _from_docstrings(kind: str, name: str, documented: type = object) -> list[str]:
+    """A directive; of a class with its members, without those of pydantic and of exceptions."""
+    members = ["   :members:"] if kind == "class" else []
+    if members and not issubclass(documented, pydantic.BaseModel | Exception):
+        members.append("   :inherited-members:")
     return ["```{eval-rst}", f".. auto{kind}:: {name}", *members, "```", ""]
 
 
-def _add_results(hint: typing.Any, found: dict[str, None]) -> None:
+def _returned(function: typing.Any) -> typing.Any:
+    """The type that a function says it returns; None for a class."""
+    function = inspect.unwrap(function)
+    return eval(function.__annotations__.get("return", "None"), vars(inspect.getmodule(function)))
+
+
+def _add_results(hint: typing.Any, found: dict[str, typing.Any]) -> None:
     """The package's classes in a type, and those of a measurement's fields."""
     for part in typing.get_args(hint):
         _add_results(part, found)
     home = getattr(hint, "__module__", "")
     name = f"{home}.{getattr(hint, '__qualname__', '')}"
     if home.startswith("deltact_fab") and name not in found:
-        found[name] = None
+        found[name] = hint
         if dataclasses.is_dataclass(hint) and home.split(".")[1] in ("live", "measure"):
             for inner in typing.get_type_hints(hint).values():
                 _add_results(inner, found)

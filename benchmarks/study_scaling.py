@@ -24,7 +24,7 @@ from unittest import mock
 import numpy as np
 
 from deltact_fab import cache
-from deltact_fab.jobs import executor
+from deltact_fab.jobs.cluster import executor
 from deltact_fab.study import (
     force_calibration,
     pattern_selection,

@@ -4,10 +4,7 @@ Change DESIGN, CHANGES, EXPLODE, PARTS or BENCH and run it again. Outside CQ-edi
 volumes.
 """
 
-from deltact_fab.cad.assembly import assemble, bench
-from deltact_fab.cad.build import build_part
-from deltact_fab.cad.design import load_design
-from deltact_fab.cad.registry import find
+import deltact_fab as dt
 
 DESIGN = "deltact"  # a name under cad/ or a path to your own TOML file
 CHANGES = []  # as after --set: ["skin.width_mm=44", "mount.kind=plate"]
@@ -24,11 +21,16 @@ if "show_object" not in globals():
 
 def view():
     """Hand every solid with its name and colour to the viewer."""
-    design = load_design(DESIGN, CHANGES)
+    design = dt.load_design(DESIGN, CHANGES)
     if PARTS:
-        shown = [(name, build_part(find(name), design)[0], find(name)) for name in PARTS]
+        built = {name: dt.build_part(name, DESIGN, CHANGES) for name in PARTS}
+        shown = [(name, part.solid, part.part) for name, part in built.items()]
     else:
-        pieces = bench(design, find(BENCH)) if BENCH else assemble(design, EXPLODE)
+        if BENCH:
+            tip = dt.build_part(BENCH, DESIGN, CHANGES)
+            pieces = dt.assemble_bench(design, tip.part, {tip.part.name: tip.solid})
+        else:
+            pieces = dt.assemble_sensor(design, EXPLODE)
         shown = [
             (f"{placed.part.name}-{placed.index}", placed.solid, placed.part) for placed in pieces
         ]

@@ -9,13 +9,12 @@ import sys
 from pathlib import Path
 
 import deltact_fab as dt
-from deltact_fab.cad.export import export_parts
 
 
 def main(out: Path) -> tuple[float, float]:
     """Volume of a skin 14 mm thick (mm3): of the solid, and by its closed form."""
     skin = dt.build_part("skin", changes=["skin.thickness_mm=14"])
-    export_parts(skin.design, [skin.part], ("step", "stl"), 0.05, out, cached=False)
+    dt.export_parts(skin.design, [skin.part], ("step", "stl"), 0.05, out, cached=False)
     return skin.volume_mm3, skin.design.skin_volume_mm3
 
 

@@ -19,25 +19,18 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from deltact_fab.aliases import Vector
-from deltact_fab.errors import RunFailed, SensorError
-from deltact_fab.optics import StageFrame
-from deltact_fab.rig import config
-from deltact_fab.rig.interface import go
-from deltact_fab.rig.tables import TouchConfig
-from deltact_fab.rig.tool import session
-from deltact_fab.rig.tool.feeler import ForceProbe
-from deltact_fab.rig.tool.tooling import TerminalOperator, confirm
-from deltact_fab.rig.tool.touch import LOWERING, MOST, STEP_MM
-from deltact_fab.shapes import Indenter
-from deltact_fab.shapes.indenter import parse
+import deltact_fab as dt
 
 STRIDE_MM = 0.2
+STEP_MM = 0.01
+LOWERING = 4.0  # times the feed of the approach, away from the block
+MOST = 5.0  # times the threshold: no deeper into a step
 BELOW_MM = 1.0  # the ball's widest place under the block's top
 BACK_MM = 0.1
 OFF_MM = 0.5  # of the declared size, at most
 MAX_TURN_DEG = 5.0
 
+Vector = tuple[float, float, float]
 At = Callable[[float, float], Vector]
 Side = tuple[float, float]  # a unit vector out of the block
 
@@ -51,26 +44,22 @@ class BlockPlace:
     turn_deg: float
     half_mm: tuple[float, float]
 
-    def frame(self, before: StageFrame) -> StageFrame:
-        """The frame moved and turned so that the block is in its middle."""
+    def frame(self, before):
+        """The stage's frame moved and turned so that the block is in its middle."""
         origin = before.to_machine_mm((self.x_mm, self.y_mm, 0.0))
         turned = before.angle_deg + self.turn_deg
         return replace(before, origin_machine_mm=origin, angle_deg=turned)
 
 
 class BlockTouch:
-    """Touches the sides of a block with a ball, in the stage's frame, whose z = 0 is the face."""
+    """Touches the sides of a block with a ball, in the stage's frame, whose z = 0 is the face.
 
-    def __init__(
-        self,
-        feeler: ForceProbe,
-        config: TouchConfig,
-        half_mm: tuple[float, float],
-        top_mm: float,
-        ball: Indenter,
-    ) -> None:
-        self._feeler, self._stage = feeler, feeler.stage
-        self._config = config
+    probe, touch: what `dt.open_probe` yields. ball: as `dt.parse_indenter` reads it.
+    """
+
+    def __init__(self, probe, touch, half_mm: tuple[float, float], top_mm: float, ball) -> None:
+        self._feeler, self._stage = probe, probe.stage
+        self._config = touch
         self._half_mm = half_mm
         self._radius_mm = ball.footprint_half_mm[0]
         self._low_mm = top_mm - BELOW_MM - self._radius_mm
@@ -96,12 +85,12 @@ class BlockTouch:
         size = tuple(f * math.cos(turn) - self._radius_mm for f in found)
         for axis, got, said in zip("xy", size, (half_x, half_y), strict=True):
             if abs(got - said) > OFF_MM:
-                raise RunFailed(
+                raise dt.RunFailed(
                     f"the block is {2 * got:.2f} mm wide along {axis}, {2 * said:g} were given: "
                     "another block, or another ball"
                 )
         if abs(math.degrees(turn)) > MAX_TURN_DEG:
-            raise RunFailed(
+            raise dt.RunFailed(
                 f"the block is turned by {math.degrees(turn):.1f} degrees, more than "
                 f"{MAX_TURN_DEG:g}: put it straight"
             )
@@ -124,29 +113,33 @@ class BlockTouch:
 
         x, y, _ = self._stage.position_mm()
         for target in ((x, y, high_mm), at(far, high_mm)):
-            go(self._stage, target, config.feed_mm_min * LOWERING)
+            self._go(target, config.feed_mm_min * LOWERING)
         self._feeler.tare()
         try:
             if self._feeler.move(
                 at(far, self._low_mm), config.feed_mm_min * LOWERING, config.force_n
             ):
-                raise SensorError(f"something is in the way beside the block, at {_side(side)}")
+                raise dt.SensorError(f"something is in the way beside the block, at {_side(side)}")
             self._approach(side, far, near, at)
             out = sign * self._stage.position_mm()[axis]
             out += BACK_MM
-            go(self._stage, at(out, self._low_mm), config.feed_mm_min)
+            self._go(at(out, self._low_mm), config.feed_mm_min)
             while not float((self._feeler.at_rest() ** 2).sum()) ** 0.5 > config.force_n:
                 out -= STEP_MM
                 if out < near:
-                    raise SensorError(f"the side at {_side(side)} gave way")
+                    raise dt.SensorError(f"the side at {_side(side)} gave way")
                 self._feeler.move(at(out, self._low_mm), config.feed_mm_min, MOST * config.force_n)
             return sign * out
         finally:
             self._stage.stop()
             out = sign * self._stage.position_mm()[axis]
             for target in (at(max(out, far), self._low_mm), at(max(out, far), high_mm)):
-                go(self._stage, target, config.feed_mm_min * LOWERING)
+                self._go(target, config.feed_mm_min * LOWERING)
             self._feeler.release()
+
+    def _go(self, target_mm: Vector, feed_mm_min: float) -> None:
+        self._stage.start_move(target_mm, feed_mm_min)
+        self._stage.wait()
 
     def _approach(self, side: Side, far: float, near: float, at: At) -> None:
         out = far
@@ -156,7 +149,7 @@ class BlockTouch:
                 at(out, self._low_mm), self._config.feed_mm_min, self._config.force_n
             ):
                 return
-        raise SensorError(
+        raise dt.SensorError(
             f"the block was not met at {_side(side)} within {self._config.search_mm:g} mm of its "
             "side (touch.search_mm)"
         )
@@ -168,15 +161,10 @@ def _side(side: Side) -> str:
 
 def main(rig: str, half_x: float, half_y: float, top: float, indenter: str = "sphere:10") -> None:
     """Home, touch, print."""
-    bench, path = config.load(rig)
-    assert isinstance(bench, config.GrblConfig), "a real rig"
-    ball, operator = parse(indenter), TerminalOperator()
-    with session.homed(bench, path, operator) as devices:
-        confirm(operator, ball.name, "it is mounted, screwed tight")
-        feeler = ForceProbe(devices.stage, devices.force, devices.stage.clock, devices.guard)
-        block = BlockTouch(feeler, bench.touch or TouchConfig(), (half_x, half_y), top, ball)
-        found = block.find()
-        frame = found.frame(devices.stage.frame)
+    ball = dt.parse_indenter(indenter)
+    with dt.open_probe(rig, ball.name) as (probe, touch):
+        found = BlockTouch(probe, touch, (half_x, half_y), top, ball).find()
+        frame = found.frame(probe.stage.frame)
     print(f"# the block was off by ({found.x_mm:+.3f}, {found.y_mm:+.3f}) mm")
     print(f"origin_machine_mm = {[round(p, 4) for p in frame.origin_machine_mm]}")
     print(f"angle_deg = {frame.angle_deg:.4f}")

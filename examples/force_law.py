@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from deltact_fab import record
+import deltact_fab as dt
 
 
 def main(folder: Path, indenter: str = "sphere:10", least_mm: float = 0.2) -> tuple[float, float]:
     """Exponent and force at 1 mm (N), from the samples of the first press deeper than least_mm."""
-    run = record.open(folder)
+    run = dt.load_run(folder)
     steps = run.steps()
     step = steps[(steps["indenter"] == indenter) & (steps["kind"] == "press")].iloc[0]
     pose, force = run.pose(step["press"]), run.force(step["press"])

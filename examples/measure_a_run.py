@@ -10,18 +10,20 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from deltact_fab.analysis.tracking_error import TrackingResult, analyse
+import pandas as pd
+
+import deltact_fab as dt
 
 METHOD = "dis-fast"
 
 
-def main(folder: Path) -> TrackingResult:
-    """Errors of one method against the pattern's dots and, of a simulated run, against truth."""
-    return analyse(folder, methods=(METHOD,))
+def main(folder: Path) -> pd.DataFrame:
+    """A row a frame: errors at the pattern's dots and, of a simulated run, against truth."""
+    result = dt.analyze_tracking(folder, methods=(METHOD,))
+    print(result.verdict.line)
+    return result.frames
 
 
 if __name__ == "__main__":
-    found = main(Path(sys.argv[1]))
-    print(found.verdict.line)
-    errors = found.frames.groupby("indenter")[["mean_at_dots_mm", "mean_off_dots_mm"]]
+    errors = main(Path(sys.argv[1])).groupby("indenter")[["mean_at_dots_mm", "mean_off_dots_mm"]]
     print(errors.mean().round(4).to_string())

@@ -5,8 +5,7 @@ python examples/pattern_quality.py
 
 from __future__ import annotations
 
-from deltact_fab.patterns import PatternRecipe
-from deltact_fab.patterns.quality.measure import measure
+import deltact_fab as dt
 
 SIZES_MM = (0.075, 0.15, 0.3)
 
@@ -15,8 +14,8 @@ def main() -> dict[float, float]:
     """By patch size (mm): the share of the designed contrast that the camera's image keeps."""
     kept = {}
     for patch_mm in SIZES_MM:
-        recipe = PatternRecipe(law="algorithm1", seed=7, patch_mm=patch_mm, r=0.1)
-        share = measure(recipe, view_mm=(8.0, 8.0)).camera_contrast
+        recipe = dt.PatternRecipe(law="algorithm1", seed=7, patch_mm=patch_mm, r=0.1)
+        share = dt.measure_pattern(recipe, view_mm=(8.0, 8.0)).camera_contrast
         assert share is not None, "a printed pattern has contrast"
         kept[patch_mm] = share
     return kept

@@ -11,7 +11,7 @@ import math
 import sys
 from pathlib import Path
 
-from deltact_fab import experiment, record
+import deltact_fab as dt
 
 PROTOCOL = """
 name = "two-depths"
@@ -29,8 +29,8 @@ def main(out: Path, rig: str = "virtual") -> dict[float, tuple[float, float]]:
     out.mkdir(parents=True)
     protocol = out / "two-depths.toml"
     protocol.write_text(PROTOCOL)
-    experiment.run(experiment.RunRequest(str(protocol), rig, out / "run", seed=1))
-    frames = record.open(out / "run").frames()
+    dt.run_protocol(dt.RunRequest(str(protocol), rig, out / "run", seed=1))
+    frames = dt.load_run(out / "run").frames()
     found = {}
     for row in frames[frames["settled"] & (frames["z_mm"] < 0)].itertuples():
         depth_mm = -float(row.z_mm)

@@ -10,12 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from deltact_fab.cad.design import load_design
-from deltact_fab.cad.feasibility import check
-from deltact_fab.elasticity import GelMaterial
-from deltact_fab.errors import InputError
-from deltact_fab.gel.press import press
-from deltact_fab.shapes.indenter import parse
+import deltact_fab as dt
 
 THICKNESSES_MM = (8.0, 10.0, 12.0, 14.0, 16.0)
 DEPTH_MM = 0.8
@@ -32,16 +27,16 @@ class Row:
 
 def main() -> list[Row]:
     """A row a thickness."""
-    rows = []
+    rows, ball = [], dt.parse_indenter("sphere:10")
     for thickness_mm in THICKNESSES_MM:
-        design = load_design("deltact", changes=[f"skin.thickness_mm={thickness_mm:g}"])
+        design = dt.load_design("deltact", changes=[f"skin.thickness_mm={thickness_mm:g}"])
         refused = ""
         try:
-            check(design)
-        except InputError as why:
+            dt.check_design(design)
+        except dt.InputError as why:
             refused = str(why).partition(" | ")[0]
-        pressed = press(
-            design.skin, GelMaterial(), parse("sphere:10"), (0.0, 0.0), DEPTH_MM, model="linear"
+        pressed = dt.press_gel(
+            design.skin, dt.GelMaterial(), ball, (0.0, 0.0), DEPTH_MM, model="linear"
         )
         rows.append(Row(thickness_mm, -pressed.result["force_n"][2], refused))
     return rows

@@ -21,6 +21,7 @@ import pytest
 
 from deltact_fab import jobs
 from deltact_fab.errors import InputError, MissingLibrary, RunFailed
+from deltact_fab.jobs.cluster import executor
 from deltact_fab.jobs.local import TRIES
 
 LISTED = pytest.mark.skipif(shutil.which("ps") is None, reason="ps is not installed (procps)")
@@ -46,7 +47,7 @@ def test_results_are_in_the_order_of_the_jobs_and_progress_names_each(workers: i
 def test_any_executor_will_do() -> None:
     with ThreadPoolExecutor(2) as threads:
         assert jobs.each(math.sqrt, [4, 9], ["a", "b"], threads) == [2, 3]
-    with jobs.executor(workers=2) as own:
+    with executor(workers=2) as own:
         assert own.workers == 2
         assert jobs.each(math.sqrt, [4, 9], ["a", "b"], own) == [2, 3]
         assert jobs.each(math.sqrt, [16], ["c"], own) == [4]
@@ -114,7 +115,7 @@ def test_one_that_kills_its_process_each_time_fails_alone() -> None:
 
 @pytest.mark.slow
 def test_an_idle_process_that_dies_costs_no_job_a_try() -> None:
-    with jobs.executor(workers=1) as own:
+    with executor(workers=1) as own:
         for _ in range(TRIES + 1):
             (process_id,) = jobs.each(eval, ["__import__('os').getpid()"], ["id"], own)
             os.kill(process_id, signal.SIGKILL)
@@ -176,7 +177,7 @@ def test_a_worker_keeps_threads_that_the_user_set(monkeypatch: pytest.MonkeyPatc
     ],
 )
 def test_another_place_is_refused(on: str, workers: int | None, says: str) -> None:
-    with pytest.raises(InputError) as why, jobs.executor(on, workers):
+    with pytest.raises(InputError) as why, executor(on, workers):
         pass
     assert says in str(why.value)
 
@@ -185,7 +186,7 @@ def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
     monkeypatch.setitem(sys.modules, "distributed", None)
     with (
         pytest.raises(MissingLibrary, match=r"pip install 'deltact-fab\[cluster\]'"),
-        jobs.executor("dask:tcp://127.0.0.1:8786"),
+        executor("dask:tcp://127.0.0.1:8786"),
     ):
         pass
 

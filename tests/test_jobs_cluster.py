@@ -19,6 +19,7 @@ import pytest
 
 from deltact_fab import cache, jobs
 from deltact_fab.errors import RunFailed
+from deltact_fab.jobs.cluster import executor
 from deltact_fab.study.grid import GridJob, solve
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
@@ -89,7 +90,7 @@ def wait(true: Callable[[], Any], limit_s: float = 60) -> Any:
 def test_results_and_errors_come_from_there(cluster: Cluster) -> None:
     cluster.add(2)
     ended: dict[int, jobs.JobOutcome[Any]] = {}
-    with jobs.executor(cluster.on) as there:
+    with executor(cluster.on) as there:
         wait(lambda: len(there._client.nthreads()) == 2)  # type: ignore[attr-defined]
         assert jobs.each(math.sqrt, [4, 9, 16], "abc", there) == [2, 3, 4]
         jobs.run(
@@ -103,14 +104,14 @@ def test_results_and_errors_come_from_there(cluster: Cluster) -> None:
         assert ended[2].value != os.getpid()
         with pytest.raises(NameError, match="'one'"):
             jobs.each(eval, ["1", "one", "two"], "abc", there)
-    with jobs.executor(cluster.on) as again:  # the first left it as it was
+    with executor(cluster.on) as again:  # the first left it as it was
         assert jobs.each(math.sqrt, [4], "a", again) == [2]
 
 
 def test_a_job_that_kills_its_workers_fails_alone_in_one_line(cluster: Cluster) -> None:
     cluster.add(nanny=True)  # one worker: each time it dies Dask blames those that wait on it too
     ended: dict[int, jobs.JobOutcome[Any]] = {}
-    with jobs.executor(cluster.on) as there:
+    with executor(cluster.on) as there:
         jobs.run(
             eval, ["__import__('os')._exit(3)", "7", "8"], lambda e: ended.update({e.index: e}),
             there,
@@ -128,7 +129,7 @@ def test_a_cluster_that_is_gone_is_said(
     cluster.add(1)
     kill = f"__import__('os').killpg({cluster.scheduler.pid}, 9) or __import__('time').sleep(60)"
     task = {"scheduler": kill, "workers": "__import__('os')._exit(3)"}[gone]
-    with pytest.raises(jobs.CannotGoOn, match="is gone"), jobs.executor(cluster.on) as there:
+    with pytest.raises(jobs.CannotGoOn, match="is gone"), executor(cluster.on) as there:
         jobs.run(eval, [task], print, there)
 
 
@@ -142,7 +143,7 @@ def test_where_there_is_nothing_it_is_said(
     if way == "nobody":
         cluster._end(cluster.scheduler)
     says = {"nobody": "no Dask scheduler answers at", "no workers": "has no workers"}[way]
-    with pytest.raises(RunFailed, match=says) as why, jobs.executor(cluster.on):
+    with pytest.raises(RunFailed, match=says) as why, executor(cluster.on):
         pass
     assert cluster.address in str(why.value)
     assert "\n" not in str(why.value)
@@ -160,14 +161,14 @@ def test_a_worker_with_other_code_is_refused_alone(
         copy.write_bytes(file.read_bytes())
     said = "its deltact_fab is another"
     cluster.add(1)
-    with jobs.executor(cluster.on) as there:
+    with executor(cluster.on) as there:
         assert there.workers == 1
         cluster.add(1, path=str(other))
         wait(lambda: len(there._client.nthreads()) == 2)
         ids = jobs.each(eval, [PROCESS] * 20, [str(n) for n in range(20)], there)
         wait(lambda: there.check() or said in capsys.readouterr().err)
     assert set(ids) == {cluster.workers[0].pid}
-    with jobs.executor(cluster.on) as there:  # with both there from the start
+    with executor(cluster.on) as there:  # with both there from the start
         assert said in capsys.readouterr().err
         # One that comes later and is ours takes the jobs that wait when the first has died.
         os.killpg(cluster.workers[0].pid, signal.SIGKILL)
@@ -177,7 +178,7 @@ def test_a_worker_with_other_code_is_refused_alone(
         wait(lambda: len(there._client.nthreads()) == 1)
     with (
         pytest.raises(RunFailed, match=r"no worker at tcp://.* has this deltact_fab"),
-        jobs.executor(cluster.on),
+        executor(cluster.on),
     ):
         pass
 
@@ -191,7 +192,7 @@ def test_files_of_the_store_go_with_jobs_and_come_back(
     tiny = importlib.import_module("tiny_study")
     cluster.add(2)
     file = "gel/one.bin"
-    with jobs.executor(cluster.on) as there:
+    with executor(cluster.on) as there:
         wait(lambda: there._look() == 2)
         (made,) = jobs.each(tiny.leave, [tiny.Leaves(file=file)], ["makes"], there)
         assert (tmp_path / "here" / file).read_text() == str(made["by"]) == str(made["in"])

@@ -57,6 +57,20 @@ SCENES = {
 CAD = ("cadquery", "OCP")
 PAGES = ("matplotlib", "jinja2")
 WATCHED = ("cv2", "numba", "scipy.interpolate", *THROUGH, *CAD, *PAGES)
+# Of one command each: rooms that it would enter only in passing.
+REGISTRY = tuple(f"deltact_fab.cad.{name}" for name in ("registry", "feasibility", "parts.cover"))
+WRITING = (
+    *(f"deltact_fab.record.{name}" for name in ("writer", "importing", "check")),
+    *(f"deltact_fab.cad.{name}" for name in ("design", "dimensions")),
+)
+DRAFTING = (
+    *(
+        f"deltact_fab.cad.drafting.{name}"
+        for name in ("page", "projection", "scheme", "placing", "drawing")
+    ),
+    "deltact_fab.pdf",
+)
+CLUSTER = ("deltact_fab.jobs.cluster",)
 LOADED = """
 print("@@" + json.dumps([name for name in {watched!r} if name in sys.modules]))
 """
@@ -90,9 +104,9 @@ def scene(name: str, folder: Path, lens: str = "") -> tuple[str, str]:
     return str(protocol), str(rig)
 
 
-def loaded_by(*bodies: str, cwd: Path) -> list[set[str]]:
+def loaded_by(*bodies: str, cwd: Path, watched: tuple[str, ...] = WATCHED) -> list[set[str]]:
     """Which of the watched modules a fresh process holds after each of the bodies."""
-    look = LOADED.format(watched=WATCHED)
+    look = LOADED.format(watched=watched)
     done = subprocess.run(
         [sys.executable, "-c", "import json, sys\n" + "".join(body + look for body in bodies)],
         capture_output=True, text=True, cwd=cwd, timeout=300, check=False,
@@ -246,3 +260,43 @@ def test_a_command_of_numbers_loads_no_kernel_no_pages_and_no_opencv(
 ) -> None:
     (loaded,) = loaded_by(COMMAND.format(words=words.split()), cwd=tmp_path)
     assert loaded <= ({"scipy.interpolate"} if words.startswith("gel") else set())
+
+
+def commands(*lines: str) -> list[str]:
+    """Bodies that run a command line each."""
+    return [COMMAND.format(words=line.split()) for line in lines]
+
+
+def test_a_sheet_asks_the_design_for_its_film_and_builds_no_registry_of_parts(
+    tmp_path: Path,
+) -> None:
+    bodies = commands("pattern sheet recommended -o sheet.pdf", "cad bom")
+    sheet, bom = loaded_by(*bodies, cwd=tmp_path, watched=REGISTRY)
+    assert sheet == set()
+    assert bom == set(REGISTRY)
+
+
+@pytest.mark.slow
+def test_measuring_a_run_loads_nothing_that_writes_or_checks_one_and_no_dimensions(
+    mini_run: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "own.toml").write_text(f'images = "{mini_run / "images"}"\nrate_hz = 20\n')
+    bodies = commands(f"measure {mini_run}", "record import own.toml --out own")
+    measured, imported = loaded_by(*bodies, cwd=tmp_path, watched=WRITING)
+    assert measured == set()
+    assert imported == set(WRITING)
+
+
+@pytest.mark.slow
+def test_a_step_file_loads_no_drawing_and_no_cluster(tmp_path: Path) -> None:
+    export = "cad export cover --out parts --format"
+    bodies = commands(f"{export} step", f"{export} pdf")
+    elsewhere = """
+from deltact_fab.jobs.cluster import executor
+with executor(workers=1) as own:
+    assert own.submit(abs, -1).result() == 1
+"""
+    step, drawn, shared = loaded_by(*bodies, elsewhere, cwd=tmp_path, watched=(*DRAFTING, *CLUSTER))
+    assert step == set()
+    assert drawn == set(DRAFTING)
+    assert shared == {*DRAFTING, *CLUSTER}

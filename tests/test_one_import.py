@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import pkgutil
 import re
 import shutil
+import subprocess
+import sys
+import warnings
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -15,10 +19,46 @@ import numpy as np
 import pytest
 
 import deltact_fab as dt
+from deltact_fab import moved
 
+ROOT = Path(__file__).parents[1]
 TOUR = json.loads((Path(__file__).parents[1] / "examples/tour.ipynb").read_text())
 TASKS = ["".join(c["source"]) for c in TOUR["cells"] if "task" in c["metadata"].get("tags", ())]
 """Make a pattern, read a run, track a folder, force and depth in a live loop."""
+COPIED = {
+    "aliases": {"Vector": ""},
+    "analysis.force": {
+        "calibrate": "calibrate_force", "write_calibration": "write_force_calibration",
+    },
+    "analysis.shape": {"calibrate_depth": "calibrate_depth"},
+    "analysis.tracking_error": {"analyse": "analyze_tracking", "TrackingResult": ""},
+    "cad.assembly": {"assemble": "assemble_sensor", "bench": "assemble_bench"},
+    "cad.build": {"build_part": ""},
+    "cad.design": {"load_design": "load_design"},
+    "cad.export": {"export_parts": "export_parts"},
+    "cad.feasibility": {"check": "check_design"},
+    "cad.registry": {"find": ""},
+    "elasticity": {"GelMaterial": "GelMaterial"},
+    "errors": {"InputError": "InputError", "RunFailed": "RunFailed", "SensorError": "SensorError"},
+    "experiment": {"RunRequest": "RunRequest", "run": "run_protocol"},
+    "gel.press": {"press": "press_gel"},
+    "optics": {"StageFrame": ""},
+    "patterns": {"PatternRecipe": "PatternRecipe"},
+    "patterns.quality.measure": {"measure": "measure_pattern"},
+    "protocols.plan": {"load": "load_protocol"},
+    "record": {"open": "load_run"},
+    "rig.config": {"load": "", "GrblConfig": ""},
+    "rig.interface": {"go": ""},
+    "rig.tables": {"TouchConfig": ""},
+    "rig.tool.feeler": {"ForceProbe": ""},
+    "rig.tool.session": {"homed": ""},
+    "rig.tool.tooling": {"TerminalOperator": "", "confirm": ""},
+    "rig.tool.touch": {"LOWERING": "", "MOST": "", "STEP_MM": ""},
+    "shapes": {"Indenter": "", "SkinDimensions": ""},
+    "shapes.indenter": {"parse": "parse_indenter"},
+}  # fmt: skip
+"""What tutorials, how-tos, examples, notebook and cad/view.py of 0.3.0 import, with the name of
+`dt` that replaces it, where there is one."""
 
 
 @pytest.fixture
@@ -43,6 +83,86 @@ def test_its_names_are_offered_and_no_module_takes_one() -> None:
     assert not [n for n in dt.__all__ if isinstance(getattr(dt, n), ModuleType)]
     with pytest.raises(AttributeError, match="'deltact_fab' has no attribute 'trak'"):
         dt.trak  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_each_name_is_what_the_type_checker_is_told_and_has_a_line() -> None:
+    """One statement for mypy, one for Python; the order is that of the documentation."""
+    tree = ast.parse(Path(dt.__file__).read_text())
+    (typing, running) = next(
+        (node.body, node.orelse) for node in tree.body if isinstance(node, ast.If)
+    )
+    told = {
+        alias.asname or alias.name: (node.module, alias.name)
+        for node in typing
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    homes = ast.literal_eval(next(n.value for n in running if isinstance(n, ast.Assign)))
+    assert {name: tuple(home[:2]) for name, home in homes.items()} == told
+    assert dt.__all__ == ["__version__", *homes]
+    assert re.findall(r"(?m)^- `(\w+)`: [A-Z].+\.$", dt.__doc__ or "") == list(homes)
+
+
+def test_an_import_loads_the_version_alone() -> None:
+    body = "import sys, deltact_fab as dt; print(*(n for n in sys.modules if 'deltact' in n))"
+    done = subprocess.run([sys.executable, "-c", body], capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == {"deltact_fab", "deltact_fab.version"}
+
+
+def test_what_users_copied_from_0_3_goes_on_working() -> None:
+    """Through `moved` from the day on which a path has no file of its own."""
+    assert {path for taught in moved.TAUGHT.values() for path in taught} == set(COPIED)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)
+        for path, names in COPIED.items():
+            module = import_module(f"deltact_fab.{path}")
+            for old, new in names.items():
+                assert hasattr(module, old), f"{path}.{old}"
+                assert not new or getattr(module, old) is getattr(dt, new), f"{path}.{old}"
+
+
+def test_a_path_that_moved_leads_on_and_says_once_what_replaces_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(moved, "TAUGHT", {"live": ("session",), "record": ("export.tables",)})
+    try:
+        with pytest.warns(FutureWarning) as told:
+            from deltact_fab.session import LiveMeasurement, track
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            from deltact_fab import session
+        with pytest.warns(FutureWarning, match="goes in 0.5: `import deltact_fab as dt` has dt.lo"):
+            from deltact_fab.export import tables
+        assert (track, LiveMeasurement) == (dt.track, dt.Live)
+        assert session.measure_source is dt.measure_source
+        assert tables.TABLES
+        assert [str(one.message) for one in told] == [
+            "deltact_fab.session goes in 0.5: `import deltact_fab as dt` has "
+            "dt.track, dt.measure_source, dt.Live"
+        ]
+        assert told[0].filename == __file__
+        for other in ("export.lerobot", "sessions", "expor"):
+            with pytest.raises(ModuleNotFoundError, match=f"No module named 'deltact_fab.{other}'"):
+                import_module(f"deltact_fab.{other}")
+        with pytest.raises(AttributeError, match=r"live\.session' has no attribute 'trak'"):
+            session.trak  # noqa: B018
+    finally:
+        for name in ("session", "export", "export.tables"):
+            sys.modules.pop(f"deltact_fab.{name}", None)
+            vars(dt).pop(name, None)
+
+
+def test_what_users_copy_imports_dt_alone() -> None:
+    cells = "\n".join("".join(cell["source"]) for cell in TOUR["cells"])
+    pages = [path.read_text() for path in (*ROOT.glob("docs/**/*.md"), ROOT / "README.md")]
+    scripts = [path.read_text() for path in (*ROOT.glob("examples/*.py"), ROOT / "cad/view.py")]
+    taught = [
+        line
+        for text in (cells, *pages, *scripts)
+        for line in re.findall(r"(?m)^ *((?:from|import) +deltact_fab.*)$", text)
+    ]
+    assert len(taught) >= 10
+    assert set(taught) == {"import deltact_fab as dt"}
 
 
 @pytest.mark.slow

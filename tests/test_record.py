@@ -12,7 +12,8 @@ import pytest
 from deltact_fab import record
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.protocols.plan import Step
-from deltact_fab.record import Chunk, RunWriter
+from deltact_fab.record import Chunk
+from deltact_fab.record.writer import RunWriter
 
 STEP = Step("sphere-10/p1/d1.00/press", "sphere-10/p1", "sphere:10", "press", (0, 0, -1.0), 30.0, 2)
 META = {

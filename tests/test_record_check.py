@@ -18,7 +18,9 @@ from deltact_fab import experiment, record
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.record import CLOCK_COLUMNS
+from deltact_fab.record.check import check
 from deltact_fab.record.journal import claim
+from deltact_fab.record.writer import RunWriter
 
 # As 0.2.0 left it, stopped in its second press; force at 40 Hz, no images. Its rig:
 OF_0_2 = Path(__file__).parent / "data" / "run-format-5"
@@ -64,7 +66,7 @@ def first_image(run: Path) -> Path:
 
 
 def problems(run: Path) -> list[tuple[str, str]]:
-    return [(problem.kind, problem.where) for problem in record.check(run).problems]
+    return [(problem.kind, problem.where) for problem in check(run).problems]
 
 
 def test_a_whole_run_is_said_to_be_whole(mini_run: Path) -> None:
@@ -153,16 +155,16 @@ def test_no_value_of_the_metadata_can_be_changed_unseen(
 ) -> None:
     run = tmp_path / "run"
     shutil.copytree(no_images, run)
-    assert record.check(run).whole
+    assert check(run).whole
     text = (run / name).read_text()
     assert old in text
     (run / name).write_text(text.replace(old, new, 1))
-    found = record.check(run)
+    found = check(run)
     assert any(name in f"{p.where} {p.text}" for p in found.problems)
 
 
 def test_a_run_of_0_2_is_read_and_checked_and_not_gone_on_with(no_images: Path) -> None:
-    found = record.check(OF_0_2)
+    found = check(OF_0_2)
     assert (found.format, found.whole, list(found.open)) == (5, True, ["sphere-6/p2"])
     assert found.unhashed == ["run.json", "protocol.toml", "pattern.json"]
     assert found.rows()[1][:2] == ("not hashed", "run.json, protocol.toml, pattern.json")
@@ -182,7 +184,7 @@ def test_a_run_whose_metadata_were_changed_is_not_gone_on_with(copy: Path) -> No
     pattern = copy / "pattern.json"
     pattern.write_text(pattern.read_text().replace('"seed": 7', '"seed": 8'))
     with pytest.raises(RunFailed, match=r"pattern\.json: differs from its hash .*put it back"):
-        record.RunWriter.resume(copy, [])
+        RunWriter.resume(copy, [])
 
 
 def test_what_an_unfinished_run_lacks_is_no_damage(copy: Path) -> None:
@@ -219,7 +221,7 @@ def test_a_finished_run_that_has_lost_an_image_says_so_on_resume(
     (copy / "summary.json").unlink()  # as the error advises
     summary = experiment.run(experiment.RunRequest(protocol, rig, copy, seed=3), resume=True)
     assert list(summary["redone"]) == ["4dots/p1"]
-    assert record.check(copy).whole
+    assert check(copy).whole
 
 
 def test_notes_are_kept_while_a_run_goes_on_and_after_it(copy: Path) -> None:

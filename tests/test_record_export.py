@@ -22,10 +22,11 @@ from deltact_fab.analysis.flows import follower
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.protocols.plan import Step
-from deltact_fab.record import Chunk, Run, RunWriter
+from deltact_fab.record import Chunk, Run
 from deltact_fab.record.export import export
 from deltact_fab.record.export.lerobot import MM_PER_LEVEL, MOTION, RAW
 from deltact_fab.record.export.tables import TABLES, TimeLine
+from deltact_fab.record.writer import RunWriter
 
 OF_0_2 = Path(__file__).parent / "data" / "run-format-5"
 FORCE = ["fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm"]

@@ -12,7 +12,8 @@ import pytest
 from deltact_fab import record
 from deltact_fab.errors import RunFailed
 from deltact_fab.protocols.plan import Step
-from deltact_fab.record import RunWriter, journal
+from deltact_fab.record import journal
+from deltact_fab.record.writer import RunWriter
 
 STEP = Step("a/p1/d1.00/press", "a/p1", "sphere:10", "press", (0, 0, -1.0), 30.0, 40)
 PATTERN = {"recipe": {}, "dots_mm": [], "dot_diameter_mm": 0.0}

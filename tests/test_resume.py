@@ -20,7 +20,8 @@ from short_run import ShortRun
 
 from deltact_fab import record
 from deltact_fab.errors import InputError
-from deltact_fab.record import CLOCK_COLUMNS, PRESS_TABLES, RunWriter
+from deltact_fab.record import CLOCK_COLUMNS, PRESS_TABLES
+from deltact_fab.record.writer import RunWriter
 
 # The command line in a process that kills itself inside the n-th call of a function of the record:
 # `write_whole` (an image), before it or after its rename, or os.fsync (anything).

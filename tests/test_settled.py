@@ -12,6 +12,7 @@ from deltact_fab.errors import RunFailed
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.limits import MAX_BETWEEN_FRAMES_MM
 from deltact_fab.record import CLOCK_COLUMNS
+from deltact_fab.record.check import check
 from deltact_fab.virtual.clock import VirtualClock
 
 pytestmark = pytest.mark.slow
@@ -125,7 +126,7 @@ def test_a_hold_and_the_way_out_are_in_images_force_and_truth(
     run = record.open(tmp_path / "r")
     frames, truth = run.frames(), run.truth()
     assert truth is not None
-    assert record.check(tmp_path / "r").whole
+    assert check(tmp_path / "r").whole
     assert not frames["late"].any()
     hold, out = (frames[frames["kind"] == kind] for kind in ("hold", "retract"))
     assert np.diff(hold["t_press_s"])[:-1] == pytest.approx(1.0, abs=0.01)

@@ -196,7 +196,7 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     the [virtual.gel] settings of its rig file.
     """
     from ..cad.design import load_design
-    from ..jobs import executor
+    from ..jobs.cluster import executor
     from ..protocols import plan
     from ..rig import config as rig_config
     from ..virtual.presolve import solve_ahead

@@ -11,7 +11,7 @@ import click
 from .. import catalog
 from ..catalog import as_toml, write_new
 from ..errors import InputError, MissingLibrary
-from .cad import load, of_design
+from .cad import of_design
 from .group import CommandGroup
 from .options import NAME_OR_PATH, NEW_FILE, PATH, SEED, out_file, out_folder, seed
 from .output import (
@@ -227,6 +227,7 @@ def sheet(
 
     Around each sticker is the margin of film that the design's skin needs; cut as the guide says.
     """
+    from ..cad.design import load_design
     from ..patterns import load_recipe
     from ..patterns.sheet.job import write
 
@@ -237,7 +238,7 @@ def sheet(
         known = load_printer(printer)
         scale = known.scale_x, known.scale_y
     chosen = [load_recipe(name) for name in recipes]
-    sensor = load(design, changes)
+    sensor = load_design(design, changes)  # its film and view; `cad check` judges the parts
     # For no design that was named a small sticker is a trial print.
     source = click.get_current_context().get_parameter_source("design")
     named = bool(changes) or source is not click.core.ParameterSource.DEFAULT

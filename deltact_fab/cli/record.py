@@ -30,7 +30,7 @@ def check(run: Path) -> Answer:
     once. The verdict comes first, then one line for each problem. What a press that was cut off
     lacks is no damage. Nothing is changed. Exit code 1 on damage.
     """
-    from ..record import check as verify
+    from ..record.check import check as verify
 
     with progress("check") as bar:
         verdict = verify(run, bar)
@@ -76,7 +76,7 @@ def import_(recording: Path, out: Path) -> Answer:
     stays unknown. Says how much force lags the images. Nothing is written unless all is right.
     """
     from ..cad.design import load_design
-    from ..record import import_recording
+    from ..record.importing import import_recording
     from ..rig.camera.files import images_of
 
     with progress("import") as bar:

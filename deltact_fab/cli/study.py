@@ -134,6 +134,6 @@ def _run(name: str, one: Study, given: dict[str, Any]) -> Answer:
 
 
 def _executor(given: dict[str, Any]) -> AbstractContextManager[Executor | None]:
-    from ..jobs import executor
+    from ..jobs.cluster import executor
 
     return executor(given["on"], given["jobs"]) if "on" in given else nullcontext()

@@ -20,7 +20,7 @@ class GelMaterial(Bounded):
     friction: Coulomb coefficient against the indenter.
     prony: pairs (g, tau_s) of a relaxing gel; none: elastic. modulus_mpa is what is left after long
     rest (a slow press, a book value), g the extra share of its shear modulus that fades with tau:
-        G(t) = G (1 + sum g exp(-t / tau)).
+    G(t) = G (1 + sum g exp(-t / tau)).
     Shares s of the *instantaneous* modulus, as many programs list them, are g = s / (1 - sum s).
 
     Raises ValueError for a number outside its range.

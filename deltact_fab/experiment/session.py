@@ -17,8 +17,9 @@ from ..errors import InputError
 from ..patterns.recipe import PatternRecipe, centres_mm
 from ..protocols import plan
 from ..protocols.plan import Step
-from ..record import RunWriter
 from ..record import open as open_run
+from ..record.check import require_whole
+from ..record.writer import RunWriter
 from ..rig.config import RigConfig, VirtualConfig
 from ..rig.interface import OpenBench, Rig, RigSetup
 from ..rig.run.runner import Runner, RunProgress
@@ -64,7 +65,7 @@ def run(
         if found.finished and note is not None:
             raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
         if found.finished:
-            record.require_whole(found, request.progress)
+            require_whole(found, request.progress)
             return {**found.summary(), "already_finished": True}
     else:
         _require_new(out, text)

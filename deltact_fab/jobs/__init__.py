@@ -5,5 +5,4 @@ local.py is processes here, cluster.py these or an existing Dask cluster.
 """
 
 from .batch import CannotGoOn, JobOutcome, at_a_time, each, run
-from .cluster import executor
 from .local import THREAD_VARIABLES, Local, processors

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import catalog, record
-from ..cad.design import load_design
 from ..errors import InputError, did_you_mean
 from ..measure.pipeline import Measurement
 from ..measure.pipeline.measurement import Rectifier
@@ -20,7 +19,7 @@ from ..measure.sensor_id import SensorId, SensorModel, read_calibration, read_re
 from ..optics import Fisheye, FlatField, Rectified, load_camera
 from ..rig.camera.model import raw_size_px
 from ..rig.interface import CameraFrame
-from ..shapes.sensor import SkinDimensions
+from ..shapes.sensor import SensorDimensions, SkinDimensions
 from .source import FollowedFolder, Source, camera_source, file_source
 
 NAMES_A_FILE = re.compile(r"\w[\w.+-]*")  # of a serial number: others are never kept
@@ -54,12 +53,12 @@ def open_source(
         if given is not None:
             own = replace(own, projection=given.projection, flat=given.flat)
         if design is not None:
-            own = replace(own, design=design, skin=load_design(design).skin)
+            own = replace(own, design=design, skin=_design(design).skin)
         if serial is not None:
             own = replace(own, serial=serial)
         source.known = own
         if own.projection is None and rest_only:
-            sensor = load_design(own.design or "deltact")
+            sensor = _design(own.design)
             lens = Rectified.of(sensor, Fisheye.of(sensor))
             own = source.known = replace(own, projection=lens, nominal=True)
     except InputError:
@@ -68,9 +67,16 @@ def open_source(
     return source
 
 
+def _design(name: str | None) -> SensorDimensions:
+    """The named design, else the default one; a source that knows its sensor asks for none."""
+    from ..cad.design import load_design
+
+    return load_design(name or "deltact")
+
+
 def known_of(camera_file: Path, design: str | None = None) -> SensorModel:
     """What a camera file and a design say. Raises InputError."""
-    sensor = load_design(design or "deltact")
+    sensor = _design(design)
     camera, _ = load_camera(camera_file)
     flat = FlatField.beside(camera_file)
     if isinstance(camera, Fisheye):

@@ -8,16 +8,13 @@ come with its row. See docs/decisions/0005-resume.md and 0032-runner.md.
 
 from __future__ import annotations
 
-from .check import check, require_whole
 from .conditions import require_same
 from .files import LATTICE, LENS, UNKNOWN, truth_file
 from .images import decode, encode_png, image_format, rate_held_hz
 from .images import require as require_format
-from .importing import import_recording
 from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
 from .notes import add as add_note
 from .notes import usable as usable_note
 from .run import Run, about, open
 from .streams import Chunk
 from .truth import RunTruth
-from .writer import RunWriter

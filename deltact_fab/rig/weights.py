@@ -15,8 +15,9 @@ import numpy as np
 from ..aliases import Note, Progress
 from ..errors import Stopped
 from ..protocols.plan import Step
-from ..record import Chunk, RunWriter
+from ..record import Chunk
 from ..record.streams import FORCE_COLUMNS
+from ..record.writer import RunWriter
 from ..units import to_ns
 from .camera.model import open_camera
 from .config import GrblConfig

@@ -200,9 +200,9 @@ class Indenter:
     tips: what touches the gel; outside all of them the indenter is out of reach.
     stem_diameter_mm: the stem that fits the stage's tool holder.
     stem_flat_at_mm: the stem's flat from its axis, on the side of the tips' +x and over the whole
-        length: it clocks the tips in the tool holder. The same for all.
+    length: it clocks the tips in the tool holder. The same for all.
     reach_mm: free length from the lowest point up to the back plate, that is, the depth to which
-        tips and shanks alone can be pressed.
+    tips and shanks alone can be pressed.
     """
 
     name: str

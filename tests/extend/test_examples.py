@@ -52,7 +52,7 @@ def test_a_run_measures_hertz_and_the_gel_s_rigid_back(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_tracking_is_within_hundredths_of_a_millimetre(mini_run: Path) -> None:
     """Off the dots against truth worse than at them: dots are features, and flatter."""
-    errors = load("measure_a_run").main(mini_run).frames
+    errors = load("measure_a_run").main(mini_run)
     at_dots_mm, off_dots_mm = errors["mean_at_dots_mm"].mean(), errors["mean_off_dots_mm"].mean()
     assert at_dots_mm == pytest.approx(0.004, abs=0.002)
     assert off_dots_mm == pytest.approx(0.016, abs=0.004)

@@ -21,7 +21,7 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.errors import InputError, RunFailed, SensorError, StageError
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
-from deltact_fab.record import RunWriter
+from deltact_fab.record.writer import RunWriter
 from deltact_fab.rig.interface import Devices, RigSetup
 from deltact_fab.rig.run.runner import Runner
 from deltact_fab.rig.tables import ToolConfig, TouchConfig

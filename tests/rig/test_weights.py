@@ -23,6 +23,7 @@ from deltact_fab.errors import InputError, Stopped
 from deltact_fab.experiment import RunRequest
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols.plan import DeadWeights, Protocol
+from deltact_fab.record.check import check
 from deltact_fab.rig import config, weights
 from deltact_fab.rig.bench import GrblKind
 from deltact_fab.rig.interface import Camera, CameraFrame, Devices, RigSetup, go
@@ -133,7 +134,7 @@ def test_it_asks_tares_waits_and_records(weigh: Weigh, tmp_path: Path) -> None:
     assert (frames["t_step_s"][frames["settled"]] >= STATIC["settle_s"]).all()
     assert frames[["x_mm", "z_mm"]].isna().all(axis=None)  # nobody knows how deep it went
     assert (run.events()["kind"] == "weight").sum() == 4
-    assert record.check(tmp_path / "r").whole
+    assert check(tmp_path / "r").whole
 
 
 def test_it_is_taken_up_where_it_was_left(weigh: Weigh, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from deltact_fab.optics import StageFrame
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Step
-from deltact_fab.record import RunWriter
+from deltact_fab.record.writer import RunWriter
 from deltact_fab.rig.camera.model import open_camera
 from deltact_fab.rig.force.guard import ForceGuard, GuardLimits
 from deltact_fab.rig.force.watchdog import open_force

@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any, Literal
 
 from ...aliases import Vector
-from ...pdf import width_em
 from ...shapes.bounded import Bounded, ShapeError
 
 Side = Literal["left", "right", "top", "bottom"]
@@ -145,7 +144,10 @@ class TitleBlock(Bounded):
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            said = getattr(self, f.name)
+            if not (said := getattr(self, f.name)):
+                continue
+            from ...pdf import width_em  # opens the font
+
             if len(said) > LONGEST or not said.isprintable():
                 raise ShapeError(
                     f"{f.name}: one line of at most {LONGEST} characters: {said!r} fails"

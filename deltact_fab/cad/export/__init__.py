@@ -68,7 +68,7 @@ def export_parts(
     tolerance_mm: largest distance of a mesh from the surface; measured, not only asked for.
     progress: called with (done, total, what) at the start, after each part, and at the end.
     cached: files made before from the same dimensions, sources and kernel are taken from the
-        user's cache, and new ones put there; when none is missing the kernel is not loaded.
+    user's cache, and new ones put there; when none is missing the kernel is not loaded.
     jobs: processes; None decides by the work that is left.
 
     assembly.step, assembly.glb, wiring.svg and wiring.pdf are written when all of the sensor's

@@ -5,20 +5,20 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...aliases import Point
 from ...errors import InputError, RunFailed, did_you_mean
 from ..build import build_part
 from ..dimensions import Design
-from ..drafting.drawing import drawing
-from ..drafting.page import DrawingPage
-from ..drafting.wiring import wiring
 from ..kernel import Box, SolidProperties, enclosing, guarded, shifted
 from ..mesh import Mesh, mesh_solid
 from ..overhangs import laid
 from ..part import BOUGHT, LASER_CUT, Matrix, Part
 from . import dxf, meshes, step
+
+if TYPE_CHECKING:
+    from ..drafting.page import DrawingPage
 
 ASSEMBLY, WIRING = "assembly", "wiring"
 FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
@@ -112,6 +112,8 @@ def make(task: Task) -> list[Made]:
                     box_mm = written.box_mm
                 data = _mesh_bytes(written, part, kind)
             elif kind in DRAWN:
+                from ..drafting.drawing import drawing
+
                 page = page or drawing(part, task.design, solid)
                 data = _page_bytes(page, kind)
             elif kind == "step":
@@ -148,6 +150,8 @@ def _told(
 
 def _of_sensor(task: Task, kind: str) -> Made:
     if kind in DRAWN:
+        from ..drafting.wiring import wiring
+
         page = wiring(task.design)
         sheet: Box = ((0.0, 0.0, 0.0), (*page.size_mm, 0.0))
         return whole(WIRING, kind, _page_bytes(page, kind), [(0.0, sheet, meshes.ORIGIN)])

@@ -26,7 +26,7 @@ from ...errors import InputError, SensorError
 from ...optics import StageFrame
 from ...protocols import plan
 from ...protocols.plan import Protocol, Step
-from ...record import RunWriter
+from ...record.writer import RunWriter
 from ...rig.camera.stream import ArrivedImage, StreamCamera
 from ...rig.config import RigConfig
 from ...rig.force.guard import ForceGuard, GuardLimits

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from ...aliases import Progress
 from ...errors import DeltactFabError, StageError, Stopped
 from ...protocols.plan import Step
-from ...record import RunWriter
+from ...record.writer import RunWriter
 from ...units import duration, to_ns
 from ..interface import LIFT_FEED_MM_MIN, Devices, rise
 from .loop import interruptible

@@ -16,7 +16,8 @@ from contextlib import contextmanager, suppress
 from ...errors import DeltactFabError, SensorError
 from ...protocols.motion import ARRIVAL_S, LOOK_S
 from ...protocols.plan import Step
-from ...record import Chunk, RunWriter
+from ...record import Chunk
+from ...record.writer import RunWriter
 from ...units import to_ns
 from ..interface import CameraFrame, Devices
 from .streams import ForceStream, FrameRequest, FrameStream, PoseStream

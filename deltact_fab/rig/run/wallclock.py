@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 
 from ...errors import DeltactFabError, RunFailed, SensorError
 from ...protocols.plan import Step
-from ...record import RunWriter
+from ...record.writer import RunWriter
 from ...units import to_ns
 from ..interface import Devices
 from .loop import Loop

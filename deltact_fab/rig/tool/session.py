@@ -21,7 +21,7 @@ from ...errors import DeltactFabError, InputError, RunFailed, StageError, Stoppe
 from ...files import write_whole
 from ...shapes import Indenter, SensorDimensions, SkinDimensions
 from ...shapes.indenter import parse as parse_indenter
-from ..config import GrblConfig
+from ..config import GrblConfig, load
 from ..force.watchdog import open_guarded
 from ..interface import LIFT_FEED_MM_MIN, ForceSensor, Guard, WallClock
 from ..run.loop import interruptible
@@ -82,6 +82,22 @@ def homed(
                 if isinstance(why, KeyboardInterrupt):
                     raise Stopped("stopped by the operator") from why
                 raise
+
+
+@contextmanager
+def open_probe(rig: str, tip: str) -> Iterator[tuple[ForceProbe, TouchConfig]]:
+    """Home a real rig and have the tip mounted; what feels with it, and how the rig touches.
+
+    Raises InputError for a virtual rig, and as `homed` and `confirm` do.
+    """
+    config, source = load(rig)
+    if not isinstance(config, GrblConfig):
+        raise InputError(f"{source}: kind: {config.kind!r} has nothing to touch with; 'grbl' has")
+    operator = TerminalOperator()
+    with homed(config, source, operator) as bench:
+        confirm(operator, tip, "it is mounted, screwed tight")
+        probe = ForceProbe(bench.stage, bench.force, bench.stage.clock, bench.guard)
+        yield probe, config.touch or TouchConfig()
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,83 @@
+"""Module paths that the documents of 0.3 taught: they lead on, with a warning, until 0.5."""
+
+from __future__ import annotations
+
+import warnings
+from importlib import import_module
+from importlib.abc import Loader
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+_TOP = __name__.partition(".")[0]
+# Each taught path with its names and what they are now: a name of the top, or MODULE:NAME.
+TAUGHT: dict[str, dict[str, str]] = {
+    "aliases": {"Vector": "aliases:Vector"},
+    "analysis.force": {
+        "calibrate": "calibrate_force",
+        "write_calibration": "write_force_calibration",
+    },
+    "analysis.shape": {"calibrate_depth": "calibrate_depth"},
+    "analysis.tracking_error": {
+        "analyse": "analyze_tracking",
+        "TrackingResult": "analysis.tracking_error.result:TrackingResult",
+    },
+    "cad.assembly": {"assemble": "assemble_sensor", "bench": "assemble_bench"},
+    "cad.build": {"build_part": "cad.build:build_part"},
+    "cad.design": {"load_design": "load_design"},
+    "cad.export": {"export_parts": "export_parts"},
+    "cad.feasibility": {"check": "check_design"},
+    "cad.registry": {"find": "cad.registry:find"},
+    "elasticity": {"GelMaterial": "GelMaterial"},
+    "errors": {name: name for name in ("InputError", "RunFailed", "SensorError")},
+    "experiment": {"RunRequest": "RunRequest", "run": "run_protocol"},
+    "gel.press": {"press": "press_gel"},
+    "optics": {"StageFrame": "optics.camera:StageFrame"},
+    "patterns": {"PatternRecipe": "PatternRecipe", "make": "make_pattern"},
+    "patterns.quality.measure": {"measure": "measure_pattern"},
+    "protocols.plan": {"load": "load_protocol"},
+    "record": {"open": "load_run"},
+    "rig.config": {"load": "rig.config:load", "GrblConfig": "rig.config:GrblConfig"},
+    "rig.interface": {"go": "rig.interface:go"},
+    "rig.tables": {"TouchConfig": "rig.tables:TouchConfig"},
+    "rig.tool.feeler": {"ForceProbe": "rig.tool.feeler:ForceProbe"},
+    "rig.tool.session": {"homed": "rig.tool.session:homed"},
+    "rig.tool.tooling": {
+        "TerminalOperator": "rig.tool.tooling:TerminalOperator",
+        "confirm": "rig.tool.tooling:confirm",
+    },
+    "rig.tool.touch": {name: f"rig.tool.touch:{name}" for name in ("LOWERING", "MOST", "STEP_MM")},
+    "shapes": {
+        "Indenter": "shapes.rigid:Indenter",
+        "SkinDimensions": "shapes.sensor:SkinDimensions",
+    },
+    "shapes.indenter": {"parse": "parse_indenter"},
+}
+
+
+class MovedModule(Loader):
+    """Loads a taught path, or a package above one, as a module that hands on its taught names."""
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Warn once, then look each name up where it is now."""
+        names = TAUGHT.get(module.__name__.partition(".")[2])
+        if names is None:  # above a taught path
+            return
+        public = [f"dt.{new}" for new in names.values() if ":" not in new]
+        instead = f"`import {_TOP} as dt` has {', '.join(public) or 'nothing in its place'}"
+        warnings.warn(f"{module.__name__} goes in 0.5: {instead}", FutureWarning, stacklevel=2)
+
+        def load(name: str) -> object:
+            if name not in names:
+                raise AttributeError(f"module {module.__name__!r} has no attribute {name!r}")
+            home, _, there = names[name].rpartition(":")
+            return getattr(import_module(f"{_TOP}.{home}" if home else _TOP), there)
+
+        vars(module)["__getattr__"] = load
+
+
+def spec_of(name: str) -> ModuleSpec | None:
+    """The spec of a module at its old path; None for any other."""
+    old = f"{name.partition('.')[2]}."
+    if any(f"{path}.".startswith(old) for path in TAUGHT):
+        return ModuleSpec(name, MovedModule(), is_package=True)
+    return None
