@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from ..aliases import Point2
 from ..shapes import Indenter
-from ..shapes.bounded import Bounded, assumed, measured, number
+from ..shapes.bounded import Bounded, assumed, measured_keys, number
 from .rule import Length
 from .standards import CAP_SCREWS, THREADS, Thread
 
@@ -103,7 +103,7 @@ class AdapterDimensions(Bounded):
     bolt_bore_mm: float = number(BOLT.bore_mm, "room for their heads", 2, 15)
     bolt_bore_depth_mm: float = number(3.0, "of that room, from the flange's side", 1, 30)
     pilot_mm: float = number(2.5, "holes in which the flange's screws (M3) cut a thread", 1, 6)
-    measured: tuple[str, ...] = measured("keys measured on the lab's own sensor")
+    measured: tuple[str, ...] = measured_keys("keys measured on the lab's own sensor")
 
     @property
     def bolt_centres_mm(self) -> list[Point2]:
@@ -124,7 +124,7 @@ class StagePlateDimensions(Bounded):
     thickness_mm: float = number(6.0, "of the plate", 3, 30)
     least_wall_mm: float = assumed(0.8, "thinnest milled wall (guides, metal: 0.8)", 0.1, 10)
     thread_hole_mm: float = number(3.3, "tapping drill of the tabs' screws (M4)", 1, 10)
-    measured: tuple[str, ...] = measured("keys measured on the lab's own table")
+    measured: tuple[str, ...] = measured_keys("keys measured on the lab's own table")
 
     @property
     def slot_length_mm(self) -> float:
@@ -214,7 +214,7 @@ class ResinPrinterDimensions(Bounded):
     bed_x_mm: float = assumed(145.0, "platform, one side", 20, 2000)
     bed_y_mm: float = assumed(145.0, "platform, other side", 20, 2000)
     bed_z_mm: float = assumed(175.0, "height of the build room", 20, 2000)
-    measured: tuple[str, ...] = measured("keys measured on the lab's own printer")
+    measured: tuple[str, ...] = measured_keys("keys measured on the lab's own printer")
 
     def inner(self, nominal_mm: float) -> Length:
         """A printed hole, slot or pocket, in the layers."""
@@ -253,7 +253,7 @@ class LaserDimensions(Bounded):
     sheet_tolerance: float = assumed(
         0.1, "thickness of the sheet, share, +-; measure yours", 0.001, 0.3
     )
-    measured: tuple[str, ...] = measured("keys measured on the lab's own laser and sheet")
+    measured: tuple[str, ...] = measured_keys("keys measured on the lab's own laser and sheet")
 
     @property
     def path(self) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from ..aliases import Point2
-from ..shapes.bounded import Bounded, assumed, measured, number
+from ..shapes.bounded import Bounded, assumed, measured_keys, number
 from .standards import (
     CAP_SCREWS,
     CHEESE_SCREWS,
@@ -36,7 +36,7 @@ class PlateDimensions(Bounded):
     poisson: float = number(0.37, "of cast PMMA", 0.0, 0.49)
     stress_limit_mpa: float = assumed(35.0, "half of what breaks PMMA", 1, 1000)
     bead_modulus_mpa: float = assumed(1.15, "Young's, of the bead: Shore A 30", 0.05, 1e4)
-    measured: tuple[str, ...] = measured("keys measured on the lab's own plate")
+    measured: tuple[str, ...] = measured_keys("keys measured on the lab's own plate")
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class CameraDimensions(Bounded):
     cable_height_mm: float = assumed(0.3, "the same, along z", 0.05, 20)
     tolerance_mm: float = assumed(0.05, "spread of board and lens, +-", 0.0, 1)
     source: str = field(default="", metadata={"description": "documents that the figures are from"})
-    measured: tuple[str, ...] = measured(
+    measured: tuple[str, ...] = measured_keys(
         "keys measured on the lab's own module, or read off its maker's document"
     )
 
@@ -128,7 +128,7 @@ class HolderDimensions(Bounded):
     screw_length_mm: float = number(3.0, "below the head", 2, 20)
     head_clearance_mm: float = number(0.3, "around the heads, below the light holder", 0.02, 2)
     bonded_mm: float = assumed(0.3, "how far off the middle a bonded board may lie", 0.01, 3)
-    measured: tuple[str, ...] = measured("keys measured on the lab's own boards")
+    measured: tuple[str, ...] = measured_keys("keys measured on the lab's own boards")
 
     @property
     def row(self) -> CheeseScrew:
@@ -212,7 +212,7 @@ class LightDimensions(Bounded):
         20.0, "continuous current of a chip, by its data sheet", 0.1, 1000
     )
     wire_mm: float = number(500.0, "each of the two wires, from ring to supply", 50, 10_000)
-    measured: tuple[str, ...] = measured("keys measured, or read off a data sheet")
+    measured: tuple[str, ...] = measured_keys("keys measured, or read off a data sheet")
 
     @property
     def pitch_mm(self) -> float:
@@ -294,7 +294,7 @@ class MountDimensions(Bounded):
     arm_mm: float = number(3.6, "franka: height of the arm, between the heads", 1, 60)
     stress_limit_mpa: float = assumed(40.0, "franka: bending stress that the arm may take", 1, 500)
 
-    measured: tuple[str, ...] = measured("keys measured on the lab's own finger")
+    measured: tuple[str, ...] = measured_keys("keys measured on the lab's own finger")
 
     @property
     def thread(self) -> MetricThread:

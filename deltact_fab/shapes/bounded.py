@@ -41,7 +41,7 @@ def assumed(default: float, meaning: str, low: float, high: float) -> Any:
     return number(default, meaning, low, high, unverified=True)
 
 
-def measured(what: str) -> Any:
+def measured_keys(what: str) -> Any:
     """The field for keys that a lab has measured: these no longer count as unverified."""
     return field(default=(), metadata={"description": what})
 
