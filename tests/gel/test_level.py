@@ -146,6 +146,8 @@ def test_what_cannot_be_is_refused_with_its_number() -> None:
         opened("linear", [(0.0, 0.0, 4.0)])
     with pytest.raises(InputError, match=r"x = 0 to 20 mm leaves the face of \+-18 mm"):
         opened("hyperelastic", [(0.0, 0.0, 1.0), (20.0, 0.0, 1.0)])
+    with pytest.raises(InputError, match=r"y = -18 to 0 mm leaves the face of \+-17 mm"):
+        opened("hyperelastic", [(0.0, 0.0, 1.0), (0.0, -18.0, 1.0)])
     with pytest.raises(InputError, match="hides between cells of 3 mm"):
         opened("hyperelastic", [(0.0, 0.0, 1.0)], indenter="sphere:2", spacing_mm=3.0)
     with pytest.raises(InputError, match="valid: auto, linear"):
