@@ -132,7 +132,7 @@ class Exposure:
         light = cv2.GaussianBlur(radiance, (0, 0), sensor.blur_px)
         if sensor.corner_blur_px > sensor.blur_px:
             outer = cv2.GaussianBlur(radiance, (0, 0), sensor.corner_blur_px)
-            light += (outer - light) * self._outward
+            light = light + (outer - light) * self._outward
         light = light * self._light + self._highlight
         if not sensor.mosaic:
             return self._delivered(self._digitised(np.ascontiguousarray(light[..., ::-1]), rng))

@@ -174,7 +174,7 @@ class _Still:
         full = (raw.max(axis=2) >= 254).astype(np.uint8)
         maps = self._camera.maps()
         if maps is not None and seen is not raw:  # a cubic overshoots, and tells full ones wrongly
-            full = cv2.remap(full, *maps, cv2.INTER_NEAREST)
+            full = np.asarray(cv2.remap(full, *maps, cv2.INTER_NEAREST), np.uint8)
         self.saturated = max(self.saturated, float(full.mean()))
         if self._sum is None:
             self._sum, self.raw = np.zeros(seen.shape), raw

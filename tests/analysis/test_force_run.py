@@ -6,6 +6,7 @@ import json
 import shutil
 import sqlite3
 import tomllib
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -55,7 +56,7 @@ def test_runs_that_cannot_be_used(mini_run: Path, tmp_path: Path) -> None:
         assert said in refused(mini_run, other)
     numb = tmp_path / "numb"
     shutil.copytree(mini_run, numb)
-    with sqlite3.connect(numb / "journal.sqlite") as db:
+    with closing(sqlite3.connect(numb / "journal.sqlite")) as db, db:
         db.execute("DELETE FROM samples WHERE stream = 'force'")
     assert "no force was recorded" in refused(numb)
     torn = tmp_path / "calibration.toml"
