@@ -54,7 +54,7 @@ def run(
     job = request.setup(out)
     text = request.source.read_bytes()
     meta = meta_of(job, rig, request.rig_name)
-    pattern = pattern_of(job.recipe)
+    pattern = pattern_of(request.recipe)
     resuming = out.exists() and resume
     if resuming:
         found = open_run(out)
@@ -197,6 +197,7 @@ def run_presses(
     kind = VirtualKind(rig, source)
     meta = meta_of(job, rig, source.stem)
     text = catalog.as_toml(meta["protocol"]).encode()
+    assert isinstance(job.recipe, PatternRecipe), "a virtual rig draws it"
     flat = kind.flat(job.protocol)
     writer = RunWriter.create(job.folder, meta, text, pattern_of(job.recipe), steps, flat)
     try:

@@ -22,7 +22,6 @@ from ..optics import FlatField
 
 if TYPE_CHECKING:
     from ..optics import CameraModel, StageFrame
-    from ..patterns.recipe import PatternRecipe
     from ..protocols import plan
     from ..shapes import SensorDimensions
 
@@ -297,13 +296,20 @@ class Devices:
     """Time passes by itself: every device has a thread of its own; else one scheduler steps all."""
 
 
+class PrintedPattern(Protocol):
+    """The specimen's pattern: all of a recipe that a bench reads."""
+
+    @property
+    def patch_mm(self) -> float | None: ...
+
+
 @dataclass(frozen=True)
 class RigSetup:
     """One run as it was asked for: what a rig is built from. folder: of the run."""
 
     protocol: plan.Protocol
     sensor: SensorDimensions
-    recipe: PatternRecipe
+    recipe: PrintedPattern
     view: CameraModel | None
     """Of the images that are tracked, see `RigKind.camera`."""
     seed: int

@@ -7,7 +7,7 @@ as in a pattern selection, with seeds that the search has not seen.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
@@ -16,8 +16,9 @@ from ..errors import InputError, RunFailed
 from ..patterns.recipe import DEFAULT_SEED, RECOMMENDED, PatternRecipe, load_recipe
 from ..protocols import plan
 from ..report.result import LeftOut, ReportFigure, ReportTable, StudyResult
-from ..rig.config import PrinterConfig, VirtualConfig
+from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
+from ..shapes.imaging import Printer
 from ..units import MM_PER_INCH
 from . import press_jobs
 from .grid import GridJob, seed_of
@@ -194,7 +195,7 @@ def bench_of(
     optics = replace(sensor.optics, mm_per_px=scale, image_width_px=width, image_height_px=height)
     printer = config.virtual.printer
     if dpi is not None:
-        printer = validate(PrinterConfig, printer.model_dump() | {"dpi": dpi}, "pattern-search")
+        printer = validate(Printer, asdict(printer) | {"dpi": dpi}, "pattern-search")
     simulator = config.virtual.model_copy(update={"lens": None, "printer": printer})
     config = config.model_copy(update={"virtual": simulator, "camera": None})
     return config, replace(sensor, optics=optics)

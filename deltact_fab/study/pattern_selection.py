@@ -100,7 +100,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
             f"{specimen.friction:g}",
             "printer": f"{printer.dpi} dpi, {printer.levels} levels, spread {printer.spread_um:g} "
             f"um, misregistration {printer.misregistration_um:g} um",
-            "camera": "; ".join(f"{k} {v}" for k, v in rig.camera),
+            "camera": "; ".join(f"{k} {v}" for k, v in vars(rig.camera).items()),
             **flagged(list(gels.values()), "presses"),
         },
         notes=(*found.notes, _bench(of), modulus_remark(specimen.modulus_mpa)),

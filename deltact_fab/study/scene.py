@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from ..errors import DeltactFabError, InputError
 from ..gel.level_selection import SHARE
 from ..measure.force import ForceModel
 from ..measure.force.calibration import ForceCalibration
-from ..measure.sensor_id import CalibrationSource, Head, SensorId, SensorView
+from ..measure.sensor_id import CalibrationSource, Head, SensorModel
 from ..patterns.recipe import load_recipe
 from ..protocols import limits
 from ..protocols.plan import Protocol, expand
@@ -117,12 +117,12 @@ class PressScene:
             needs = stored_files(presses.of(path_of(presses, press)))
         return GridJob(job, work, self.given(name, press, **more), cost_s, needs)
 
-    def view(self, name: str) -> SensorView:
+    def view(self, name: str) -> SensorModel:
         """What a protocol's images may tell of the sensor."""
         protocol = self.protocols[name]
         camera = VirtualKind(self.rig, self.source).camera(protocol, self.sensor)
         assert camera is not None, "images are asked for"
-        return SensorView(camera, self.sensor.skin, protocol.specimen.poisson)
+        return SensorModel(camera, self.sensor.skin, protocol.specimen.poisson)
 
     def calibration(
         self, name: str, model: ForceModel, error: dict[str, dict[str, Any]]
@@ -130,7 +130,7 @@ class PressScene:
         """A model of force that was fitted to a protocol's points, with its errors there."""
         view, specimen = self.view(name), self.protocols[name].specimen
         recipe = load_recipe(specimen.pattern).model_dump(mode="json")
-        sensor = SensorId.of(view.camera, recipe, specimen.design, specimen.serial)
+        sensor = replace(view, recipe=recipe, design=specimen.design, serial=specimen.serial).id
         source = CalibrationSource((name,), True, VERSION, self.seed)
         return ForceCalibration(
             Head("force", sensor, source), model, view.skin, view.poisson, error

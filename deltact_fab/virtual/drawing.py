@@ -15,7 +15,7 @@ import numpy as np
 from ..aliases import Field
 from ..errors import RunFailed
 from ..files import write_whole
-from ..imaging import ImageSensor, Printer
+from ..imaging import print_colours
 from ..optics import Fisheye, Pinhole, Rectified, SurfaceLattice
 from ..patterns.raster import albedo
 from ..patterns.recipe import PatternRecipe
@@ -76,14 +76,13 @@ def printed(
 
     Where a sticker is smaller than the view the camera sees bare film beside it.
     """
-    printer = Printer(**simulator.printer.model_dump())
+    printer = simulator.printer
     camera = geometry.camera
     view_mm = max(camera.width_px, camera.height_px) * camera.mm_per_px
     side_px = math.ceil(max(recipe.printed_mm, view_mm) / printer.mm_per_dot - 1e-9)
     rng = np.random.default_rng(np.random.SeedSequence([seed, 3]))
-    values = printer.print_(albedo(recipe, printer.mm_per_dot, (side_px, side_px)), rng)
-    exposure = ImageSensor(**simulator.camera.model_dump())
-    return FrameRenderer(geometry, Texture(values, printer.mm_per_dot), exposure)
+    values = print_colours(printer, albedo(recipe, printer.mm_per_dot, (side_px, side_px)), rng)
+    return FrameRenderer(geometry, Texture(values, printer.mm_per_dot), simulator.camera)
 
 
 def noise_of(seed: int, stream: int) -> np.random.Generator:

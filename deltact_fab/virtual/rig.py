@@ -138,10 +138,12 @@ class VirtualRig(Rig):
 
     def _picture(self, crop: LatticeCrop) -> tuple[FrameRenderer, Fisheye | None]:
         """What draws the printed gel, and the true lens it is drawn through; None: a pinhole."""
+        from ..patterns.recipe import PatternRecipe
         from .drawing import geometry_of, printed
 
         config, job = self._config, self._job
         assert isinstance(job.view, Pinhole | Rectified), "of a virtual rig that takes images"
+        assert isinstance(job.recipe, PatternRecipe), "whoever asks for images has all of it"
         geometry, lens = geometry_of(config, job.sensor, job.view, crop.lattice)
         return printed(config.virtual, job.recipe, geometry, job.seed), lens
 

@@ -17,6 +17,7 @@ from deltact_fab.analysis.force import calibrate, carry_over
 from deltact_fab.errors import InputError
 from deltact_fab.measure.force.calibration import load_force
 from deltact_fab.measure.health import health
+from deltact_fab.measure.sensor_id import SensorModel
 
 PROTOCOL = """
 name = "presses"
@@ -93,7 +94,7 @@ def test_a_calibration_is_made_kept_and_carried_over(
     assert kept.head.made.seed == 3
     assert kept.model.features == told["best"]
     opened = record.open(run)
-    rest = kept.rest_image()
+    rest = kept.view(SensorModel()).rest
     assert rest is not None
     assert health(rest, opened.image(opened.frames()["file"].iloc[-1]), opened.camera).fit
 

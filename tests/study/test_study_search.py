@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -91,7 +92,7 @@ QUIET = {"full_well_electrons": 1e6, "read_noise_electrons": 0.0}
 
 def probed(more: dict[str, Any], **keys: Any) -> dict[str, Any]:
     config, sensor = bench_of("virtual")
-    camera = config.virtual.camera.model_copy(update=more)
+    camera = replace(config.virtual.camera, **more)
     simulator = config.virtual.model_copy(update={"camera": camera})
     config = config.model_copy(update={"virtual": simulator})
     protocol, source = plan.load("pattern-search")

@@ -153,7 +153,7 @@ def press_shape(
     finder = DepthFinder(view, model)
     features = None
     if force is not None:
-        features = features_of(force.model, force.view(view.camera), "force calibration")
+        features = features_of(force.model, force.view(view), "force calibration")
     at_deepest, at_twisted = _shown(rows)
     told: list[dict[str, Any]] = []
     shown: dict[int, ShapeMaps] = {}
