@@ -28,7 +28,7 @@ from .picture import BAND_PX, MARGIN_PX, FrameRenderer, Geometry, RawView, Textu
 from .scene import GelScene, LatticeCrop
 
 RESTING_MM = 1.0  # between the nodes of a face that does not move
-Seen = tuple[int, int, float]  # between which knots, and how far from the first
+Seen = tuple[int, int, float]  # keys of the knots around it, and how far it is from the first
 
 
 def crop_of(
@@ -121,7 +121,7 @@ class VirtualCamera:
     def capture(self) -> CameraFrame:
         assert self._stream is not None, "begin() comes before the first frame"
         seen = self.scene.observe()
-        self._seen.append((seen.a.index, seen.b.index, seen.fraction))
+        self._seen.append((seen.a.key, seen.b.key, seen.fraction))
         return CameraFrame(
             self.picture.render(seen.displacement_mm(), self._rng), self.clock.now_s()
         )
@@ -141,6 +141,7 @@ class VirtualCamera:
         for where, what in about.items():
             write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
         knots = self.scene.knots
+        row = {knot.key: k for k, knot in enumerate(knots)}
         fields = [k.displacement_mm for k in knots if k.displacement_mm is not None]
         tractions = [k.traction_mpa for k in knots if k.traction_mpa is not None]
         x_mm, y_mm = self.scene.axes_mm
@@ -153,7 +154,7 @@ class VirtualCamera:
             packed,
             displacement_mm=np.stack(fields),
             frame_id=np.asarray(list(frames), dtype=np.str_),
-            knots=np.asarray([(a, b) for a, b, _ in self._seen], dtype=np.int64).reshape(-1, 2),
+            knots=np.asarray([(row[a], row[b]) for a, b, _ in self._seen], np.int64).reshape(-1, 2),
             fraction=np.asarray([f for _, _, f in self._seen], dtype=float),
             x_mm=x_mm,
             y_mm=y_mm,
