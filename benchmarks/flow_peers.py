@@ -16,7 +16,6 @@ import numpy as np
 
 from benchmarks.star import Star
 from deltact_fab.errors import RunFailed
-from deltact_fab.imaging import ImageSensor
 from deltact_fab.measure.flow import FLOW_METHODS
 from deltact_fab.numerics.engine import plain
 from deltact_fab.numerics.engines.flow import found, tracked
@@ -31,6 +30,7 @@ from deltact_fab.numerics.engines.flow_frames import (
     in_plane,
     pressed,
 )
+from deltact_fab.shapes.imaging import ImageSensor
 
 from . import peer
 
@@ -80,7 +80,13 @@ class Question(NamedTuple):
     step_px: int = 8
 
 
-THREE_CHIPS = ImageSensor(mosaic=False)
+class ThreeChips(ImageSensor):
+    """A camera that measures every colour in every pixel."""
+
+    mosaic = False
+
+
+THREE_CHIPS = ThreeChips()
 STARS = {
     "speckle": Question(speckle_star, 16, 4),
     "three chips": Question(partial(in_plane, COARSE, STAR.motion, sensor=THREE_CHIPS), 16, 4),

@@ -13,7 +13,7 @@ from deltact_fab.aliases import Array
 from deltact_fab.cad.design import load_design
 from deltact_fab.measure.force import FEATURES, Features, ForceModel, make_features
 from deltact_fab.measure.force.inverse import Inverse
-from deltact_fab.measure.sensor_id import SensorView
+from deltact_fab.measure.sensor_id import SensorModel
 from deltact_fab.measure.shape import DepthFinder, DepthModel, contacts
 from deltact_fab.optics import Pinhole
 
@@ -36,11 +36,11 @@ class Believed:
     models: tuple[str, ...] = ("inverse-placed",)
 
     @property
-    def view(self) -> SensorView:
+    def view(self) -> SensorModel:
         """The sensor as believed."""
         camera = Pinhole.of(load_design("deltact"))
         eye_mm = self.eye * camera.eye_distance_mm
-        view = SensorView(replace(camera, eye_distance_mm=eye_mm), SKIN)
+        view = SensorModel(replace(camera, eye_distance_mm=eye_mm), SKIN)
         return view.with_gel(self.poisson, SKIN.thickness_mm + self.thicker_mm)
 
 

@@ -36,9 +36,8 @@ from deltact_fab.measure.flow import FlowTracker, named_tracker
 from deltact_fab.measure.force import Features, make_features
 from deltact_fab.measure.hodge import Hodge
 from deltact_fab.measure.regression import least_squares
-from deltact_fab.measure.sensor_id import SensorView
+from deltact_fab.measure.sensor_id import SensorModel
 from deltact_fab.optics import Pinhole
-from deltact_fab.shapes import SkinDimensions
 from deltact_fab.study import intervals
 
 from . import peer
@@ -211,7 +210,7 @@ def bubble(files: Files) -> list[str]:
     moving = size_px > MOVED_PX  # False where nan
     # In pixels: no scale is known, so a pixel is the millimetre of the features.
     camera = Pinhole(1.0, images[0].shape[1], images[0].shape[0], 1e3)
-    sets = [make_features(name, SensorView(camera, SkinDimensions())) for name in ("sums", "paper")]
+    sets = [make_features(name, SensorModel(camera)) for name in ("sums", "paper")]
     flows, forces, first = [], [], None
 
     def noise(shift: Array) -> float:

@@ -30,7 +30,7 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.measure.face import FaceFlow
 from deltact_fab.measure.force import Features, ForceModel
 from deltact_fab.measure.force.inverse import Inverse
-from deltact_fab.measure.sensor_id import SensorView
+from deltact_fab.measure.sensor_id import SensorModel
 from deltact_fab.measure.shape import DepthFinder, DepthModel, contacts
 from deltact_fab.measure.shape.depth import ball_mm
 from deltact_fab.optics import Pinhole
@@ -43,7 +43,7 @@ NOISE_PX = 0.05  # alike over a millimetre; the tracker's own on rendered images
 LEARN = 10  # presses
 MARGIN = stdtrit(LEARN - 1, 0.975) * np.sqrt(1 + 1 / LEARN)  # of the error told: 95 %
 CONTACT = 0.05  # of the peak pressure: where there is a contact
-BELIEVED = SensorView(Pinhole.of(load_design("deltact")), SkinDimensions(), 0.49)
+BELIEVED = SensorModel(Pinhole.of(load_design("deltact")), SkinDimensions(), 0.49)
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Seen:
         """(n, 6)."""
         return np.column_stack((self.truth[press]["force_n"], self.truth[press]["torque_nmm"]))
 
-    def data(self, use: Sequence[Press], view: SensorView, early: bool = False) -> ForceData:
+    def data(self, use: Sequence[Press], view: SensorModel, early: bool = False) -> ForceData:
         """The points of presses as `calibrate force` has them.
 
         early: the labels of every second press were taken at once, and so are EARLY.share too high.
@@ -153,7 +153,7 @@ def figures(seen: Seen, rounds: Sequence[Judged]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _gain(seen: Seen, view: SensorView, press: Press) -> float:
+def _gain(seen: Seen, view: SensorModel, press: Press) -> float:
     """As `calibrate depth` finds it, of the deepest straight state of a press."""
     flow, tip = seen.flows[press][2], seen.truth[press]["tip_mm"][2] * [1, 1, -1]
     wanted = ball_mm(flow, view, tip, press.ball_mm / 2)

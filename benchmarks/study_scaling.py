@@ -73,7 +73,9 @@ def grids(study: str) -> list[list[float]]:
     if study == "shapes":  # its objects wait for the calibrations
         of = shapes.scene(asked)
         presses = [(n, p) for n in (*shapes.OBJECTS, shapes.TWIST) for p in of.presses(n)]
-        asked.costs.append([of.job("", n, p, press_jobs.look).cost for n, p in presses])
+        work, kind = press_jobs.shape_job, press_jobs.ShapeJob
+        jobs = [of.job("", n, p, work, kind, depth="", force="") for n, p in presses]
+        asked.costs.append([job.cost for job in jobs])
     return asked.costs
 
 
@@ -86,10 +88,10 @@ def bounds() -> None:
         print(f"{study}: at most {bound:.1f} times as fast: {told}")
 
 
-def measured(given: dict[str, Any]) -> dict[str, Any]:
+def measured(job: press_jobs.TrackingJob) -> dict[str, Any]:
     """A press followed in a process of its own: CPU seconds, and the most memory, MB."""
     began = time.process_time()
-    frames = press_jobs.follow(given)["frames"]
+    frames = press_jobs.follow(job)["frames"]
     peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {"frames": frames, "cpu_s": time.process_time() - began, "mb": peak_kb / 1024}
 
@@ -99,7 +101,7 @@ def alone(job: GridJob) -> dict[str, Any]:
     import benchmarks.study_scaling as own  # by a name that the process can import
 
     with executor(workers=1) as one:
-        return one.submit(own.measured, job.given).result()
+        return one.submit(own.measured, job.arguments).result()
 
 
 def scene(depth_mm: float) -> Selection:
@@ -112,12 +114,12 @@ def scene(depth_mm: float) -> Selection:
     return found
 
 
-def job(of: Selection, count: int, name: str = "") -> GridJob:
-    """Its press under so many patterns; jobs of another name are other ones to the store."""
-    every = [job.given for job in of.jobs()]
-    patterns = {name: recipe for one in every for name, recipe in one["patterns"].items()}
-    given = {**every[0], "patterns": dict(list(patterns.items())[:count]), "name": name}
-    return GridJob(name, press_jobs.follow, given)
+def job(of: Selection, count: int, name: str = "", seed: int = 0) -> GridJob:
+    """Its press under so many patterns; jobs of another seed are other ones to the store."""
+    every = [job.arguments for job in of.jobs()]
+    patterns = dict(pair for one in every for pair in one.patterns.items())
+    few = dict(list(patterns.items())[:count])
+    return GridJob(name, press_jobs.follow, replace(every[0], seed=seed, patterns=few))
 
 
 def timed() -> None:
@@ -134,7 +136,8 @@ def timed() -> None:
     for workers in (1, 2):
         with executor(workers=workers) as where:
             began = time.monotonic()
-            solve([job(scenes[0], 1, f"{n} of {workers}") for n in range(4)], where)
+            seeds = range(4 * workers, 4 * workers + 4)
+            solve([job(scenes[0], 1, f"{seed}", seed) for seed in seeds], where)
             spent.append(time.monotonic() - began)
     print(f"two processes: {spent[0] / spent[1]:.2f} times as fast (load {os.getloadavg()[0]:.1f})")
 

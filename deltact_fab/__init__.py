@@ -2,6 +2,33 @@
 
 `import deltact_fab as dt` is enough for most scripts; a name is loaded when it is first used:
 
+- `load_design`: Read the dimensions of a sensor.
+- `check_design`: Refuse dimensions that break a rule.
+- `build_part`: Build one part as a solid.
+- `assemble_sensor`: Build all parts, each in its place.
+- `assemble_bench`: Build the sensor on its test bench.
+- `export_parts`: Write parts as STEP, STL and so on.
+- `PatternRecipe`: Recipe of a pattern, as a value.
+- `make_pattern`: Write a pattern as the printer's PNG.
+- `measure_pattern`: Rate a pattern for tracking.
+- `parse_indenter`: Read an indenter such as sphere:10.
+- `GelMaterial`: Stiffness and friction of the gel.
+- `press_gel`: Press an indenter into the simulated gel.
+- `load_protocol`: Read a protocol and its path.
+- `RunRequest`: A protocol on a rig, to be run.
+- `run_protocol`: Check a request, run it and record it.
+- `open_probe`: Touch with the tip of a real rig.
+- `load_run`: Open a recorded run for reading.
+- `track`: Track the pattern through images.
+- `measure_source`: Measure images, one by one.
+- `Live`: Measure images of your own, live.
+- `analyze_tracking`: Tracking error of a run.
+- `calibrate_force`: Calibrate force on runs.
+- `write_force_calibration`: Write a force calibration to a file.
+- `calibrate_depth`: Calibrate depth on the run of a ball.
+- `InputError`: A value of yours that cannot be used.
+- `RunFailed`: Work that began and could not end.
+- `SensorError`: A camera or force sensor that failed.
 """
 
 from __future__ import annotations
@@ -9,6 +36,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
+from .door import open_door
 from .version import VERSION as __version__
 
 if TYPE_CHECKING:
@@ -37,66 +65,22 @@ if TYPE_CHECKING:
     from .rig.tool.session import open_probe
     from .shapes.indenter import parse as parse_indenter
 else:
-    # Its module, its name there, what it is for.
-    _HOMES = {
-        "load_design": ("cad.design", "load_design", "Read the dimensions of a sensor."),
-        "check_design": ("cad.feasibility", "check", "Refuse dimensions that break a rule."),
-        "build_part": ("cad.build", "build_named", "Build one part as a solid."),
-        "assemble_sensor": ("cad.assembly", "assemble", "Build all parts, each in its place."),
-        "assemble_bench": ("cad.assembly", "bench", "Build the sensor on its test bench."),
-        "export_parts": ("cad.export", "export_parts", "Write parts as STEP, STL and so on."),
-        "PatternRecipe": ("patterns", "PatternRecipe", "Recipe of a pattern, as a value."),
-        "make_pattern": ("patterns", "make", "Write a pattern as the printer's PNG."),
-        "measure_pattern": ("patterns.quality.measure", "measure", "Rate a pattern for tracking."),
-        "parse_indenter": ("shapes.indenter", "parse", "Read an indenter such as sphere:10."),
-        "GelMaterial": ("elasticity", "GelMaterial", "Stiffness and friction of the gel."),
-        "press_gel": ("gel.press", "press", "Press an indenter into the simulated gel."),
-        "load_protocol": ("protocols.plan", "load", "Read a protocol and its path."),
-        "RunRequest": ("experiment", "RunRequest", "A protocol on a rig, to be run."),
-        "run_protocol": ("experiment", "run", "Check a request, run it and record it."),
-        "open_probe": ("rig.tool.session", "open_probe", "Touch with the tip of a real rig."),
-        "load_run": ("record", "open", "Open a recorded run for reading."),
-        "track": ("live.session", "track", "Track the pattern through images."),
-        "measure_source": ("live.session", "measure_source", "Measure images, one by one."),
-        "Live": ("live.session", "LiveMeasurement", "Measure images of your own, live."),
-        "analyze_tracking": ("analysis.tracking_error", "analyse", "Tracking error of a run."),
-        "calibrate_force": ("analysis.force.calibrate", "calibrate", "Calibrate force on runs."),
-        "write_force_calibration": ("analysis.force", "write_calibration", "Keep it in a file."),
-        "calibrate_depth": (
-            "analysis.shape",
-            "calibrate_depth",
-            "Calibrate depth on a ball's run.",
-        ),
-        "InputError": ("errors", "InputError", "A value of yours that cannot be used."),
-        "RunFailed": ("errors", "RunFailed", "Work that began and could not end."),
-        "SensorError": ("errors", "SensorError", "A camera or force sensor that failed."),
-    }
-    __doc__ = f"{__doc__ or ''}" + "".join(f"- `{n}`: {h[2]}\n" for n, h in _HOMES.items())
+    __getattr__, __dir__ = open_door(__name__)
 
-    def __getattr__(name: str) -> object:
-        from importlib import import_module
 
-        if name not in _HOMES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        module, there, _ = _HOMES[name]
-        return globals().setdefault(name, getattr(import_module(f".{module}", __name__), there))
+class _OldPaths:
+    """Finder of modules that moved; it is asked last."""
 
-    def __dir__() -> list[str]:
-        return sorted({*globals(), *__all__})
-
-    class _OldPaths:
-        """Asked last, for modules that no other finder knows."""
-
-        @staticmethod
-        def find_spec(name: str, *_: object) -> object:
-            if name.startswith(f"{__name__}."):
-                from .moved import spec_of
-
-                return spec_of(name, {public: home[0] for public, home in _HOMES.items()})
+    @staticmethod
+    def find_spec(name: str, *_: object) -> object:
+        if not name.startswith(f"{__name__}."):
             return None
+        from .moved import spec_of
 
-    sys.meta_path.append(_OldPaths)
+        return spec_of(name)
 
+
+sys.meta_path.append(_OldPaths)  # type: ignore[arg-type]
 
 __all__ = [  # noqa: RUF022
     "__version__", "load_design", "check_design", "build_part", "assemble_sensor",

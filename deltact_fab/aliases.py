@@ -1,8 +1,9 @@
-"""Names for plain types that many signatures share; an array's shape stands in the docstring."""
+"""Plain types that many signatures share; an array's shape stands in the docstring."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,3 +23,28 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Float = NDArray[np.float32]
 Image = NDArray[np.uint8]
+
+WARNING = "WARNING: "  # how the line of a note begins that is one
+
+
+@dataclass(frozen=True)
+class Note:
+    """A flag of a solver, an event of a sensor, a thing left out, a remark on a run.
+
+    id: the same whatever the text says; notes are counted and chosen by it. warns: a reader must
+    not miss it.
+    """
+
+    id: str
+    text: str
+    warns: bool = False
+
+    @property
+    def labelled(self) -> str:
+        """`ID: text`, for a text that does not name its subject."""
+        return f"{self.id}: {self.text}"
+
+    @property
+    def line(self) -> str:
+        """The text alone, marked where it warns."""
+        return WARNING * self.warns + self.text

@@ -19,6 +19,7 @@ from typing import Any, TypeVar, cast
 from . import reading
 from .errors import InputError, did_you_mean
 from .files import disk_errors, write_whole
+from .paths import shipped_folder
 
 MARKS: dict[str, frozenset[str]] = {
     "cad": frozenset(
@@ -37,15 +38,9 @@ MAX_FAULTS = 20
 T = TypeVar("T")
 
 
-def shipped_dir(kind: str) -> Path:
-    """Folder of the shipped files of a kind: inside the wheel, or the checkout's own folder."""
-    inside = Path(__file__).parent / "_shipped" / kind
-    return inside if inside.is_dir() else Path(__file__).parent.parent / kind
-
-
 def names(kind: str) -> list[str]:
     """Names that `find` resolves for a kind, local ones first shadowing the shipped ones."""
-    found = {p.stem for folder in (Path(kind), shipped_dir(kind)) for p in folder.glob("*.toml")}
+    found = {p.stem for folder in (Path(kind), shipped_folder(kind)) for p in folder.glob("*.toml")}
     for path in Path().glob("*.toml"):
         with suppress(InputError):
             if is_of(kind, read(path)):
@@ -76,7 +71,7 @@ def find(kind: str, name: str) -> Path:
             return path
         raise InputError(f"{name}: {'a folder, no file' if isdir(path) else 'no such file'}")
     own, here, shipped = (
-        folder / f"{name}.toml" for folder in (Path(kind), Path(), shipped_dir(kind))
+        folder / f"{name}.toml" for folder in (Path(kind), Path(), shipped_folder(kind))
     )
     if reading.is_file(own):
         return own

@@ -1,8 +1,8 @@
 """One digest of code for everything that is kept: of what a result depends on, and of no more.
 
 The files are those that the named modules import, in functions too, each with what it imports in
-turn; a name that a package's face hands on is followed to the file that defines it, and a folder
-that `discover` looks through counts whole. Of each file the syntax tree counts, without docstrings:
+turn; a name at a package's door is followed to the file that defines it, and a folder that
+`discover` looks through counts whole. Of each file the syntax tree counts, without docstrings:
 a changed comment, docstring or layout is no change.
 """
 
@@ -13,7 +13,9 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-PACKAGE = Path(__file__).parent
+from .door import handed_on
+from .paths import PACKAGE
+
 # They say what went wrong, where things are kept and how far it is: no result depends on them.
 SILENT = ("errors", "cache", "digest", "files", "jobs")
 
@@ -147,10 +149,14 @@ def _defining(module: tuple[str, ...], name: str, package: Path) -> Path | None:
     file = _file(module, package)
     if file is None or file.name != "__init__.py":
         return file
-    for inner, names in _read(file, package)[1]:
-        if name in names:
-            return _defining(inner, name, package)
-    return file
+    home, original = _handed_on(file, ".".join(module)).get(name, ("", ""))
+    return _defining(tuple(home.split(".")), original, package) if home else file
+
+
+@cache
+def _handed_on(file: Path, package: str) -> dict[str, tuple[str, str]]:
+    """The names at the door of a package, each with its module and its name there."""
+    return handed_on(ast.parse(file.read_text(encoding="utf-8")), package)
 
 
 def _file(module: tuple[str, ...], package: Path) -> Path | None:

@@ -1,66 +1,47 @@
 """From colour values to the bytes that a program gets: printer, light, lens, mosaic, noise, cable.
 
-The defaults are assumed values of an office laser printer and a small fisheye camera.
+The numbers of printer and camera, and their defaults, are in `shapes.imaging`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from .aliases import Float
-from .units import MM_PER_INCH
-
-GAMMA = 2.2
+from .shapes.imaging import GAMMA, ImageSensor, Printer
 
 
-@dataclass(frozen=True)
-class Printer:
-    """dpi, levels per ink and dot, a shift per ink (standard deviation), a Gaussian spread."""
+def print_colours(printer: Printer, values: Float, rng: np.random.Generator) -> Float:
+    """Print colour values (h, w, 3 in 0..1, one per printer dot); returns linear reflectance.
 
-    dpi: int = 1200
-    levels: int = 4
-    misregistration_um: float = 15.0
-    spread_um: float = 20.0
-
-    @property
-    def mm_per_dot(self) -> float:
-        """Pitch of the printer's dots."""
-        return MM_PER_INCH / self.dpi
-
-    def print_(self, values: Float, rng: np.random.Generator) -> Float:
-        """Print colour values (h, w, 3 in 0..1, one per printer dot); returns linear reflectance.
-
-        Ordered dither with a random threshold per dot and ink, then misregistration and spread.
-        """
-        steps = self.levels - 1
-        scaled = values.astype(np.float32) * steps
-        low = np.floor(scaled)
-        threshold = rng.random(values.shape, dtype=np.float32)
-        coded = np.minimum(low + (scaled - low > threshold), steps) / np.float32(steps)
-        reflectance = np.power(coded, np.float32(GAMMA))
-        shifts = rng.normal(0.0, self.misregistration_um / 1000 / self.mm_per_dot, (3, 2))
-        sigma = max(self.spread_um / 1000 / self.mm_per_dot / 2, 1e-3)
-        inks = []
-        for c in range(3):
-            move = np.array([[1, 0, shifts[c, 0]], [0, 1, shifts[c, 1]]])
-            plane = np.ascontiguousarray(reflectance[..., c])
-            ink = cv2.warpAffine(plane, move, plane.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
-            inks.append(cv2.GaussianBlur(ink, (0, 0), sigma))
-        return np.stack(inks, axis=-1)
+    Ordered dither with a random threshold per dot and ink, then misregistration and spread.
+    """
+    steps = printer.levels - 1
+    scaled = values.astype(np.float32) * steps
+    low = np.floor(scaled)
+    threshold = rng.random(values.shape, dtype=np.float32)
+    coded = np.minimum(low + (scaled - low > threshold), steps) / np.float32(steps)
+    reflectance = np.power(coded, np.float32(GAMMA))
+    shifts = rng.normal(0.0, printer.misregistration_um / 1000 / printer.mm_per_dot, (3, 2))
+    sigma = max(printer.spread_um / 1000 / printer.mm_per_dot / 2, 1e-3)
+    inks = []
+    for c in range(3):
+        move = np.array([[1, 0, shifts[c, 0]], [0, 1, shifts[c, 1]]])
+        plane = np.ascontiguousarray(reflectance[..., c])
+        ink = cv2.warpAffine(plane, move, plane.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+        inks.append(cv2.GaussianBlur(ink, (0, 0), sigma))
+    return np.stack(inks, axis=-1)
 
 
-Demosaic = Literal["edge-aware", "bilinear", "gradients"]
 _DEMOSAICS: dict[str, int] = {
     "edge-aware": cv2.COLOR_BayerRG2BGR_EA,
     "bilinear": cv2.COLOR_BayerRG2BGR,
     "gradients": cv2.COLOR_BayerRG2BGR_VNG,
 }
-Format = Literal["raw", "yuyv", "nv12", "mjpeg-422", "mjpeg-420"]
 _SAMPLING = {
     "mjpeg-422": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422,
     "mjpeg-420": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
@@ -68,29 +49,6 @@ _SAMPLING = {
 _FAR = 1e6  # squared half diagonals: where a pixel that sees nothing is taken to look
 # Place and width of the highlight, in half diagonals of the view.
 _HIGHLIGHT_AT, _HIGHLIGHT_WIDTH = (0.35, -0.3), 0.06
-
-
-@dataclass(frozen=True)
-class ImageSensor:
-    """A colour camera and the light it works in; what each key means stands in the rig's file.
-
-    mosaic: one colour a pixel behind a Bayer filter; False is three chips, every colour everywhere.
-    """
-
-    blur_px: float = 0.6
-    shading: float = 0.35
-    full_well_electrons: float = 8000.0
-    read_noise_electrons: float = 6.0
-    mosaic: bool = True
-    corner_blur_px: float = 0.0
-    led_gradient: float = 1.0
-    highlight: float = 0.0
-    contact_glow_per_mm: float = 0.0
-    gamma: float = GAMMA
-    demosaic: Demosaic = "edge-aware"
-    sharpening: float = 0.0
-    format: Format = "raw"
-    jpeg_quality: int = 85
 
 
 def view_grid(height: int, width: int) -> Float:
@@ -132,7 +90,7 @@ class Exposure:
         light = cv2.GaussianBlur(radiance, (0, 0), sensor.blur_px)
         if sensor.corner_blur_px > sensor.blur_px:
             outer = cv2.GaussianBlur(radiance, (0, 0), sensor.corner_blur_px)
-            light += (outer - light) * self._outward
+            light = light + (outer - light) * self._outward
         light = light * self._light + self._highlight
         if not sensor.mosaic:
             return self._delivered(self._digitised(np.ascontiguousarray(light[..., ::-1]), rng))

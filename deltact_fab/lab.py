@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from . import catalog
 from .errors import InputError, did_you_mean
 from .files import disk_errors
+from .paths import asset, shipped_folder
 from .schema import BY_NAME, KINDS, TABLE, KeyRow, Kind, described, document, rows
 
 if TYPE_CHECKING:
@@ -44,13 +45,12 @@ def init(folder: Path) -> list[Path]:
 
 def _texts() -> dict[str, str]:
     """The text of each file, by its path in the folder."""
-    tour = Path(__file__).with_name("tour.md")
-    texts = {"README.md": tour.read_text(encoding="utf-8")}
+    texts = {"README.md": asset("tour.md").read_text(encoding="utf-8")}
     for kind in KINDS.values():
         text = json.dumps(document(kind), indent=1, ensure_ascii=False, allow_nan=False)
         texts[f"{SCHEMAS}/{kind.name}.json"] = text + "\n"
     for top in SHIPPED:
-        shipped = catalog.shipped_dir(top)
+        shipped = shipped_folder(top)
         for file in sorted(shipped.rglob("*")):
             if file.suffix not in (".toml", ".py"):
                 continue

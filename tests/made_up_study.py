@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from deltact_fab.aliases import Note
 from deltact_fab.report import figures
-from deltact_fab.report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
+from deltact_fab.report.result import Headline, ReportFigure, ReportTable, StudyResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,8 +82,8 @@ def study(missing: int = 0) -> StudyResult:
         settings={"friction": "1.0", "noise": "2 grey values"},
         notes=("The modulus is uncertain by a factor of 2.",),
         left_out=(
-            LeftOut("viscosity", "the specimen has no Prony series"),
-            LeftOut("solid models", "numbers suffice"),
+            Note("viscosity", "the specimen has no Prony series"),
+            Note("solid models", "numbers suffice"),
         ),
         missing=tuple(f"d0.1-r{i}" for i in range(missing)),
         files={"recipe.toml": "seed = 7\n"},

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict
 
 from deltact_fab import catalog
 from deltact_fab.errors import InputError
+from deltact_fab.paths import shipped_folder
 from deltact_fab.shapes import SensorDimensions
 
 
@@ -77,7 +78,7 @@ def test_a_bare_name_is_this_folder_s_own_first(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     shipped = catalog.find("patterns", "dense")
-    assert shipped.parent == catalog.shipped_dir("patterns")
+    assert shipped.parent == shipped_folder("patterns")
     Path("dense.toml").write_text('law = "transparent"\n')
     assert catalog.find("patterns", "dense") == Path("dense.toml")
     Path("patterns").mkdir()
@@ -90,7 +91,7 @@ def test_a_file_of_another_kind_is_not_taken(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("smoke.toml").write_text('law = "transparent"\n')
-    assert catalog.find("protocols", "smoke").parent == catalog.shipped_dir("protocols")
+    assert catalog.find("protocols", "smoke").parent == shipped_folder("protocols")
     Path("mine.toml").write_text('law = "transparent"\n')
     with pytest.raises(InputError, match=r"mine.toml has none of capture, depths_mm"):
         catalog.find("protocols", "mine")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -97,7 +98,7 @@ def test_two_runs_are_the_same_but_for_wall_time(
     for table in ("frames", "samples", "events", "steps"):
         rows = []
         for folder in (mini_run, tmp_path / "again"):
-            with sqlite3.connect(folder / "journal.sqlite") as db:
+            with closing(sqlite3.connect(folder / "journal.sqlite")) as db, db:
                 names = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
                 keep = ",".join(n for n in names if n not in WALL_COLUMNS)
                 rows.append(db.execute(f"SELECT {keep} FROM {table} ORDER BY seq").fetchall())

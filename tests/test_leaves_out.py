@@ -134,7 +134,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     from deltact_fab.gel.linear import contact
     from deltact_fab.measure.dots import DotTracker
     from deltact_fab.rig.force import netft as force
-    from deltact_fab.virtual import netft, picture
+    from deltact_fab.virtual import drawing, netft, picture
 
     calls: Counter[str] = Counter()
     for owner, name, label in (
@@ -142,7 +142,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         (picture.FrameRenderer, "__init__", "picture"),
         (picture.RawView, "__init__", "raw view"),
         (optics.Rectified, "maps", "maps"),
-        (imaging.Printer, "print_", "print"),
+        (drawing, "print_colours", "print"),
         (imaging.Exposure, "expose", "expose"),
         (contact, "friction_contact", "friction"),
         (contact, "normal_contact", "normal"),

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from deltact_fab import digest
+from deltact_fab.door import handed_on
 
 
 def circle(needs: Mapping[Path, Iterable[Path]]) -> list[Path]:
@@ -54,11 +55,12 @@ def behind(module: Path, name: str, package: Path) -> Iterator[Path]:
     face = module / "__init__.py"
     if face.is_file():
         # Beside nothing but names a package's docstring is no face.
-        for node in ast.parse(face.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ImportFrom) and name in {
-                a.asname or a.name for a in node.names
-            }:
-                yield from (f for f in named(face, package) if f != face)
+        package_name = ".".join((package.name, *module.relative_to(package).parts))
+        tree = ast.parse(face.read_text(encoding="utf-8"))
+        if name in (names := handed_on(tree, package_name)):
+            home, original = names[name]
+            yield from behind(package.joinpath(*home.split(".")[1:]), original, package)
+            return
         yield face
 
 

@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 66946,
+    ("deltact_fab", "lines"): 66944,
     ("deltact_fab", "files"): 378,
-    ("tests", "lines"): 35467,
+    ("tests", "lines"): 35497,
 }
 
 

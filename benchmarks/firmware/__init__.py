@@ -1,1 +1,1 @@
-"""Firmware that shares no line with the simulated board, built from clones that the user names."""
+"""Firmware that shares no line with the simulated board, in a program that the user built."""

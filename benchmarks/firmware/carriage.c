@@ -1,8 +1,9 @@
-/* A carriage with three end switches for firmware that has none.
+/* A carriage with three end switches for firmware that has none, to be linked into it.
 
-   It stands some way below its switches when power comes on, whatever the firmware counts, and goes
-   by the steps that are made. Switches are at the positive ends; each trips SCATTER steps early or
-   late, another way at each approach. Where it is (steps) stands in the file `carriage`. */
+   Call carriage_made at each step of an axis (0 to 2); its bits are the switches that are pressed.
+   The carriage stands some way below its switches when power comes on, whatever the firmware counts,
+   and goes by the steps that are made. Switches are at the positive ends; each trips SCATTER steps
+   early or late, another way at each approach. Where it is (steps) stands in the file `carriage`. */
 
 #include <fcntl.h>
 #include <stdint.h>

@@ -13,7 +13,7 @@ import pandas as pd
 from .. import catalog
 from ..errors import InputError
 from ..files import make_folder, write_whole
-from ..measure.sensor_id import CalibrationSource, Head, Kind, SensorId, SensorView, told
+from ..measure.sensor_id import CalibrationSource, Head, Kind, SensorId, SensorModel, told
 from ..optics import CameraModel, Pinhole
 from ..record import UNKNOWN, Run
 from ..shapes import SkinDimensions
@@ -96,7 +96,7 @@ def camera_of(run: Run) -> CameraModel:
     return Pinhole(1.0, w, h, math.inf)
 
 
-def view_of(run: Run) -> SensorView:
+def view_of(run: Run) -> SensorModel:
     """What the measurement may know of a run's sensor: no force, no truth.
 
     `in_pixels` there is no skin. Raises InputError without a camera, or where the record's skin is
@@ -104,18 +104,19 @@ def view_of(run: Run) -> SensorView:
     """
     if in_pixels(run):
         nothing: Any = None
-        return SensorView(camera_of(run), nothing)
+        return SensorModel(camera_of(run), nothing)
     source = f"{run.folder}/run.json: sensor.skin"
     skin = catalog.validate(SkinDimensions, run.meta["sensor"]["skin"], source)
-    poisson = run.meta["protocol"]["specimen"].get("poisson", SensorView.poisson)
-    return SensorView(run.camera, skin, float(poisson))
+    poisson = run.meta["protocol"]["specimen"].get("poisson", SensorModel.poisson)
+    return SensorModel(run.camera, skin, float(poisson))
 
 
 def sensor_of(run: Run) -> SensorId:
     """Which sensor a run was recorded on. Raises InputError without a camera."""
     specimen = run.meta["protocol"]["specimen"]
     recipe = None if run.imported else run.pattern["recipe"]
-    return SensorId.of(camera_of(run), recipe, specimen.get("design"), specimen.get("serial"))
+    design, serial = specimen.get("design"), specimen.get("serial")
+    return SensorModel(camera_of(run), recipe=recipe, design=design, serial=serial).id
 
 
 def head_of(runs: Sequence[Run], kind: Kind) -> Head:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RunFailed
-from .kernel import Box, enclosing
+from .kernel import Box
 
 ANGLE_RAD = 0.2
 # Above the spacing of float32 at 100 mm (7.6e-6), far below any tolerance asked for.
@@ -41,7 +41,7 @@ class Mesh:
     def box_mm(self) -> Box:
         """Lowest and highest corner of the vertices."""
         points = self.vertices_mm.astype(float)
-        return enclosing([(points.min(axis=0), points.max(axis=0))])
+        return tuple(points.min(axis=0).tolist()), tuple(points.max(axis=0).tolist())
 
     @property
     def volume_mm3(self) -> float:

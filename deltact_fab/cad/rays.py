@@ -143,8 +143,8 @@ class Walls:
         for block in np.array_split(order, math.ceil(len(order) / BLOCK)):
             start, way = self.points_mm[block], inward[block]
             ends = np.concatenate([start, start + way * min(reach_mm, 1e4)])
-            near = ((low <= ends.max(axis=0)) & (high >= ends.min(axis=0))).all(axis=1)
-            near = np.flatnonzero(near)
+            overlap = (low <= ends.max(axis=0)) & (high >= ends.min(axis=0))
+            near = np.flatnonzero(overlap.all(axis=1))
             far[block], found = first_hit(start, way, self._corners[near])
             hit[block] = np.where(found >= 0, near[found], -1)
         opposite = np.einsum("ij,ij->i", inward, self._outward[hit])

@@ -280,8 +280,9 @@ def fit(readings: Path, design: str, out: Path | None) -> Answer:
 @answers
 def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path) -> Answer:
     """Fabrication guide of a design, one offline page: print, cast, wire, assemble."""
+    from ..report.first_light import pairs
     from ..report.guide import write
 
     dims = load(design, changes)
     with progress("cad guide") as tell:
-        return written(write(dims, out, sensors, tell))
+        return written(write(dims, out, sensors, tell, examples=pairs))

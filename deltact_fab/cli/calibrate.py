@@ -17,7 +17,7 @@ from .output import Answer, answers, columns_of, files_line, progress, save_figu
 if TYPE_CHECKING:
     from ..analysis.force import ForceResult
     from ..measure.lens.calibration import Calibration
-    from ..measure.lens.corners import Checkerboard
+    from ..optics.checkerboard import Checkerboard
 
 
 @click.group(
@@ -80,7 +80,7 @@ def lens(
 
 def board_named(words: str, option: str) -> Checkerboard:
     """A board by its numbers, or the catalogue's chessboard skin."""
-    from ..measure.lens.corners import Checkerboard
+    from ..optics.checkerboard import Checkerboard
     from ..patterns import load_recipe
 
     if words != "skin":

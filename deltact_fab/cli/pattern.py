@@ -149,9 +149,9 @@ def quality(
     recipes: tuple[str, ...], dpi: int, printer: Path | None, mm_per_px: float, seed: int
 ) -> Answer:
     """Figures of merit of each RECIPE, as designed and as printed and photographed (simulated)."""
-    from ..imaging import Printer
     from ..patterns import load_recipe
     from ..patterns.quality.measure import measure
+    from ..shapes.imaging import Printer
 
     chosen = [(name, load_recipe(name)) for name in recipes]
     model = Printer(dpi=dpi)

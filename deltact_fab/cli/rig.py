@@ -260,7 +260,6 @@ def accept(
         opened.close()
     done = replace(done, rows=(*done.rows, *steps))
     if picture is not None:
-        assert known.camera is not None, "open_source makes sure of it"
         write_whole(picture, acceptance.picture(done, known.camera))
     if out is not None and done.passed:
         acceptance.save(done, known, seed, out)

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from .. import record
-from ..aliases import Progress
+from ..aliases import Note, Progress
 from ..cad.design import load_design
 from ..cad.dimensions import Design
 from ..errors import InputError, MissingLibrary
@@ -105,10 +105,10 @@ class RunRequest:
             change = change_s(rig.stage, rig.touch, self.protocol.motion.park_mm)
         return limits.estimate(self.protocol, image_px, rig.stage, self.steps, pace, change)
 
-    def require(self) -> list[str]:
+    def require(self) -> list[Note]:
         """Raise InputError for all that a run is refused for.
 
-        Returns a line for each predicted force that is over a limit of the rig or of the plate
+        Returns a warning for each predicted force that is over a limit of the rig or of the plate
         where that breaks nothing, or that may trip the guard.
         """
         limits.require(self._rows(), str(self.source))
@@ -119,7 +119,7 @@ class RunRequest:
         lines = [f"{self.protocol.name}: {row.reason()}" for row in found[1] if row.warns]
         for line in lines:
             _LOG.warning("warning: %s", line)
-        return [f"WARNING: {line}" for line in lines]
+        return [Note("forces", line, warns=True) for line in lines]
 
     def checks(self) -> list[limits.LimitCheck]:
         """Every check: a run begins where all are ok.

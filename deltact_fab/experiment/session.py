@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from .. import catalog, record
-from ..aliases import Progress
+from ..aliases import Note, Progress
 from ..errors import InputError
 from ..patterns.recipe import PatternRecipe, centres_mm
 from ..protocols import plan
@@ -31,7 +31,9 @@ from .request import RunRequest
 if TYPE_CHECKING:
     from ..virtual.rig import VirtualRig
 
-AIR = "an air run: the clearance plane stood for every height below it; nothing was touched"
+AIR = Note(
+    "air", "an air run: the clearance plane stood for every height below it; nothing was touched"
+)
 
 
 def run(
@@ -55,7 +57,7 @@ def run(
     job = request.setup(out)
     text = request.source.read_bytes()
     meta = meta_of(job, rig, request.rig_name)
-    pattern = pattern_of(job.recipe)
+    pattern = pattern_of(request.recipe)
     resuming = out.exists() and resume
     if resuming:
         found = open_run(out)
@@ -78,6 +80,9 @@ def run(
         with closing(request.kind.build(job, request.progress)) as bench:
             counts, rig_seconds = _carry_out(bench, steps, writer, request.progress, live)
             kept = sum(step.frames for step in steps if step.press in writer.kept)
+            remarks = [*bench.notes(), *warnings, *_resumed(writer.session, kept)]
+            if request.air:
+                remarks.insert(0, AIR)
             summary = {
                 "protocol": protocol.name,
                 "rig": request.rig_name,
@@ -93,11 +98,9 @@ def run(
                 "redone": writer.redone,
                 "rig_seconds": rig_seconds,
                 "wall_seconds": time.monotonic() - started,
-                "left_out": bench.left_out(),
-                "notes": [
-                    *([AIR] if request.air else []), *bench.notes(), *warnings,
-                    *_resumed(writer.session, kept),
-                ],
+                "left_out": [note.labelled for note in bench.left_out()],
+                "notes": [note.line for note in remarks],
+                "remarks": [asdict(note) for note in remarks],
                 "devices": bench.identity(),
             }  # fmt: skip
         writer.close(summary)
@@ -132,7 +135,7 @@ def dry_run(request: RunRequest) -> dict[str, Any]:
     Returns steps, frames, seconds and disk_mb of the estimate, devices (a line each, empty on a
     rig in lockstep) and notes. Raises InputError or RunFailed, as the run would.
     """
-    notes = [*([AIR] if request.air else []), *request.require()]
+    notes = [note.line for note in (*([AIR] if request.air else []), *request.require())]
     lines: list[str] = []
     if not request.rig.simulated:
         with TemporaryDirectory() as folder:
@@ -198,6 +201,7 @@ def run_presses(
     kind = VirtualKind(rig, source)
     meta = meta_of(job, rig, source.stem)
     text = catalog.as_toml(meta["protocol"]).encode()
+    assert isinstance(job.recipe, PatternRecipe), "a virtual rig draws it"
     flat = kind.flat(job.protocol)
     writer = RunWriter.create(job.folder, meta, text, pattern_of(job.recipe), steps, flat)
     try:
@@ -267,10 +271,11 @@ def _require_new(out: Path, protocol: bytes) -> None:
     raise InputError(f"{out}: already there; {hint}")
 
 
-def _resumed(sessions: int, kept_frames: int) -> list[str]:
+def _resumed(sessions: int, kept_frames: int) -> list[Note]:
     if sessions == 1:
         return []
-    return [
+    text = (
         f"resumed: session {sessions} kept {kept_frames} frames of those before it; seconds and "
         "solved problems count this session only"
-    ]
+    )
+    return [Note("resumed", text)]

@@ -177,7 +177,7 @@ class MeshConvergence:
 
     def _add(self, choice: Choice) -> None:
         text = f"{choice.spacing_mm:.3g} mm, steps of {choice.step_mm:.3g} mm"
-        choice = replace(choice, why=f"{choice.why.split('; taken')[0]}; taken {text}")
+        choice = replace(choice, why=f"{choice.why}; taken {text}")
         self._runs.append(self._run(choice, self._runs[-1] if self._runs else None))
 
     def estimate(self) -> dict[str, float]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..aliases import Field, Point
+from ..aliases import Field, Note, Point
 from ..errors import InputError
 from ..shapes import Indenter, SkinDimensions
 from .zones import ZoneMap, Zones
@@ -107,7 +107,7 @@ class IncrementDiagnostics:
     increment. residual: of forces over the contact's, or of the contact conditions over the depth.
     penetration_mm: deepest, also between contact points. least_j: smallest volume ratio, or
     det(I + grad u_xy) of a linear face. most_stretch: None for the linear level. flags: what
-    a reader must not miss, `NAME: sentence`.
+    a reader must not miss.
     Of finite strain alone: factorisations; damped: those with damping, as where the gel folds.
     lagged: parts whose friction is bounded by the pressures at their start.
     """
@@ -121,7 +121,7 @@ class IncrementDiagnostics:
     penetration_mm: float = 0.0
     least_j: float = 1.0
     most_stretch: float | None = None
-    flags: tuple[str, ...] = ()
+    flags: tuple[Note, ...] = ()
 
     @classmethod
     def over(cls, parts: Sequence[IncrementDiagnostics]) -> IncrementDiagnostics:

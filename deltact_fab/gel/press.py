@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..aliases import Field, Point, Point2, Progress
+from ..aliases import Field, Note, Point, Point2, Progress
 from ..elasticity.material import GelMaterial, unusual
 from ..errors import DeltactFabError, InputError, TimeLimit
 from ..levels import FINITE
@@ -123,7 +123,7 @@ def press(
     tips = [(x, y, 0.0), *((px, py, -pz) for px, py, pz in (p.tip_mm for p in fine.poses))]
     flags = _flags(found, ladder, depth_mm, limit_s)
     if odd := unusual(material.modulus_mpa):
-        flags.append(f"modulus: {odd}")
+        flags.append(Note("modulus", odd))
     forces = material.modulus_mpa * np.array([(0.0, 0.0, 0.0), *(k.force_n for k in fine.knots)])
     result = {
         "force_n": forces[-1].tolist(),
@@ -143,7 +143,7 @@ def press(
             "why": choice.why,
         },
         "peak_in_plane_mm": float(np.hypot(u[..., 0], u[..., 1]).max()),
-        "flags": flags,
+        "flags": [flag.labelled for flag in flags],
     }
     return Pressed(result, np.array(tips), forces, *fine.axes_mm, u.astype(np.float64))
 
@@ -166,27 +166,29 @@ def _require(
 
 def _flags(
     found: RefinedPress, ladder: MeshConvergence, depth_mm: float, limit_s: float
-) -> list[str]:
+) -> list[Note]:
     """What a reader of the result must know: the solver's own flags at the corners, and more."""
     estimate, solver = found.estimate, found.run
-    named: dict[str, str] = {}
+    named: dict[str, Note] = {}
     for pose, knot in zip(solver.poses, solver.knots, strict=True):
         if pose.part == 1.0:  # on the way in, the first increments are coarse by intention
-            named.update({flag.partition(":")[0]: flag for flag in knot.flags})
+            named.update({flag.id: flag for flag in knot.flags})
     flags = list(named.values())
     if depth_mm > 0 and found.zones.contact_area_mm2 == 0:
-        flags.append(f"contact lost: at depth {depth_mm:g} mm nothing is touched")
+        flags.append(Note("contact lost", f"at depth {depth_mm:g} mm nothing is touched"))
     if found.limited:
-        flags.append(
-            f"limit: {limit_s:g} CPU seconds do not reach to the tolerance; "
-            f"cells of {found.run.choice.spacing_mm:.3g} mm are the finest that were solved"
+        text = (
+            f"{limit_s:g} CPU seconds do not reach to the tolerance; cells of "
+            f"{found.run.choice.spacing_mm:.3g} mm are the finest that were solved"
         )
+        flags.append(Note("limit", text))
     if not ladder.holds(estimate):
-        flags.append(
-            f"tolerance: estimated error {estimate['force_rel']:.2g} of force, "
+        text = (
+            f"estimated error {estimate['force_rel']:.2g} of force, "
             f"{estimate['displacement_mm']:.2g} mm in plane; {ladder.tolerance:g} and "
             f"{ladder.in_plane_mm:.2g} mm were asked"
         )
+        flags.append(Note("tolerance", text))
     return flags
 
 

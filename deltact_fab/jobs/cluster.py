@@ -12,12 +12,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future
-from pathlib import Path
 from typing import Any, TypeVar
 
 from .. import cache
 from ..errors import InputError, RunFailed
 from ..extras import require
+from ..paths import PACKAGE
 from .batch import CannotGoOn
 from .local import Local, processors, take_share
 
@@ -31,7 +31,6 @@ GONE_S = 60.0  # a worker that died is often started again
 LOOK_S = 1.0
 SEND_S, AHEAD = 0.01, 32
 BADGE = "deltact-fab"
-PACKAGE = Path(__file__).parents[1]
 
 
 @contextlib.contextmanager

@@ -15,12 +15,12 @@ from .. import catalog, record
 from ..errors import InputError, did_you_mean
 from ..measure.pipeline import Measurement
 from ..measure.pipeline.measurement import Rectifier
-from ..measure.sensor_id import SensorId, SensorView, read_calibration, read_rest, require_same
+from ..measure.sensor_id import SensorId, SensorModel, read_calibration, read_rest, require_same
 from ..optics import Fisheye, FlatField, Rectified, load_camera
 from ..rig.camera.model import raw_size_px
 from ..rig.interface import CameraFrame
 from ..shapes.sensor import SensorDimensions, SkinDimensions
-from .source import FollowedFolder, KnownSensor, Source, camera_source, file_source
+from .source import FollowedFolder, Source, camera_source, file_source
 
 NAMES_A_FILE = re.compile(r"\w[\w.+-]*")  # of a serial number: others are never kept
 
@@ -45,20 +45,22 @@ def open_source(
     when no image came for so long. Raises InputError for a name that is nothing of these.
     """
     given = None if camera_file is None else known_of(camera_file, design)
-    source = _opened(name, given, design, seed) if follow_s is None else _followed(name, follow_s)
+    source = (
+        _opened(name, given, design, seed) if follow_s is None else _followed(name, given, follow_s)
+    )
     try:
         own = source.known
         if given is not None:
-            own = replace(own, camera=given.camera, flat=given.flat, skin=own.skin or given.skin)
+            own = replace(own, projection=given.projection, flat=given.flat)
         if design is not None:
             own = replace(own, design=design, skin=_design(design).skin)
         if serial is not None:
             own = replace(own, serial=serial)
         source.known = own
-        if own.camera is None and rest_only:
+        if own.projection is None and rest_only:
             sensor = _design(own.design)
             lens = Rectified.of(sensor, Fisheye.of(sensor))
-            own = source.known = replace(own, camera=lens, nominal=True)
+            own = source.known = replace(own, projection=lens, nominal=True)
     except InputError:
         source.close()
         raise
@@ -72,26 +74,27 @@ def _design(name: str | None) -> SensorDimensions:
     return load_design(name or "deltact")
 
 
-def known_of(camera_file: Path, design: str | None = None) -> KnownSensor:
+def known_of(camera_file: Path, design: str | None = None) -> SensorModel:
     """What a camera file and a design say. Raises InputError."""
     sensor = _design(design)
     camera, _ = load_camera(camera_file)
     flat = FlatField.beside(camera_file)
     if isinstance(camera, Fisheye):
         camera = Rectified.of(sensor, camera)
-    return KnownSensor(camera, flat and flat.seen_by(camera), sensor.skin)
+    return SensorModel(camera, sensor.skin, flat=flat and flat.seen_by(camera))
 
 
-def _opened(name: str, given: KnownSensor | None, design: str | None, seed: int) -> Source:
+def _opened(name: str, given: SensorModel | None, design: str | None, seed: int) -> Source:
     """What is imported is what that kind of source needs."""
     path = Path(name)
     if name.isdecimal() or path.is_char_device() or "://" in name:
         from ..rig.tables import CameraConfig
 
-        camera = None if given is None else given.camera
+        camera = None if given is None else given.projection
         w, h = (None, None) if camera is None else raw_size_px(camera)
         asked = {"source": int(name) if name.isdecimal() else name, "width_px": w, "height_px": h}
-        return camera_source(catalog.validate(CameraConfig, asked, f"camera {name}"), Path())
+        config = catalog.validate(CameraConfig, asked, f"camera {name}")
+        return camera_source(config, Path(), given)
     rig, _, protocol = name.partition(":")
     rigs = catalog.names("protocols/rigs")
     if Path(rig).suffix == ".toml" or (rig in rigs and not path.exists()):
@@ -103,7 +106,7 @@ def _opened(name: str, given: KnownSensor | None, design: str | None, seed: int)
     if path.is_dir() or path.is_file():
         from ..rig.camera.files import images_of
 
-        return file_source(images_of(path))
+        return file_source(images_of(path), given)
     near = did_you_mean(rig, rigs)
     raise InputError(
         f"{name}: no camera number, address, video, folder, run or rig of that name; of the rigs "
@@ -111,12 +114,12 @@ def _opened(name: str, given: KnownSensor | None, design: str | None, seed: int)
     )
 
 
-def _followed(name: str, silence_s: float) -> Source:
+def _followed(name: str, given: SensorModel | None, silence_s: float) -> Source:
     folder = Path(name)
     if not folder.is_dir() or (folder / "run.json").is_file():
         wanted = "a folder that images are written into"
         raise InputError(f"{name}: {wanted} is needed with --follow, as RUN/images of a run")
-    return file_source(FollowedFolder(folder, silence_s))
+    return file_source(FollowedFolder(folder, silence_s), given)
 
 
 def _recorded(folder: Path) -> Source:
@@ -130,10 +133,10 @@ def _recorded(folder: Path) -> Source:
         raise InputError(f"{folder}: a run without images")
     specimen = run.meta["protocol"]["specimen"]
     skin = run.meta["sensor"]["skin"]
-    known = KnownSensor(
+    known = SensorModel(
         run.camera,
-        run.flat,
         catalog.validate(SkinDimensions, skin, f"{folder}/run.json: sensor.skin"),
+        flat=run.flat,
         recipe=run.pattern.get("recipe"),
         design=specimen.get("design"),
         serial=specimen.get("serial"),
@@ -149,19 +152,14 @@ def _recorded(folder: Path) -> Source:
 
 
 def measurement_of(
-    known: KnownSensor, files: Sequence[Path], show: Sequence[str] | None = None
+    known: SensorModel, files: Sequence[Path], show: Sequence[str] | None = None
 ) -> Measurement:
     """Of the outputs named, or of all that the calibrations allow; always with what is tracked.
 
     Raises InputError, one line, for a file that is none, for another sensor's, and as Measurement.
     """
-    assert known.camera is not None, "open_source makes sure of it"
-    present = SensorId.of(known.camera, known.recipe, known.design, known.serial)
-    for file in files:  # more is known here than a camera, which Measurement looks at
-        require_same(read_calibration(file)[0], present, str(file))
-    view = SensorView(known.camera, known.skin or SkinDimensions())
     include = None if show is None else [*show, "observation"]
-    return Measurement(view, include, files, rest=accepted_rest(known))
+    return Measurement(replace(known, rest=accepted_rest(known)), include, files)
 
 
 def acceptance_file(serial: str) -> Path:
@@ -173,12 +171,12 @@ def acceptance_file(serial: str) -> Path:
     return Path("sensors") / f"{serial}.toml"
 
 
-def accepted_rest(known: KnownSensor) -> NDArray[np.uint8] | None:
+def accepted_rest(known: SensorModel) -> NDArray[np.uint8] | None:
     """The face at rest when this sensor was accepted, as it is tracked; None where it was not.
 
     Raises InputError for a file that is none, and for an image of another size.
     """
-    if known.serial is None or known.camera is None or not NAMES_A_FILE.fullmatch(known.serial):
+    if known.serial is None or known.projection is None or not NAMES_A_FILE.fullmatch(known.serial):
         return None
     file = acceptance_file(known.serial)
     if not file.is_file():

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..paths import asset
 
 LOOPBACK = "127.0.0.1"
 JPEG_QUALITY = 80
@@ -152,6 +152,6 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
 
-_PAGE = Path(__file__).parent / "page.html"
+_PAGE = asset("live.html")
 # The sheet of all pages; it is read and nothing is imported, for a robot has no library of pages.
-_STYLE = Path(__file__).parent.parent / "report" / "templates" / "style.css"
+_STYLE = asset("templates/style.css")

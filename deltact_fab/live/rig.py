@@ -15,13 +15,14 @@ from tempfile import TemporaryDirectory
 from ..cad.design import load_design
 from ..errors import InputError
 from ..experiment import RunRequest
+from ..measure.sensor_id import SensorModel
 from ..optics import FlatField
 from ..protocols import limits
 from ..protocols.plan import Step
 from ..rig import config
 from ..rig.camera.model import tracked_view
 from ..rig.interface import CameraFrame, Devices
-from .source import KnownSensor, Source, camera_source
+from .source import Source, camera_source
 
 DEFAULT_PROTOCOL = "smoke"
 
@@ -48,7 +49,7 @@ def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> S
     flat = None if model is None else FlatField.beside(path.parent / model)
     seen = None if view is None or flat is None else flat.seen_by(view)
     told = "simulated devices" if bench.served else None
-    known = KnownSensor(view, seen, sensor.skin, simulated=told)
+    known = SensorModel(view, sensor.skin, flat=seen, simulated=told)
     return camera_source(bench.camera, path.parent, known)
 
 
@@ -70,10 +71,10 @@ def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
     rows.append(limits.refusals(kind.part, kind.refusals(protocol, sensor, source)))
     limits.require(rows, source)
     view, flat = request.view, kind.flat(protocol)
-    known = KnownSensor(
+    known = SensorModel(
         view,
-        None if view is None or flat is None else flat.seen_by(view),
         sensor.skin,
+        flat=None if view is None or flat is None else flat.seen_by(view),
         recipe=request.recipe.model_dump(mode="json"),
         design=protocol.specimen.design,
         serial=protocol.specimen.serial,

@@ -109,7 +109,6 @@ class Session:
         where the source did not know.
         """
         self.source, self.measurement, self.pattern = source, measurement, pattern
-        assert source.known.camera is not None, "open_source makes sure of it"
         self.view = source.known.camera
         """Of the images as they are tracked."""
         self._least_s = 0.0 if most_hz is None or source.live else 1 / most_hz
@@ -194,21 +193,21 @@ def open_session(
     source = open_source(name, camera_file, design, serial, seed, follow_s=follow_s)
     try:
         frames, known = images(source), source.known
-        if known.camera is not None and mm_per_px is not None:
+        if known.projection is not None and mm_per_px is not None:
             raise InputError(f"{name}: --mm-per-px: its camera is known, and has the scale")
-        if known.camera is None and calibrations:
+        if known.projection is None and calibrations:
             raise InputError(
                 f"{calibrations[0]}: a calibration holds for the camera that it was made with: "
                 "name that camera's file with --camera"
             )
-        if known.camera is not None and (calibrations or known.recipe is not None):
+        if known.projection is not None and (calibrations or known.recipe is not None):
             measurement = measurement_of(known, calibrations, show)
             return Session(source, measurement, most_hz=most_hz, frames=frames)
         first = next(frames)
-        if known.camera is None:
+        if known.projection is None:
             h, w = first.image.shape[:2]
             camera = Pinhole(mm_per_px or 1.0, w, h, eye_distance_mm=1e3)  # stands for the lens
-            known = source.known = replace(known, camera=camera, in_px=mm_per_px is None)
+            known = source.known = replace(known, projection=camera, in_px=mm_per_px is None)
         if known.in_px:
             if beyond := [one for one in show or () if one not in ("flow", "observation")]:
                 why = "needs a scale: --mm-per-px or --camera"
@@ -218,7 +217,7 @@ def open_session(
             show = ("observation",)
         measurement = measurement_of(known, (), show)
         pattern = recognise(measurement.rectified(first.image))
-        if pattern.kind == "markers" and known.camera is not None:
+        if pattern.kind == "markers":
             measurement = MarkerMeasurement(known.camera)
         frames = chain((first,), frames)
         return Session(source, measurement, most_hz=most_hz, frames=frames, pattern=pattern)

@@ -3,43 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..aliases import Image
 from ..errors import InputError, RunFailed
-from ..optics import CameraModel, FlatField
+from ..measure.sensor_id import SensorModel
 from ..rig.camera.files import IMAGE_NAMES, Folder, Images, by_number, decoded
 from ..rig.camera.model import raw_size_px
 from ..rig.interface import CameraFrame
-from ..shapes.sensor import SkinDimensions
 
 if TYPE_CHECKING:
     from ..rig.tables import CameraConfig
-
-
-@dataclass(frozen=True)
-class KnownSensor:
-    """What a source knows of the sensor that it shows; None where it cannot tell.
-
-    camera: the projection of the images that are tracked; its `maps` make them from those that the
-    source gives. flat: how the light falls off over the tracked ones. skin: the gel's. recipe: of
-    the pattern. design, serial: of the sensor. simulated: a word and the seed, where no hardware
-    was involved. nominal: the camera is the design's, for none was calibrated. in_px: the camera
-    stands for none, and its millimetre is a pixel.
-    """
-
-    camera: CameraModel | None = None
-    flat: FlatField | None = None
-    skin: SkinDimensions | None = None
-    recipe: Mapping[str, Any] | None = None
-    design: str | None = None
-    serial: str | None = None
-    simulated: str | None = None
-    nominal: bool = False
-    in_px: bool = False
 
 
 @dataclass
@@ -54,7 +31,7 @@ class Source:
     """
 
     name: str
-    known: KnownSensor
+    known: SensorModel
     frames: Callable[[bool], Iterator[CameraFrame]]
     live: bool = False
     close: Callable[[], None] = lambda: None
@@ -66,7 +43,7 @@ def images(source: Source, rest_only: bool = False) -> Iterator[CameraFrame]:
     Of the size of the first, where no one knows the camera. Raises InputError, one line, for
     another size; else as the source does.
     """
-    camera = source.known.camera
+    camera = source.known.projection
     wanted = None if camera is None else raw_size_px(camera)
     whose = f"camera {'of the design' if source.known.nominal else 'that was calibrated'} makes"
     k = -1
@@ -84,7 +61,7 @@ def images(source: Source, rest_only: bool = False) -> Iterator[CameraFrame]:
         raise RunFailed(f"{source.name}: ended before its first image")
 
 
-def camera_source(config: CameraConfig, folder: Path, known: KnownSensor | None = None) -> Source:
+def camera_source(config: CameraConfig, folder: Path, known: SensorModel | None = None) -> Source:
     """A camera that runs by itself, and does not know what touches the face.
 
     Raises InputError for one that cannot be opened; frames: SensorError when it stalls or is gone.
@@ -99,17 +76,17 @@ def camera_source(config: CameraConfig, folder: Path, known: KnownSensor | None 
         while True:
             yield camera.capture()
 
-    return Source(config.name, known or KnownSensor(), frames, live=True, close=camera.close)
+    return Source(config.name, known or SensorModel(), frames, live=True, close=camera.close)
 
 
-def file_source(images: Images) -> Source:
+def file_source(images: Images, known: SensorModel | None = None) -> Source:
     """Images from the disk; times as the file has them."""
 
     def frames(_: bool) -> Iterator[CameraFrame]:
         for k, image in enumerate(images.read()):
             yield CameraFrame(image, k / images.rate_hz, k)
 
-    return Source(images.name, KnownSensor(), frames, close=images.close)
+    return Source(images.name, known or SensorModel(), frames, close=images.close)
 
 
 POLL_S = 0.05

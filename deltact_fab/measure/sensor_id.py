@@ -8,15 +8,16 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from annotated_types import Ge
 
 from .. import catalog
+from ..aliases import Array
 from ..errors import InputError
-from ..optics import CameraModel
+from ..optics import CameraModel, FlatField
 from ..shapes.sensor import SkinDimensions
 
 SCHEMA = 1
@@ -33,22 +34,47 @@ Description = Mapping[str, Any] | str
 
 
 @dataclass(frozen=True)
-class SensorView:
-    """What a measurement may know: rectified camera, the gel's outer dimensions, Poisson ratio.
+class SensorModel:
+    """All that a measurement may know of a sensor; None where nobody can tell.
 
-    Any of them may be wrong: an estimate is to be judged with that in mind. Young's modulus is not
+    Any of it may be wrong: an estimate is to be judged with that in mind. Young's modulus is not
     here, because a calibration's factors take its place.
+
+    projection: of the images that are tracked; its `maps` make them from those that the camera
+    gives. skin: the gel's outer dimensions. flat: how the light falls off over the tracked images.
+    rest: the face untouched, as it is tracked. recipe: of the pattern. design, serial: of the
+    sensor. simulated: a word and the seed, where no hardware was involved. nominal: the camera is
+    the design's, for none was calibrated. in_px: it stands for none, and its millimetre is a pixel.
     """
 
-    camera: CameraModel
-    skin: SkinDimensions
+    projection: CameraModel | None = None
+    skin: SkinDimensions = field(default_factory=SkinDimensions)
     poisson: float = 0.49
+    flat: FlatField | None = field(default=None, compare=False)
+    rest: Array | None = field(default=None, compare=False)
+    recipe: Mapping[str, Any] | None = field(default=None, compare=False)
+    design: str | None = None
+    serial: str | None = None
+    simulated: str | None = None
+    nominal: bool = False
+    in_px: bool = False
 
     def __post_init__(self) -> None:
         if not 0 < self.poisson < 0.5:
             raise ValueError(f"poisson: between 0 and .5: {self.poisson} fails")
 
-    def with_gel(self, poisson: float, thickness_mm: float) -> SensorView:
+    @property
+    def camera(self) -> CameraModel:
+        """The projection, where a caller made sure that there is one. Raises ValueError."""
+        if self.projection is None:
+            raise ValueError("nobody knows the camera of this sensor")
+        return self.projection
+
+    @property
+    def id(self) -> SensorId:
+        return SensorId(self.design, self.serial, self.recipe, self.camera.as_dict())
+
+    def with_gel(self, poisson: float, thickness_mm: float) -> SensorModel:
         """The sensor with another gel behind the same face."""
         return replace(self, poisson=poisson, skin=replace(self.skin, thickness_mm=thickness_mm))
 
@@ -67,16 +93,6 @@ class SensorId:
     camera: Description | None = None
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
-
-    @classmethod
-    def of(
-        cls,
-        camera: CameraModel,
-        recipe: Mapping[str, Any] | None = None,
-        design: str | None = None,
-        serial: str | None = None,
-    ) -> SensorId:
-        return cls(design, serial, recipe, camera.as_dict())
 
     def unlike(self, other: SensorId) -> dict[str, tuple[Any, Any]]:
         """What both know and differ in: this one's value and the other's, by key."""

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,14 +24,12 @@ from .. import catalog
 from ..aliases import Progress
 from ..errors import InputError
 from ..files import disk_errors, making, whole
+from ..shapes.imaging import ImageSensor, Printer
 from ..version import VERSION
 from .code import encode
 from .quality.measure import MM_PER_PX, measure, photograph, sent
 from .recipe import DEFAULT_SEED, PatternRecipe, recipe_from
 from .sheet import job as sheet
-
-if TYPE_CHECKING:
-    from ..imaging import ImageSensor, Printer
 
 GRIDS = (
     ((0.1, 0.15, 0.2), (0.1, 0.3, 0.5)),
@@ -145,8 +143,6 @@ def write(
     Raises InputError for a folder that is there and not empty, for a seed below 0 and for what
     `sheet.write` refuses, RunFailed when the disk refuses, and whatever `page` raises.
     """
-    from ..imaging import ImageSensor, Printer
-
     chosen = recipes(seed) if entries is None else list(entries)
     printer, sensor = Printer(dpi=dpi), ImageSensor()
     tell = progress or (lambda done, total, what: None)
@@ -204,10 +200,12 @@ def _view(recipe: PatternRecipe, printer: Printer, sensor: ImageSensor, seed: in
     """
     from PIL import Image
 
+    from ..imaging import print_colours
+
     side_px = 2 * round(min(VIEW_MM, recipe.printed_mm) / MM_PER_PX / 2)
     rng = np.random.default_rng([seed, 1])
     values = sent(recipe, printer.dpi, (side_px * MM_PER_PX,) * 2)
-    printed = printer.print_(values.astype(np.float32) / np.float32(255), rng)
+    printed = print_colours(printer, values.astype(np.float32) / np.float32(255), rng)
     seen = photograph(printed, printer.mm_per_dot, sensor, MM_PER_PX, (side_px, side_px), rng)
     file = io.BytesIO()
     Image.fromarray(seen).save(file, "PNG")

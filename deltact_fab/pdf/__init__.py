@@ -16,7 +16,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-PATH = Path(__file__).with_name("deltact-sans.ttf")
+from ..paths import asset
+
+PATH = asset("deltact-sans.ttf")
 # Six letters mark a subset (ISO 32000-1, 9.6.4).
 NAME = "DELTAC+DeltactSans"
 

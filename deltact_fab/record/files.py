@@ -14,6 +14,7 @@ from pydantic import Field
 from typing_extensions import TypedDict  # pydantic: needed before Python 3.12
 
 from .. import catalog, reading
+from ..aliases import Note
 from ..errors import InputError
 from ..protocols.plan import Step, Waits
 
@@ -162,6 +163,7 @@ class _SummaryFile(TypedDict, total=False):
     rig_seconds: Number
     wall_seconds: Number
     notes: list[str]
+    remarks: list[Note]
     left_out: list[str]
     devices: dict[str, Any]
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..aliases import WARNING, Note
 from ..errors import InputError, RunFailed
 from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
 from ..shapes import Indenter
@@ -23,8 +24,6 @@ from .images import decode
 from .journal import being_written, misfits
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
 from .truth import RunTruth, load
-
-WARNING = "WARNING: "  # how a note of a summary begins that is one
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -209,12 +208,15 @@ class Run:
             raise RunFailed(str(why)) from why
 
     def remarks(self) -> tuple[list[str], list[str]]:
-        """Warnings of the summary, their mark taken off, and its other notes."""
-        lines = self.summary().get("notes", [])
-        return (
-            [line.removeprefix(WARNING) for line in lines if line.startswith(WARNING)],
-            [line for line in lines if not line.startswith(WARNING)],
-        )
+        """Warnings of the summary, without their mark, and its other notes."""
+        summary = self.summary()
+        kept = summary.get("remarks", ())
+        remarks = [Note(one["id"], one["text"], one.get("warns", False)) for one in kept]
+        if "remarks" not in summary:  # of an imported run, or of 0.3.0 and before: lines alone
+            lines = summary.get("notes", ())
+            remarks = [Note("", s.removeprefix(WARNING), s.startswith(WARNING)) for s in lines]
+        warned, others = ([one.text for one in remarks if one.warns is w] for w in (True, False))
+        return warned, others
 
     def truth(self) -> RunTruth | None:
         """The virtual rig's truth of all complete presses, None on a real run.

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from ..aliases import Float
 from ..cad.check.arithmetic import lit
 from ..cad.dimensions import Design
-from ..imaging import GAMMA, ImageSensor, Printer
+from ..imaging import print_colours
 from ..patterns.raster import albedo
 from ..patterns.recipe import PatternRecipe
+from ..shapes.imaging import GAMMA, ImageSensor, Printer
 from ..virtual.drawing import resting
 from ..virtual.picture import FrameRenderer, Texture
 
@@ -31,7 +32,7 @@ def pairs(design: Design, recipe: PatternRecipe) -> dict[str, Pair]:
     """Of the print (`print`) and of the face through the sensor's camera (`sensor`)."""
     printer = Printer()
     rng = np.random.default_rng(0)
-    values = printer.print_(albedo(recipe, printer.mm_per_dot), rng)
+    values = print_colours(printer, albedo(recipe, printer.mm_per_dot), rng)
     return {"print": _print(values, printer), "sensor": _sensor(values, printer, design)}
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
@@ -28,8 +28,7 @@ from ..cad.parts.screw import stock_note
 from ..cad.registry import listed, of_group
 from ..errors import MissingLibrary
 from ..patterns.quality.measure import measure
-from ..patterns.recipe import RECOMMENDED, draw_patches, load_recipe
-from . import first_light
+from ..patterns.recipe import RECOMMENDED, PatternRecipe, draw_patches, load_recipe
 from .templating import Finding, fixed, render, require_pages, save, table, verdict, warnings
 
 VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
@@ -87,17 +86,23 @@ class Pictures:
         return self.steps.get(WHOLE, "")
 
 
+Examples = Callable[[Design, PatternRecipe], Mapping[str, tuple[bytes, bytes]]]
+"""Makes JPEG images of a good and a spoiled specimen: of the `print` and of the `sensor`'s view."""
+
+
 def write(
     design: Design,
     out: Path,
     sensors: int = 1,
     progress: Progress | None = None,
     *,
+    examples: Examples,
     pictures: Pictures | None = None,
 ) -> Path:
     """Write the guide of a design to one self-contained file; no part of it is fetched.
 
-    progress: called with (done, total, what). pictures: ready ones, instead of drawing them.
+    progress: called with (done, total, what). examples: images of a good and a spoiled print and
+    sensor, simulated. pictures: ready ones, instead of drawing them.
     Without the CAD kernel the page is written without pictures and 3D view and says what to
     install. Raises InputError for a broken rule or a count below 1, MissingLibrary without
     the extra `report` or shapely, RunFailed when a part cannot be built or the disk refuses.
@@ -112,7 +117,7 @@ def write(
             pictures = draw(design, parts, tell)
         except MissingLibrary as why:
             pictures = Pictures(note=f"No pictures and no 3D view: {why}")
-    pattern = sticker(design)
+    pattern = sticker(design, examples)
     page = render(
         "guide.html",
         d=design,
@@ -265,7 +270,7 @@ class PatternToPrint:
     unseen: str
 
 
-def sticker(design: Design) -> PatternToPrint:
+def sticker(design: Design, examples: Examples) -> PatternToPrint:
     """The recommended pattern, as large as the design's view needs it."""
     from PIL import Image
 
@@ -284,7 +289,7 @@ def sticker(design: Design) -> PatternToPrint:
     image = _data_url("image/png", held.getvalue())
     pairs = {
         of: [_data_url("image/jpeg", one) for one in pair]
-        for of, pair in first_light.pairs(design, recipe).items()
+        for of, pair in examples(design, recipe).items()
     }
     bare, mm_per_px = recipe.model_copy(update={"dots": None}), design.optics.mm_per_px
     seen = measure(bare, mm_per_px=mm_per_px, view_mm=(QUALITY_PX * mm_per_px,) * 2).seen

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from ..aliases import Note
+
 
 @dataclass(frozen=True)
 class ReportFigure:
@@ -144,14 +146,6 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """What this scene did without."""
-
-    what: str
-    why: str
-
-
-@dataclass(frozen=True)
 class StudyResult:
     """A study's findings: page, terminal, files and docs are made of it by templates.
 
@@ -173,7 +167,7 @@ class StudyResult:
     figures: tuple[ReportFigure, ...] = ()
     settings: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: tuple[Note, ...] = ()
     missing: tuple[str, ...] = ()
     files: dict[str, str] = field(default_factory=dict)
     more: dict[str, Any] = field(default_factory=dict)

@@ -206,7 +206,7 @@ def html(result: StudyResult, kept: dict[str, Any]) -> str:
     told = pd.DataFrame(map(_told, result.headlines))
     marks = ["bad" if one.state == "missed" else "" for one in result.headlines]
     settings = {**result.settings, "seed": str(result.seed), **kept["versions"]}
-    left_out = [(one.what, one.why) for one in result.left_out]
+    left_out = [(one.id, one.text) for one in result.left_out]
     return render(
         "study.html",
         r=result,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from ..extras import require
 from ..files import make_folder, write_whole
+from ..paths import asset
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +33,7 @@ def render(template: str, **values: Any) -> str:
     import jinja2
 
     made = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
+        loader=jinja2.FileSystemLoader(asset("templates")),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

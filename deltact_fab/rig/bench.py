@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from ..aliases import Progress
+from ..aliases import Note, Progress
 from ..errors import InputError
 from ..optics import CameraModel
 from ..protocols.plan import Protocol
@@ -108,23 +108,22 @@ class GrblRig(Rig):
             )
             self.opened = opened.pop_all()
 
-    def left_out(self) -> list[str]:
-        lines = []
+    def left_out(self) -> list[Note]:
+        notes = []
         if self.camera is None:
-            lines.append("camera: no channel asks for images")
+            notes.append(Note("camera", "no channel asks for images"))
         if self.force is None:
-            lines.append(
-                "force sensor and guard: the rig file has no way to one; nothing is touched"
-            )
-        return lines
+            text = "the rig file has no way to one; nothing is touched"
+            notes.append(Note("force sensor and guard", text))
+        return notes
 
-    def notes(self) -> list[str]:
-        lines = []
+    def notes(self) -> list[Note]:
+        notes = []
         if self.camera is not None:
-            lines += view_notes(self._job.view, self._job.recipe.patch_mm)
+            notes += view_notes(self._job.view, self._job.recipe.patch_mm)
         if self._job.air and len(self._job.protocol.indenters) > 1:
-            lines.append("no indenter was changed: nothing was touched")
-        return lines
+            notes.append(Note("indenters", "no indenter was changed: nothing was touched"))
+        return notes
 
     def identity(self) -> dict[str, Any]:
         return {**super().identity(), "tool": self._tooling.identity()}

@@ -20,6 +20,7 @@ from ..configuration import Table
 from ..errors import InputError, did_you_mean
 from ..optics import Fisheye
 from ..protocols.motion import StageConfig, Tilt
+from ..shapes.imaging import ImageSensor, Printer
 from .tables import (
     CameraConfig,
     CameraFile,
@@ -32,51 +33,6 @@ from .tables import (
 
 Off = Annotated[float, Field(ge=-20, le=20)]  # mm
 TOOLS = {"sphere:10": {"length_mm": 0.0}}
-
-
-class SimulatedCameraConfig(Table):
-    """The simulated camera's sensor and lens faults."""
-
-    blur_px: float = Field(default=0.6, ge=0.01, le=50)
-    """Standard deviation of the blur of lens and sensor together."""
-    shading: float = Field(default=0.35, ge=0, lt=1)
-    """Share of the light that is lost in the corner of the view."""
-    full_well_electrons: float = Field(default=8000.0, ge=1, le=10_000_000)
-    """What a pixel holds when it is white; sets the shot noise."""
-    read_noise_electrons: float = Field(default=6.0, ge=0, le=100_000)
-    """Standard deviation of the noise of reading a pixel."""
-    corner_blur_px: float = Field(default=0.0, ge=0, le=50)
-    """Standard deviation of the blur in the corner of the view, where it is more than blur_px."""
-    led_gradient: float = Field(default=1.0, ge=0.1, le=10)
-    """Light at the edge of the view over light in its middle: 1 to 6 where LEDs stand around it."""
-    highlight: float = Field(default=0.0, ge=0, le=10)
-    """Light of the reflection of one LED, at its middle; 1 is white."""
-    contact_glow_per_mm: float = Field(default=0.0, ge=0, le=10)
-    """How much brighter the face gets a millimetre of depth, until it saturates to white."""
-    gamma: float = Field(default=2.2, ge=1, le=4)
-    """Of the camera's processor: a pixel's value is its light to the power of 1 / gamma."""
-    demosaic: Literal["edge-aware", "bilinear", "gradients"] = "edge-aware"
-    """How the processor makes three colours of the one that each pixel saw."""
-    sharpening: float = Field(default=0.0, ge=0, le=3)
-    """Share of what an image has over its own blur of 1 px that the processor adds to it."""
-    format: Literal["raw", "yuyv", "nv12", "mjpeg-422", "mjpeg-420"] = "raw"
-    """What goes over the cable: raw keeps all; yuyv and mjpeg-422 halve the colour's columns, nv12
-    and mjpeg-420 its rows too; mjpeg compresses."""
-    jpeg_quality: int = Field(default=85, ge=10, le=100)
-    """Of the mjpeg formats."""
-
-
-class PrinterConfig(Table):
-    """The printer that made the sticker."""
-
-    dpi: int = Field(default=1200, ge=72, le=9600)
-    """Resolution."""
-    levels: int = Field(default=4, ge=2, le=256)
-    """Levels of each ink at a printed dot."""
-    misregistration_um: float = Field(default=15.0, ge=0, le=1000)
-    """How far the colours lie beside each other."""
-    spread_um: float = Field(default=20.0, ge=0, le=500)
-    """How far ink runs."""
 
 
 class NoiseConfig(Table):
@@ -168,10 +124,10 @@ else:  # every key of the lens, with the limits and the meaning that it has ther
 class SimulatorConfig(Table):
     """All that only a virtual rig has."""
 
-    camera: SimulatedCameraConfig = SimulatedCameraConfig()
+    camera: ImageSensor = Field(default_factory=ImageSensor)
     lens: LensConfig | None = None
     """Without it the camera is a pinhole."""
-    printer: PrinterConfig = PrinterConfig()
+    printer: Printer = Field(default_factory=Printer)
     force: NoiseConfig = NoiseConfig()
     gel: GelConfig = GelConfig()
     mount: MountConfig = MountConfig()

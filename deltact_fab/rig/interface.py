@@ -17,12 +17,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..aliases import Image, Progress, Vector
+from ..aliases import Image, Note, Progress, Vector
 from ..optics import FlatField
 
 if TYPE_CHECKING:
     from ..optics import CameraModel, StageFrame
-    from ..patterns.recipe import PatternRecipe
     from ..protocols import plan
     from ..shapes import SensorDimensions
 
@@ -78,7 +77,7 @@ class ForceSamples:
     saturated: NDArray[np.bool_]  # (n,)
     lost: int = 0  # samples that are missing before and between these
     late: int = 0  # of these, how many came noticeably later than they were taken
-    notes: tuple[str, ...] = ()  # "NAME: what happened" for the journal, at most one a second each
+    notes: tuple[Note, ...] = ()  # events for the journal, at most one a second of each id
 
     @property
     def force_n(self) -> NDArray[np.float64]:
@@ -226,8 +225,8 @@ class Guard(Protocol):
     def lost(self, why: str) -> None:
         """The sensor says nothing that can be trusted."""
 
-    def tell(self) -> tuple[str, ...]:
-        """What it has to say of itself, a line "NAME: what" each."""
+    def tell(self) -> tuple[Note, ...]:
+        """What it has to say of itself."""
 
     def rearm(self) -> None:
         """Forget why it stopped."""
@@ -297,13 +296,20 @@ class Devices:
     """Time passes by itself: every device has a thread of its own; else one scheduler steps all."""
 
 
+class PrintedPattern(Protocol):
+    """The specimen's pattern: all of a recipe that a bench reads."""
+
+    @property
+    def patch_mm(self) -> float | None: ...
+
+
 @dataclass(frozen=True)
 class RigSetup:
     """One run as it was asked for: what a rig is built from. folder: of the run."""
 
     protocol: plan.Protocol
     sensor: SensorDimensions
-    recipe: PatternRecipe
+    recipe: PrintedPattern
     view: CameraModel | None
     """Of the images that are tracked, see `RigKind.camera`."""
     seed: int
@@ -328,11 +334,11 @@ class OpenBench(ABC):
         """What the summary keeps of each device; None for one that is not there."""
 
     @abstractmethod
-    def notes(self) -> list[str]:
+    def notes(self) -> list[Note]:
         """What a reader of the results must know, once the run is over."""
 
     @abstractmethod
-    def left_out(self) -> list[str]:
+    def left_out(self) -> list[Note]:
         """What was not built, driven or solved, and why."""
 
     @abstractmethod

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..aliases import Progress
+from ..aliases import Note, Progress
 from ..errors import Stopped
 from ..protocols.plan import Step
 from ..record import Chunk
@@ -124,14 +124,15 @@ class WeightsBench(OpenBench):
                 return frame, frame.t_s
         return None, self.clock.now_s()
 
-    def left_out(self) -> list[str]:
-        lines = ["stage, force sensor and guard: a hand lays the weights on"]
-        return lines if self.camera else [*lines, "camera: no channel asks for images"]
+    def left_out(self) -> list[Note]:
+        notes = [Note("stage, force sensor and guard", "a hand lays the weights on")]
+        return notes if self.camera else [*notes, Note("camera", "no channel asks for images")]
 
-    def notes(self) -> list[str]:
+    def notes(self) -> list[Note]:
         """How well the weights are known."""
         normal_n, shear_n = self._weights.error_n()
-        return [f"weights: the normal force is known to {normal_n:.3f} N, shear to {shear_n:.3f}"]
+        text = f"weights: the normal force is known to {normal_n:.3f} N, shear to {shear_n:.3f}"
+        return [Note("weights", text)]
 
     def identity(self) -> dict[str, Any]:
         return {

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from .. import record
-from ..aliases import Array
+from ..aliases import Array, Note
 from ..analysis.force import (
     PAPER,
     PAPER_TABLE,
@@ -32,10 +32,10 @@ from ..measure.force import FEATURES, READINGS
 from ..measure.regression import least_squares
 from ..protocols import limits, plan
 from ..protocols.plan import Protocol, expand
-from ..report.result import Headline, LeftOut, ReportTable, StudyResult
+from ..report.result import Headline, ReportTable, StudyResult
 from ..report.run_figures import predicted
-from . import press_jobs
 from .intervals import Interval, headline, rmse
+from .press_jobs import ForcePointsJob, force_points_job
 from .registry import StudyRequest, modulus_remark, share_of
 from .scene import PressScene, left_out
 
@@ -75,7 +75,10 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     of.solve_gels(asked)
     ((name, protocol),) = of.protocols.items()
     names = [*FEATURES, *READINGS]
-    jobs = [of.job(p, name, p, press_jobs.points, features=names) for p in of.presses(name)]
+    jobs = [
+        of.job(p, name, p, force_points_job, ForcePointsJob, features=tuple(names))
+        for p in of.presses(name)
+    ]
     done = list(asked.solve(jobs).found.values())
     data = joined([one["points"] for one in done], names, of.view(name), name)
     result = fit_best(
@@ -128,9 +131,9 @@ def _recorded(asked: StudyRequest) -> StudyResult:
     )
 
 
-def _not_taken(result: ForceResult) -> tuple[LeftOut, ...]:
+def _not_taken(result: ForceResult) -> tuple[Note, ...]:
     """Points that were not taken, and models without points enough."""
-    return tuple(LeftOut("points or models", line) for line in result.left_out)
+    return tuple(Note("points or models", line) for line in result.left_out)
 
 
 def scene(asked: StudyRequest) -> PressScene:

@@ -9,12 +9,13 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import Any
 
 from .. import cache
 from ..aliases import Progress
+from ..configuration import Table
 from ..errors import DeltactFabError, RunFailed, Stopped
 from ..jobs import CannotGoOn, JobOutcome, at_a_time, run
 from ..units import duration
@@ -72,15 +73,15 @@ def seed_of(seed: int, name: str) -> int:
 class GridJob:
     """One cell of a grid.
 
-    name: unique in the grid. work: a function of a module. given: all that the result depends on,
-    plain JSON data, the seed among it (`seed_of`). cost: seconds that it may take on one core, 0
-    where that is not known. needs: files of the store that it reads; they go with it to another
-    machine.
+    name: unique in the grid. work: a function of a module. arguments: all that the result depends
+    on, the seed among it (`seed_of`): plain data, frozen dataclasses, models of a lab's files.
+    cost: seconds that it may take on one core, 0 where that is not known. needs: files of the store
+    that it reads; they go with it to another machine.
     """
 
     name: str
-    work: Callable[[dict[str, Any]], Value]
-    given: dict[str, Any] = field(default_factory=dict)
+    work: Callable[[Any], Value]
+    arguments: Any = None
     cost: float = 0.0
     needs: tuple[str, ...] = ()
 
@@ -90,15 +91,21 @@ class GridJob:
         folder = Path(str(sys.modules[top].__file__)).parent
         work = f"{self.work.__module__}:{self.work.__name__}"
         # The hash alone: with its arguments a key would be written and compared at length.
-        given = hashlib.sha256(self.text().encode()).hexdigest()
-        return cache.key(module or top, package=folder, work=work, given=given)
-
-    def text(self) -> str:
-        """Its arguments as JSON. Raises TypeError for what is not plain data."""
         try:
-            return json.dumps(self.given, sort_keys=True)
+            text = json.dumps(self.arguments, sort_keys=True, default=job_arguments)
         except TypeError as why:
-            raise TypeError(f"{self.name}: given: {why}") from why
+            raise TypeError(f"{self.name}: arguments: {why}") from why
+        arguments = hashlib.sha256(text.encode()).hexdigest()
+        return cache.key(module or top, package=folder, work=work, arguments=arguments)
+
+
+def job_arguments(value: Any) -> dict[str, Any]:
+    """A dataclass or a model of a lab's file as plain data. Raises TypeError for anything else."""
+    if is_dataclass(value):
+        return vars(value)
+    if isinstance(value, Table):
+        return value.model_dump(mode="json")
+    raise TypeError(f"{type(value).__name__} is no plain data")
 
 
 @dataclass(frozen=True)
@@ -193,4 +200,4 @@ def solve(
 
 
 def _do(job: GridJob) -> Value:
-    return job.work(json.loads(job.text()))
+    return job.work(job.arguments)

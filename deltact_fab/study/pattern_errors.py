@@ -7,7 +7,7 @@ mean of its indenters', and its interval is taken over indenters, which differ m
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -48,23 +48,6 @@ class PressErrors:
     path: NDArray[np.float64]
     dots: dict[str, Any] | None
     left_out: tuple[str, ...]
-
-
-def cells_of(value: Mapping[str, Any], press: str, indenter: str) -> list[PressErrors]:
-    """What a job of `press_jobs.follow` found."""
-    return [
-        PressErrors(
-            cell["pattern"],
-            press,
-            indenter,
-            cell["tallies"],
-            cell["rows"],
-            value["path"],
-            cell["dots"],
-            tuple(cell["left_out"]),
-        )
-        for cell in value["cells"]
-    ]
 
 
 class PatternErrors:

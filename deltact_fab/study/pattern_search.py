@@ -7,23 +7,23 @@ as in a pattern selection, with seeds that the search has not seen.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
-from typing import Any
 
+from ..aliases import Note
 from ..catalog import as_toml, validate
 from ..errors import InputError, RunFailed
 from ..patterns.recipe import DEFAULT_SEED, RECOMMENDED, PatternRecipe, load_recipe
 from ..protocols import plan
-from ..report.result import LeftOut, ReportFigure, ReportTable, StudyResult
-from ..rig.config import PrinterConfig, VirtualConfig
+from ..report.result import ReportFigure, ReportTable, StudyResult
+from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
+from ..shapes.imaging import Printer
 from ..units import MM_PER_INCH
-from . import press_jobs
 from .grid import GridJob, seed_of
-from .pattern_errors import OURS, PatternErrors, cells_of
+from .pattern_errors import OURS, PatternErrors
 from .pattern_selection import frames_an_indenter, part_of
-from .press_jobs import cost_s, follow
+from .press_jobs import TrackingJob, cost_s, follow
 from .registry import StudyRequest, share_of, virtual_rig
 from .scene import RIG, PressScene
 from .search_candidates import (
@@ -33,6 +33,7 @@ from .search_candidates import (
     MIN_DOTS,
     MIN_PX,
     PAPER,
+    ProbeJob,
     candidates,
     confirmed,
     errors_by_size,
@@ -52,11 +53,11 @@ MIN_MM_PER_PX, MAX_MM_PER_PX = 0.012, 0.1
 PROBE_S = 3.0
 """A candidate's cost on one core."""
 LEFT_OUT = (
-    LeftOut("grey patterns", "a printer makes them of one ink, which the model of three does not "
+    Note("grey patterns", "a printer makes them of one ink, which the model of three does not "
             "hold; and the tracker's second witness is colour"),
-    LeftOut("marker dots", "they are features themselves and would flatter the error"),
-    LeftOut("the lens", "the view is a pinhole's: the search is for a scale in mm a pixel"),
-    LeftOut("the search's own gel", "its drag is a known motion: nothing is solved for it"),
+    Note("marker dots", "they are features themselves and would flatter the error"),
+    Note("the lens", "the view is a pinhole's: the search is for a scale in mm a pixel"),
+    Note("the search's own gel", "its drag is a known motion: nothing is solved for it"),
 )  # fmt: skip
 
 
@@ -72,9 +73,9 @@ def run(asked: StudyRequest) -> StudyResult:
     protocol = shortened(whole_protocol, scale)
     of = PressScene({PROTOCOL: protocol}, config, rig, source, sensor, asked.seed)
     searches = [seed_of(asked.seed, f"search {k}") for k in range(max(1, round(2 * scale)))]
-    told = partial(press_jobs.given, protocol, sensor, config, source)
     probes = [
-        [GridJob(f"{name}, search {k}", probe, told(recipe=_drawn(recipe, s), seed=s), PROBE_S)
+        [GridJob(f"{name}, search {k}", probe, ProbeJob(config, sensor, _drawn(recipe, s), s),
+                 PROBE_S)
          for k, s in enumerate(searches, start=1)]
         for name, recipe in among.items()
     ]  # fmt: skip
@@ -88,9 +89,9 @@ def run(asked: StudyRequest) -> StudyResult:
     seeds = [seed_of(asked.seed, f"held-out seed {k}") for k in range(max(2, round(5 * scale)))]
     jobs = [
         [
-            of.job(
-                f"{press}, held out {k}", PROTOCOL, press, follow,
-                cost_s(frames_an_indenter(protocol), len(chosen)), seed=seed, methods=[OURS],
+            replace(of, seed=seed).job(
+                f"{press}, held out {k}", PROTOCOL, press, follow, TrackingJob,
+                cost_s(frames_an_indenter(protocol), len(chosen)), methods=(OURS,),
                 patterns={name: _drawn(among[name], seed) for name in chosen},
             )
             for press in of.presses(PROTOCOL)
@@ -99,16 +100,16 @@ def run(asked: StudyRequest) -> StudyResult:
     ]  # fmt: skip
     there = asked.solve([job for own in jobs for job in own]).found
     errors = PatternErrors((), [  # of each seed that was done whole
-        cell
-        for k, own in enumerate(jobs) if all(job.name in there for job in own)
+        replace(cell, indenter=f"held out {k}")
+        for k, own in enumerate(jobs, start=1) if all(job.name in there for job in own)
         for job in own
-        for cell in cells_of(there[job.name], job.given["press"], f"held out {k + 1}")
+        for cell in there[job.name]["cells"]
     ])  # fmt: skip
     gel_table = confirmed(errors, chosen)
     winner = next((name for name in gel_table["pattern"] if name in best), None)
     if winner is None:
         raise RunFailed("pattern-search: no finalist could be tracked on the gel")
-    recipe = _drawn(among[winner], DEFAULT_SEED)
+    recipe = _drawn(among[winner], DEFAULT_SEED).model_dump(mode="json", exclude_none=True)
     heads, bench = headlines(errors, best, winner), words_of(config, sensor)
     px = recipe["patch_mm"] / sensor.optics.mm_per_px
     dots = recipe["patch_mm"] / mm_per_dot
@@ -169,9 +170,9 @@ def run(asked: StudyRequest) -> StudyResult:
     )  # fmt: skip
 
 
-def _drawn(recipe: PatternRecipe, seed: int) -> dict[str, Any]:
-    """A recipe of another seed, as plain data."""
-    return recipe.model_copy(update={"seed": seed}).model_dump(mode="json", exclude_none=True)
+def _drawn(recipe: PatternRecipe, seed: int) -> PatternRecipe:
+    """A recipe of another seed."""
+    return recipe.model_copy(update={"seed": seed})
 
 
 def bench_of(
@@ -194,7 +195,7 @@ def bench_of(
     optics = replace(sensor.optics, mm_per_px=scale, image_width_px=width, image_height_px=height)
     printer = config.virtual.printer
     if dpi is not None:
-        printer = validate(PrinterConfig, printer.model_dump() | {"dpi": dpi}, "pattern-search")
+        printer = validate(Printer, asdict(printer) | {"dpi": dpi}, "pattern-search")
     simulator = config.virtual.model_copy(update={"lens": None, "printer": printer})
     config = config.model_copy(update={"virtual": simulator, "camera": None})
     return config, replace(sensor, optics=optics)

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .. import record
+from ..aliases import Note
 from ..analysis.runs import recorded
 from ..analysis.tracking_error.follow import ONLY_DOTS
 from ..errors import InputError, did_you_mean
@@ -29,13 +30,13 @@ from ..patterns.series import SeriesEntry, recipes
 from ..protocols import plan
 from ..protocols.plan import Protocol, expand
 from ..record import Run
-from ..report.result import LeftOut, StudyResult
+from ..report.result import StudyResult
 from ..shapes.indenter import parse
 from ..units import MM_PER_INCH
 from .grid import Grid, GridJob
-from .pattern_errors import METHODS, PatternErrors, PressErrors, cells_of
+from .pattern_errors import METHODS, PatternErrors, PressErrors
 from .pattern_tables import charts, claims, headlines, tables
-from .press_jobs import cost_s, follow, follow_recorded
+from .press_jobs import RecordedTrackingJob, TrackingJob, cost_s, follow, follow_recorded
 from .registry import StudyRequest, modulus_remark
 from .scene import PressScene, flagged
 
@@ -53,10 +54,10 @@ NOTES = (
     "positions (--scale) and prints of a pattern (--seed) would decide others.",
 )
 LEFT_OUT = (
-    LeftOut("images and records", "drawn, tracked and let go: a stream"),
-    LeftOut("forces", "no channel asks for them"),
+    Note("images and records", "drawn, tracked and let go: a stream"),
+    Note("forces", "no channel asks for them"),
 )
-NO_LENS = LeftOut("the lens", "the rig draws through a pinhole")
+NO_LENS = Note("the lens", "the rig draws through a pinhole")
 
 
 def run(asked: StudyRequest) -> StudyResult:
@@ -75,18 +76,14 @@ def _simulated(asked: StudyRequest) -> StudyResult:
         f"{part.longest_step_mm:.3f} mm between frames at most"
     )
     of.scene.solve_gels(asked)
-    indenters = {parse(name).slug: name for name in protocol.indenters}
-    jobs = [
-        (indenters[job.given["press"].split("/")[0]], job)
-        for job in of.jobs(at_a_time(asked.executor))
-    ]
-    grid = asked.solve([job for _, job in jobs])
-    errors = PatternErrors(of.entries, _cells(jobs, grid))
+    jobs = of.jobs(at_a_time(asked.executor))
+    grid = asked.solve(jobs)
+    errors = PatternErrors(of.entries, _cells(grid))
     specimen, printer = protocol.specimen, rig.printer
     found = _result(asked, errors, grid, part.words, True)
     # The jobs of one press have one gel.
     gels = {
-        job.given["press"]: grid.found[job.name]["gel"] for _, job in jobs if job.name in grid.found
+        job.arguments.press: grid.found[job.name]["gel"] for job in jobs if job.name in grid.found
     }
     return replace(
         found,
@@ -100,7 +97,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
             f"{specimen.friction:g}",
             "printer": f"{printer.dpi} dpi, {printer.levels} levels, spread {printer.spread_um:g} "
             f"um, misregistration {printer.misregistration_um:g} um",
-            "camera": "; ".join(f"{k} {v}" for k, v in rig.camera),
+            "camera": "; ".join(f"{k} {v}" for k, v in vars(rig.camera).items()),
             **flagged(list(gels.values()), "presses"),
         },
         notes=(*found.notes, _bench(of), modulus_remark(specimen.modulus_mpa)),
@@ -110,10 +107,9 @@ def _simulated(asked: StudyRequest) -> StudyResult:
 
 def _recorded(asked: StudyRequest) -> StudyResult:
     found = jobs_of(asked.runs, tuple(METHODS))
-    jobs = [(indenter, job) for _, indenter, job in found]
-    grid = asked.solve([job for _, job in jobs])
-    printed = {printed.name: printed for printed, _, _ in found}
-    errors = PatternErrors(list(printed.values()), _cells(jobs, grid))
+    grid = asked.solve([job for _, job in found])
+    printed = {printed.name: printed for printed, _ in found}
+    errors = PatternErrors(list(printed.values()), _cells(grid))
     runs = [record.open(folder) for folder in asked.runs]
     simulated = any(run.simulated for run in runs)
     return replace(
@@ -122,15 +118,13 @@ def _recorded(asked: StudyRequest) -> StudyResult:
     )
 
 
-def jobs_of(
-    folders: Sequence[Path], methods: Sequence[str]
-) -> list[tuple[SeriesEntry, str, GridJob]]:
-    """(pattern, indenter, job) for each press of the runs.
+def jobs_of(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[SeriesEntry, GridJob]]:
+    """(pattern, job) for each press of the runs.
 
     Runs of one pattern are replicates. Raises InputError for a run that is not finished, has no
     images, dots or dense pattern, or is named twice.
     """
-    found: list[tuple[SeriesEntry, str, GridJob]] = []
+    found: list[tuple[SeriesEntry, GridJob]] = []
     for n, folder in enumerate(folders):
         if folder.resolve() in [one.resolve() for one in folders[:n]]:
             raise InputError(f"--from {folder}: named twice; runs of one pattern are replicates")
@@ -146,16 +140,13 @@ def jobs_of(
         printed = printed_of(run)
         for press, part in frames.groupby("press", sort=False):
             what = [run.meta, run.pattern, part[["file", "sha256"]].to_numpy().tolist()]
-            told = {
-                "folder": str(folder.resolve()),
-                "press": str(press),
-                "name": printed.name,
-                "methods": list(methods),
-                "content": hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest(),
-            }
-            indenter = str(part["indenter"].iloc[0])
-            job = GridJob(f"{folder}: {press}", follow_recorded, told, float(len(part)))
-            found.append((printed, indenter, job))
+            content = hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
+            arguments = RecordedTrackingJob(
+                str(folder.resolve()), str(press), str(part["indenter"].iloc[0]), printed.name,
+                tuple(methods), content,
+            )  # fmt: skip
+            job = GridJob(f"{folder}: {press}", follow_recorded, arguments, float(len(part)))
+            found.append((printed, job))
     return found
 
 
@@ -171,15 +162,9 @@ def printed_of(run: Run) -> SeriesEntry:
     return SeriesEntry(run.folder.name, recipe)
 
 
-def _cells(jobs: Sequence[tuple[str, GridJob]], grid: Grid) -> list[PressErrors]:
-    """What jobs found, each of a press of an indenter."""
-    there = grid.found
-    return [
-        cell
-        for indenter, job in jobs
-        if job.name in there
-        for cell in cells_of(there[job.name], job.given["press"], indenter)
-    ]
+def _cells(grid: Grid) -> list[PressErrors]:
+    """The errors that jobs found, in their order."""
+    return [cell for value in grid.found.values() for cell in value["cells"]]
 
 
 def _result(
@@ -337,13 +322,12 @@ class Selection:
         parts = min(max(workers, math.ceil(count / PATTERNS)), count)
         frames = self.part.frames_an_indenter // self.part.positions
         patterns = [
-            {entry.name: entry.recipe.model_dump(mode="json") for entry in self.entries[k::parts]}
-            for k in range(parts)
+            {entry.name: entry.recipe for entry in self.entries[k::parts]} for k in range(parts)
         ]
         return [
             self.scene.job(
-                f"{press} ({k} of {parts})", self.name, press, follow, cost_s(frames, len(some)),
-                patterns=some, methods=list(METHODS),
+                f"{press} ({k} of {parts})", self.name, press, follow, TrackingJob,
+                cost_s(frames, len(some)), patterns=some, methods=tuple(METHODS),
             )
             for press in self.scene.presses(self.name)
             for k, some in enumerate(patterns, start=1)

@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ..aliases import Note
 from ..cad.design import load_design
 from ..errors import DeltactFabError, InputError
 from ..gel.level_selection import SHARE
 from ..measure.force import ForceModel
 from ..measure.force.calibration import ForceCalibration
-from ..measure.sensor_id import CalibrationSource, Head, SensorId, SensorView
+from ..measure.sensor_id import CalibrationSource, Head, SensorModel
 from ..patterns.recipe import load_recipe
 from ..protocols import limits
 from ..protocols.plan import Protocol, expand
-from ..report.result import GEL_FLAGS, LeftOut
+from ..report.result import GEL_FLAGS
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..version import VERSION
 from ..virtual.presolve import solve_ahead
 from ..virtual.presses import Presses, path_of, stored_files
 from ..virtual.rig import VirtualKind
-from . import press_jobs
 from .grid import GridJob
+from .press_jobs import PressJob
 from .registry import StudyRequest, virtual_rig
 
 RIG = "virtual"
@@ -76,14 +78,6 @@ class PressScene:
         """The presses of a protocol, in its order."""
         return [path.press for path in self.gel(name).paths]
 
-    def given(self, name: str, press: str, **more: Any) -> dict[str, Any]:
-        """Arguments of a job of a press of a protocol; more: of that job alone."""
-        protocol, path = self.protocols[name], path_of(self.gel(name), press)
-        # A press does not depend on the other indenters: with more of them it is found again.
-        alone = protocol.model_copy(update={"indenters": (path.indenter,)})
-        more = {"press": press, "seed": self.seed, **more}
-        return press_jobs.given(alone, self.sensor, self.rig, self.source, **more)
-
     def solve_gels(self, asked: StudyRequest) -> None:
         """The gel of every press into the store, where it is not there, before the jobs of presses.
 
@@ -98,31 +92,44 @@ class PressScene:
         job: str,
         name: str,
         press: str,
-        work: Callable[[dict[str, Any]], dict[str, Any]],
+        work: Callable[[Any], dict[str, Any]],
+        arguments: type[PressJob],
         cost_s: float | None = None,
         **more: Any,
     ) -> GridJob:
         """A job of a press of a protocol, its gel solved; cost_s: None for one that is recorded.
 
-        more: besides what the press is and, recorded, the pattern on it.
+        arguments: the type of those of `work`. more: of them, besides what the press is and,
+        recorded, the pattern on it.
         """
+        protocol, presses = self.protocols[name], self.gel(name)
+        path = path_of(presses, press)
         if cost_s is None:
-            steps = expand(self.protocols[name])
+            steps = expand(protocol)
             cost_s = FRAME_S * sum(step.frames for step in steps if step.press == press)
-            recipe = load_recipe(self.protocols[name].specimen.pattern)
-            more = {"recipe": recipe.model_dump(mode="json"), **more}
+            more["recipe"] = load_recipe(protocol.specimen.pattern)
         needs: tuple[str, ...] = ()
         with suppress(DeltactFabError):  # no mesh serves it
-            presses = self.gel(name)
-            needs = stored_files(presses.of(path_of(presses, press)))
-        return GridJob(job, work, self.given(name, press, **more), cost_s, needs)
+            needs = stored_files(presses.of(path))
+        # A press does not depend on the other indenters: with more of them it is found again.
+        alone = protocol.model_copy(update={"indenters": (path.indenter,)})
+        if self.rig.camera is not None:
+            kind = VirtualKind(self.rig, self.source)
+            view, flat = kind.camera(alone, self.sensor), kind.flat(alone)
+            more["rig_file"] = str(self.source.resolve())
+            more["camera"] = None if view is None else view.as_dict()
+            more["flat"] = None if flat is None else hashlib.sha256(flat.png()).hexdigest()
+        # Of a design no more than a sensor is: what is built around it changes no point.
+        sensor = SensorDimensions(self.sensor.skin, self.sensor.frame, self.sensor.optics)
+        job_data = arguments(alone, sensor, self.rig, press, self.seed, **more)
+        return GridJob(job, work, job_data, cost_s, needs)
 
-    def view(self, name: str) -> SensorView:
+    def view(self, name: str) -> SensorModel:
         """What a protocol's images may tell of the sensor."""
         protocol = self.protocols[name]
         camera = VirtualKind(self.rig, self.source).camera(protocol, self.sensor)
         assert camera is not None, "images are asked for"
-        return SensorView(camera, self.sensor.skin, protocol.specimen.poisson)
+        return SensorModel(camera, self.sensor.skin, protocol.specimen.poisson)
 
     def calibration(
         self, name: str, model: ForceModel, error: dict[str, dict[str, Any]]
@@ -130,7 +137,7 @@ class PressScene:
         """A model of force that was fitted to a protocol's points, with its errors there."""
         view, specimen = self.view(name), self.protocols[name].specimen
         recipe = load_recipe(specimen.pattern).model_dump(mode="json")
-        sensor = SensorId.of(view.camera, recipe, specimen.design, specimen.serial)
+        sensor = replace(view, recipe=recipe, design=specimen.design, serial=specimen.serial).id
         source = CalibrationSource((name,), True, VERSION, self.seed)
         return ForceCalibration(
             Head("force", sensor, source), model, view.skin, view.poisson, error
@@ -168,7 +175,7 @@ def flagged(gel: Sequence[Mapping[str, Any]], of: str) -> dict[str, str]:
     return {GEL_FLAGS: told} if told else {}
 
 
-def left_out(gel: Sequence[Mapping[str, Any]]) -> tuple[LeftOut, ...]:
-    """What the rig did without in any job, from its lines "what: why"."""
-    lines = [line.partition(": ") for line in sorted({x for one in gel for x in one["left_out"]})]
-    return tuple(LeftOut(what, why) for what, _, why in lines)
+def left_out(gel: Sequence[Mapping[str, Any]]) -> tuple[Note, ...]:
+    """What the rig did without in any job."""
+    notes = {note for one in gel for note in one["left_out"]}
+    return tuple(sorted(notes, key=lambda note: note.labelled))

@@ -10,7 +10,7 @@ face depends on the motion alone, so it is solved once a process and serves ever
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,11 +23,10 @@ from numpy.typing import NDArray
 from ..aliases import Field, Float, Image
 from ..analysis.tracking_error.follow import Follower, TrackingPlan
 from ..analysis.tracking_error.tally import PrintedDots, TrueFrame, seen_by
-from ..catalog import validate
 from ..errors import RunFailed, SensorError
 from ..experiment.session import pattern_of
 from ..optics import Pinhole, SeenFace, SurfaceLattice, axes_mm
-from ..patterns.recipe import DEFAULT_SEED, PatternRecipe, recipe_from
+from ..patterns.recipe import DEFAULT_SEED, PatternRecipe
 from ..protocols.plan import Protocol
 from ..report.result import Headline
 from ..rig.config import VirtualConfig
@@ -294,19 +293,27 @@ def drag_mm(x: Field, y: Field, rng: np.random.Generator) -> Field:
     return np.asarray(u)
 
 
-def probe(given: dict[str, Any]) -> dict[str, Any]:
-    """given: rig, sensor, recipe (plain data), seed (of print, noise and drag).
+@dataclass(frozen=True)
+class ProbeJob:
+    """Arguments of `probe`. seed: of print, noise and drag."""
+
+    rig: VirtualConfig
+    sensor: SensorDimensions
+    recipe: PatternRecipe
+    seed: int
+
+
+def probe(job: ProbeJob) -> dict[str, Any]:
+    """A pattern on the known drag.
 
     Returns `error_mm` and `coverage` of the drag there and back, and `bridged_mm`, the longest step
     in which it is followed as well as in short ones. A pattern in which nothing can be tracked has
     `refused`, saying why.
     """
     cv2.setNumThreads(1)  # DIS splits the image by thread
-    config = validate(VirtualConfig, given["rig"], "rig")
-    recipe, seed = recipe_from(given["recipe"], "recipe"), given["seed"]
-    view = view_of(validate(SensorDimensions, given["sensor"], "sensor"))
-    marks, drawing = PrintedDots.of(view, pattern_of(recipe)), geometry(view)[0]
-    picture, noise = printed(config.virtual, recipe, drawing, seed), noise_of(seed, 0)
+    seed, view = job.seed, view_of(job.sensor)
+    marks, drawing = PrintedDots.of(view, pattern_of(job.recipe)), geometry(view)[0]
+    picture, noise = printed(job.rig.virtual, job.recipe, drawing, seed), noise_of(seed, 0)
     there = dragged(view, seed)
     rest = picture.expose(drawing.material_px(None), noise)
     truths = [frame.truth for frame in (*there, *there[-2::-1])]

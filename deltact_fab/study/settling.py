@@ -15,11 +15,11 @@ import numpy as np
 import pandas as pd
 
 from .. import record
-from ..aliases import Field
+from ..aliases import Field, Note
 from ..analysis.relaxation import RelaxationFit, Rest, fit, rests, time_to
 from ..errors import InputError
 from ..report import figures
-from ..report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
+from ..report.result import Headline, ReportFigure, ReportTable, StudyResult
 from .registry import modulus_remark
 
 if TYPE_CHECKING:
@@ -36,13 +36,13 @@ RELAXED = 10.0  # x the slowest time: what is left then is e^-10 of its branch
 LEAST_S, MIN_PERCENT = 0.02, 0.05  # shown
 ALSO = " Waits for an error in N are those of half or twice as strict a share."
 LEFT_OUT = (
-    LeftOut("softening by the first press (Mullins)", "the fit has no such memory; press a new gel "
+    Note("softening by the first press (Mullins)", "the fit has no such memory; press a new gel "
             "as deep before you measure"),
-    LeftOut("drift of the force sensor", "looks like a slow branch; see the force after the press"),
-    LeftOut("slip while the force fades", "the closed form takes the contact as unchanged: on a "
+    Note("drift of the force sensor", "looks like a slow branch; see the force after the press"),
+    Note("slip while the force fades", "the closed form takes the contact as unchanged: on a "
             "simulated gel at finite strain it was within 1 % of a press's force, and a drag's "
             "excess was up to a fifth larger"),
-    LeftOut("images", "while the force fades no point of the face moves by more than a few "
+    Note("images", "while the force fades no point of the face moves by more than a few "
             "micrometres in plane: an image is of the deformation, whenever it was taken"),
 )  # fmt: skip
 

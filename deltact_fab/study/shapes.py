@@ -20,7 +20,7 @@ from ..protocols import limits, plan
 from ..protocols.plan import Protocol
 from ..report import shape_figures
 from ..report.result import Headline, ReportFigure, ReportTable, StudyResult, records
-from . import press_jobs
+from . import press_jobs as jobs
 from .intervals import Scale, headline, mean, rmse
 from .registry import StudyRequest, modulus_remark, share_of
 from .scene import PressScene, left_out
@@ -62,9 +62,11 @@ def run(asked: StudyRequest) -> StudyResult:
     """The study, calibrations first. Raises InputError, RunFailed."""
     of = scene(asked)
     of.solve_gels(asked)
-    depth_job = of.job("depth", BALL, of.presses(BALL)[0], press_jobs.ball)
+    ball = of.presses(BALL)[0]
+    depth_job = of.job("depth", BALL, ball, jobs.depth_calibration_job, jobs.PressJob)
+    work, kind, features = jobs.force_points_job, jobs.ForcePointsJob, (FORCE_MODEL,)
     force_jobs = [
-        of.job(f"force {press}", FORCE, press, press_jobs.points, features=[FORCE_MODEL])
+        of.job(f"force {press}", FORCE, press, work, kind, features=features)
         for press in of.presses(FORCE)
     ]
     first = asked.solve([depth_job, *force_jobs])
@@ -74,16 +76,20 @@ def run(asked: StudyRequest) -> StudyResult:
     errors = errors_kept(figures(judge(data, FORCE_MODEL, of.seed), data))
     force = of.calibration(FORCE, fit(data, FORCE_MODEL), errors)
     texts = {"depth": depth["toml"], "force": force.toml("")}
-    found = asked.solve(
+    object_jobs, twist_jobs = (
         [
-            of.job(f"{name} {press}", name, press, press_jobs.look, **texts)
-            for name in (*OBJECTS, TWIST)
+            of.job(f"{name} {press}", name, press, jobs.shape_job, jobs.ShapeJob, **texts)
+            for name in names
             for press in of.presses(name)
         ]
-    ).found
-    seen = {name: value["seen"] for name, value in found.items()}
-    objects = {name: one for name, one in seen.items() if not name.startswith(f"{TWIST} ")}
-    twist = next((one for name, one in seen.items() if name not in objects), None)
+        for names in (OBJECTS, [TWIST])
+    )
+    found = asked.solve([*object_jobs, *twist_jobs]).found
+    objects, twists = (
+        {job.name: found[job.name]["shape"] for job in part if job.name in found}
+        for part in (object_jobs, twist_jobs)
+    )
+    twist = next(iter(twists.values()), None)
     pictures = deepest(one.deepest for one in objects.values())
     gel = [depth, *points, *found.values()]
     modulus_mpa = of.protocols[BALL].specimen.modulus_mpa

@@ -6,7 +6,7 @@ and Ov now and then. It has no thread and no time of its own: each call first ca
 clock.
 
 Where it is simpler than the firmware:
-- it runs no program: a line of G-code answers error:20. `make firmware` builds what does;
+- it runs no program: a line of G-code answers error:20. benchmarks/firmware drives what does;
 - it knows millimetres alone: a jog in inches (G20) is refused, and $13 changes no report;
 - every line is a trapezoid from rest to rest, but for a jog that goes straight on: it prolongs the
   one under way. There is no other look-ahead, so a chain of lines takes longer than on a board;

@@ -15,7 +15,7 @@ import numpy as np
 from ..aliases import Field
 from ..errors import RunFailed
 from ..files import write_whole
-from ..imaging import ImageSensor, Printer
+from ..imaging import print_colours
 from ..optics import Fisheye, Pinhole, Rectified, SurfaceLattice
 from ..patterns.raster import albedo
 from ..patterns.recipe import PatternRecipe
@@ -28,7 +28,7 @@ from .picture import BAND_PX, MARGIN_PX, FrameRenderer, Geometry, RawView, Textu
 from .scene import GelScene, LatticeCrop
 
 RESTING_MM = 1.0  # between the nodes of a face that does not move
-Seen = tuple[int, int, float]  # between which knots, and how far from the first
+Seen = tuple[int, int, float]  # keys of the knots around it, and how far it is from the first
 
 
 def crop_of(
@@ -76,14 +76,13 @@ def printed(
 
     Where a sticker is smaller than the view the camera sees bare film beside it.
     """
-    printer = Printer(**simulator.printer.model_dump())
+    printer = simulator.printer
     camera = geometry.camera
     view_mm = max(camera.width_px, camera.height_px) * camera.mm_per_px
     side_px = math.ceil(max(recipe.printed_mm, view_mm) / printer.mm_per_dot - 1e-9)
     rng = np.random.default_rng(np.random.SeedSequence([seed, 3]))
-    values = printer.print_(albedo(recipe, printer.mm_per_dot, (side_px, side_px)), rng)
-    exposure = ImageSensor(**simulator.camera.model_dump())
-    return FrameRenderer(geometry, Texture(values, printer.mm_per_dot), exposure)
+    values = print_colours(printer, albedo(recipe, printer.mm_per_dot, (side_px, side_px)), rng)
+    return FrameRenderer(geometry, Texture(values, printer.mm_per_dot), simulator.camera)
 
 
 def noise_of(seed: int, stream: int) -> np.random.Generator:
@@ -122,7 +121,7 @@ class VirtualCamera:
     def capture(self) -> CameraFrame:
         assert self._stream is not None, "begin() comes before the first frame"
         seen = self.scene.observe()
-        self._seen.append((seen.a.index, seen.b.index, seen.fraction))
+        self._seen.append((seen.a.key, seen.b.key, seen.fraction))
         return CameraFrame(
             self.picture.render(seen.displacement_mm(), self._rng), self.clock.now_s()
         )
@@ -142,6 +141,7 @@ class VirtualCamera:
         for where, what in about.items():
             write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
         knots = self.scene.knots
+        row = {knot.key: k for k, knot in enumerate(knots)}
         fields = [k.displacement_mm for k in knots if k.displacement_mm is not None]
         tractions = [k.traction_mpa for k in knots if k.traction_mpa is not None]
         x_mm, y_mm = self.scene.axes_mm
@@ -154,7 +154,7 @@ class VirtualCamera:
             packed,
             displacement_mm=np.stack(fields),
             frame_id=np.asarray(list(frames), dtype=np.str_),
-            knots=np.asarray([(a, b) for a, b, _ in self._seen], dtype=np.int64).reshape(-1, 2),
+            knots=np.asarray([(row[a], row[b]) for a, b, _ in self._seen], np.int64).reshape(-1, 2),
             fraction=np.asarray([f for _, _, f in self._seen], dtype=float),
             x_mm=x_mm,
             y_mm=y_mm,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..aliases import Note
 from ..cad.design import load_design
 from ..errors import InputError
 from ..optics import Fisheye, Rectified, camera_from_dict
@@ -96,14 +97,14 @@ def _require_drawn(true: Fisheye, view: Rectified, source: str) -> None:
         )
 
 
-def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -> list[str]:
+def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -> list[Note]:
     """What a reader of a run through the lens must know."""
-    lines = view_notes(view, patch_mm)
+    notes = view_notes(view, patch_mm)
     if config.camera is None:
-        lines.insert(
-            0,
-            "WARNING: the lens is not calibrated, the design's stands for it: photograph the "
-            "chessboard skin on this rig; `deltact-fab calibrate lens` makes the file to name as "
-            "[camera] model",
+        text = (
+            "the lens is not calibrated, the design's stands for it: photograph the chessboard "
+            "skin on this rig; `deltact-fab calibrate lens` makes the file to name as [camera] "
+            "model"
         )
-    return lines
+        notes.insert(0, Note("lens", text, warns=True))
+    return notes

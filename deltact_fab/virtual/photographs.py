@@ -25,14 +25,14 @@ from scipy.spatial.transform import Rotation
 from ..aliases import Array, Float
 from ..errors import InputError
 from ..files import making, write_whole
-from ..imaging import Exposure, ImageSensor
-from ..measure.lens.calibration import PHOTOGRAPHS
-from ..measure.lens.corners import Checkerboard
+from ..imaging import Exposure
 from ..optics import Fisheye, Medium, Rectified, as_toml
+from ..optics.checkerboard import PHOTOGRAPHS, Checkerboard
 from ..record import encode_png
 from ..record.files import json_bytes
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
+from ..shapes.imaging import ImageSensor
 from .lens import true_lens
 from .picture import RawView
 
@@ -218,7 +218,7 @@ def take(
     if beyond is not None:
         raise InputError(f"--board skin: {beyond}: wet a larger board onto the face")
     lens = true_lens(config, design)
-    studio = Studio(lens, ImageSensor(**config.virtual.camera.model_dump()), design)
+    studio = Studio(lens, config.virtual.camera, design)
     rng = np.random.default_rng(np.random.SeedSequence([seed, 5]))
     poses = [ON_FACE] if board.skin else list(studio.contact_poses(board, contact, rng))
     taken = {

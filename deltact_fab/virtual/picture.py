@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..aliases import Float
 from ..errors import SolverError
-from ..imaging import Exposure, ImageSensor, view_grid
+from ..imaging import Exposure, view_grid
 from ..occlusion import in_dispute, nearest
 from ..optics import (
     CameraModel,
@@ -27,6 +27,7 @@ from ..optics import (
     SurfaceLattice,
     axes_mm,
 )
+from ..shapes.imaging import ImageSensor
 
 BAND_PX = 40
 """Drawn around the tracked view, for a calibration that is a little off; the rest stays dark."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from .. import cache
-from ..aliases import Field, Point
+from ..aliases import Field, Note, Point
 from ..elasticity import edge_compliance
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
@@ -285,60 +285,64 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
             )
 
 
-def gel_left_out(presses: Presses, choices: Sequence[Choice]) -> list[str]:
+def gel_left_out(presses: Presses, choices: Sequence[Choice]) -> list[Note]:
     """What this scene's gel did not solve or keep, and why."""
-    lines = []
     if not presses.observed:
-        return ["gel: no channel asks for what it does"]
+        return [Note("gel", "no channel asks for what it does")]
+    notes = []
     if not presses.shears and not any(c.friction for c in choices):
-        lines.append("friction: the channel 'shear' is not asked for")
+        notes.append(Note("friction", "the channel 'shear' is not asked for"))
     if presses.level != "hyperelastic":
-        lines.append(f"finite-strain gel: the level {presses.level!r} is asked for")
+        notes.append(Note("finite-strain gel", f"the level {presses.level!r} is asked for"))
     elif not presses.fields:
-        lines.append("the gel's surface field: no channel asks for images")
+        notes.append(Note("the gel's surface field", "no channel asks for images"))
     if not presses.tractions:
-        lines.append("the face's tractions: the channel 'traction' is not asked for")
+        notes.append(Note("the face's tractions", "the channel 'traction' is not asked for"))
     if not presses.relaxing_s:
-        lines.append("viscosity: the specimen has no Prony series")
-    return lines
+        notes.append(Note("viscosity", "the specimen has no Prony series"))
+    return notes
 
 
-def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions) -> list[str]:
+def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions) -> list[Note]:
     """What a reader of a run on the simulated gel must know."""
     opened = presses.opened
     solved = sum(p.solver.solves for p in opened)
     found = sum(len(p.solver.knots) for p in opened if p.solver.found is not None)
-    lines = [
+    text = (
         f"{solved} contact problems solved, {found} found in the store (no pattern, camera or "
         "modulus matters to them); between them displacements and forces are interpolated linearly"
-    ]
+    )
+    notes = [Note("solved", text)]
     if presses.level == LINEAR:
-        lines.append("the linear gel ignores large strain: tenths of a mm in plane from 2 mm deep")
-    lines += dict.fromkeys(f"gel: {choice.why}" for choice in choices)
+        text = "the linear gel ignores large strain: tenths of a mm in plane from 2 mm deep"
+        notes.append(Note("linear gel", text))
+    notes += dict.fromkeys(Note("level", f"gel: {choice.why}") for choice in choices)
     if not presses.shears and any(c.friction for c in choices):
-        lines.append("friction is solved, for it changes the force of these presses")
+        text = "friction is solved, for it changes the force of these presses"
+        notes.append(Note("friction", text))
     # From the plan, for the presses that a resumed run kept are not solved again.
     limit_mm = SMALL_STRAIN * skin.thickness_mm * (1 + 1e-9)
     if presses.level == LINEAR and max(p.deepest_mm for p in presses.paths) > limit_mm:
-        lines.append("WARNING: pressed beyond 10 % of the thickness, past small strain")
+        text = "pressed beyond 10 % of the thickness, past small strain"
+        notes.append(Note("small strain", text, warns=True))
     if presses.relaxing_s:
-        lines.append(
+        text = (
             "the gel's time is the plan's: lines at their feed, rests as long as they settle; "
             "ramps of the stage and the host's delays, some hundredths of a second, are not in"
         )
-    return lines + _flag_notes(presses)
+        notes.append(Note("time", text))
+    return notes + _flag_notes(presses)
 
 
-def _flag_notes(presses: Presses) -> list[str]:
-    """One line for each kind of flag: where, in how many states, and the last of them in full."""
+def _flag_notes(presses: Presses) -> list[Note]:
+    """A note for each kind of flag: where, in how many states, and the last of them in full."""
     where: dict[str, list[str]] = {}
-    example: dict[str, str] = {}
+    example: dict[str, Note] = {}
     for press in presses.opened:
         for name, count in press.solver.flags.items():
             where.setdefault(name, []).append(f"{count} of {press.name}")
-        for flag in (f for knot in press.solver.knots for f in knot.flags):
-            example[flag.partition(":")[0]] = flag
+        example |= {flag.id: flag for knot in press.solver.knots for flag in knot.flags}
     return [
-        f"WARNING: {example[name]}; states concerned: {', '.join(found)}"
+        Note(name, f"{example[name].labelled}; states concerned: {', '.join(found)}", warns=True)
         for name, found in sorted(where.items())
     ]

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from ..aliases import Progress
+from ..aliases import Note, Progress
 from ..optics import Fisheye, Pinhole, Rectified
 from ..protocols.plan import Protocol
 from ..rig.config import VirtualConfig
@@ -110,38 +110,39 @@ class VirtualRig(Rig):
             super().__init__(clock, host, camera, force, self.scene.mount)
             self.opened = opened.pop_all()
 
-    def left_out(self) -> list[str]:
+    def left_out(self) -> list[Note]:
         """What this scene did not build or solve, and why."""
-        lines = []
+        notes, lens = [], "lens, its maps and rectification"
         if self.camera is None:
-            lines.append("camera, picture and printer model: no channel asks for images")
+            notes.append(Note("camera, picture and printer model", "no channel asks for images"))
         if self._config.virtual.lens is None:
-            lines.append("lens, its maps and rectification: the rig draws through a pinhole")
+            notes.append(Note(lens, "the rig draws through a pinhole"))
         elif self.camera is None:
-            lines.append("lens, its maps and rectification: no channel asks for images")
+            notes.append(Note(lens, "no channel asks for images"))
         if self.force is None:
-            lines.append("force sensor: the channel 'force' is not asked for")
-        lines += gel_left_out(self.presses, self._choices)
-        lines.append("solid models: a run needs the numbers of the shapes only")
-        return lines
+            notes.append(Note("force sensor", "the channel 'force' is not asked for"))
+        notes += gel_left_out(self.presses, self._choices)
+        return [*notes, Note("solid models", "a run needs the numbers of the shapes only")]
 
-    def notes(self) -> list[str]:
+    def notes(self) -> list[Note]:
         """What a reader of the results must know of lens and gel."""
-        job, lines = self._job, []
+        job, notes = self._job, list[Note]()
         if self._crop is not None and isinstance(job.view, Rectified):
             from .lens import lens_notes
 
-            lines += lens_notes(self._config, job.view, job.recipe.patch_mm)
+            notes += lens_notes(self._config, job.view, job.recipe.patch_mm)
         if not job.air and self.presses.observed:
-            lines += gel_notes(self.presses, self._choices, job.sensor.skin)
-        return lines
+            notes += gel_notes(self.presses, self._choices, job.sensor.skin)
+        return notes
 
     def _picture(self, crop: LatticeCrop) -> tuple[FrameRenderer, Fisheye | None]:
         """What draws the printed gel, and the true lens it is drawn through; None: a pinhole."""
+        from ..patterns.recipe import PatternRecipe
         from .drawing import geometry_of, printed
 
         config, job = self._config, self._job
         assert isinstance(job.view, Pinhole | Rectified), "of a virtual rig that takes images"
+        assert isinstance(job.recipe, PatternRecipe), "whoever asks for images has all of it"
         geometry, lens = geometry_of(config, job.sensor, job.view, crop.lattice)
         return printed(config.virtual, job.recipe, geometry, job.seed), lens
 

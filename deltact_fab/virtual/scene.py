@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..aliases import Point
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, SolvedKnot, divide
-from ..gel.zones import ZoneMap, Zones
+from ..gel.zones import Zones
 from ..optics import StageFrame, SurfaceLattice
 from ..rig.interface import Clock
 from ..units import NS_PER_S
@@ -29,36 +29,16 @@ SQUARE = 1e-6  # of the spacing: rounding of a lattice
 
 
 @dataclass(frozen=True)
-class Knot:
-    """One solved pose: what camera and force sensor need of it. key: the press's own number."""
-
-    index: int
-    key: int
-    displacement_mm: NDArray[np.float32] | None  # (ny, nx, 3) on the lattice; None unless drawn
-    force_n: Point
-    torque_nmm: Point
-    traction_mpa: NDArray[np.float32] | None = None
-    """(ny, nx, 3) on the whole lattice of the face, where it is asked for."""
-    zones: Zones = field(default_factory=Zones)
-    zone_map: ZoneMap | None = None
-    """(ny, nx) on that lattice; None unless drawn."""
-
-    @property
-    def wrench(self) -> tuple[float, ...]:
-        return (*self.force_n, *self.torque_nmm)
-
-
-@dataclass(frozen=True)
 class Observation:
     """The surface between two knots: `fraction` of the way from a to b."""
 
-    a: Knot
-    b: Knot
+    a: SolvedKnot
+    b: SolvedKnot
     fraction: float
 
     def displacement_mm(self) -> NDArray[np.float64] | None:
         """Displacement (ny, nx, 3) on the lattice; None at rest."""
-        if self.a.index == self.b.index == 0:
+        if self.a.key == self.b.key == 0:
             return None
         assert self.a.displacement_mm is not None
         assert self.b.displacement_mm is not None
@@ -76,7 +56,7 @@ class MotionSegment:
     segment: Segment
     at: list[float]
     where: list[Point]
-    knots: list[Knot]
+    knots: list[SolvedKnot]
 
 
 class LatticeCrop:
@@ -132,7 +112,8 @@ class GelScene:
     """Observes the gel at the present time of the controller.
 
     presses: opens the press of an indenter at a place, solved for a modulus of 1 MPa. crop: cuts
-    the surface field for the camera; None when nothing is drawn.
+    the surface field for the camera; None when nothing is drawn. knots: of the press, rest first,
+    their displacements cut, for the gel's own modulus.
     """
 
     controller: GrblController
@@ -148,10 +129,10 @@ class GelScene:
         self._press: PlannedPress | None = None
         self._next_segment = 0
         self._line: MotionSegment | None = None
-        self._rest = Knot(0, 0, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        self._rest = SolvedKnot()
         self._here = self._rest
         self._arrived_ns = 0
-        self.knots: list[Knot] = [self._rest]
+        self.knots = [self._rest]
 
     def mount(self, indenter: str) -> None:
         """Another indenter, in the air."""
@@ -170,8 +151,10 @@ class GelScene:
             rest = np.zeros_like(self.crop(nothing))
             still = nothing if press.solver.observed.traction else None
             apart = nothing[..., 0].astype(np.uint8)
-        off = (0.0, 0.0, 0.0)
-        self._rest = Knot(0, 0, rest, off, off, still, Zones(centroid_mm=(x, y)), apart)
+        self._rest = SolvedKnot(
+            zones=Zones(centroid_mm=(x, y)), displacement_mm=rest, traction_mpa=still,
+            zone_map=apart,
+        )  # fmt: skip
         self._settle(self._rest, 0)
         self.knots = [self._rest]
 
@@ -275,7 +258,7 @@ class GelScene:
         self._solve_up_to(line, len(line.at) - 1)
         self._settle(line.knots[-1], segment.end_ns)
 
-    def _settle(self, knot: Knot, since_ns: int) -> None:
+    def _settle(self, knot: SolvedKnot, since_ns: int) -> None:
         self._here = knot
         self._line = None
         self._arrived_ns = since_ns
@@ -329,22 +312,14 @@ class GelScene:
             seconds = (line.at[k] - line.at[k - 1]) * whole_s
             line.knots.append(self._knot(self._press.solver.next(line.knots[-1].key, tip, seconds)))
 
-    def _knot(self, found: tuple[int, SolvedKnot]) -> Knot:
-        key, solved = found
+    def _knot(self, solved: SolvedKnot) -> SolvedKnot:
+        """The scene's own of a knot that the press's solver gave."""
         for knot in reversed(self.knots):
-            if knot.key == key:
+            if knot.key == solved.key:
                 return knot
         field = None
         if self.crop is not None:
             assert solved.displacement_mm is not None, "a scene that draws keeps fields"
             field = self.crop(solved.displacement_mm)
-        e = self.modulus_mpa
-        (fx, fy, fz), (tx, ty, tz) = solved.force_n, solved.torque_nmm
-        traction = solved.traction_mpa
-        knot = Knot(
-            len(self.knots), key, field, (e * fx, e * fy, e * fz), (e * tx, e * ty, e * tz),
-            None if traction is None else np.float32(e) * traction,
-            solved.zones, solved.zone_map,
-        )  # fmt: skip
-        self.knots.append(knot)
-        return knot
+        self.knots.append(replace(solved.scaled(self.modulus_mpa), displacement_mm=field))
+        return self.knots[-1]

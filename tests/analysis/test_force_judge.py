@@ -23,12 +23,12 @@ from deltact_fab.analysis.force.judge import (
 )
 from deltact_fab.errors import InputError
 from deltact_fab.measure.force import COMPONENTS, make_features
-from deltact_fab.measure.sensor_id import SensorView
+from deltact_fab.measure.sensor_id import SensorModel
 from deltact_fab.optics import Pinhole
 from deltact_fab.shapes import SkinDimensions
 
 SETS = {
-    name: make_features(name, SensorView(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions()))
+    name: make_features(name, SensorModel(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions()))
     for name in ("sums", "paper")
 }
 LAW = (2.0, 1.5, -6.0, 3.0, -3.0, 1.0)

@@ -6,6 +6,7 @@ import json
 import shutil
 import sqlite3
 import tomllib
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from deltact_fab.analysis.force import calibrate, carry_over
 from deltact_fab.errors import InputError
 from deltact_fab.measure.force.calibration import load_force
 from deltact_fab.measure.health import health
+from deltact_fab.measure.sensor_id import SensorModel
 
 PROTOCOL = """
 name = "presses"
@@ -55,7 +57,7 @@ def test_runs_that_cannot_be_used(mini_run: Path, tmp_path: Path) -> None:
         assert said in refused(mini_run, other)
     numb = tmp_path / "numb"
     shutil.copytree(mini_run, numb)
-    with sqlite3.connect(numb / "journal.sqlite") as db:
+    with closing(sqlite3.connect(numb / "journal.sqlite")) as db, db:
         db.execute("DELETE FROM samples WHERE stream = 'force'")
     assert "no force was recorded" in refused(numb)
     torn = tmp_path / "calibration.toml"
@@ -92,7 +94,7 @@ def test_a_calibration_is_made_kept_and_carried_over(
     assert kept.head.made.seed == 3
     assert kept.model.features == told["best"]
     opened = record.open(run)
-    rest = kept.rest_image()
+    rest = kept.view(SensorModel()).rest
     assert rest is not None
     assert health(rest, opened.image(opened.frames()["file"].iloc[-1]), opened.camera).fit
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,7 @@ def without_balls(run: Path, to: Path) -> Path:
     import sqlite3
 
     shutil.copytree(run, to)
-    with sqlite3.connect(to / "journal.sqlite") as db:
+    with closing(sqlite3.connect(to / "journal.sqlite")) as db, db:
         db.execute("DELETE FROM frames WHERE indenter LIKE 'sphere:%'")
     return to
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -145,7 +146,7 @@ def test_a_run_without_images_is_refused(mini_run: Path, tmp_path: Path) -> None
     import sqlite3
 
     shutil.copytree(mini_run, tmp_path / "r", ignore=shutil.ignore_patterns("images", "truth"))
-    with sqlite3.connect(tmp_path / "r" / "journal.sqlite") as db:
+    with closing(sqlite3.connect(tmp_path / "r" / "journal.sqlite")) as db, db:
         db.execute("UPDATE frames SET file = NULL")
     with pytest.raises(InputError, match="no images were recorded"):
         te.analyse(tmp_path / "r", ["dis-fast"])

@@ -96,6 +96,7 @@ def pages(
     from deltact_fab.numerics import harness
     from deltact_fab.patterns import series as job
     from deltact_fab.report import guide, index_page, patterns_page, study_page
+    from deltact_fab.report.first_light import pairs
 
     def series(out: Path) -> None:
         entries = [
@@ -116,7 +117,10 @@ def pages(
         "index": (index, "report.html"),
         "numerics": (lambda out: harness.run(["pattern"], quick=True).save(out), "numerics.html"),
         "patterns": (series, job.PAGE),
-        "guide": (lambda out: guide.write(load_design(), out / "guide.html"), "guide.html"),
+        "guide": (
+            lambda out: guide.write(load_design(), out / "guide.html", examples=pairs),
+            "guide.html",
+        ),
     }
 
     def page(kind: str) -> Path:

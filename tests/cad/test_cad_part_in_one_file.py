@@ -15,6 +15,7 @@ from deltact_fab.cad.fabrication import bom
 from deltact_fab.cad.registry import find, of_design
 from deltact_fab.cli.main import main
 from deltact_fab.report import guide
+from deltact_fab.report.first_light import pairs
 
 SHIM = (Path(__file__).parents[2] / "examples/extend/deltact_fab/cad/parts/shim.py").read_text()
 
@@ -42,7 +43,8 @@ def test_it_is_in_the_list_shown_bought_drawn_guided_and_exported(shim, tmp_path
     )
     assert {f.file for f in files} == {"shim.step", "shim.stl", "shim.3mf", "shim.svg"}
     assert "Flat." in (tmp_path / "out" / "shim.svg").read_text()
-    page = guide.write(design, tmp_path / "guide.html", pictures=guide.Pictures()).read_text()
+    file = tmp_path / "guide.html"
+    page = guide.write(design, file, examples=pairs, pictures=guide.Pictures()).read_text()
     assert "flat on the platform" in page
     assert "no warp" in page
 

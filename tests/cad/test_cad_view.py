@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from deltact_fab import catalog
+from deltact_fab.paths import shipped_folder
 
-VIEW = catalog.shipped_dir("cad") / "view.py"
+VIEW = shipped_folder("cad") / "view.py"
 
 
 def _shown(source: Path) -> dict[str, dict]:

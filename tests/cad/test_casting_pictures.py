@@ -1,16 +1,15 @@
 """The pictures of printing, casting, film and coats show what the steps say, from the solids."""
 
 import re
-from pathlib import Path
 
 import pytest
 from solids import made
 
-from deltact_fab import report
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.casting import Bench
 from deltact_fab.cad.drafting.picture import picture_svg
 from deltact_fab.cad.registry import listed
+from deltact_fab.paths import asset
 
 pytestmark = pytest.mark.slow
 DESIGN = load_design()
@@ -32,7 +31,7 @@ def of(placed, name):
 
 
 def test_every_step_that_puts_things_together_has_its_picture(scenes):
-    page = (Path(report.__file__).parent / "templates" / "guide.html").read_text()
+    page = asset("templates/guide.html").read_text()
     steps = set()
     for letter, text in re.findall(r"<h2>([A-F])\. (.*?)</section>", page, re.S):
         steps |= {f"{letter}.{i}" for i in range(1, text.count("<li>") + 1)}

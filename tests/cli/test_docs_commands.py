@@ -14,7 +14,7 @@ from deltact_fab.cli.main import main
 
 PAGES = [
     ROOT / "README.md",
-    ROOT / "deltact_fab/tour.md",
+    ROOT / "deltact_fab/assets/tour.md",
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "docs/how-to").glob("*.md")),
     *sorted((ROOT / "docs/tutorials").glob("*.md")),

@@ -15,6 +15,7 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
 from deltact_fab.lab import SHIPPED
+from deltact_fab.paths import shipped_folder
 from deltact_fab.patterns import load_recipe
 from deltact_fab.patterns.laws import LAWS
 from deltact_fab.protocols import plan
@@ -43,8 +44,8 @@ def mine(here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_folder_holds_the_shipped_files_as_they_are(mine: Path) -> None:
     for kind in SHIPPED:
-        shipped = {p.relative_to(catalog.shipped_dir(kind)): p
-                   for p in catalog.shipped_dir(kind).rglob("*.toml")}  # fmt: skip
+        shipped = {p.relative_to(shipped_folder(kind)): p
+                   for p in shipped_folder(kind).rglob("*.toml")}  # fmt: skip
         own = {p.relative_to(mine / kind): p for p in (mine / kind).rglob("*.toml")}
         assert own.keys() == shipped.keys()
         for name, file in own.items():

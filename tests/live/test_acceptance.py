@@ -20,16 +20,18 @@ from called import called
 
 from deltact_fab.cad.design import load_design
 from deltact_fab.errors import InputError
-from deltact_fab.imaging import ImageSensor, Printer
+from deltact_fab.imaging import print_colours
 from deltact_fab.live.acceptance import Acceptance, accept
 from deltact_fab.live.known_step import known_steps
 from deltact_fab.live.open import acceptance_file
-from deltact_fab.live.source import KnownSensor, Source
+from deltact_fab.live.source import Source
+from deltact_fab.measure.sensor_id import SensorModel
 from deltact_fab.optics import Fisheye, Pinhole, Rectified, SurfaceLattice
 from deltact_fab.patterns import load_recipe
 from deltact_fab.patterns.raster import albedo
 from deltact_fab.report.first_light import pairs
 from deltact_fab.rig.interface import CameraFrame
+from deltact_fab.shapes.imaging import ImageSensor, Printer
 from deltact_fab.virtual.picture import FrameRenderer, Geometry, RawView, Texture
 
 DESIGN = load_design("deltact")
@@ -57,7 +59,7 @@ class Made:
 def photographs(made: Made, n: int) -> list[np.ndarray]:
     """n images (h, w, 3) BGR as the camera gives them."""
     rng = np.random.default_rng(made.seed)
-    print_ = Printer().print_(albedo(load_recipe(made.recipe), STEP_MM), rng)
+    print_ = print_colours(Printer(), albedo(load_recipe(made.recipe), STEP_MM), rng)
     side = len(print_)
     back = np.array([[1 / STEP_MM, 0, (side - 1) / 2], [0, 1 / STEP_MM, (side - 1) / 2], [0, 0, 1]])
     moved = back @ np.vstack((made.move, [0, 0, 1])) @ np.linalg.inv(back)
@@ -207,7 +209,7 @@ SPOILED = "film", "bubbles, lint, dust", "light, all LEDs", "light, even"
 def given(images: list[np.ndarray], camera: Pinhole | Rectified) -> Source:
     """Images that are there already, as a source."""
     frames = [CameraFrame(image, k / 10, k) for k, image in enumerate(images)]
-    return Source("given", KnownSensor(camera), lambda _: iter(frames))
+    return Source("given", SensorModel(camera), lambda _: iter(frames))
 
 
 def judged(made: Made, images: int = 2, recipe: str = "") -> Acceptance:
@@ -224,10 +226,10 @@ def failed(done: Acceptance) -> set[str]:
 def test_a_bubble_is_found_where_it_is_and_nothing_else_is_wrong():
     done = judged(Made(paint=(bubble(4.0, -3.0, 1.0),)))
     assert failed(done) == {"bubbles, lint, dust"}
-    ((x, y, long_mm),) = done.found["places"]
+    ((x, y, long_mm),) = done.found.places
     assert (x, y) == pytest.approx((4.0, -3.0), abs=0.2)
     assert long_mm == pytest.approx(1.0, abs=0.4)
-    assert done.found["noise_mm"] is None  # of two images nothing is said
+    assert done.found.noise_mm is None  # of two images nothing is said
 
 
 @pytest.mark.slow
@@ -242,9 +244,9 @@ def test_a_bad_sensor_fails_its_own_row_and_no_other_without_cause(name):
     made, (own, *follow), painted = BAD[name]
     done = judged(made, recipe="dense-with-dots" if name == "wrong pattern" else "")
     assert own in failed(done) <= {own, *follow}
-    assert {key: done.found[key] for key in painted} == painted
+    assert {key: getattr(done.found, key) for key in painted} == painted
     if name == "far out of focus":  # print, mosaic and demosaicing have nearly a pixel of their own
-        blur_px = np.median([b for row in done.found["blur_px"] for b in row if b is not None])
+        blur_px = np.median([b for row in done.found.blur_px for b in row if b is not None])
         assert 4 <= blur_px <= np.hypot(4, 0.95) + 0.6
 
 

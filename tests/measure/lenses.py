@@ -7,10 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.measure.lens.corners import Checkerboard, Corners
+from deltact_fab.measure.lens.corners import Corners
 from deltact_fab.measure.lens.problem import BoardView
 from deltact_fab.measure.lens.trust import view_mm
 from deltact_fab.optics import Fisheye
+from deltact_fab.optics.checkerboard import Checkerboard
 from deltact_fab.shapes import SensorDimensions
 from deltact_fab.virtual.photographs import ON_FACE, BoardPose
 

@@ -11,7 +11,7 @@ from deltact_fab.elasticity import GelMaterial
 from deltact_fab.elasticity.block import FreeBlock
 from deltact_fab.errors import InputError
 from deltact_fab.measure.face import FaceFlow
-from deltact_fab.measure.sensor_id import SensorView
+from deltact_fab.measure.sensor_id import SensorModel
 from deltact_fab.measure.shape import (
     DepthFinder,
     DepthModel,
@@ -24,7 +24,7 @@ from deltact_fab.optics import Pinhole, axes_mm
 from deltact_fab.shapes import SkinDimensions
 
 SKIN = SkinDimensions(width_mm=26.0, length_mm=22.0, thickness_mm=10.0)
-VIEW = SensorView(Pinhole(0.08, 256, 208, 12.0), SKIN)
+VIEW = SensorModel(Pinhole(0.08, 256, 208, 12.0), SKIN)
 EVERY = 4
 X, Y = (
     axis[: len(axis) // EVERY * EVERY].reshape(-1, EVERY).mean(1) for axis in axes_mm(VIEW.camera)

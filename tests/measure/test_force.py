@@ -10,11 +10,11 @@ import pytest
 
 from deltact_fab.errors import InputError
 from deltact_fab.measure.face import FaceFlow, whole
-from deltact_fab.measure.force import COMPONENTS, ForceModel, SensorView, make_features
+from deltact_fab.measure.force import COMPONENTS, ForceModel, SensorModel, make_features
 from deltact_fab.optics import Pinhole
 from deltact_fab.shapes.sensor import SkinDimensions
 
-VIEW = SensorView(Pinhole(0.04, 640, 480, 13.0), SkinDimensions())
+VIEW = SensorModel(Pinhole(0.04, 640, 480, 13.0), SkinDimensions())
 SETS = ("sums", "paper")
 MIRROR_X = np.array([-1.0, 1, 1, 1, -1, -1])  # of a wrench whose x is turned round
 

@@ -11,7 +11,7 @@ import pytest
 from deltact_fab.errors import InputError
 from deltact_fab.measure.force import COMPONENTS, ForceModel, features_of, make_features
 from deltact_fab.measure.force.calibration import ForceCalibration, load_force
-from deltact_fab.measure.sensor_id import CalibrationSource, Head, SensorId
+from deltact_fab.measure.sensor_id import CalibrationSource, Head, SensorModel
 from deltact_fab.optics import Pinhole
 from deltact_fab.record import encode_png
 from deltact_fab.shapes import SkinDimensions
@@ -23,12 +23,12 @@ CAMERA = Pinhole(0.0378, 798, 586, 12.85)
 def written(tmp_path: Path) -> tuple[ForceCalibration, Path]:
     rng = np.random.default_rng(0)
     head = Head(
-        "force", SensorId.of(CAMERA, serial="A1"), CalibrationSource(("run",), True, "0.1.0", 3)
+        "force", SensorModel(CAMERA, serial="A1").id, CalibrationSource(("run",), True, "0.1.0", 3)
     )
     blank = ForceCalibration(
         head, ForceModel("sums", (), np.zeros((6, 0)), np.zeros((6, 0, 0))), SkinDimensions(), 0.49
     )
-    features = make_features("sums", blank.view(CAMERA))
+    features = make_features("sums", blank.view(SensorModel(CAMERA)))
     X = rng.uniform(0.5, 1.5, (40, len(features.names)))
     model, _ = ForceModel.fit(features, X, rng.normal(size=(40, len(COMPONENTS))))
     image = rng.integers(0, 256, (6, 8, 3), dtype=np.uint8)
@@ -53,13 +53,13 @@ def test_what_was_written_is_read(written: tuple[ForceCalibration, Path]) -> Non
     read = load_force(path)
     assert read.head == made.head
     assert read.error == made.error
-    assert read.view(CAMERA) == made.view(CAMERA)
+    assert read.view(SensorModel(CAMERA)) == made.view(SensorModel(CAMERA))
     assert (read.model.coefficients == made.model.coefficients).all()
     assert (read.model.reach == made.model.reach).all()
-    image = read.rest_image()
+    image = read.view(SensorModel()).rest
     assert image is not None
     assert image.shape == (6, 8, 3)
-    view = read.view(CAMERA)
+    view = read.view(SensorModel(CAMERA))
     assert features_of(read.model, view, str(path)).names == made.model.names
     with pytest.raises(InputError, match=r"^c.toml: not of this version's .* calibrate again"):
         features_of(replace(made.model, features="paper"), view, "c.toml")

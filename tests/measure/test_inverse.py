@@ -17,7 +17,7 @@ from deltact_fab.errors import InputError
 from deltact_fab.gel.path.knots import ObservedChannels, along
 from deltact_fab.gel.path.open import choose, open_path
 from deltact_fab.measure.face import FaceFlow
-from deltact_fab.measure.force import ForceModel, SensorView, make_features
+from deltact_fab.measure.force import ForceModel, SensorModel, make_features
 from deltact_fab.measure.force.inverse import NOISE_MM, FaceInverse, Inverse, least_squares_signed
 from deltact_fab.measure.shape import DepthFinder, DepthModel, contacts
 from deltact_fab.optics import Pinhole, axes_mm
@@ -26,7 +26,7 @@ from deltact_fab.shapes.indenter import parse
 
 SKIN = SkinDimensions(width_mm=26.0, length_mm=22.0, thickness_mm=10.0)
 CAMERA = Pinhole(0.08, 256, 208, 12.0)
-VIEW = SensorView(CAMERA, SKIN)
+VIEW = SensorModel(CAMERA, SKIN)
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from deltact_fab.errors import InputError
-from deltact_fab.imaging import ImageSensor
-from deltact_fab.measure.lens.corners import Checkerboard, find
+from deltact_fab.measure.lens.corners import find
 from deltact_fab.optics import Fisheye
+from deltact_fab.optics.checkerboard import Checkerboard
+from deltact_fab.shapes.imaging import ImageSensor
 from deltact_fab.virtual.photographs import ON_FACE, BoardPose, Studio
 
 PLATE = Checkerboard(9, 7, 3.0)

@@ -10,10 +10,11 @@ from lenses import DESIGN, LIMITS_PX, SKIN, exact, lens_of, p95_px
 from scipy.spatial.transform import Rotation
 
 from deltact_fab.errors import InputError
-from deltact_fab.imaging import ImageSensor
 from deltact_fab.measure.lens.calibration import Calibration, calibrate, of_corners
-from deltact_fab.measure.lens.corners import Checkerboard, find
+from deltact_fab.measure.lens.corners import find
 from deltact_fab.measure.lens.problem import BoardView
+from deltact_fab.optics.checkerboard import Checkerboard
+from deltact_fab.shapes.imaging import ImageSensor
 from deltact_fab.virtual.photographs import ON_FACE, BoardPose, Studio
 
 SIZE_PX = (1280, 720)

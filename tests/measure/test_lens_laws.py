@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from deltact_fab.errors import InputError
 from deltact_fab.measure.lens.calibration import Calibration, of_corners
-from deltact_fab.measure.lens.corners import Checkerboard, Corners, find
+from deltact_fab.measure.lens.corners import Corners, find
 from deltact_fab.measure.lens.problem import BoardView
 from deltact_fab.measure.lens.trust import view_mm
+from deltact_fab.optics.checkerboard import Checkerboard
 from deltact_fab.shapes import SensorDimensions
 
 DESIGN = SensorDimensions()

@@ -13,13 +13,13 @@ from deltact_fab.errors import InputError, SensorError
 from deltact_fab.measure.face import EVERY_PX
 from deltact_fab.measure.force import ForceModel, make_features
 from deltact_fab.measure.pipeline import Measurement, Pipeline, outputs
-from deltact_fab.measure.sensor_id import SensorView
+from deltact_fab.measure.sensor_id import SensorModel
 from deltact_fab.optics import Pinhole
 from deltact_fab.shapes import SkinDimensions
 
 W, H = 200, 160
 CAMERA = Pinhole(0.0378, W, H, 14.0)
-VIEW = SensorView(CAMERA, SkinDimensions())
+VIEW = SensorModel(CAMERA, SkinDimensions())
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from deltact_fab.errors import InputError
-from deltact_fab.measure.force import COMPONENTS, ForceModel, SensorView, make_features
+from deltact_fab.measure.force import COMPONENTS, ForceModel, SensorModel, make_features
 from deltact_fab.measure.regression import MIN_PRESSES, least_squares
 from deltact_fab.optics import Pinhole
 from deltact_fab.shapes import SkinDimensions
@@ -19,7 +19,7 @@ COLUMNS = np.stack((ONE, 1e4 * ONE**2, 1e-5 * ONE**3), -1)  # powers, of very un
 PRESSES = np.sort(RNG.integers(0, 12, ROWS)).astype(str)  # of unlike length
 Y = COLUMNS @ np.array([1.0, -3e-5, 4e4]) + RNG.normal(0, 0.3, 12)[PRESSES.astype(int)]
 NAMES = ("D", "D^2", "D^3")
-VIEW = SensorView(Pinhole(0.04, 640, 480, 13.0), SkinDimensions())
+VIEW = SensorModel(Pinhole(0.04, 640, 480, 13.0), SkinDimensions())
 
 
 @pytest.mark.parametrize("constant", [False, True])

@@ -12,13 +12,16 @@ from deltact_fab.measure.sensor_id import (
     CalibrationSource,
     Head,
     SensorId,
+    SensorModel,
     read_calibration,
     require_same,
 )
 from deltact_fab.optics import Fisheye, Pinhole
 
 CAMERA = Pinhole(mm_per_px=0.0378, width_px=798, height_px=586, eye_distance_mm=12.85)
-SENSOR = SensorId.of(CAMERA, {"law": "algorithm1", "seed": 7}, "deltact", "A1")
+SENSOR = SensorModel(
+    CAMERA, recipe={"law": "algorithm1", "seed": 7}, design="deltact", serial="A1"
+).id
 HEAD = Head("force", SENSOR, CalibrationSource(("run-1",), True, "0.1.0", 3))
 
 
@@ -27,15 +30,15 @@ def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:
     tables = {"model": {"name": "sums", "gain": [1.5, -2e-7]}, "empty": {}}
     path.write_text(HEAD.toml(tables))
     assert read_calibration(path, "force") == (HEAD, tables)
-    bare = replace(HEAD, sensor=SensorId.of(CAMERA))
+    bare = replace(HEAD, sensor=SensorModel(CAMERA).id)
     path.write_text(bare.toml({}))
     assert read_calibration(path) == (bare, {})
 
 
 def test_another_sensor_is_told_by_what_both_know() -> None:
     require_same(HEAD, SENSOR, "c.toml")
-    require_same(HEAD, SensorId.of(CAMERA), "c.toml")  # a bare camera knows no serial
-    nearer = SensorId.of(replace(CAMERA, mm_per_px=0.04))
+    require_same(HEAD, SensorModel(CAMERA).id, "c.toml")  # a bare camera knows no serial
+    nearer = SensorModel(replace(CAMERA, mm_per_px=0.04)).id
     other = replace(SENSOR, serial="B2", pattern={"law": "iid", "seed": 7}, camera=nearer.camera)
     with pytest.raises(InputError) as why:
         require_same(HEAD, other, "c.toml")
@@ -49,14 +52,14 @@ def test_another_sensor_is_told_by_what_both_know() -> None:
 def test_a_lens_that_was_fitted_again_is_told_by_its_numbers(tmp_path: Path) -> None:
     """Of a file that was read again; and one of before, which kept a digest, by that."""
     lens = Fisheye()
-    before = Head("depth", SensorId.of(lens, serial="A1"), HEAD.made)
+    before = Head("depth", SensorModel(lens, serial="A1").id, HEAD.made)
     path = tmp_path / "depth.toml"
     path.write_text(before.toml({}))
     head, _ = read_calibration(path)
-    require_same(head, SensorId.of(lens), str(path))
+    require_same(head, SensorModel(lens).id, str(path))
     again = replace(lens, f_px=lens.f_px + 1, k2=0.01, aspect=1 + 1e-9, x0_mm=0.1)
     with pytest.raises(InputError) as why:
-        require_same(head, SensorId.of(again), str(path))
+        require_same(head, SensorModel(again).id, str(path))
     f_px, k2, aspect, rest = str(why.value).partition("camera file: ")[2].split("; ", 3)
     assert f_px == f"camera.f_px {lens.f_px + 1:.6g} here, {lens.f_px:.6g} in this file"
     assert (k2, aspect.split()[1]) == ("camera.k2 0.01 here, 0 in this file", "1.000000001")
@@ -65,7 +68,7 @@ def test_a_lens_that_was_fitted_again_is_told_by_its_numbers(tmp_path: Path) -> 
     digest = "644ff0123456"
     old = replace(head, sensor=SensorId(camera=digest))
     with pytest.raises(InputError, match=rf"camera '\w{{12}}' here, '{digest}' in this file"):
-        require_same(old, SensorId.of(lens), str(path))
+        require_same(old, SensorModel(lens).id, str(path))
 
 
 def test_a_file_of_version_0_2_is_known_by_its_digests() -> None:

@@ -10,8 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from deltact_fab.errors import InputError
-from deltact_fab.imaging import Exposure, ImageSensor, view_grid
+from deltact_fab.imaging import Exposure, view_grid
 from deltact_fab.optics import Fisheye, FlatField, Rectified, as_toml
+from deltact_fab.shapes.imaging import ImageSensor
 
 LENS = Fisheye(f_px=194, cx_px=319.5, cy_px=179.5, width_px=640, height_px=360)
 VIEW = Rectified(LENS, mm_per_px=0.0756, width_px=399, height_px=293)

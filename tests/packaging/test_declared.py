@@ -19,6 +19,7 @@ from deltact_fab.extras import EXTRAS
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 OWN = {"deltact_fab"}
+PYTHONS = re.findall(r"Python :: (3\.\d+)", "\n".join(PROJECT["classifiers"]))
 
 
 def named(requirement: str) -> str:
@@ -93,6 +94,31 @@ def test_one_version(file: str) -> None:
     )
     assert said is not None
     assert said[1] == deltact_fab.__version__
+
+
+def test_the_same_pythons_are_named_everywhere() -> None:
+    oldest, newest = PYTHONS[0], PYTHONS[-1]
+    assert PROJECT["requires-python"] == f">={oldest}"
+    readme, makefile, gate = (
+        ROOT.joinpath(f).read_text() for f in ("README.md", "Makefile", ".ci/run")
+    )
+    listed = f"{', '.join(PYTHONS[:-1])} or {newest}"
+    assert f"Python {listed}" in readme
+    assert f"Python {oldest} to {newest}" in readme
+    assert f"Python {listed}" in makefile
+    assert f"{' '.join(f'python{v}' for v in PYTHONS)} python3;" in makefile
+    assert f"(3, {oldest[2:]}) <= sys.version_info < (3, {int(newest[2:]) + 1})" in makefile
+    assert f"--python-version {oldest} " in makefile
+    assert f"for version in {' '.join(PYTHONS[:0:-1])}; do" in gate
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_a_package_has_one_pin_for_each_python(python: str) -> None:
+    pins = [Requirement(line) for line in (ROOT / "constraints.txt").read_text().splitlines()]
+    where = {"python_version": python, "python_full_version": f"{python}.9"}
+    names = [pin.name for pin in pins if pin.marker is None or pin.marker.evaluate(where)]
+    assert len(names) == len(set(names))
+    assert declared("") < set(names)
 
 
 def test_every_licence_that_travels_is_named() -> None:

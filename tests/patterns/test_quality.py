@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.errors import InputError
-from deltact_fab.imaging import ImageSensor, Printer
+from deltact_fab.imaging import print_colours
 from deltact_fab.patterns import centres_mm, load_recipe, recipe_from, recipe_from_options
 from deltact_fab.patterns.dots import to_px
 from deltact_fab.patterns.quality.figures import (
@@ -28,6 +28,7 @@ from deltact_fab.patterns.quality.measure import (
     photograph,
     sent,
 )
+from deltact_fab.shapes.imaging import ImageSensor, Printer
 
 RNG_SEED = 4
 VIEW_MM = (320 * 0.0378,) * 2
@@ -145,7 +146,7 @@ def test_the_photograph_shows_the_dots_where_they_are():
     size_px, mm_per_px = (586, 798), 0.0378
     rng = np.random.default_rng(0)
     image = sent(recipe, printer.dpi, (size_px[1] * mm_per_px, size_px[0] * mm_per_px))
-    printed = printer.print_(image.astype(np.float32) / 255, rng)
+    printed = print_colours(printer, image.astype(np.float32) / 255, rng)
     ink = 255 - grey(photograph(printed, printer.mm_per_dot, sensor, mm_per_px, size_px, rng))
     ink -= np.median(ink)
     assert recipe.dots is not None

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.errors import InputError
-from deltact_fab.imaging import Printer
 from deltact_fab.patterns import load_recipe, recipe_from, series
 from deltact_fab.patterns.code import decode
 from deltact_fab.patterns.quality.measure import measure
+from deltact_fab.shapes.imaging import Printer
 
 SIDE_MM = 5.0
 

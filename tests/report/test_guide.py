@@ -24,6 +24,7 @@ from deltact_fab.cad.registry import listed
 from deltact_fab.errors import InputError, MissingLibrary
 from deltact_fab.patterns.recipe import recipe_from
 from deltact_fab.report import guide
+from deltact_fab.report.first_light import pairs
 from deltact_fab.report.guide import PatternToPrint, Pictures, write
 
 STICKER, STICKERS = guide.sticker, {}  # type: ignore[var-annotated]
@@ -42,28 +43,32 @@ DRAWN = Pictures(
 def _one_sticker_a_view(monkeypatch: pytest.MonkeyPatch) -> None:
     """The pattern's pictures take most of a page's time, and follow from what the camera sees."""
     monkeypatch.setattr(
-        guide, "sticker", lambda design: STICKERS.get(design.optics) or _drawn(design)
+        guide, "sticker", lambda design, examples: STICKERS.get(design.optics) or _drawn(design)
     )
 
 
 def _drawn(design: Design) -> PatternToPrint:
-    STICKERS[design.optics] = made = STICKER(design)
+    STICKERS[design.optics] = made = STICKER(design, pairs)
     return made
 
 
 def page(out: Path, *changes: str, design: str = "deltact", sensors: int = 1) -> SeenPage:
-    return SeenPage(write(load_design(design, changes), out, sensors, pictures=DRAWN).read_text())
+    return SeenPage(
+        write(
+            load_design(design, changes), out, sensors, examples=pairs, pictures=DRAWN
+        ).read_text()
+    )
 
 
 def test_it_fetches_nothing_and_its_anchors_lead_somewhere(tmp_path: Path) -> None:
-    file = write(load_design(), tmp_path / "guide.html", pictures=DRAWN)
+    file = write(load_design(), tmp_path / "guide.html", examples=pairs, pictures=DRAWN)
     seen, beside = offline(file.read_text())
     assert beside == set()
     assert {link[1:] for link in seen.links if link.startswith("#")} <= set(seen.ids)
     # The exploded view, the bench, the wiring, and the pattern with good and spoiled ones.
     assert seen.tags.count("img") == 8 + len(listed()) + len(guide.STEPS)
     assert seen.tags.count("iframe") == 1
-    again = write(load_design(), tmp_path / "again.html", pictures=DRAWN)
+    again = write(load_design(), tmp_path / "again.html", examples=pairs, pictures=DRAWN)
     assert again.read_bytes() == file.read_bytes()
 
 
@@ -168,7 +173,7 @@ def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.Monke
         raise MissingLibrary("the CAD kernel cannot load: libGL.so.1; apt-get install libgl1")
 
     monkeypatch.setattr(kernel, "require", missing)
-    seen = SeenPage(write(load_design(), tmp_path / "guide.html").read_text())
+    seen = SeenPage(write(load_design(), tmp_path / "guide.html", examples=pairs).read_text())
     assert "No pictures and no 3D view: the CAD kernel cannot load: libGL.so.1" in seen.text
     # The wiring drawing and the pattern need no kernel.
     assert seen.tags.count("img") == 6
@@ -191,17 +196,17 @@ def test_the_view_is_the_model_and_fetches_nothing() -> None:
 def test_where_it_cannot_be_written_it_says_so(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="file: cannot be made"):
-        write(load_design(), tmp_path / "file" / "guide.html", pictures=DRAWN)
+        write(load_design(), tmp_path / "file" / "guide.html", examples=pairs, pictures=DRAWN)
     with pytest.raises(InputError, match="sensors 0"):
-        write(load_design(), tmp_path / "guide.html", 0, pictures=DRAWN)
+        write(load_design(), tmp_path / "guide.html", 0, examples=pairs, pictures=DRAWN)
 
 
 @pytest.mark.slow
 def test_the_sticker_is_the_design_s_own() -> None:
-    shipped = STICKER(load_design())
+    shipped = STICKER(load_design(), pairs)
     assert (shipped.file, shipped.unseen) == ("", "")
     wide = load_design("large-60x50")
-    own = STICKER(wide)
+    own = STICKER(wide, pairs)
     recipe = recipe_from(tomllib.loads(own.file), "recommended-large.toml")
     assert wide.optics.beyond(recipe.printed_mm) is None
     assert own.size_mm == recipe.size_mm == 56.4

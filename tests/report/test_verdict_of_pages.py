@@ -24,10 +24,12 @@ from deltact_fab.report import (
     patterns_page,
     study_page,
 )
+from deltact_fab.report.first_light import pairs
 from deltact_fab.report.result import GEL_FLAGS
 from deltact_fab.report.templating import Finding, verdict
 
 TOLD = "a made-up warning of <the test>"
+WARNED = {"id": "made up", "text": TOLD, "warns": True}
 
 
 @pytest.fixture
@@ -41,8 +43,8 @@ def warned_run(
         mini_run: Path = request.getfixturevalue("mini_run")
         if not kept:
             kept.update(record.open(mini_run).summary())
-        notes = [note for note in kept["notes"] if not note.startswith("WARNING")]
-        told = {**kept, "notes": [*notes, *([f"WARNING: {TOLD}"] if warned else [])]}
+        remarks = [one for one in kept["remarks"] if not one["warns"]]
+        told = {**kept, "remarks": [*remarks, *([WARNED] if warned else [])]}
         monkeypatch.setattr(record.Run, "summary", lambda run: told)
         return mini_run
 
@@ -117,7 +119,9 @@ def fabrication_guide(warned: bool, out: Path, _: Any) -> Path:
         for name, keys in unverified(design).items()
     }
     drawn = guide.Pictures(note=TOLD if warned else "")
-    return guide.write(replace(design, **measured), out / "guide.html", pictures=drawn)
+    return guide.write(
+        replace(design, **measured), out / "guide.html", examples=pairs, pictures=drawn
+    )
 
 
 def unverified(design: Any) -> dict[str, list[str]]:

@@ -98,7 +98,7 @@ def test_a_camera_file_gives_the_view_the_size_and_the_light(tmp_path: Path) -> 
     assert light.share.shape == (H, W, 3)
     assert tracked_view(config(model="pinhole.toml"), sensor, rig) == Pinhole(0.1, W, H, 12.85)
     assert tracked_view(config(), sensor, rig) is None
-    assert "not calibrated" in view_notes(None, None)[0]
+    assert "not calibrated" in view_notes(None, None)[0].text
     with pytest.raises(InputError, match=r"1280 x 720 px, and .*lens\.toml is of .* 64 x 48 px"):
         tracked_view(config(model="lens.toml", width_px=1280, height_px=720), sensor, rig)
     with pytest.raises(InputError, match=r"camera\.model: .*none\.toml: no such file"):

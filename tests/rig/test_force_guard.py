@@ -171,8 +171,9 @@ def test_a_guard_that_is_blind_for_long_stops_the_stage_and_a_hiccup_is_told(
     bench.watched(0.08, old_s=0.15)
     bench.watched(0.1)
     assert not bench.guard.tripped
-    (line,) = bench.guard.tally.tell(bench.clock.now_ns())
-    assert line.startswith("behind: 40 times the newest force sample was old")
+    (note,) = bench.guard.tally.tell(bench.clock.now_ns())
+    assert note.id == "behind"
+    assert note.text.startswith("40 times the newest force sample was old")
     bench.watched(0.08, old_s=0.3)
     assert not bench.guard.tripped
     bench.watched(0.05, old_s=0.3)

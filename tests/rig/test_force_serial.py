@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scale_on_pty import scale
 
+from deltact_fab.aliases import Note
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.rig.config import ForceConfig
 from deltact_fab.rig.force.watchdog import open_force
@@ -79,7 +80,7 @@ def test_garbage_is_counted_and_never_a_reading() -> None:
         sensor = it.opened()
         sensor.begin("p1")
         it.line = lambda k: ["1.01\n", "OL\n", "1.01 1.01\n", "\x00\x7f\n"][k % 4]
-        notes: list[str] = []
+        notes: list[Note] = []
         forces = []
         end_s = time.monotonic() + 1.3
         while time.monotonic() < end_s:
@@ -87,7 +88,7 @@ def test_garbage_is_counted_and_never_a_reading() -> None:
             notes += samples.notes
             forces += samples.force_n[:, 2].tolist()
         assert np.abs(forces).max() < 0.02
-        assert all(note.startswith("garbage: ") for note in notes)
+        assert all(note.id == "garbage" for note in notes)
         assert 1 <= len(notes) <= 3
         sensor.close()
 

@@ -13,10 +13,11 @@ from click.testing import CliRunner
 from pydantic import BaseModel
 from serial.tools import list_ports
 
-from deltact_fab import catalog, lab
+from deltact_fab import lab
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
 from deltact_fab.lab import rig_text
+from deltact_fab.paths import shipped_folder
 from deltact_fab.rig import config, devices
 from deltact_fab.rig.devices import FoundDevice
 
@@ -67,7 +68,7 @@ def test_every_key_of_the_models_is_in_the_file() -> None:
 
 
 def test_the_shipped_bench_is_what_rig_new_writes() -> None:
-    assert (catalog.shipped_dir("protocols/rigs") / "grbl-bench.toml").read_text() == rig_text()
+    assert (shipped_folder("protocols/rigs") / "grbl-bench.toml").read_text() == rig_text()
 
 
 def test_it_loads_whatever_was_found(tmp_path: Path) -> None:

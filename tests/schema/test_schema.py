@@ -16,6 +16,7 @@ from deltact_fab import catalog
 from deltact_fab.configuration import resolved
 from deltact_fab.errors import InputError
 from deltact_fab.lab import kind_of
+from deltact_fab.paths import shipped_folder
 from deltact_fab.schema import (
     KINDS,
     OUTPUTS,
@@ -42,7 +43,7 @@ ALL = pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name
 
 
 def shipped(kind: Kind) -> Iterator[tuple[Path, dict[str, Any]]]:
-    for file in sorted(catalog.shipped_dir(kind.catalogue).glob("*.toml")):
+    for file in sorted(shipped_folder(kind.catalogue).glob("*.toml")):
         data = catalog.read(file)
         if kind_of(kind.catalogue, data) == kind.name:
             yield file, data

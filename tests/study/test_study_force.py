@@ -20,7 +20,7 @@ from deltact_fab.analysis.force import PAPER, ForceData, ForceResult, fit_best
 from deltact_fab.errors import InputError
 from deltact_fab.measure.force import COMPONENTS, make_features
 from deltact_fab.measure.force.calibration import ForceCalibration
-from deltact_fab.measure.sensor_id import CalibrationSource, Head, SensorId, SensorView
+from deltact_fab.measure.sensor_id import CalibrationSource, Head, SensorModel
 from deltact_fab.optics import Pinhole
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol
@@ -36,7 +36,7 @@ from deltact_fab.study.force_calibration import (
 )
 from deltact_fab.study.registry import StudyRequest
 
-VIEW = SensorView(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions())
+VIEW = SensorModel(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions())
 LAW = (2.0, 1.5, -6.0, 3.0, -3.0, 1.0)
 BALLS = tuple(f"sphere:{d}" for d in (10, 12, 15, 22))
 PLACES, POINTS = 4, 8
@@ -62,7 +62,7 @@ def made(noise_n: float = 0.02, bent: float = 1.0, places: int = PLACES) -> Forc
     wrench = X["sums"] @ law.T + rng.normal(0, noise_n, (len(rows), 6))
     wrench[(points["x_mm"] == places - 1).to_numpy()] *= bent
     data = ForceData(points, wrench, X, sets, [])
-    head = Head("force", SensorId.of(VIEW.camera), CalibrationSource(("r",), True, "0", 0))
+    head = Head("force", VIEW.id, CalibrationSource(("r",), True, "0", 0))
     return fit_best(
         data, 0, lambda model, _: ForceCalibration(head, model, VIEW.skin, VIEW.poisson)
     )

@@ -60,16 +60,16 @@ def test_what_is_kept_is_not_done_again_and_is_the_same(done: Path) -> None:
     assert math.isnan(value["nan"])
 
 
-def test_another_seed_or_another_given_is_another_job(done: Path) -> None:
+def test_another_seed_or_other_arguments_are_another_job(done: Path) -> None:
     solve(tiny_study.jobs_of(7, 2))
     assert solve(tiny_study.jobs_of(8, 2)).kept == 0
     assert solve(tiny_study.jobs_of(7, 3)).kept == 2
 
 
-def test_given_that_is_no_plain_data_is_refused_before_anything_is_done() -> None:
+def test_arguments_that_are_no_plain_data_are_refused_before_anything_is_done() -> None:
     job = tiny_study.jobs_of(1, 1)[0]
     with pytest.raises(TypeError, match="job-0"):
-        solve([replace(job, given={"path": Path()})])
+        solve([replace(job, arguments={"path": Path()})])
 
 
 @pytest.mark.parametrize("harm", ["cut", "bit", "empty", "other"])

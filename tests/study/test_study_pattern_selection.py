@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import pickle
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from deltact_fab.analysis.tracking_error.tally import ErrorTally
 from deltact_fab.errors import InputError
 from deltact_fab.patterns.series import recipes
 from deltact_fab.report.result import StudyResult
+from deltact_fab.shapes import SkinDimensions
 from deltact_fab.study import pattern_selection
 from deltact_fab.study.pattern_errors import (
     COMPOSED,
@@ -106,8 +109,24 @@ def test_presses_are_cut_so_that_every_worker_has_some_and_none_too_many() -> No
     for workers, parts in ((1, 5), (5, 5), (100, 17)):
         jobs = scene.jobs(workers)
         assert len({job.name for job in jobs}) == len(jobs) == 5 * parts
-        first = [name for job in jobs[:parts] for name in job.given["patterns"]]
+        first = [name for job in jobs[:parts] for name in job.arguments.patterns]
         assert sorted(first) == sorted(entry.name for entry in scene.entries)
+
+
+def test_a_job_is_known_by_all_of_its_arguments_in_any_process() -> None:
+    job, other = Selection.of(StudyRequest()).jobs()[:2]
+    assert pickle.loads(pickle.dumps(job)).key() == job.key()
+    assert job.arguments.press == other.arguments.press
+    changes: list[dict[str, Any]] = [
+        {"patterns": other.arguments.patterns}, {"methods": ("fused",)}, {"seed": 1},
+        {"flat": "0"}, {"rig_file": "b.toml"}, {"camera": {"k1": 0.1}}, {"press": "star/p9"},
+        {"sensor": replace(job.arguments.sensor, skin=SkinDimensions(thickness_mm=11.0))},
+        {"protocol": job.arguments.protocol.model_copy(update={"depths_mm": (1.0,)})},
+        {"rig": job.arguments.rig.model_copy(update={"force": None})},
+    ]  # fmt: skip
+    changed = [replace(job, arguments=replace(job.arguments, **change)) for change in changes]
+    keys = [one.key()["arguments"] for one in (job, *changed)]
+    assert len(set(keys)) == len(keys)
 
 
 def test_at_full_scale_the_gel_of_mirrored_positions_is_solved_once() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,8 @@ import pytest
 from deltact_fab.analysis.tracking_error.tally import ErrorTally
 from deltact_fab.errors import InputError
 from deltact_fab.patterns.raster import checked_mm_per_px
-from deltact_fab.patterns.recipe import RECOMMENDED, load_recipe, recipe_from
+from deltact_fab.patterns.recipe import RECOMMENDED, PatternRecipe, load_recipe, recipe_from
 from deltact_fab.protocols import plan
-from deltact_fab.study import press_jobs
 from deltact_fab.study.pattern_errors import OURS, PatternErrors, PressErrors
 from deltact_fab.study.pattern_search import bench_of
 from deltact_fab.study.registry import StudyRequest, run
@@ -23,6 +23,7 @@ from deltact_fab.study.search_candidates import (
     MIN_DOTS,
     OUTWARD,
     PAPER,
+    ProbeJob,
     bridged,
     candidates,
     chosen_by_others,
@@ -91,12 +92,10 @@ QUIET = {"full_well_electrons": 1e6, "read_noise_electrons": 0.0}
 
 def probed(more: dict[str, Any], **keys: Any) -> dict[str, Any]:
     config, sensor = bench_of("virtual")
-    camera = config.virtual.camera.model_copy(update=more)
+    camera = replace(config.virtual.camera, **more)
     simulator = config.virtual.model_copy(update={"camera": camera})
     config = config.model_copy(update={"virtual": simulator})
-    protocol, source = plan.load("pattern-search")
-    recipe = {"seed": 4, **keys}
-    return probe(press_jobs.given(protocol, sensor, config, source, recipe=recipe, seed=9))
+    return probe(ProbeJob(config, sensor, PatternRecipe(seed=4, **keys), 9))
 
 
 def test_the_drag_goes_in_equal_steps() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.analysis.shape import PressShape
-from deltact_fab.catalog import shipped_dir
+from deltact_fab.paths import shipped_folder
 from deltact_fab.report.result import StudyResult
 from deltact_fab.study import registry, shapes
 from deltact_fab.study.registry import StudyRequest
@@ -121,7 +121,7 @@ FEWER = {
 def test_the_study_is_whole_and_done_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "protocols").mkdir()
     for name, pairs in FEWER.items():
-        text = (shipped_dir("protocols") / f"{name}.toml").read_text()
+        text = (shipped_folder("protocols") / f"{name}.toml").read_text()
         for shipped, fewer in pairs.items():
             assert shipped in text, f"{name}: {shipped}"
             text = text.replace(shipped, fewer)

@@ -13,7 +13,7 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.errors import InputError
 from deltact_fab.measure.lens.calibration import calibrate
-from deltact_fab.measure.lens.corners import Checkerboard
+from deltact_fab.optics.checkerboard import Checkerboard
 from deltact_fab.rig import config as rigs
 from deltact_fab.virtual.lens import true_lens
 from deltact_fab.virtual.photographs import take

@@ -98,7 +98,7 @@ def test_off_the_plan_an_image_is_solved_in_its_own_frame() -> None:
     protocol = declared()
     whole(protocol, 0, "linear")
     presses = Presses(protocol, SKIN, GELS["linear"])
-    (_, a), (_, b) = (
+    a, b = (
         presses.of(presses.paths[n]).solver.next(2, (x, 2.0, -0.5), 1.0)
         for n, x in ((0, 3.3), (1, -3.3))
     )

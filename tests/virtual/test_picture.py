@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from deltact_fab.errors import SolverError
-from deltact_fab.imaging import GAMMA, ImageSensor
 from deltact_fab.optics import Fisheye, Pinhole, PointSampler, Rectified, SurfaceLattice
 from deltact_fab.patterns import recipe_from_options
 from deltact_fab.rig.config import SimulatorConfig
 from deltact_fab.shapes import SensorDimensions
+from deltact_fab.shapes.imaging import GAMMA, ImageSensor
 from deltact_fab.virtual.drawing import noise_of, printed, resting
 from deltact_fab.virtual.picture import BAND_PX, FrameRenderer, Geometry, RawView, Texture
 

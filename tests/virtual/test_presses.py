@@ -119,8 +119,8 @@ def test_off_the_plan_a_found_press_is_solved_from_its_start() -> None:
     """A stop at a place that no plan knows: the history before it is solved again, and right."""
     found = solved(declared())
     before = 4
-    key, knot = found.next(before, (0.7, 0.0, -0.6), 1.0)
-    assert key > len(found.poses)
+    knot = found.next(before, (0.7, 0.0, -0.6), 1.0)
+    assert knot.key > len(found.poses)
     assert found.solves == before + 1
     contact = found.contact
     state = contact.rest()

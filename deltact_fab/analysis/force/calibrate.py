@@ -27,7 +27,7 @@ from ...measure.force import (
 )
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.force.inverse import Inverse
-from ...measure.sensor_id import SensorView
+from ...measure.sensor_id import SensorModel
 from ...protocols.plan import DeadWeights
 from ...record import Run, encode_png
 from ..runs import head_of, in_pixels, settled, settles, view_of
@@ -131,7 +131,7 @@ def carry_over(
     name = calibration.model.features
     runs, tables = opened(folders)
     # Refused before anything is tracked.
-    features_of(calibration.model, calibration.view(runs[0].camera), f"{other}: model")
+    features_of(calibration.model, calibration.view(SensorModel(runs[0].camera)), f"{other}: model")
     data = gather(runs, (name,), None, progress)
     moved = transfer(calibration.model, data)
     told = {"of": list(calibration.head.made.runs), **moved.as_dict()}
@@ -151,7 +151,7 @@ def _require_enough(features: Features, points: int, source: str) -> None:
 
 
 def _calibration(
-    runs: Sequence[Run], model: ForceModel, view: SensorView, **more: Any
+    runs: Sequence[Run], model: ForceModel, view: SensorModel, **more: Any
 ) -> ForceCalibration:
     """A model with the sensor that it was fitted to, and the face of runs at rest."""
     run, head = runs[0], head_of(runs, "force")

@@ -20,7 +20,7 @@ from ...errors import InputError, SolverError
 from ...jobs import each
 from ...measure.face import EVERY_PX, FaceFlow
 from ...measure.force import Features, make_features
-from ...measure.sensor_id import SensorView
+from ...measure.sensor_id import SensorModel
 from ...record import UNKNOWN, Run
 from ..flows import flows_of, key_of
 from ..runs import PRESSING, head_of, recorded, settle_s, settled, settles, view_of
@@ -142,7 +142,7 @@ def gather(
     names: Sequence[str],
     executor: Executor | None = None,
     progress: Progress | None = None,
-    view: SensorView | None = None,
+    view: SensorModel | None = None,
 ) -> ForceData:
     """The points of `opened` runs under feature sets. Raises InputError where none can be used.
 
@@ -172,7 +172,7 @@ def point_flows(runs: Sequence[Run], data: ForceData) -> Iterator[FaceFlow]:
 
 
 def joined(
-    parts: Sequence[PressPoints], names: Sequence[str], view: SensorView, source: str
+    parts: Sequence[PressPoints], names: Sequence[str], view: SensorModel, source: str
 ) -> ForceData:
     """Presses of one sensor as one set of points; source: what an error names.
 
@@ -191,14 +191,14 @@ def joined(
     return ForceData(points, wrench, features, sets, left_out)
 
 
-def _press(of: tuple[str, str, str], names: Sequence[str], view: SensorView) -> PressPoints:
+def _press(of: tuple[str, str, str], names: Sequence[str], view: SensorModel) -> PressPoints:
     """The points of a press; of: the run's folder, its label, and the press."""
     folder, label, press = of
     return points_of(record.open(folder), label, press, names, view)
 
 
 def points_of(
-    run: Run, label: str, press: str, names: Sequence[str], view: SensorView
+    run: Run, label: str, press: str, names: Sequence[str], view: SensorModel
 ) -> PressPoints:
     """One press of a run that has images and force; label: the run's name in the points.
 
@@ -257,7 +257,7 @@ def points_of(
     )
 
 
-def _features(one: Features, view: SensorView, flows: Sequence[FaceFlow], of: str) -> Array:
+def _features(one: Features, view: SensorModel, flows: Sequence[FaceFlow], of: str) -> Array:
     """A feature set at the flows of a press (n, k), from the cache; nan: no solution.
 
     of: their `key_of`.

@@ -18,7 +18,7 @@ from ...aliases import Array, Progress
 from ...measure.face import FaceFlow
 from ...measure.force.inverse import Inverse
 from ...measure.regression import MIN_PRESSES
-from ...measure.sensor_id import SensorView
+from ...measure.sensor_id import SensorModel
 from ...record import Run
 from .dataset import ForceData, point_flows
 from .judge import left_out
@@ -34,7 +34,7 @@ WORTH = 0.9  # of the error: the best of many pairs is a little better by chance
 SHARES, TIMES_S = np.arange(0.02, 0.31, 0.02).tolist(), (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 FORCES = slice(0, 3)
 
-Errors = Callable[[SensorView], Array]
+Errors = Callable[[SensorModel], Array]
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,13 @@ class FoundGel:
             f"with it the force's error is {self.error_share:.2f} of that with the design's"
         )
 
-    def view(self, believed: SensorView) -> SensorView:
+    def view(self, believed: SensorModel) -> SensorModel:
         """The sensor with this gel."""
         return believed.with_gel(self.poisson, self.thickness_mm)
 
 
 def identify_gel(
-    runs: Sequence[Run], data: ForceData, view: SensorView, progress: Progress | None = None
+    runs: Sequence[Run], data: ForceData, view: SensorModel, progress: Progress | None = None
 ) -> FoundGel | None:
     """By the features that rest on the gel; None where the presses do not tell it.
 
@@ -89,7 +89,7 @@ def can_tell(data: ForceData) -> bool:
 def errors_of(flows: Sequence[FaceFlow], data: ForceData) -> Errors:
     """Of a view: `squared_errors` of points with these flows."""
 
-    def errors(view: SensorView) -> Array:
+    def errors(view: SensorModel) -> Array:
         features = Inverse(view)
         X = np.array([features.of(flow) for flow in flows])
         known = {features.name: X}
@@ -147,7 +147,7 @@ def _redrawn(each: Array) -> Array:
     return np.asarray(np.log(np.einsum("dp,gpc->dgc", drawn, each)).sum(axis=2))
 
 
-def search(view: SensorView, errors: Errors, progress: Progress | None = None) -> FoundGel | None:
+def search(view: SensorModel, errors: Errors, progress: Progress | None = None) -> FoundGel | None:
     """The pair under which the errors are least, from the believed one on; None: not told."""
     seen: dict[tuple[int, int], Array] = {}
 

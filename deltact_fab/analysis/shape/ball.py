@@ -99,7 +99,7 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     if force is not None:
         held = load_force(force)
         require_same(held.head, sensor_of(run), str(force))
-        view = held.view(view.camera)
+        view = held.view(view)
     finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=MIN_MM))
     parts, depths = [], []
     rows = settled(run.frames(press))

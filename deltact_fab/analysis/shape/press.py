@@ -153,7 +153,7 @@ def press_shape(
     finder = DepthFinder(view, model)
     features = None
     if force is not None:
-        features = features_of(force.model, force.view(view.camera), "force calibration")
+        features = features_of(force.model, force.view(view), "force calibration")
     at_deepest, at_twisted = _shown(rows)
     told: list[dict[str, Any]] = []
     shown: dict[int, ShapeMaps] = {}
@@ -248,16 +248,14 @@ def _against(found: ShapeMaps) -> dict[str, Any]:
         return figures
     seen = (contact_labels(depth) > 0) & known
     x, y = np.meshgrid(flow.x_mm, flow.y_mm)
-    apart = None
-    if seen.any():
-        apart = float(np.hypot(*(a[seen].mean() - a[contact].mean() for a in (x, y))))
+    apart = [a[seen].mean() - a[contact].mean() for a in (x, y)] if seen.any() else None
     return figures | {
         "depth_error_contact_mm": float(error[contact].mean()),
         "zero_error_contact_mm": float(true_depth_mm[contact].mean()),
         "relative_correlation": _correlation(found.relative[known], true_depth_mm[known]),
         "depth_correlation": _correlation(depth.depth_mm[known], true_depth_mm[known]),
         "contact_iou": float(np.count_nonzero(seen & contact) / np.count_nonzero(seen | contact)),
-        "centroid_error_mm": apart,
+        "centroid_error_mm": None if apart is None else float(np.hypot(apart[0], apart[1])),
         "true_area_mm2": float(np.count_nonzero(contact) * flow.cell_mm**2),
     }
 

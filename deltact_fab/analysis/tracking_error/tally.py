@@ -28,7 +28,7 @@ class Mean:
     n: int = 0
 
     def take(self, values: ArrayLike) -> None:
-        self.total += float(np.sum(values))
+        self.total += float(np.asarray(values).sum())
         self.n += int(np.size(values))
 
     def __add__(self, other: Mean) -> Mean:

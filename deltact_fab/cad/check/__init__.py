@@ -14,7 +14,7 @@ from ..dimensions import Design
 from ..kernel import guarded
 from ..registry import listed
 from . import arithmetic, each_part, together, visibility
-from .built import NO_PART, BuiltDesign, Facts
+from .built import BuiltDesign, Facts, PartMissing
 from .row import NOT_RUN, Row, advised, verified
 
 CHECKS: dict[str, Callable[[BuiltDesign], Iterable[Row]]] = {
@@ -91,11 +91,10 @@ def of_built(
         try:
             with guarded(check):
                 rows += verified(CHECKS[check](built), built.design)
+        except PartMissing as why:
+            undone.append(str(why))
         except RunFailed as why:
-            if str(why).endswith(NO_PART):
-                undone.append(str(why))
-            else:
-                rows.append(Row(check, "", f"not run: {why}", "can be made", False))
+            rows.append(Row(check, "", f"not run: {why}", "can be made", False))
     if undone:
         rows.append(not_run(len(undone), "; ".join(dict.fromkeys(undone))))
     return rows

@@ -20,11 +20,14 @@ from ..part import Part
 # Rays and closure need no finer mesh: what they find is measured again on exact surfaces.
 MESH_MM = 0.05
 
-NO_PART = "could not be built"
 Tell = Callable[[str], None]
 KIND, CODE = "cad-check", "cad.check"
 LIMIT_BYTES = 64 * 2**20
 MOST = 20_000  # facts; a design has some 500
+
+
+class PartMissing(RunFailed):
+    """A part that a check needs could not be built."""
 
 
 class Facts:
@@ -94,14 +97,14 @@ class BuiltDesign:
         return self.found[mine]
 
     def part(self, name: str) -> Part:
-        """The part of that name. Raises RunFailed when there is none."""
+        """The part of that name. Raises PartMissing when there is none."""
         for part in self.parts:
             if part.name == name:
                 return part
-        raise RunFailed(f"{name} {NO_PART}")
+        raise PartMissing(f"{name} could not be built")
 
     def solid(self, name: str) -> Any:
-        """The solid of a part. Raises RunFailed when it cannot be built; `failed` says why."""
+        """The solid of a part. Raises PartMissing if it cannot be built; `failed` says why."""
         if name not in self.solids and name not in self.failed:
             part = self.part(name)
             if self.tell is not None:
@@ -111,7 +114,7 @@ class BuiltDesign:
             except RunFailed as why:
                 self.failed[name] = str(why)
         if name in self.failed:
-            raise RunFailed(f"{name} {NO_PART}")
+            raise PartMissing(f"{name} could not be built")
         return self.solids[name]
 
     def mesh(self, name: str) -> Mesh:

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 import tomllib
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 from ...errors import InputError
+from ...paths import asset
 from ...shapes.sensor import FILM_MARGIN_MM
 from ..dimensions import Design
 from ..parts.screw import stock_note
@@ -22,7 +22,7 @@ from ..sensor_sections import LightDimensions
 from ..standards import CAP_SCREWS, next_e24
 from ..stiffness import press
 
-_READ = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+_READ = tomllib.loads(asset("quantities.toml").read_text(encoding="utf-8"))
 _READ["film_margin_mm"]["value"] = FILM_MARGIN_MM
 FIGURES: list[dict[str, Any]] = [{"key": key, **row} for key, row in _READ.items()]
 """What chemistry and electricity add to the dimensions: key, value, unit, meaning, basis."""
@@ -135,8 +135,8 @@ def gaps(design: Design) -> list[dict[str, str]]:
 
 
 def filled_in(file: str, **values: Any) -> dict[str, list[dict[str, str]]]:
-    """The tables of a TOML file beside this one, values worked into their texts."""
-    text = Path(__file__).with_name(f"{file}.toml").read_text(encoding="utf-8")
+    """The tables of a TOML file of the assets, values worked into their texts."""
+    text = asset(f"{file}.toml").read_text(encoding="utf-8")
     return {
         name: [{key: said.format(**values) for key, said in row.items()} for row in rows]
         for name, rows in tomllib.loads(text).items()

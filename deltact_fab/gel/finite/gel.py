@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...aliases import Field, Point
+from ...aliases import Field, Note, Point
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
@@ -257,31 +257,34 @@ class FiniteGel(GelContact):
         flags = []
         coarse = self.choice.spacing_mm / self.choice.asked_mm if self.choice.asked_mm else 1.0
         if coarse > 1:
-            flags.append(
-                f"mesh: cells of {self.choice.spacing_mm:g} mm where the tolerance requires "
+            text = (
+                f"cells of {self.choice.spacing_mm:g} mm where the tolerance requires "
                 f"{self.choice.asked_mm:g} mm: errors may be {coarse**2:.1f} times as large"
             )
+            flags.append(Note("mesh", text))
         if d.penetration_mm > PENETRATION_LIMIT * depth:
-            flags.append(
-                f"penetration: the indenter is {d.penetration_mm:.2g} mm inside the gel, over "
+            text = (
+                f"the indenter is {d.penetration_mm:.2g} mm inside the gel, over "
                 f"{PENETRATION_LIMIT:.0%} of the depth {depth:g} mm; a spacing below "
                 f"{self.choice.spacing_mm:g} mm is needed"
             )
+            flags.append(Note("penetration", text))
         if d.most_stretch is not None and d.most_stretch > STRETCH_LIMIT:
-            flags.append(
-                f"stretch: {d.most_stretch:.2f}, past {STRETCH_LIMIT:g}: neo-Hooke is off by a "
-                "third there and soft silicones may tear"
+            text = (
+                f"{d.most_stretch:.2f}, past {STRETCH_LIMIT:g}: neo-Hooke is off by a third there "
+                "and soft silicones may tear"
             )
-        if d.lagged:
-            flags.append(
-                "friction: the gel jumped, and friction is bounded by the pressures before the "
-                "jump: no rest was found with those after it"
+            flags.append(Note("stretch", text))
+        if d.lagged or jumped:
+            now = (
+                "the gel jumped, and friction is bounded by the pressures before the jump: no rest "
+                "was found with those after it"
             )
-        elif jumped:
-            flags.append(
-                "friction: the gel jumped on the way here, with friction bounded by the pressures "
-                "before the jump; its slip is part of the history"
+            before = (
+                "the gel jumped on the way here, with friction bounded by the pressures before the "
+                "jump; its slip is part of the history"
             )
+            flags.append(Note("friction", now if d.lagged else before))
         force, torque = whole_wrench(self.press.mesh, inner)
         return State(
             inner,

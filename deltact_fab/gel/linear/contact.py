@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...aliases import Field, Point
+from ...aliases import Field, Note, Point
 from ...elasticity.block import FreeBlock
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
@@ -262,12 +262,13 @@ class LinearContact:
         shear, more = np.zeros((2, *face.shape, 2))
         pressure[at] = p
         shear[at], more[at] = np.moveaxis(found.shear, 0, -1), np.moveaxis(found.drag, 0, -1)
-        flags: tuple[str, ...] = ()
+        flags: tuple[Note, ...] = ()
         if tip[2] > SMALL_STRAIN * face.thickness_mm * (1 + 1e-9):
-            flags = (
-                f"small strain: depth {tip[2]:g} mm is over 10 % of the thickness; "
-                "the in-plane field of the level linear is not to be trusted there",
+            text = (
+                f"depth {tip[2]:g} mm is over 10 % of the thickness; "
+                "the in-plane field of the level linear is not to be trusted there"
             )
+            flags = (Note("small strain", text),)
         diagnostics = IncrementDiagnostics(
             iterations=self._applications,
             residual=found.residual,

@@ -9,13 +9,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...aliases import Point
+from ...aliases import Note, Point
 from ...shapes import Indenter
 from ..level import is_mirrored
 from ..zones import ZoneMap, Zones
@@ -59,25 +59,42 @@ class ObservedChannels:
 
 @dataclass(frozen=True, eq=False)
 class SolvedKnot:
-    """What is kept of a solved pose, for a modulus of 1 MPa.
+    """The gel solved at a pose; key 0 is rest. A solver's are for a modulus of 1 MPa.
 
-    displacement_mm, traction_mpa (ny, nx, 3), zone_map (ny, nx), 0 apart, 1 slipping, 2 sticking:
-    on the lattice, None unless observed; the map comes with the displacement. most_stretch: None at
-    a linear level. lacking_rel: of the normal force, what a hard contact would give more, 0 unless
-    observed. flags: what a reader of the results must know of this state.
+    key: the press's own number. displacement_mm, traction_mpa (ny, nx, 3), zone_map (ny, nx), 0
+    apart, 1 slipping, 2 sticking: on the lattice, None unless observed; the map comes with the
+    displacement. most_stretch: None at a linear level. lacking_rel: of the normal force, what a
+    hard contact would give more, 0 unless observed. flags: what a reader of the results must know
+    of this state.
     """
 
-    force_n: Point
-    torque_nmm: Point
-    zones: Zones
-    displacement_mm: NDArray[np.float32] | None
-    flags: tuple[str, ...]
+    key: int = 0
+    force_n: Point = (0.0, 0.0, 0.0)
+    torque_nmm: Point = (0.0, 0.0, 0.0)
+    zones: Zones = field(default_factory=Zones)
+    displacement_mm: NDArray[np.float32] | None = None
+    flags: tuple[Note, ...] = ()
     traction_mpa: NDArray[np.float32] | None = None
     penetration_mm: float = 0.0
     most_stretch: float | None = None
     cuts: int = 0
     lacking_rel: float = 0.0
     zone_map: ZoneMap | None = None
+
+    @property
+    def wrench(self) -> tuple[float, ...]:
+        return (*self.force_n, *self.torque_nmm)
+
+    def scaled(self, modulus_mpa: float) -> SolvedKnot:
+        """The knot for that modulus in place of 1 MPa."""
+        (fx, fy, fz), (tx, ty, tz), e = self.force_n, self.torque_nmm, modulus_mpa
+        traction = self.traction_mpa
+        return replace(
+            self,
+            force_n=(e * fx, e * fy, e * fz),
+            torque_nmm=(e * tx, e * ty, e * tz),
+            traction_mpa=None if traction is None else np.float32(e) * traction,
+        )
 
 
 def divide(start: Point, end: Point, increments: Increments) -> tuple[list[float], list[Point]]:

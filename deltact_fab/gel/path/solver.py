@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import cache
-from ...aliases import Field, Point
+from ...aliases import Field, Note, Point
 from ...errors import DeltactFabError, InputError, SolverError
 from .knots import KnotPose, Mirror, ObservedChannels, SolvedKnot
 
@@ -103,12 +104,11 @@ class PathSolver:
 
     @property
     def flags(self) -> dict[str, int]:
-        """Flags of these knots, by name as in `NAME: sentence`, and how many carry each."""
-        names = [flag.partition(":")[0] for knot in self._knots for flag in knot.flags]
-        return {name: names.count(name) for name in sorted(set(names))}
+        """Flags of these knots, by id, and how many carry each."""
+        return dict(sorted(Counter(flag.id for knot in self._knots for flag in knot.flags).items()))
 
-    def next(self, before: int, tip_mm: Point, seconds: float) -> tuple[int, SolvedKnot]:
-        """The knot at tip (x, y, z < 0), coming straight from knot `before`, and its key.
+    def next(self, before: int, tip_mm: Point, seconds: float) -> SolvedKnot:
+        """The knot at tip (x, y, z < 0), coming straight from the one of key `before`.
 
         seconds: that it takes; those of the plan where it is planned. Raises SolverError and
         InputError when the gel cannot be solved there.
@@ -117,13 +117,12 @@ class PathSolver:
         if before < len(self.poses) and self.poses[before].tip_mm == tip_mm:
             if before == len(self._knots):
                 self._solve_planned(before)
-            return before + 1, self._knots[before]
-        state, solved = self._solve(
-            self._state(before, tip_mm), KnotPose(tip_mm, seconds, 1.0), True
-        )
+            return self._knots[before]
+        start, pose = self._state(before, tip_mm), KnotPose(tip_mm, seconds, 1.0)
+        state, solved = self._solve(start, pose, self._others + 1, True)
         self._others += 1
         self._remember(before, self._others, state)
-        return self._others, solved
+        return solved
 
     def solve_all(self, told: Told | None = None) -> tuple[SolvedKnot, ...]:
         for k in range(len(self._knots), len(self.poses)):
@@ -148,7 +147,7 @@ class PathSolver:
         last = before + 1 == len(self.poses)
         try:
             start = self._state(before, pose.tip_mm)
-            state, solved = self._solve(start, pose, last)
+            state, solved = self._solve(start, pose, before + 1, last)
         except tuple(ENDS.values()) as why:
             kind = next(name for name, error in ENDS.items() if type(why) is error)
             self._keep((kind, str(why)))
@@ -160,7 +159,9 @@ class PathSolver:
         if last:
             self._keep(None)
 
-    def _solve(self, start: State, pose: KnotPose, last: bool) -> tuple[State, SolvedKnot]:
+    def _solve(
+        self, start: State, pose: KnotPose, key: int, last: bool
+    ) -> tuple[State, SolvedKnot]:
         start_s = time.perf_counter()
         x, y, z = self.mirror.point(pose.tip_mm)
         if self._like is not None and self._guide is None and self._like.states:
@@ -179,7 +180,7 @@ class PathSolver:
         self.seconds += time.perf_counter() - start_s
         d = state.diagnostics
         solved = SolvedKnot(
-            state.force_n, state.torque_nmm, state.zones[0], field, tuple(flags), traction,
+            key, state.force_n, state.torque_nmm, state.zones[0], field, tuple(flags), traction,
             d.penetration_mm, d.most_stretch, d.cuts,
             self.contact.lacking_rel(state) if last and self.observed.lacking else 0.0, zone_map,
         )  # fmt: skip
@@ -195,8 +196,8 @@ class PathSolver:
             return self._states[key]
         assert key <= len(self.poses), "a hold can throw back by one knot, never by two"
         state = self.contact.rest(self.mirror.point((*self.poses[0].tip_mm[:2], 0.0)))
-        for pose in self.poses[:key]:
-            state, _ = self._solve(state, pose, False)
+        for number, pose in enumerate(self.poses[:key], start=1):
+            state, _ = self._solve(state, pose, number, False)
         self._states[key] = state
         return state
 
@@ -228,7 +229,7 @@ class PathSolver:
 
 def on_floor(
     displacement_mm: NDArray[np.float32], floor_mm: float
-) -> tuple[NDArray[np.float32], list[str]]:
+) -> tuple[NDArray[np.float32], list[Note]]:
     """A face's displacement (ny, nx, 3) with nothing below the gel's floor, and a flag if it was.
 
     The solver knows no contact of the gel with itself or its floor: where a deep drag folds the
@@ -239,7 +240,8 @@ def on_floor(
         return displacement_mm, []
     kept = displacement_mm.copy()
     kept[..., 2] = np.maximum(kept[..., 2], np.float32(-floor_mm))
-    return kept, [
-        f"floor: {int((below > 0).sum())} of {below.size} points of the face come out below the "
-        f"gel's floor, by {below.max():.2g} mm at most, and are kept on it: no gel lies so"
-    ]
+    text = (
+        f"{int((below > 0).sum())} of {below.size} points of the face come out below the gel's "
+        f"floor, by {below.max():.2g} mm at most, and are kept on it: no gel lies so"
+    )
+    return kept, [Note("floor", text)]

@@ -94,7 +94,7 @@ class Detector:
         )
         fits[0] = False
         flat = np.flatnonzero(fits[labels])
-        label = labels.ravel()[flat]
+        label = labels.ravel()[flat].astype(np.intp)
         y, x = np.divmod(flat, w)
         weight = signal.ravel()[flat].astype(np.float64) - level
         sums = [np.bincount(label, part, len(stats))[fits] for part in (weight * x, weight * y)]

@@ -1,13 +1,13 @@
 """Force on the sensor from the flow: sets of features, and the model that is linear in them.
 
-A new set is a module with a class that meets `Features` and is made of a `SensorView`, and one line
-in FEATURES.
+A new set is a module with a class that meets `Features` and is made of a `SensorModel`, and one
+line in FEATURES.
 """
 
 from __future__ import annotations
 
 from ...errors import InputError, did_you_mean
-from ..sensor_id import SensorView
+from ..sensor_id import SensorModel
 from .inverse import Inverse
 from .model import COMPONENTS, Features, ForceModel, TractionField, Wrench
 from .paper import Paper, Signed, Sums
@@ -17,14 +17,14 @@ READINGS = {"paper-signed": Signed}
 """Another reading of what the paper says, looked at by studies; no model is made of it."""
 
 
-def make_features(name: str, view: SensorView) -> Features:
+def make_features(name: str, view: SensorModel) -> Features:
     """The named set for a sensor. Raises InputError for an unknown name."""
     if name not in FEATURES | READINGS:
         raise InputError(f"force features {name!r}: unknown; {did_you_mean(name, FEATURES)}")
     return (FEATURES | READINGS)[name](view)
 
 
-def features_of(model: ForceModel, view: SensorView, source: str) -> Features:
+def features_of(model: ForceModel, view: SensorModel, source: str) -> Features:
     """The set that a model was fitted to.
 
     Raises InputError, `source` in front, where this version has no such set or other labels.

@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 
 from ... import catalog
-from ...aliases import Array
 from ...errors import InputError
-from ...optics import CameraModel
 from ...shapes import SkinDimensions
-from ..sensor_id import Head, SensorView, read_calibration, read_rest, rest_table
+from ..sensor_id import Head, SensorModel, read_calibration, read_rest, rest_table
 from .model import ForceModel
 
 FORMER = {"inverse": "inverse-placed", "paper-mirrored": "paper"}
@@ -39,16 +37,15 @@ class ForceCalibration:
     transfer: Mapping[str, Any] = field(default_factory=dict)
     rest: bytes | None = None
 
-    def view(self, camera: CameraModel) -> SensorView:
-        return SensorView(camera, self.skin, self.poisson)
-
-    def rest_image(self) -> Array | None:
-        """(h, w, 3) BGR uint8 of the face untouched, for `health`."""
+    def view(self, view: SensorModel) -> SensorModel:
+        """With the gel that the features were made with, and the face at rest if it is kept."""
         import cv2
 
-        if self.rest is None:
-            return None
-        return np.asarray(cv2.imdecode(np.frombuffer(self.rest, np.uint8), cv2.IMREAD_COLOR))
+        rest = view.rest
+        if self.rest is not None:
+            coded = np.frombuffer(self.rest, np.uint8)
+            rest = np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR))
+        return replace(view, skin=self.skin, poisson=self.poisson, rest=rest)
 
     def toml(self, rest_name: str) -> str:
         """The text of the file beside which the face at rest lies as `rest_name`."""

@@ -22,7 +22,7 @@ from ...aliases import Array
 from ...elasticity.block import FaceCells
 from ...optics import CameraModel, axes_mm
 from ..face import FaceFlow, whole
-from ..sensor_id import SensorView
+from ..sensor_id import SensorModel
 from .model import Features, ForceModel, TractionField
 
 STEP_MM = 1e-3
@@ -63,7 +63,7 @@ class FaceInverse:
     InputError for a skin or a Poisson's ratio that the free sides cannot take.
     """
 
-    def __init__(self, view: SensorView) -> None:
+    def __init__(self, view: SensorModel) -> None:
         cells = FaceCells.of(view.skin, view.poisson, CELL_MM)
         xs, ys = axes_mm(view.camera)
         half = view.camera.mm_per_px / 2
@@ -193,10 +193,12 @@ class FaceInverse:
         return first.astype(np.float32), floor
 
 
-@lru_cache(maxsize=4)
-def inverse_for(view: SensorView) -> FaceInverse:
+def inverse_for(view: SensorModel) -> FaceInverse:
     """The inverse for a sensor, made once in a process. Raises as FaceInverse."""
-    return FaceInverse(view)
+    return _inverse(SensorModel(view.camera, view.skin, view.poisson))
+
+
+_inverse = lru_cache(maxsize=4)(FaceInverse)
 
 
 def _window(
@@ -290,7 +292,7 @@ class Inverse(Features):
         "tz": ("Tz/E mm3",),
     }
 
-    def __init__(self, view: SensorView) -> None:
+    def __init__(self, view: SensorModel) -> None:
         self.view = view
 
     @cached_property

@@ -17,7 +17,7 @@ import numpy as np
 from ...aliases import Array
 from ..face import FaceFlow, whole
 from ..hodge import Hodge, decompose
-from ..sensor_id import SensorView
+from ..sensor_id import SensorModel
 from ..shape.density import by_jacobian
 from .model import Features, ForceModel, TractionField
 
@@ -46,7 +46,7 @@ class Sums(Features):
         "tz": TURNING,
     }
 
-    def __init__(self, view: SensorView) -> None:
+    def __init__(self, view: SensorModel) -> None:
         """Nothing of the sensor is needed."""
 
     def of(self, flow: FaceFlow) -> Array:
@@ -95,7 +95,7 @@ class Paper(Features):
         "tz": TURNING,
     }
 
-    def __init__(self, view: SensorView, signed: bool = False) -> None:
+    def __init__(self, view: SensorModel, signed: bool = False) -> None:
         self._mm_per_px = view.camera.mm_per_px
         self._least = -np.inf if signed else 0.0
         if signed:

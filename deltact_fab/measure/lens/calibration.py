@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from ... import reading
 from ...errors import InputError, SolverError
 from ...optics import Fisheye, FlatField, as_toml
+from ...optics.checkerboard import PHOTOGRAPHS, Checkerboard
 from ...shapes import SensorDimensions
 from ...shapes.bounded import ShapeError
 from . import trust
-from .corners import Checkerboard, find, read_image
+from .corners import find, read_image
 from .problem import (
     BoardView,
     LensProblem,
@@ -29,7 +30,6 @@ from .problem import (
 )
 
 CLEAR_DEPTH_PX = 0.5
-PHOTOGRAPHS = "photographs.json"  # beside simulated images: {"simulated": true, "seed": N}
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from ..dots import DotTracker
 from ..flow import FlowTracker, PreparedImage, Sampled, to_gray
 from ..flow.fused import to_half
 from ..health import Health
-from ..sensor_id import SensorView
-from .outputs import CalibratedSensor, Calibration, Result
+from ..sensor_id import SensorModel
+from .outputs import Calibration, Estimators, Result
 
 
 class Rectifier:
@@ -92,28 +92,26 @@ class Measurement:
     view: of the sensor; for the output "flow" its rectified camera does, and a calibration of force
     brings its own gel. include: outputs, see `OUTPUTS`, None: all that the calibrations allow; only
     what they need is run. calibrations: what the outputs need of them, at most one a kind. every:
-    px between the points of the flow that is given out, 2, 4, 8 ... rest: the face untouched, as it
-    is tracked, for the state of health where no calibration keeps one. Raises InputError for
-    unknown names and for a calibration that is missing, given twice or another sensor's.
+    px between the points of the flow that is given out, 2, 4, 8 ... Raises InputError for unknown
+    names and for a calibration that is missing, given twice or another sensor's.
 
     The first image is the reference that all motion is counted from.
     """
 
     def __init__(
         self,
-        view: SensorView | CameraModel,
+        view: SensorModel | CameraModel,
         include: Sequence[str] | None = ("flow",),
         calibrations: Sequence[Calibration] = (),
         *,
         every: int = 2,
-        rest: Array | None = None,
     ) -> None:
-        self._sensor = CalibratedSensor(view, calibrations, rest)
-        self.view, self.include = self._sensor.view, tuple(include or ())
+        self._estimators = Estimators(view, calibrations)
+        self.view, self.include = self._estimators.view, tuple(include or ())
         if include is None:
-            self.include = self._sensor.allowed
+            self.include = self._estimators.allowed
         self._every = every
-        self._sensor.prepare(self.include)
+        self._estimators.prepare(self.include)
         self._rectify = Rectifier(self.view.camera)
         self._lock = Lock()
         self._busy = False
@@ -172,7 +170,7 @@ class Measurement:
     def _ready(self, since: Since, image: Array) -> PreparedImage:
         ready = since.tracker.prepare(self._rectify.sampled(image))
         if ready.frame == 0:
-            since.health = self._sensor.health(self._rectify.view(image))
+            since.health = self._estimators.health(self._rectify.view(image))
         return ready
 
     def _follow(self, job: ImageTask) -> None:
@@ -182,7 +180,7 @@ class Measurement:
     def _finish(self, job: ImageTask) -> None:
         seen = job.since.tracker.judge(*job.made)
         job.made = ()
-        outputs = self._sensor.outputs(self.include, seen, self._every)
+        outputs = self._estimators.outputs(self.include, seen, self._every)
         job.result = Result(
             seen.diagnostics.frame,
             job.t_s,

@@ -11,7 +11,6 @@ from typing import Any, Literal, get_args
 from ...aliases import Array
 from ...errors import InputError, did_you_mean
 from ...optics import CameraModel
-from ...shapes import SkinDimensions
 from ..dots import DotObservation
 from ..face import EVERY_PX, FaceFlow, whole
 from ..flow import FlowObservation
@@ -19,7 +18,7 @@ from ..force import Features, ForceModel, TractionField, Wrench, features_of
 from ..force.calibration import ForceCalibration, load_force
 from ..force.inverse import Inverse
 from ..health import Health, health
-from ..sensor_id import SensorId, SensorView, read_calibration, require_same
+from ..sensor_id import SensorModel, read_calibration, require_same
 from ..shape import (
     ContactRegion,
     Density,
@@ -92,23 +91,19 @@ class Result:
         return any(part is not None and part.extrapolated for part in (self.force, depth))
 
 
-class CalibratedSensor:
-    """A sensor with its calibrations, at most one a kind.
+class Estimators:
+    """All that makes outputs of a sensor's observations, by its calibrations, at most one a kind.
 
-    view: with the gel that the calibration of force took. rest: the face untouched, of a
-    calibration or else as given. force, features, depth: None where they are not calibrated.
+    view: the sensor with gel and untouched face of the calibration of force. force, features,
+    depth: None where they are not calibrated.
 
     Raises InputError for a file that is none, another sensor's, and a second one of a kind.
     """
 
     def __init__(
-        self,
-        view: SensorView | CameraModel,
-        calibrations: Sequence[Calibration],
-        rest: Array | None = None,
+        self, view: SensorModel | CameraModel, calibrations: Sequence[Calibration]
     ) -> None:
-        self.view = view if isinstance(view, SensorView) else SensorView(view, SkinDimensions())
-        self.rest = rest
+        self.view = view if isinstance(view, SensorModel) else SensorModel(view)
         self.force: ForceModel | None = None
         self.features: Features | None = None
         self.depth: DepthModel | None = None
@@ -122,9 +117,7 @@ class CalibratedSensor:
 
     def _take(self, model: ForceModel | ForceCalibration | DepthModel, name: str) -> None:
         if isinstance(model, ForceCalibration):
-            kept = model.rest_image()
-            self.rest = self.rest if kept is None else kept
-            self.view, model = model.view(self.view.camera), model.model
+            self.view, model = model.view(self.view), model.model
         kind = "force" if isinstance(model, ForceModel) else "depth"
         if getattr(self, kind) is not None:
             raise InputError(f"{name}: a second calibration of {kind}; one is needed")
@@ -167,7 +160,8 @@ class CalibratedSensor:
 
     def health(self, unloaded: Array) -> Health | None:
         """Of an unloaded face (h, w[, 3]) as it is tracked; None with no image to compare."""
-        return None if self.rest is None else health(self.rest, unloaded, self.view.camera)
+        rest = self.view.rest
+        return None if rest is None else health(rest, unloaded, self.view.camera)
 
     def outputs(self, include: Sequence[str], seen: FlowObservation, every: int) -> dict[str, Any]:
         """What an observation says, by name; no more is made than these outputs need.
@@ -200,8 +194,8 @@ class CalibratedSensor:
         return made
 
 
-def _read(path: Path, view: SensorView) -> ForceCalibration | DepthModel:
+def _read(path: Path, view: SensorModel) -> ForceCalibration | DepthModel:
     """Of a file, which must be this sensor's."""
     head, _ = read_calibration(path)
-    require_same(head, SensorId.of(view.camera), str(path))
+    require_same(head, view.id, str(path))
     return load_force(path) if head.kind == "force" else DepthModel.load(path)[1]

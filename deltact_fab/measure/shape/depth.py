@@ -23,7 +23,7 @@ from ...optics import CameraModel
 from ..face import FaceFlow, rigid, whole
 from ..force import TractionField
 from ..force.inverse import inverse_for
-from ..sensor_id import Head, SensorView, read_calibration
+from ..sensor_id import Head, SensorModel, read_calibration
 
 RIGID = 0.1
 BEYOND = 1.1  # of the deepest press of the calibration: deeper ones are extrapolated
@@ -46,7 +46,7 @@ class DepthModel:
     def as_dict(self) -> dict[str, float]:
         return {name: value for name, value in asdict(self).items() if value is not None}
 
-    def view(self, view: SensorView) -> SensorView:
+    def view(self, view: SensorModel) -> SensorModel:
         """With the gel that the gain belongs to."""
         return view.with_gel(
             self.poisson or view.poisson, self.thickness_mm or view.skin.thickness_mm
@@ -81,7 +81,7 @@ class Depth:
 
 
 class DepthFinder:
-    def __init__(self, view: SensorView, model: DepthModel) -> None:
+    def __init__(self, view: SensorModel, model: DepthModel) -> None:
         self.view, self.model = model.view(view), model
         self.inverse = inverse_for(self.view)
 
@@ -125,7 +125,7 @@ def is_rigid(flow: FaceFlow) -> bool:
     return bool((left**2).sum() < RIGID**2 * (moved**2).sum())
 
 
-def ball_mm(flow: FaceFlow, view: SensorView, tip_mm: Array, radius_mm: float) -> Array:
+def ball_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: float) -> Array:
     """Depth (h, w) of the points of a face that a ball presses, 0 where they are not below it.
 
     tip_mm (3,): of the ball's lowest point, sensor frame. A point is seen along a ray that meets

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from ...aliases import Field, Image
 from ...elasticity.material import GelMaterial
 from ...files import whole
-from ...imaging import ImageSensor, Printer
+from ...imaging import print_colours
 from ...optics import Pinhole, SurfaceLattice, axes_mm
 from ...patterns.raster import albedo
 from ...patterns.recipe import PatternRecipe, load_recipe
 from ...shapes import SensorDimensions
+from ...shapes.imaging import ImageSensor, Printer
 from ...virtual.picture import MARGIN_PX, FrameRenderer, Geometry, Texture
 from ...virtual.scene import LatticeCrop
 
@@ -94,7 +95,7 @@ def drawn(
     """Rest and `n_frames` equal parts of a displacement (ny, nx, 3) on a lattice of the face."""
     rng = np.random.default_rng(SEED)
     printer = Printer()
-    printed = printer.print_(albedo(recipe, printer.mm_per_dot), rng)
+    printed = print_colours(printer, albedo(recipe, printer.mm_per_dot), rng)
     texture = Texture(printed, printer.mm_per_dot)
     picture = FrameRenderer(Geometry(CAMERA, lattice), texture, sensor or ImageSensor())
     inner = slice(MARGIN_PX, -MARGIN_PX)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...aliases import Array
 from ...measure.face import FaceFlow
-from ...measure.force import ForceModel, SensorView, make_features
+from ...measure.force import ForceModel, SensorModel, make_features
 from ...measure.hodge import Hodge
 from ...measure.regression import least_squares
 from ...measure.shape.density import SIGMA_PX, by_jacobian
@@ -23,7 +23,7 @@ EVERY = (1, 2, 4, 8, 16)
 PUSH = 0.3  # of the dent that the curves see: det from 1.7 to about .94
 SENSOR = SensorDimensions()
 CAMERA = Pinhole.of(SENSOR)
-VIEW = SensorView(CAMERA, SENSOR.skin)
+VIEW = SensorModel(CAMERA, SENSOR.skin)
 MM_PER_PX = CAMERA.mm_per_px
 
 

@@ -11,23 +11,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...aliases import Array
+from ...aliases import Array, Float
 from ...errors import InputError
 from ...shapes import SensorDimensions
+from ...shapes.imaging import GAMMA, ImageSensor, Printer
 from ...units import MM_PER_INCH
 from ..raster import albedo, cell_means, finest_mm, raster_window
 from ..recipe import PatternRecipe, draw_patches
 from .figures import Figures, agreement, figures
-
-if TYPE_CHECKING:
-    from ...aliases import Float
-    from ...imaging import ImageSensor, Printer
-
 
 MM_PER_PX = SensorDimensions().optics.mm_per_px
 MIN_SIDE_PX = 64
@@ -83,9 +78,9 @@ def measure(
     scale or resolution that is no number above 0, a seed below 0, and for a field of fewer than
     64 px a side.
     """
-    from ... import imaging
+    from ...imaging import print_colours
 
-    printer, sensor = printer or imaging.Printer(), sensor or imaging.ImageSensor()
+    printer, sensor = printer or Printer(), sensor or ImageSensor()
     if not (0 < mm_per_px < math.inf and 0 < printer.dpi < math.inf and seed >= 0):
         raise InputError(
             f"quality: mm_per_px {mm_per_px:g} and dpi {printer.dpi:g} must be above 0, "
@@ -96,12 +91,12 @@ def measure(
     designed = albedo(recipe, mm_per_px, size_px) * np.float32(255)
     image = sent(recipe, printer.dpi, field_mm)
     rng = np.random.default_rng([seed, 5])
-    printed = printer.print_(image.astype(np.float32) / np.float32(255), rng)
+    printed = print_colours(printer, image.astype(np.float32) / np.float32(255), rng)
     photo = photograph(printed, printer.mm_per_dot, sensor, mm_per_px, size_px, rng)
     rastered = has_raster(recipe, printer.dpi)
     # Where a printer dot covers several patches, the values sent have already lost contrast
     patches = None if rastered else draw_patches(recipe)
-    coded = np.power(printed, np.float32(1 / imaging.GAMMA)) * np.float32(255)
+    coded = np.power(printed, np.float32(1 / GAMMA)) * np.float32(255)
     at, coded = _middle(image), _middle(coded)
     print_contrast = kept(coded, at, at if patches is None else patches)
     camera_contrast = kept(photo, designed, image if patches is None else patches)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...aliases import Note
 from ...errors import InputError
 from ...files import making, write_whole
 from ...optics import (
@@ -69,29 +70,32 @@ def raw_size_px(camera: CameraModel) -> tuple[int, int]:
     return raw.width_px, raw.height_px
 
 
-def view_notes(view: CameraModel | None, patch_mm: float | None) -> list[str]:
+def view_notes(view: CameraModel | None, patch_mm: float | None) -> list[Note]:
     """What a reader of a run through a view must know.
 
     view: None: not calibrated. patch_mm: side of the pattern's patches, None without.
     """
     if view is None:
-        return [
-            "WARNING: the camera is not calibrated: its images are kept, and nothing can be "
-            "tracked in them; `deltact-fab calibrate lens` makes a file to name as [camera] model"
-        ]
+        text = (
+            "the camera is not calibrated: its images are kept, and nothing can be tracked in "
+            "them; `deltact-fab calibrate lens` makes a file to name as [camera] model"
+        )
+        return [Note("camera", text, warns=True)]
     if not isinstance(view, Rectified):
         return []
     w, h = view.width_px, view.height_px
     scales = raw_mm_per_px(view, np.array([[w / 2, h / 2], [0, 0], [w, 0], [0, h], [w, h]]))
     middle, corner = scales[0].min(), scales[1:].max()
-    lines = [f"pixel scale: {middle:.3f} mm in the middle, {corner:.3f} mm in the corners"]
+    text = f"pixel scale: {middle:.3f} mm in the middle, {corner:.3f} mm in the corners"
+    notes = [Note("pixel scale", text)]
     aliased = 0.0 if patch_mm is None else aliased_share(view, patch_mm)
     if aliased >= NOTICED:
-        lines.append(
-            f"WARNING: patches of {patch_mm:g} mm alias over {aliased:.0%} of the view: the lens "
-            f"has less than {MIN_PX:g} pixels for one there"
+        text = (
+            f"patches of {patch_mm:g} mm alias over {aliased:.0%} of the view: the lens has less "
+            f"than {MIN_PX:g} pixels for one there"
         )
-    return [*lines, "images are stored raw and rectified when they are read"]
+        notes.append(Note("aliasing", text, warns=True))
+    return [*notes, Note("raw images", "images are stored raw and rectified when they are read")]
 
 
 def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:

@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 
-from ...aliases import Field, Vector
+from ...aliases import Field, Note, Vector
 from ...errors import InputError
 from ..interface import Clock, ForceSamples
 from ..tables import ForceConfig, GuardConfig
@@ -124,7 +124,7 @@ class ForceGuard:
         if self.trip is None:
             self.trip = Trip(why, None, self._byte_ns)
 
-    def tell(self) -> tuple[str, ...]:
+    def tell(self) -> tuple[Note, ...]:
         return self.tally.tell(self.clock.now_ns())
 
     def rearm(self) -> None:

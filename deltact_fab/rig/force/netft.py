@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...aliases import Vector
+from ...aliases import Note, Vector
 from ...errors import SensorError
 from ...units import to_ns
 from ..interface import Clock, ForceSamples
@@ -239,14 +239,14 @@ class NoteCounts:
             self._untold[name] += n
             self._worst[name] = max(worst, self._worst.get(name, 0.0))
 
-    def tell(self, now_ns: int) -> tuple[str, ...]:
-        """A line "NAME: what" for each that was not told within the last second."""
+    def tell(self, now_ns: int) -> tuple[Note, ...]:
+        """A note for each name that was not told within the last second."""
         if not self._untold:
             return ()
-        lines = []
+        notes = []
         for name in [*self._untold]:
             if now_ns - self._told_ns.get(name, now_ns - TELL_NS) >= TELL_NS:
                 text = TEXTS[name].format(n=self._untold.pop(name), worst=self._worst.pop(name))
-                lines.append(f"{name}: {text}")
+                notes.append(Note(name, text))
                 self._told_ns[name] = now_ns
-        return tuple(lines)
+        return tuple(notes)

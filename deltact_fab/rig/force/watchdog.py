@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from ...aliases import Note
 from ...errors import DeltactFabError, InputError, SensorError
 from ..interface import Clock, ForceSamples, ForceSensor, Stage, WallClock
 from ..tables import ForceConfig, GuardConfig
@@ -148,7 +149,7 @@ class Watchdog:
     def lost(self, why: str) -> None:
         """It knows."""
 
-    def tell(self) -> tuple[str, ...]:
+    def tell(self) -> tuple[Note, ...]:
         """What it has to say comes with the samples."""
         return ()
 

@@ -56,7 +56,7 @@ class PoseStream:
 class ForceStream:
     """What the force sensor sends; the guard sees it first.
 
-    note: told what goes wrong with the stream, name and words, as the sensor says it. keeping: what
+    note: told what goes wrong with the stream, id and words, as the sensor says it. keeping: what
     comes is kept. lifting: the tip is on its way out of the gel, and only the guard stops that.
     """
 
@@ -89,9 +89,8 @@ class ForceStream:
         notes = samples.notes
         if self.guard is not None:
             notes += self.guard.tell()
-        for line in notes:
-            name, _, text = line.partition(": ")
-            self.note(name, text)
+        for note in notes:
+            self.note(note.id, note.text)
         if self.lifting:
             return
         if self.guard is not None and self.guard.tripped:

@@ -1,0 +1,62 @@
+"""The door of a package: names that others may use, each loaded from its file on first use.
+
+An `__init__.py` lists them once, as imports for type checkers:
+
+    if TYPE_CHECKING:
+        from .gel.press import press_gel
+    else:
+        __getattr__, __dir__ = open_door(__name__)
+
+Type checkers, import-linter, `digest` and this module read the same statements, so that no second
+table can say something else.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from importlib.util import resolve_name
+
+
+def open_door(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+    """The functions `__getattr__` and `__dir__` of a package that lists its names as above."""
+    module = sys.modules[package]
+
+    @cache
+    def homes() -> dict[str, tuple[str, str]]:
+        loader = module.__spec__.loader if module.__spec__ else None
+        source = loader.get_source(package) if loader else None  # type: ignore[attr-defined]
+        return handed_on(ast.parse(source or ""), package)
+
+    def load(name: str) -> object:
+        if name not in homes():
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        home, original = homes()[name]
+        value = getattr(import_module(home), original)
+        setattr(module, name, value)
+        return value
+
+    return load, lambda: sorted({*vars(module), *homes()})
+
+
+def handed_on(tree: ast.Module, package: str) -> dict[str, tuple[str, str]]:
+    """The names that a package's `__init__` imports, each with its module and its name there.
+
+    Imports at the top count, and those for type checkers.
+    """
+    nodes = list(tree.body)
+    for node in tree.body:
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            nodes += node.body
+    return {
+        alias.asname or alias.name: (
+            resolve_name("." * node.level + (node.module or ""), package),
+            alias.name,
+        )
+        for node in nodes
+        if isinstance(node, ast.ImportFrom) and node.module != "__future__"
+        for alias in node.names
+    }
