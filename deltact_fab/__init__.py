@@ -24,8 +24,8 @@
 - `Live`: Measure images of your own, live.
 - `analyze_tracking`: Tracking error of a run.
 - `calibrate_force`: Calibrate force on runs.
-- `write_force_calibration`: Keep it in a file.
-- `calibrate_depth`: Calibrate depth on a ball's run.
+- `write_force_calibration`: Write a force calibration to a file.
+- `calibrate_depth`: Calibrate depth on the run of a ball.
 - `InputError`: A value of yours that cannot be used.
 - `RunFailed`: Work that began and could not end.
 - `SensorError`: A camera or force sensor that failed.
@@ -68,7 +68,7 @@ else:
     __getattr__, __dir__ = open_door(__name__)
 
     class _OldPaths:
-        """Asked last, for modules that no other finder knows."""
+        """Finder of modules that moved; it is asked last."""
 
         @staticmethod
         def find_spec(name: str, *_: object) -> object:
